@@ -1,0 +1,165 @@
+#include "firmware/core/axis.h"
+
+#include "firmware/core/faults.h"
+#include "firmware/core/laws.h"
+#include "firmware/core/limits.h"
+#include "firmware/core/modes.h"
+#include "firmware/core/value.h"
+#include "firmware/fx/fx.h"
+
+_Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
+
+/* Signals that come straight from valid sensors. */
+static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs) {
+  const axis_params_t *params = &axis->params;
+  axis_signals_t *signals = &axis->signals;
+  signals->velocity =
+      (axis->primed != 0) ? fx_diff_wrap(inputs->encoder_cnt, signals->position) : 0;
+  axis->primed = 1;
+  signals->position = inputs->encoder_cnt;
+  signals->force_raw = inputs->adc_code[0];
+  signals->current_raw = inputs->adc_code[1];
+  signals->force = law_force_reading(inputs->adc_code[0], params->force_zero_code,
+                                     params->force_sign, params->adc_bits, params->force_tare);
+}
+
+/* The set-point of this tick; the profile follows the position outside position mode. */
+static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
+  axis_params_t *params = &axis->params;
+  axis_signals_t *signals = &axis->signals;
+  if (mode != AXIS_MODE_POSITION) {
+    profile_set(&axis->profile, signals->position);
+  } else {
+    if (signals->active_mode != AXIS_MODE_POSITION) {
+      if (axis->setpoint_new == 0) {
+        params->position_setpoint = signals->position;
+      }
+      axis->setpoint_new = 0;
+    }
+    if (params->profile_enable == AXIS_PROFILE_ENABLE_TRAPEZOID) {
+      profile_step(&axis->profile, params->position_setpoint, params->profile_velocity_max,
+                   params->profile_acceleration_max);
+    } else {
+      profile_set(&axis->profile, params->position_setpoint);
+    }
+  }
+  signals->profile_position = fx_cnt_from_q32(axis->profile.position_q32);
+  signals->profile_velocity = axis->profile.velocity_q16;
+  signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
+}
+
+/* Command of the mode's law, 1/65536 code. */
+static int32_t evaluate_law(const axis_params_t *params, const axis_signals_t *signals,
+                            uint8_t mode) {
+  switch (mode) {
+    case AXIS_MODE_POSITION:
+      return law_position(params->position_gain, params->velocity_gain, signals->position_error,
+                          signals->velocity);
+    case AXIS_MODE_FORCE:
+      return law_force(params->force_gain, params->force_setpoint, signals->force);
+    default:
+      return law_open_loop(params->open_loop_code);
+  }
+}
+
+static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) {
+  axis->signals.active_mode = AXIS_MODE_DISABLED;
+  axis->rebase = 0;
+  axis->signals.bump_bias = 0;
+  axis->signals.command_code = 0;
+  axis->signals.dac_code = 0;
+  axis->signals.limit_reason = AXIS_LIMIT_REASON_NONE;
+  outputs->dac_code = 0;
+  outputs->amp_enable = 0;
+  outputs->brake_release = 0;
+}
+
+static void latch_fault(axis_t *axis, uint8_t fault) {
+  if (axis->signals.fault == AXIS_FAULT_NONE) {
+    axis->signals.fault = fault;
+  }
+  axis->params.mode = AXIS_MODE_DISABLED;
+  axis->setpoint_new = 0;
+}
+
+void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
+               axis_outputs_t *restrict outputs) {
+  axis_params_t *params = &axis->params;
+  axis_signals_t *signals = &axis->signals;
+  signals->tick_count += 1;
+  signals->digital_inputs = inputs->din;
+
+  if (inputs->sensor_valid == 0) {
+    /* The next valid count has no predecessor, so it gives no speed. */
+    signals->velocity = 0;
+    axis->primed = 0;
+    latch_fault(axis, AXIS_FAULT_SENSOR_INVALID);
+    switch_off(axis, outputs);
+    return;
+  }
+  measure(axis, inputs);
+
+  const uint8_t mode =
+      mode_next(signals->active_mode, params->mode, signals->fault != AXIS_FAULT_NONE);
+  update_setpoint(axis, mode);
+  if (!mode_is_enabled(mode)) {
+    switch_off(axis, outputs);
+    return;
+  }
+  const uint8_t fault = fault_detect(params, signals, inputs);
+  if (fault != AXIS_FAULT_NONE) {
+    latch_fault(axis, fault);
+    switch_off(axis, outputs);
+    return;
+  }
+
+  const int32_t law_q16 = evaluate_law(params, signals, mode);
+  if (mode != signals->active_mode || axis->rebase != 0) {
+    signals->bump_bias =
+        (params->bump_decay_shift == 0) ? 0 : fx_scale(signals->command_code, 16) - law_q16;
+    axis->rebase = 0;
+  } else {
+    signals->bump_bias = fx_decay(signals->bump_bias, params->bump_decay_shift);
+  }
+  signals->active_mode = mode;
+
+  const int16_t previous = signals->command_code;
+  const int16_t code =
+      limits_apply(params, signals->position, inputs->din,
+                   fx_round_q16(law_q16 + signals->bump_bias), &signals->limit_reason);
+  signals->command_code = code;
+  signals->dac_code = (params->latency_ticks != 0) ? previous : code;
+  outputs->dac_code = signals->dac_code;
+  outputs->amp_enable = 1;
+  outputs->brake_release = 1;
+}
+
+void axis_init(axis_t *axis) {
+  value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
+  value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
+  profile_set(&axis->profile, 0);
+  axis->primed = 0;
+  axis->rebase = 0;
+  axis->setpoint_new = 0;
+}
+
+void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value) {
+  const uint8_t mode = axis->signals.active_mode;
+  switch (object) {
+    case AXIS_OBJ_FORCE_GAIN:
+      axis->rebase |= (uint8_t)(mode == AXIS_MODE_FORCE && value != previous);
+      break;
+    case AXIS_OBJ_POSITION_GAIN:
+    case AXIS_OBJ_VELOCITY_GAIN:
+      axis->rebase |= (uint8_t)(mode == AXIS_MODE_POSITION && value != previous);
+      break;
+    case AXIS_OBJ_POSITION_SETPOINT:
+      axis->setpoint_new |=
+          (uint8_t)(mode != AXIS_MODE_POSITION || axis->params.mode != AXIS_MODE_POSITION);
+      break;
+    default:
+      break;
+  }
+}
+
+void axis_fault_reset(axis_t *axis) { axis->signals.fault = AXIS_FAULT_NONE; }

@@ -1,0 +1,92 @@
+#ifndef FIRMWARE_CORE_AXIS_H_
+#define FIRMWARE_CORE_AXIS_H_
+
+/* One axis: counts in, codes out, once per tick of 1/1500 s.
+ *
+ * axis_tick() is the whole loop. It is a pure function of the state, the inputs and nothing else:
+ * no heap, no floating point, no input or output, bounded time (at most 250 instructions on a
+ * Cortex-M4). The caller owns the state, so any number of axes can run side by side.
+ *
+ * Parameters are the fields of axis->params and signals those of axis->signals, both generated from
+ * firmware/objects/axis_objects.toml. Signals may be read between ticks. Parameters are written
+ * through fw_object_write() (firmware/app/fw.h), which refuses what is out of range and then calls
+ * axis_parameter_written(); axis_tick() relies on their ranges.
+ *
+ * Signs: positive motion is toward the workpiece, contact force is positive in compression, a
+ * positive code drives toward the workpiece. With f_d = 30 counts and a reading of 28, a gain of 5
+ * gives the code +10: the robot presses harder. */
+
+#include <stdint.h>
+
+#include "firmware/core/profile.h"
+#include "firmware/objects/generated/axis_objects.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Bits of axis_inputs_t.din. */
+enum {
+  AXIS_DIN_ENABLE = 1, /* enable and emergency-stop chain closed */
+  AXIS_DIN_LIMIT_POS = 2,
+  AXIS_DIN_LIMIT_NEG = 4,
+  AXIS_DIN_INDEX = 8
+};
+
+typedef struct {
+  int32_t encoder_cnt;  /* wraps */
+  uint16_t adc_code[2]; /* [0] force, [1] motor current; unsigned, 0..2^adc_bits-1 */
+  uint8_t din;          /* AXIS_DIN_ bits */
+  uint8_t sensor_valid; /* 0: the sensor values of this tick must not be used */
+} axis_inputs_t;
+
+typedef struct {
+  int16_t dac_code;      /* -2048..2047, 20/4096 V each; 0 with the amplifier on is zero speed */
+  uint8_t amp_enable;    /* 0: coasting */
+  uint8_t brake_release; /* 1 only with the amplifier on */
+} axis_outputs_t;
+
+/* At most 512 bytes with parameters. Copying it copies the axis. */
+typedef struct {
+  axis_params_t params;
+  axis_signals_t signals;
+  profile_t profile;
+  uint8_t primed;       /* signals.position is the count of the last tick */
+  uint8_t rebase;       /* the next code continues from signals.command_code */
+  uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
+} axis_t;
+
+/* Power-up: disabled, code 0, no fault, parameters at their defaults. */
+void axis_init(axis_t *axis);
+
+/* One tick.
+ *
+ * Faults (faults.h) are answered in the same tick: code 0, amplifier off, brake on, whatever
+ * latency_ticks says; the fault is latched and the requested mode set back to disabled. Limits
+ * (limits.h) only change the code.
+ *
+ * Taking over a mode or gain: in that tick the code equals the one computed in the tick before (0
+ * after disabled), limits permitting; the difference to the law becomes a bias that shrinks by
+ * 2^-bump_decay_shift a tick, at least 1/65536 code, to exactly 0. bump_decay_shift 0: no bias.
+ *
+ * Entering position mode with a position_setpoint written since position mode was last active
+ * pursues it; otherwise position_setpoint is set to the present position, so the axis holds where
+ * it is. The profile starts at rest at the present position. A fault drops a set-point that was not
+ * pursued yet: what was asked for before a fault must be asked for again.
+ *
+ * latency_ticks 1: the code goes out one tick after it was computed; enabling, disabling and faults
+ * act at once. */
+void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+
+/* Tells the axis that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
+ * the same value again changes nothing, except that a position_setpoint is new each time. */
+void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
+
+/* Clears the latched fault. The axis stays disabled until a mode is written. */
+void axis_fault_reset(axis_t *axis);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

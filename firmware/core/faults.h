@@ -1,0 +1,59 @@
+#ifndef FIRMWARE_CORE_FAULTS_H_
+#define FIRMWARE_CORE_FAULTS_H_
+
+/* Faults: what must switch the axis off in the very tick that sees it. */
+
+#include <stdint.h>
+
+#include "firmware/core/axis.h"
+#include "firmware/fx/fx.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A limit of 0 is off. */
+static inline bool fault_exceeds(int32_t value, int32_t limit) {
+  return limit != 0 && !fx_within(value, limit);
+}
+
+/* The fault of a tick in which a mode drives the amplifier, AXIS_FAULT_..., or none; the first of
+ * these that applies:
+ *   enable_lost      the enable chain is open
+ *   adc_range        an ADC code is 2^adc_bits or more
+ *   limit_switches   both limit switches at once: a broken wire, not a place
+ *   overspeed        |velocity| > speed_max, unless that is 0
+ *   force_max        |force| > force_max, unless that is 0
+ *   following_error  |position_error| > following_error_max in position mode, unless that is 0
+ * sensor_invalid comes before them and is a fault in every mode; axis_tick() sees to it before any
+ * sensor value is used. The signals must already be those of this tick. */
+static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
+                                   const axis_inputs_t *inputs) {
+  const uint8_t both_switches = AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;
+  if ((inputs->din & AXIS_DIN_ENABLE) == 0) {
+    return AXIS_FAULT_ENABLE_LOST;
+  }
+  if (!fx_fits_bits(inputs->adc_code[0] | inputs->adc_code[1], params->adc_bits)) {
+    return AXIS_FAULT_ADC_RANGE;
+  }
+  if ((inputs->din & both_switches) == both_switches) {
+    return AXIS_FAULT_LIMIT_SWITCHES;
+  }
+  if (fault_exceeds(signals->velocity, params->speed_max)) {
+    return AXIS_FAULT_OVERSPEED;
+  }
+  if (fault_exceeds(signals->force, params->force_max)) {
+    return AXIS_FAULT_FORCE_MAX;
+  }
+  /* Outside position mode the error is 0. */
+  if (fault_exceeds(signals->position_error, params->following_error_max)) {
+    return AXIS_FAULT_FOLLOWING_ERROR;
+  }
+  return AXIS_FAULT_NONE;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,63 @@
+#ifndef FIRMWARE_CORE_LAWS_H_
+#define FIRMWARE_CORE_LAWS_H_
+
+/* The control laws: scalar functions of counts, without state.
+ *
+ * A law returns its command in 1/65536 DAC code, unrounded. It is limited to one code outside the
+ * range of the DAC on either side (LAW_MIN_Q16..LAW_MAX_Q16), which keeps it in 32 bits and still
+ * tells the one rounding and the one saturation at the DAC that the range was left. */
+
+#include <stdint.h>
+
+#include "firmware/fx/fx.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define LAW_DAC_MIN (-2048)
+#define LAW_DAC_MAX 2047
+#define LAW_MIN_Q8 (-INT32_C(2049) * 256)
+#define LAW_MAX_Q8 (INT32_C(2048) * 256)
+#define LAW_MIN_Q16 (LAW_MIN_Q8 * 256)
+#define LAW_MAX_Q16 (LAW_MAX_Q8 * 256)
+
+/* Position error beyond which the position law sees no larger one, counts (1.1.2, Fig 1.2). */
+#define LAW_POSITION_ERROR_MAX 32767
+
+/* f = sign (adc - zero) - tare, in 1/256 of an 8-bit count whatever the width of the ADC: one count
+ * of an n-bit ADC is 2^(16-n) of them. adc and zero 0..65535, sign +1 or -1, bits 8..16, tare
+ * within +-65536; below 2^18 in magnitude for codes that fit the ADC. Exact. */
+static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, int8_t sign,
+                                        uint8_t adc_bits, int32_t tare_q8) {
+  const int32_t above_zero = (int32_t)adc_code - (int32_t)zero_code;
+  const int32_t signed_code = above_zero * (int32_t)sign;
+  return fx_scale(signed_code, (uint32_t)16 - (uint32_t)adc_bits) - tare_q8;
+}
+
+/* Explicit force control (Fig 1.3): u = k_f (f_d - f). Gain in 1/256 code per count, forces in
+ * 1/256 count, |f_d - f| < 2^31. Exact but for the limit. */
+static inline int32_t law_force(uint16_t gain_q8, int32_t setpoint_q8, int32_t force_q8) {
+  const int64_t u_q16 = fx_mul((int32_t)gain_q8, setpoint_q8 - force_q8);
+  return fx_saturate(u_q16, LAW_MIN_Q16, LAW_MAX_Q16);
+}
+
+/* PD position control with velocity by differences (Fig 1.2): u = k_p e - k_d v. e is the
+ * wrap-safe difference of the counts, limited to +-LAW_POSITION_ERROR_MAX; v in counts per tick.
+ * Gains in 1/256 code per unit. Exact but for the limit. */
+static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_gain_q8,
+                                   int32_t error_cnt, int32_t velocity_cnt) {
+  const int32_t e = fx_clamp(error_cnt, -LAW_POSITION_ERROR_MAX, LAW_POSITION_ERROR_MAX);
+  const int64_t u_q8 =
+      fx_mul((int32_t)position_gain_q8, e) - fx_mul((int32_t)velocity_gain_q8, velocity_cnt);
+  return fx_scale(fx_saturate(u_q8, LAW_MIN_Q8, LAW_MAX_Q8), 8);
+}
+
+/* Excitation: the code itself, -2048..2047. */
+static inline int32_t law_open_loop(int16_t code) { return fx_scale(code, 16); }
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

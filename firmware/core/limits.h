@@ -1,0 +1,56 @@
+#ifndef FIRMWARE_CORE_LIMITS_H_
+#define FIRMWARE_CORE_LIMITS_H_
+
+/* Limits of the output. An active limit is not a fault: it is reported, and ends by itself. */
+
+#include <stdint.h>
+
+#include "firmware/core/axis.h"
+#include "firmware/core/laws.h"
+#include "firmware/fx/fx.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The code that may be put out for a computed one, and in *reason the limit that took most of it,
+ * AXIS_LIMIT_REASON_...; the later of these wins:
+ *   dac_saturation   beyond -2048..2047
+ *   output_limit     beyond +-output_limit, when that is below 2048
+ *   position_max     a positive code while position > position_max: 0 instead (the axis stops; a
+ *                    negative code still brings it back); position_min likewise
+ *   limit_switch_pos a positive code on the positive switch: 0 instead; limit_switch_neg likewise
+ * code within +-2^17, digital_inputs AXIS_DIN_... bits. Soft limits compare counts as they are:
+ * they are meant for an encoder that does not wrap. */
+static inline int16_t limits_apply(const axis_params_t *params, int32_t position_cnt,
+                                   uint8_t digital_inputs, int32_t code, uint8_t *reason) {
+  const int32_t limit = (int32_t)params->output_limit;
+  const int32_t highest = (limit > LAW_DAC_MAX) ? LAW_DAC_MAX : limit;
+  const int32_t limited = fx_clamp(code, -limit, highest);
+  uint8_t why = AXIS_LIMIT_REASON_NONE;
+  if (limited != code) {
+    why = (limit > LAW_DAC_MAX) ? AXIS_LIMIT_REASON_DAC_SATURATION : AXIS_LIMIT_REASON_OUTPUT_LIMIT;
+  }
+  uint8_t blocked = AXIS_LIMIT_REASON_NONE;
+  if (limited > 0) {
+    if ((digital_inputs & AXIS_DIN_LIMIT_POS) != 0) {
+      blocked = AXIS_LIMIT_REASON_LIMIT_SWITCH_POS;
+    } else if (position_cnt > params->position_max) {
+      blocked = AXIS_LIMIT_REASON_POSITION_MAX;
+    }
+  } else if (limited < 0) {
+    if ((digital_inputs & AXIS_DIN_LIMIT_NEG) != 0) {
+      blocked = AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG;
+    } else if (position_cnt < params->position_min) {
+      blocked = AXIS_LIMIT_REASON_POSITION_MIN;
+    }
+  }
+  *reason = (blocked != AXIS_LIMIT_REASON_NONE) ? blocked : why;
+  return (blocked != AXIS_LIMIT_REASON_NONE) ? (int16_t)0 : (int16_t)limited;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

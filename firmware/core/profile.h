@@ -1,0 +1,42 @@
+#ifndef FIRMWARE_CORE_PROFILE_H_
+#define FIRMWARE_CORE_PROFILE_H_
+
+/* Trapezoidal set-point profile, one step a tick, without division or square root.
+ *
+ * From any state the speed changes by at most the acceleration limit per tick and stays within the
+ * velocity limit once it is below it. From rest, and as long as the target and the limits are not
+ * changed, the position never passes the target and lands exactly on it, with speed 0 one tick
+ * later. A target moved closer than the way needed to stop is passed and returned to; that is the
+ * only way to keep the acceleration limit. The way round is the shorter one modulo 2^32.
+ *
+ * Moves longer than 2^21 counts brake as if 2^21 counts were left until they are: their speed is
+ * limited to the one that can be stopped within 2^21 counts. */
+
+#include <stdint.h>
+
+#include "firmware/fx/fx.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  uint64_t position_q32; /* counts modulo 2^32 with 32 fractional bits */
+  int32_t velocity_q16;  /* counts per tick, |v| <= 2^27 */
+} profile_t;
+
+/* At rest at a count. */
+static inline void profile_set(profile_t *profile, int32_t position_cnt) {
+  profile->position_q32 = fx_q32_from_cnt(position_cnt);
+  profile->velocity_q16 = 0;
+}
+
+/* One tick toward the target. velocity_max 1..2^27, acceleration_max 1..2^24, both Q16. */
+void profile_step(profile_t *profile, int32_t target_cnt, uint32_t velocity_max_q16,
+                  uint32_t acceleration_max_q16);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,144 @@
+#include "firmware/core/recorder.h"
+
+#include <stdbool.h>
+
+#include "firmware/core/value.h"
+#include "firmware/fx/fx.h"
+
+void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {
+  value_store_defaults(&recorder->params, AXIS_BLOCK_RECORDER_PARAMETER);
+  value_store_defaults(&recorder->signals, AXIS_BLOCK_RECORDER_SIGNAL);
+  recorder->buffer = buffer;
+  recorder->buffer_bytes = buffer_bytes;
+  recorder->channel_count = 0;
+}
+
+int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
+                 recorder_channel_t trigger) {
+  if (count == 0 || count > RECORDER_CHANNELS) {
+    return -1;
+  }
+  uint8_t sample_bytes = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    sample_bytes = (uint8_t)(sample_bytes + value_bytes(channels[i].type));
+  }
+  const uint32_t room = fx_quotient(recorder->buffer_bytes, sample_bytes);
+  const uint32_t wanted = recorder->params.recorder_length;
+  const uint32_t capacity = (wanted == 0) ? room : wanted;
+  if (capacity == 0 || capacity > room || recorder->params.recorder_pretrigger >= capacity) {
+    return -1;
+  }
+  for (uint8_t i = 0; i < count; i++) {
+    recorder->channels[i] = channels[i];
+  }
+  recorder->trigger = trigger;
+  recorder->channel_count = count;
+  recorder->sample_bytes = sample_bytes;
+  recorder->trigger_primed = 0;
+  recorder->decimation_left = 0;
+  recorder->write_index = 0;
+  recorder->first_index = 0;
+  recorder->samples_left = 0;
+  recorder->signals = (recorder_signals_t){.recorder_capacity = capacity,
+                                           .recorder_state = AXIS_RECORDER_STATE_ARMED};
+  return 0;
+}
+
+void recorder_stop(recorder_t *recorder) {
+  recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
+}
+
+/* True in the tick in which the source passes the level in the chosen direction. */
+static bool triggered(recorder_t *recorder, const void *base) {
+  const uint8_t edge = recorder->params.recorder_trigger_edge;
+  if (edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
+    return true;
+  }
+  const int32_t level = recorder->params.recorder_trigger_level;
+  const int32_t before = recorder->trigger_previous;
+  const int32_t now = value_load(base, recorder->trigger.offset, recorder->trigger.type);
+  const bool primed = recorder->trigger_primed != 0;
+  recorder->trigger_previous = now;
+  recorder->trigger_primed = 1;
+  const bool rising = before < level && now >= level;
+  const bool falling = before > level && now <= level;
+  return primed && ((rising && edge != AXIS_RECORDER_TRIGGER_EDGE_FALLING) ||
+                    (falling && edge != AXIS_RECORDER_TRIGGER_EDGE_RISING));
+}
+
+static void store_sample(recorder_t *recorder, const void *base) {
+  uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
+  for (uint8_t i = 0; i < recorder->channel_count; i++) {
+    const recorder_channel_t channel = recorder->channels[i];
+    const uint8_t bytes = value_bytes(channel.type);
+    fx_store_le(to, (uint32_t)value_load(base, channel.offset, channel.type), bytes);
+    to += bytes;
+  }
+  recorder->write_index += 1;
+  if (recorder->write_index == recorder->signals.recorder_capacity) {
+    recorder->write_index = 0;
+  }
+}
+
+/* Keeps at most `pretrigger` of the samples taken so far and counts the ones to come. */
+static void start_recording(recorder_t *recorder) {
+  recorder_signals_t *signals = &recorder->signals;
+  signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;
+  signals->recorder_trigger_index = signals->recorder_count;
+  recorder->samples_left = signals->recorder_capacity - signals->recorder_count;
+}
+
+void recorder_tick(recorder_t *recorder, const void *base) {
+  recorder_signals_t *signals = &recorder->signals;
+  if (signals->recorder_state != AXIS_RECORDER_STATE_ARMED &&
+      signals->recorder_state != AXIS_RECORDER_STATE_RECORDING) {
+    return;
+  }
+  if (signals->recorder_state == AXIS_RECORDER_STATE_ARMED && triggered(recorder, base)) {
+    start_recording(recorder);
+  }
+  if (recorder->decimation_left != 0) {
+    recorder->decimation_left -= 1;
+    return;
+  }
+  recorder->decimation_left = (uint16_t)(recorder->params.recorder_decimation - 1);
+  if (signals->recorder_state == AXIS_RECORDER_STATE_RECORDING) {
+    store_sample(recorder, base);
+    signals->recorder_count += 1;
+    recorder->samples_left -= 1;
+    if (recorder->samples_left == 0) {
+      signals->recorder_state = AXIS_RECORDER_STATE_DONE;
+    }
+    return;
+  }
+  /* Waiting: the ring holds the last `pretrigger` samples. */
+  if (recorder->params.recorder_pretrigger == 0) {
+    return;
+  }
+  store_sample(recorder, base);
+  if (signals->recorder_count < recorder->params.recorder_pretrigger) {
+    signals->recorder_count += 1;
+  } else {
+    recorder->first_index += 1;
+    if (recorder->first_index == signals->recorder_capacity) {
+      recorder->first_index = 0;
+    }
+  }
+}
+
+int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[RECORDER_CHANNELS]) {
+  const recorder_signals_t *signals = &recorder->signals;
+  if (signals->recorder_state != AXIS_RECORDER_STATE_DONE || index >= signals->recorder_count) {
+    return -1;
+  }
+  const uint32_t to_end = signals->recorder_capacity - recorder->first_index;
+  const uint32_t slot = (index < to_end) ? recorder->first_index + index : index - to_end;
+  const uint8_t *from = recorder->buffer + slot * recorder->sample_bytes;
+  for (uint8_t i = 0; i < recorder->channel_count; i++) {
+    const uint8_t type = recorder->channels[i].type;
+    const uint8_t bytes = value_bytes(type);
+    values[i] = value_from_bits(fx_load_le(from, bytes), type);
+    from += bytes;
+  }
+  return recorder->channel_count;
+}

@@ -1,0 +1,73 @@
+#ifndef FIRMWARE_CORE_RECORDER_H_
+#define FIRMWARE_CORE_RECORDER_H_
+
+/* Recorder: up to 8 values of a structure, sampled at a decimation into a buffer of the caller.
+ *
+ * idle -> armed (samples go round, waiting for the trigger) -> recording (the rest is filled) ->
+ * done. Values are packed one after the other, least significant byte first, each as wide as its
+ * type, so 12 KiB hold 6144 samples of one 16-bit code or 768 of four 32-bit ones.
+ *
+ * The first sample is taken in the first tick after arming and then every `decimation` ticks,
+ * without regard to the trigger. The trigger is watched in every tick, so none is missed; the first
+ * sample at or after it has the index recorder_trigger_index. A trigger that comes before
+ * `pretrigger` samples were taken is accepted and leaves fewer of them. */
+
+#include <stdint.h>
+
+#include "firmware/objects/generated/axis_objects.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { RECORDER_CHANNELS = 8 };
+
+/* Where a value lies in the sampled structure. */
+typedef struct {
+  uint16_t offset; /* bytes from its start */
+  uint8_t type;    /* AXIS_TYPE_ */
+} recorder_channel_t;
+
+typedef struct {
+  recorder_params_t params;
+  recorder_signals_t signals;
+  uint8_t *buffer;
+  uint32_t buffer_bytes;
+  recorder_channel_t channels[RECORDER_CHANNELS];
+  recorder_channel_t trigger;
+  uint8_t channel_count;
+  uint8_t sample_bytes;
+  uint8_t trigger_primed; /* trigger_previous holds the value of the last tick */
+  int32_t trigger_previous;
+  uint16_t decimation_left; /* ticks until the next sample */
+  uint32_t write_index;     /* slot of the next sample, 0..capacity-1 */
+  uint32_t first_index;     /* slot of sample 0 */
+  uint32_t samples_left;    /* until done, once triggered */
+} recorder_t;
+
+/* Idle, without channels. The buffer stays with the caller and must outlive the recorder; it needs
+ * no alignment and may be empty. */
+void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes);
+
+/* Starts a recording of channels[0..count-1] with the settings of recorder->params; trigger is not
+ * read for the edge "immediate". Returns 0, or -1 and stays as it was if count is 0 or above
+ * RECORDER_CHANNELS, the buffer holds no sample, or pretrigger or length ask for more than it
+ * holds (pretrigger must leave room for the trigger's own sample). */
+int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
+                 recorder_channel_t trigger);
+
+/* Idle at once; a recording that was done can no longer be read. */
+void recorder_stop(recorder_t *recorder);
+
+/* One tick: samples the structure at `base`. */
+void recorder_tick(recorder_t *recorder, const void *base);
+
+/* Sample `index` (0 the oldest) of a recording that is done: values[0..channel_count-1], u32 as the
+ * same 32 bits. Returns the number of channels, or -1 if it is not done or has no such sample. */
+int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[RECORDER_CHANNELS]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,165 @@
+#ifndef FIRMWARE_FX_FX_H_
+#define FIRMWARE_FX_FX_H_
+
+/* Fixed point: the only files of the firmware that shift, round, saturate or divide.
+ *
+ * A name's suffix is its format: _q8 and _q16 hold 8 and 16 fractional bits (raw = value * 2^8),
+ * _q32 is a count with 32 fractional bits. Everything is exact-width two's complement; every
+ * operand is widened before it is multiplied, shifted or subtracted, so a target with a 16-bit int
+ * computes the same codes bit for bit. Nothing here has undefined behaviour for any argument in
+ * the stated domain, and where no domain is stated, for any argument at all.
+ *
+ * Rounding is half up everywhere: floor(x + 1/2). Floor means toward minus infinity. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* --- wrapping: counts of an encoder, modulo 2^32 ---------------------------------------------- */
+
+/* The same 32 bits read as two's complement. Scaling: none. Overflow: cannot. */
+static inline int32_t fx_s32_from_u32(uint32_t bits) {
+  /* A plain cast above INT32_MAX is left to the compiler by the standard; this folds to nothing. */
+  return (bits <= (uint32_t)INT32_MAX) ? (int32_t)bits : (int32_t)(-(int32_t)(~bits) - 1);
+}
+
+/* The same 64 bits read as two's complement. Scaling: none. Overflow: cannot. */
+static inline int64_t fx_s64_from_u64(uint64_t bits) {
+  return (bits <= (uint64_t)INT64_MAX) ? (int64_t)bits : (int64_t)(-(int64_t)(~bits) - 1);
+}
+
+/* a - b modulo 2^32, -2^31..2^31-1: the true difference of two counts less than 2^31 apart,
+ * whichever of them has wrapped. Overflow: wraps, which is the purpose. */
+static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
+  return fx_s32_from_u32((uint32_t)a - (uint32_t)b);
+}
+
+/* --- saturation ------------------------------------------------------------------------------- */
+
+/* x limited to low..high; low <= high. Overflow: cannot. */
+static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
+  return (x < low) ? low : ((x > high) ? high : x);
+}
+
+/* A wide value limited to low..high, low <= high. Overflow: saturates. */
+static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
+  return (x < (int64_t)low) ? low : ((x > (int64_t)high) ? high : (int32_t)x);
+}
+
+/* |x| as 0..2^31, so the most negative value has a magnitude too. Overflow: cannot. */
+static inline uint32_t fx_magnitude(int32_t x) {
+  return (x < 0) ? (uint32_t)0 - (uint32_t)x : (uint32_t)x;
+}
+
+/* True if -limit <= x <= limit, 0 <= limit. Overflow: cannot. */
+static inline bool fx_within(int32_t x, int32_t limit) {
+  /* One comparison: the interval moved to 0..2 limit, modulo 2^32. */
+  return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
+}
+
+/* --- products and shifts ---------------------------------------------------------------------- */
+
+/* a * b in 64 bits. Scaling: fractional bits add. Overflow: cannot. */
+static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_t)b; }
+
+/* x * 2^n, n 0..30. Scaling: n more fractional bits. Domain: |x| * 2^n < 2^31; outside it the
+ * result is the product modulo 2^32. */
+static inline int32_t fx_scale(int32_t x, uint32_t n) { return fx_s32_from_u32((uint32_t)x << n); }
+
+/* floor(x / 2^n), n 0..31. Scaling: n fractional bits fewer. Overflow: cannot. */
+static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
+  /* The shift of a negative value is left to the compiler by the standard; ~x is not negative. */
+  return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
+}
+
+/* floor(x / 2^16 + 1/2), -32768..32768. Overflow: cannot. */
+static inline int32_t fx_round_q16(int32_t x_q16) {
+  return fx_floor_shift(fx_floor_shift(x_q16, 15) + 1, 1);
+}
+
+/* True if a code fits an ADC of `bits` bits, 0..16. */
+static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
+  return ((uint32_t)code >> bits) == 0;
+}
+
+/* --- decay ------------------------------------------------------------------------------------ */
+
+/* One step of x toward 0: |x| loses floor(|x| / 2^n), at least 1 and n 0..31, so 0 is reached
+ * exactly and the sign never changes; 0 stays 0. n = 0 gives 0 at once. Overflow: cannot. */
+static inline int32_t fx_decay(int32_t x, uint32_t n) {
+  const uint32_t size = fx_magnitude(x);
+  const uint32_t step = size >> n;
+  const uint32_t left = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
+  return (x < 0) ? fx_s32_from_u32((uint32_t)0 - left) : (int32_t)left;
+}
+
+/* --- profile: positions in counts with 32 fractional bits, modulo 2^64 -------------------------
+ */
+
+/* A count as Q32. Exact. */
+static inline uint64_t fx_q32_from_cnt(int32_t cnt) { return (uint64_t)(uint32_t)cnt << 32; }
+
+/* The count nearest to a Q32 position, half up, modulo 2^32. */
+static inline int32_t fx_cnt_from_q32(uint64_t x_q32) {
+  return fx_s32_from_u32((uint32_t)((x_q32 + ((uint64_t)1 << 31)) >> 32));
+}
+
+/* x + v modulo 2^64: a Q32 position moved by a Q16 distance. Exact. */
+static inline uint64_t fx_q32_advance(uint64_t x_q32, int32_t v_q16) {
+  return x_q32 + (uint64_t)((int64_t)v_q16 * 65536);
+}
+
+/* Distances of this many counts and more are not told apart: 2^21. */
+#define FX_DISTANCE_MAX_CNT ((uint32_t)1 << 21)
+#define FX_DISTANCE_MAX_Q16 (((uint64_t)1 << 37) - 1)
+
+/* Distance from one Q32 position to another by the shorter way round, as Q16 (floor), and its
+ * direction: *negative is true if it leads to smaller counts. Overflow: saturates to
+ * FX_DISTANCE_MAX_Q16. */
+static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool *negative) {
+  const uint64_t forth = to_q32 - from_q32;
+  const bool back = forth > (uint64_t)INT64_MAX;
+  const uint64_t distance = back ? (uint64_t)0 - forth : forth;
+  *negative = back;
+  return ((uint32_t)(distance >> 32) >= FX_DISTANCE_MAX_CNT) ? FX_DISTANCE_MAX_Q16 : distance >> 16;
+}
+
+/* The square of a speed that can be stopped within a distance, for fx_stops_within: 8 a d.
+ * a in Q16 per tick, 0 < a <= 2^24, d <= FX_DISTANCE_MAX_Q16. Overflow: cannot, 8 a d < 2^64. */
+static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
+  return (uint64_t)((uint32_t)a_q16 * 8) * d_q16;
+}
+
+/* True only if moving by v this tick and losing a of speed in each later tick ends within the
+ * distance d of `room`; v and a in Q16 per tick, 0 < a <= 2^24, 0 <= v <= 2^28.
+ * With v = n a + r the path is v + (v-a) + (v-2a) + ... = v(v+a)/2a + r(a-r)/2a, and r(a-r) is at
+ * most a^2/4, so (2v + a)^2 <= 8 a d is enough; it asks for at most a/8 too much. Rounding: none.
+ * Overflow: cannot, (2v+a)^2 < 2^59. */
+static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) {
+  const uint32_t side = (uint32_t)v_q16 * 2 + (uint32_t)a_q16;
+  return (uint64_t)side * (uint64_t)side <= room;
+}
+
+/* --- samples of the recorder --------------------------------------------------------------------
+ */
+
+/* The low `bytes` (1, 2 or 4) bytes of a value, least significant first. */
+void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes);
+
+/* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
+uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
+
+/* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
+int32_t fx_sign_extend(uint32_t value, uint8_t bits);
+
+/* floor(a / b), b > 0. */
+uint32_t fx_quotient(uint32_t a, uint32_t b);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,37 @@
+#ifndef FIRMWARE_PORT_HOST_AXIS_HOST_H_
+#define FIRMWARE_PORT_HOST_AXIS_HOST_H_
+
+/* The firmware on a host: one axis behind one pointer, for Python, nodes and tests. The tick is the
+ * firmware's own fw_tick() and nothing else. Axes share nothing; one axis must not be used from two
+ * threads at once. Errors are those of firmware/app/fw.h. */
+
+#include <stdint.h>
+
+#include "firmware/app/fw.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct axis_host axis_host_t;
+
+/* A powered-up axis with a recorder buffer of FW_RECORDER_BYTES, or NULL without memory. */
+axis_host_t *axis_host_create(void);
+
+/* NULL is allowed. */
+void axis_host_destroy(axis_host_t *host);
+
+void axis_host_tick(axis_host_t *host, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+
+int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
+
+int axis_host_write(axis_host_t *host, uint16_t object, int32_t value);
+
+int axis_host_recorder_read(const axis_host_t *host, uint32_t index,
+                            int32_t values[RECORDER_CHANNELS]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,80 @@
+#pragma once
+// An experiment: which plant, which firmware objects, what happens when, and when the result counts
+// as stable. Read from TOML; every mistake is an InputError naming file, key and what was expected.
+//
+//   title    = "Contact, k_f = 5, f_d = 30"          required
+//   figure   = "3.14"                                optional, what it reproduces
+//   shows    = "what to look for"                    optional
+//   model    = "../models/laboratory.toml"           required, relative to the experiment
+//   duration_s = 4.0                                 required, > 0, at most 600; rounds up to a
+//   tick [set]       b_w = 363.0                          model parameters, SI, or another
+//   parameter's name [firmware]  force_gain = 5.0                     objects in engineering units,
+//   enum text, or the
+//                                                    name of a model parameter; written before tick
+//                                                    0, `mode` last
+//   [[at]]      time_s = 2.0                         rounds up to a tick, applied before that tick
+//               impulse = { body = "workpiece", N_s = "strike" }
+//               firmware = { force_setpoint = 10.0 }
+//   [verdict]   see Criterion; absent: the run has no verdict
+//   [plot]      rows = [["sensor.force"], ...], from_s, to_s: for the report, not read here
+//
+// Overrides come as text, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2"
+// or "m_r=140"; they win over the file.
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sim/hybrid/mode.hpp"
+#include "sim/model/model.hpp"
+
+namespace forceaxis::host {
+
+// One write of a firmware object, already in raw units.
+struct ObjectWrite {
+  std::uint16_t object;
+  std::int32_t raw;
+};
+
+struct Impulse {
+  std::string body;
+  double impulse_N_s;
+};
+
+struct Action {
+  std::int64_t tick;
+  std::vector<ObjectWrite> writes;
+  std::vector<Impulse> impulses;
+};
+
+// The stability criterion over the last `window_s` of the run. A limit that is absent is not
+// checked. A latched firmware fault is always "unstable".
+struct Criterion {
+  double window_s = 1.0;
+  std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
+  std::optional<double> position_ripple_max_count;  // peak to peak of the encoder, counts
+  bool contact_held = false;  // every contact stays pressed throughout the window
+};
+
+struct Experiment {
+  std::filesystem::path file;
+  std::string hash;  // SHA-256 over the experiment, its model files and the overrides
+  std::string title;
+  std::string figure;
+  std::string shows;
+  std::shared_ptr<const sim::Model> model;
+  std::int64_t ticks = 0;  // steps of the plant; the controller is evaluated ticks + 1 times
+  std::vector<ObjectWrite> initial;
+  std::vector<Action> actions;  // by tick
+  std::optional<Criterion> criterion;
+};
+
+// Throws sim::InputError.
+Experiment load_experiment(const std::filesystem::path &file,
+                           std::span<const std::string> overrides = {});
+
+}  // namespace forceaxis::host

@@ -1,0 +1,26 @@
+#pragma once
+// The firmware's object table by name, for whoever has texts and engineering units.
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "firmware/objects/generated/axis_objects_meta.h"
+
+namespace forceaxis::host {
+
+// Nothing if no object has this name.
+std::optional<std::uint16_t> find_object(std::string_view name);
+
+// `object` must come from find_object or AXIS_OBJ_*.
+const axis_object_meta_t &object_meta(std::uint16_t object);
+
+bool object_writable(std::uint16_t object);
+
+// Value of an enum's text; nothing if the object is no enum or has no such text.
+std::optional<std::int32_t> enum_value(std::uint16_t object, std::string_view text);
+
+// Text of an enum's value, or the number itself.
+std::string enum_text(std::uint16_t object, std::int32_t value);
+
+}  // namespace forceaxis::host

@@ -1,0 +1,188 @@
+#include "host/link/run.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <stdexcept>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/axis_host.h"
+#include "host/link/objects.hpp"
+#include "host/link/sha256.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+struct AxisDeleter {
+  void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+};
+using Axis = std::unique_ptr<axis_host_t, AxisDeleter>;
+
+std::int32_t read(const Axis &axis, std::uint16_t object) {
+  std::int32_t value = 0;
+  axis_host_read(axis.get(), object, &value);
+  return value;
+}
+
+// Adds one record, little-endian and unpadded.
+void add(Sha256 &hash, const TickRecord &r) {
+  std::uint8_t bytes[kTickRecordBytes];
+  std::uint8_t *p = bytes;
+  const auto put = [&p](std::uint32_t value, int count) {
+    for (int i = 0; i < count; ++i) *p++ = static_cast<std::uint8_t>(value >> (8 * i));
+  };
+  put(r.tick, 4);
+  put(static_cast<std::uint32_t>(r.encoder_cnt), 4);
+  put(r.adc0_code, 2);
+  put(r.adc1_code, 2);
+  put(r.din, 1);
+  put(static_cast<std::uint16_t>(r.dac_code), 2);
+  put(r.out, 1);
+  hash.update(bytes, sizeof bytes);
+}
+
+constexpr std::size_t kListedEvents = 100000;
+
+std::int64_t contact_losses(const sim::Plant &plant) {
+  std::int64_t losses = 0;
+  for (const auto &kind : plant.event_counts()) {
+    if (kind.from == "pressed") losses += kind.count;
+  }
+  return losses;
+}
+
+// Peak to peak over the ticks of the window.
+template <class T>
+class Ripple {
+ public:
+  void add(T value) {
+    low_ = empty_ ? value : std::min(low_, value);
+    high_ = empty_ ? value : std::max(high_, value);
+    empty_ = false;
+  }
+  double peak_to_peak() const { return static_cast<double>(high_) - static_cast<double>(low_); }
+
+ private:
+  bool empty_ = true;
+  T low_{}, high_{};
+};
+
+}  // namespace
+
+RunResult run(const Experiment &experiment, const RunOptions &options) {
+  sim::Plant plant(experiment.model,
+                   {.audit = options.audit, .listed_events = options.trace ? kListedEvents : 0});
+  const Axis axis(axis_host_create());
+  const auto write = [&](const ObjectWrite &w) {
+    const int refused = axis_host_write(axis.get(), w.object, w.raw);
+    if (refused != 0) {
+      throw sim::InputError(
+          experiment.file.string(), std::string("firmware.") + object_meta(w.object).name,
+          "expected a value the firmware takes, it refused " + std::to_string(w.raw) + " (error " +
+              std::to_string(refused) + "); see `forceaxis objects`");
+    }
+  };
+  for (const ObjectWrite &w : experiment.initial) write(w);
+
+  RunResult result;
+  result.signal_names = plant.signal_names();
+  const std::size_t width = result.signal_names.size();
+  const std::size_t rows = static_cast<std::size_t>(experiment.ticks) + 1;
+  if (options.trace) {
+    result.records.reserve(rows);
+    result.firmware.reserve(rows);
+    result.signals.resize(rows * width);
+  }
+  std::vector<std::size_t> contact_forces;
+  for (const sim::Contact &contact : experiment.model->contacts) {
+    contact_forces.push_back(static_cast<std::size_t>(
+        std::find(result.signal_names.begin(), result.signal_names.end(), contact.name + ".force") -
+        result.signal_names.begin()));
+  }
+
+  const Criterion criterion = experiment.criterion.value_or(Criterion{});
+  const std::int64_t window_start = std::max<std::int64_t>(
+      0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
+  std::int64_t losses_before_window = 0;
+  Ripple<int> force;
+  Ripple<std::int64_t> position;
+  Metrics metrics;
+  Sha256 hash;
+  std::vector<double> row(width);
+  auto action = experiment.actions.begin();
+
+  for (std::int64_t k = 0; k <= experiment.ticks; ++k) {
+    for (; action != experiment.actions.end() && action->tick <= k; ++action) {
+      for (const ObjectWrite &w : action->writes) write(w);
+      for (const Impulse &j : action->impulses) plant.apply_impulse(j.body, j.impulse_N_s);
+    }
+    const sim::SensorCodes codes = plant.codes();
+    axis_inputs_t in{};
+    in.encoder_cnt = codes.encoder;
+    in.adc_code[0] = codes.adc[0];
+    in.adc_code[1] = codes.adc[1];
+    in.din = AXIS_DIN_ENABLE;
+    in.sensor_valid = 1;
+    axis_outputs_t out{};
+    axis_host_tick(axis.get(), &in, &out);
+
+    const TickRecord record{
+        static_cast<std::uint32_t>(k),
+        in.encoder_cnt,
+        in.adc_code[0],
+        in.adc_code[1],
+        in.din,
+        out.dac_code,
+        static_cast<std::uint8_t>((out.amp_enable ? 1 : 0) | (out.brake_release ? 2 : 0))};
+    add(hash, record);
+    plant.signals(row);
+    for (const std::size_t i : contact_forces) {
+      metrics.peak_force_N = std::max(metrics.peak_force_N, row[i]);
+    }
+    if (k == window_start) losses_before_window = contact_losses(plant);
+    if (k >= window_start) {
+      force.add(record.adc0_code);
+      position.add(record.encoder_cnt);
+      metrics.saturated_ticks += record.dac_code == 2047 || record.dac_code == -2048;
+    }
+    if (options.trace) {
+      result.records.push_back(record);
+      result.firmware.push_back({static_cast<std::uint8_t>(read(axis, AXIS_OBJ_FAULT)),
+                                 static_cast<std::uint8_t>(read(axis, AXIS_OBJ_LIMIT_REASON))});
+      std::copy(row.begin(), row.end(),
+                result.signals.begin() +
+                    static_cast<std::ptrdiff_t>(static_cast<std::size_t>(k) * width));
+    }
+    if (k < experiment.ticks) plant.step(out.dac_code, out.amp_enable != 0);
+  }
+
+  const int adc_bits = read(axis, AXIS_OBJ_ADC_BITS);
+  metrics.force_ripple_count = force.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
+  metrics.position_ripple_count = position.peak_to_peak();
+  metrics.contact_losses = contact_losses(plant) - losses_before_window;
+  metrics.in_contact =
+      !contact_forces.empty() && std::all_of(contact_forces.begin(), contact_forces.end(),
+                                             [&row](std::size_t i) { return row[i] > 0; });
+  if (!contact_forces.empty()) metrics.final_force_N = row[contact_forces.front()];
+
+  const std::int32_t fault = read(axis, AXIS_OBJ_FAULT);
+  result.fault = enum_text(AXIS_OBJ_FAULT, fault);
+  result.metrics = metrics;
+  result.events = plant.events();
+  result.event_count = plant.crossings() + plant.jumps();
+  if (options.audit) result.energy = plant.energy();
+  result.edge_margin = plant.edge_margin();
+  result.trace_hash = hash.hex();
+  if (experiment.criterion) result.verdict = judge(*experiment.criterion, metrics, fault != 0);
+  return result;
+}
+
+std::string judge(const Criterion &criterion, const Metrics &metrics, bool faulted) {
+  const bool held = !criterion.contact_held || (metrics.in_contact && metrics.contact_losses == 0);
+  const bool calm = metrics.force_ripple_count <=
+                        criterion.force_ripple_max_count.value_or(metrics.force_ripple_count) &&
+                    metrics.position_ripple_count <=
+                        criterion.position_ripple_max_count.value_or(metrics.position_ripple_count);
+  return held && calm && !faulted ? "stable" : "unstable";
+}
+
+}  // namespace forceaxis::host

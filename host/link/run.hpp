@@ -1,0 +1,69 @@
+#pragma once
+// The in-process run: the firmware's fw_tick around the plant, one record a tick.
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/link/experiment.hpp"
+#include "sim/hybrid/plant.hpp"
+
+namespace forceaxis::host {
+
+// What crosses the seam in one tick. The trace hash is SHA-256 over these fields, little-endian and
+// unpadded, in this order, all ticks.
+struct TickRecord {
+  std::uint32_t tick;
+  std::int32_t encoder_cnt;
+  std::uint16_t adc0_code;
+  std::uint16_t adc1_code;
+  std::uint8_t din;
+  std::int16_t dac_code;
+  std::uint8_t out;  // bit 0 amp_enable, bit 1 brake_release
+};
+inline constexpr std::size_t kTickRecordBytes = 16;
+
+// What the firmware says of itself after each tick.
+struct FirmwareRecord {
+  std::uint8_t fault;
+  std::uint8_t limit_reason;
+};
+
+struct RunOptions {
+  bool trace = true;  // keep records and signals; without, only metrics, hash and verdict
+  bool audit = true;  // energy audit
+};
+
+// Over the criterion's window, or the last second without a criterion.
+struct Metrics {
+  double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
+  double position_ripple_count = 0;  // peak to peak of the encoder
+  std::int64_t contact_losses = 0;            // contacts leaving "pressed", located events
+  bool in_contact = false;           // every contact pressed at the end of the run
+  double peak_force_N = 0;           // over the whole run, of all contacts, at ticks
+  double final_force_N = 0;          // at the last tick, of the first contact
+  int saturated_ticks = 0;           // in the window, DAC at a rail
+};
+
+struct RunResult {
+  std::vector<TickRecord> records;
+  std::vector<FirmwareRecord> firmware;
+  std::vector<std::string> signal_names;
+  std::vector<double> signals;  // row-major, one row a record
+  std::vector<sim::Event> events;  // the first 100,000
+  std::int64_t event_count = 0;
+  sim::EnergyAudit energy;
+  double edge_margin = 0;  // LSB
+  std::string trace_hash;  // hex
+  Metrics metrics;
+  std::string fault;    // name of the latched fault, "none"
+  std::string verdict;  // "stable", "unstable", or "" without a criterion
+};
+
+RunResult run(const Experiment &, const RunOptions & = {});
+
+// "stable" or "unstable" from metrics alone, so that thresholds can be varied without a run.
+std::string judge(const Criterion &, const Metrics &, bool faulted);
+
+}  // namespace forceaxis::host

@@ -1,0 +1,147 @@
+"""The command line. Exit status: 0 done, 1 the run or check failed, 2 wrong usage or input."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from forceaxis import experiments, objects, paths, tables
+from forceaxis._core import InputError
+
+
+class Verb(click.Command):
+    """A verb whose help keeps the example's line breaks."""
+
+    def format_epilog(self, ctx, formatter):
+        if self.epilog:
+            formatter.write_paragraph()
+            formatter.write("Example:\n")
+            for line in self.epilog.strip().splitlines():
+                formatter.write(f"  {line.strip()}\n")
+
+
+as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
+threads = click.option(
+    "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="forceaxis")
+def cli():
+    """Firmware for force-controlled axes around an exact plant: run it before you flash it."""
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7
+    forceaxis run sim/experiments/contact.toml --set b_w=363 --json""",
+)
+@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
+    "experiment.duration_s or a key of the verdict (verdict.window_s=2). Repeatable.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
+)
+@as_json
+def run(experiment, overrides, out, as_json):
+    """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
+
+    Prints the verdict, the trace hash, the closest approach to a code edge, the events and the
+    energy audit. An unstable verdict is a result: the exit status is 0 whenever the run was done.
+    """
+    done = experiments.run(experiment, overrides)
+    if out:
+        experiments.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary))
+    else:
+        click.echo(experiments.describe(done.summary))
+        if out:
+            click.echo(f"files        {paths.display(out)}")
+
+
+@cli.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
+@click.option("--fit", is_flag=True, help="Find the fitted constants again instead of using them.")
+@threads
+@as_json
+def tables_(fit, threads, as_json):
+    """Run the 55 cells of the thesis's stability tables and set ours beside the measurement.
+
+    Exit status 1 if fewer cells match than the parameter file is known for.
+    """
+    if fit:
+        click.echo(json.dumps(tables.fit(threads), indent=None if as_json else 2))
+        return
+    result = tables.run(threads)
+    if as_json:
+        click.echo(json.dumps(result))
+    else:
+        click.echo(tables.describe(result))
+    if result["matched"] < tables.load().matched_at_least:
+        sys.exit(1)
+
+
+@cli.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("report"),
+    show_default=True,
+    help="Folder for index.html.",
+)
+@threads
+@as_json
+def report(out, threads, as_json):
+    """Run every experiment and the tables and write one self-contained page."""
+    from forceaxis import report as page
+
+    summary = page.write(out, threads)
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(f"report       {paths.display(out / 'index.html')}")
+        click.echo(f"experiments  {summary['experiments']} run")
+        click.echo(f"tables       {summary['matched']} of {summary['total']} cells match the thesis")
+
+
+@cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")
+@click.argument("pattern", default="")
+@as_json
+def objects_(pattern, as_json):
+    """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept."""
+    rows = [o for o in objects.OBJECTS if pattern in o.name]
+    if as_json:
+        click.echo(json.dumps([o._asdict() for o in rows]))
+        return
+    for o in rows:
+        click.echo(f"{o.name:26} {o.access:3} {o.unit:16} {o.meaning}")
+
+
+def main():
+    """Entry point: every mistake of the user is one line on standard error and exit status 2."""
+    try:
+        cli(standalone_mode=False)
+    except InputError as error:
+        fail(str(error))
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        fail(error.format_message())
+    except OSError as error:
+        fail(f"{error.filename}: {error.strerror}")
+
+
+def fail(message):
+    """Print one line and leave with status 2."""
+    click.echo("forceaxis: " + " ".join(message.split()), err=True)
+    sys.exit(2)

@@ -1,0 +1,106 @@
+"""Run experiments and write what they give: summary, trace, plot."""
+
+import csv
+import json
+import shlex
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import _core, objects, paths
+
+
+@dataclass
+class Run:
+    """A finished run: the summary that `--json` prints, and the trace."""
+
+    experiment: Path
+    summary: dict
+    columns: dict  # name -> array of one value a tick
+    events: list  # (time_s, element, from, to)
+    plot: dict  # the experiment's [plot] table
+    shows: str  # what to look for
+
+    @property
+    def title(self):
+        """The experiment's title with its figure."""
+        figure = self.summary["figure"]
+        return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
+
+
+def run(experiment, overrides=()):
+    """Run one experiment file. Raises InputError with file, key and what was expected."""
+    experiment = Path(experiment)
+    result = _core.run(str(experiment), list(overrides))
+    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
+    columns |= result.columns()
+    command = ["forceaxis", "run", paths.display(experiment)]
+    for text in overrides:
+        command += ["--set", text]
+    summary = {
+        "experiment": paths.display(experiment),
+        "title": result.title,
+        "figure": result.figure,
+        "verdict": result.verdict or None,
+        "fault": result.fault,
+        "trace_hash": result.trace_hash,
+        "edge_margin": result.edge_margin,
+        "ticks": len(result.tick),
+        "events": result.event_count,
+        "energy": result.energy,
+        "metrics": result.metrics,
+        "inputs_hash": result.inputs_hash,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "objects_hash": objects.OBJECTS_HASH,
+        "seed": None,
+        "command": shlex.join(command),
+    }
+    plot = tomllib.loads(experiment.read_text()).get("plot", {})
+    return Run(experiment, summary, columns, result.events, plot, result.shows)
+
+
+def describe(summary):
+    """The summary for a terminal."""
+    energy, metrics = summary["energy"], summary["metrics"]
+    lines = [
+        ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
+        ("verdict", summary["verdict"] or "none asked for"),
+        ("fault", summary["fault"]),
+        ("force", f"peak {metrics['peak_force_N']:.4g} N, end {metrics['final_force_N']:.4g} N"),
+        (
+            "window",
+            f"force ripple {metrics['force_ripple_count']:.3g} counts, position ripple "
+            f"{metrics['position_ripple_count']:.3g} counts, contact lost "
+            f"{metrics['contact_losses']} times",
+        ),
+        ("events", f"{summary['events']} in {summary['ticks']} ticks"),
+        (
+            "energy",
+            f"supplied {energy['supplied_J']:.6g} J, residual {energy['residual_J']:.2g} J",
+        ),
+        ("edge margin", f"{summary['edge_margin']:.3g} LSB"),
+        ("trace hash", summary["trace_hash"]),
+        ("again", summary["command"]),
+    ]
+    return "\n".join(f"{key:12} {value}" for key, value in lines)
+
+
+def write(done, out):
+    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
+    from forceaxis import plots
+
+    out.mkdir(parents=True, exist_ok=True)
+    names = list(done.columns)
+    np.savez_compressed(out / "trace.npz", **done.columns)
+    with (out / "trace.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
+    with (out / "events.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", "element", "from", "to"])
+        writer.writerows(done.events)
+    plots.trace(done).savefig(out / "plot.png", dpi=120)
+    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")

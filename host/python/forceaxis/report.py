@@ -1,0 +1,130 @@
+"""The report: one self-contained HTML page with every experiment, figure and table cell."""
+
+import base64
+import io
+from datetime import UTC, datetime
+from importlib import resources
+
+import jinja2
+
+from forceaxis import _core, experiments, objects, paths, plots, tables
+
+
+def png(figure):
+    """The figure as a data URI."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def experiment_files():
+    """Every experiment of sim/experiments, in the order of its figure."""
+    files = [p for p in paths.EXPERIMENTS.glob("*.toml") if p != tables.FILE]
+    runs = [experiments.run(p) for p in files]
+    return sorted(runs, key=lambda r: (figure_order(r.summary["figure"]), r.experiment.name))
+
+
+def figure_order(figure):
+    """'3.14, 5.1' -> (3, 14); no figure comes last."""
+    first = figure.split(",")[0].strip()
+    return tuple(int(n) for n in first.split(".")) if first else (99,)
+
+
+def grid_3_15(cells):
+    """Fig 3.15: rows of gains, columns of set-points."""
+    cells = [c for c in cells if c["figure"] == "3.15"]
+    gains = sorted({c["force_gain"] for c in cells})
+    setpoints = sorted({c["force_setpoint"] for c in cells})
+    at = {(c["force_gain"], c["force_setpoint"]): c for c in cells}
+    return {
+        "title": "Figure 3.15: contact",
+        "columns": [f"set-point {s}" for s in setpoints],
+        "rows": [(f"gain {g}", [at[g, s] for s in setpoints]) for g in gains],
+    }
+
+
+def grid_5_10(cells):
+    """Fig 5.10 (its first and third columns are Fig 3.16): rows of gains."""
+    cells = [c for c in cells if c["figure"] == "5.10"]
+    columns = list(dict.fromkeys((c["test"], c["workpiece"]) for c in cells))
+    at = {(c["force_gain"], c["test"], c["workpiece"]): c for c in cells}
+    return {
+        "title": "Figures 3.16 and 5.10: contact and disturbance",
+        "columns": [f"{test}, {workpiece}" for test, workpiece in columns],
+        "rows": [
+            (f"gain {g}", [at[g, *column] for column in columns])
+            for g in sorted({c["force_gain"] for c in cells})
+        ],
+    }
+
+
+def grid_rest(cells):
+    """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
+    cells = [c for c in cells if c["figure"] not in ("3.15", "5.10")]
+    rows = [
+        (
+            f"Fig {c['figure']}, {c['workpiece']}, {c['grip'].replace('_', ' ')}, "
+            f"gain {c['force_gain']}, set-point {c['force_setpoint']}",
+            [c],
+        )
+        for c in cells
+    ]
+    return {
+        "title": "Figures 5.2, 5.3, 5.8, 5.9: single cells",
+        "columns": ["contact"],
+        "rows": rows,
+    }
+
+
+def write(out, threads=None):
+    """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
+    result = tables.run(threads)
+    found = tables.evidence() or tables.fit(threads)
+    curves = tables.plateau(threads)
+    runs = experiment_files()
+    values = tables.parameters()
+    constants = [
+        {
+            "name": c.name,
+            "value": values[c.name]["value"],
+            "unit": values[c.name]["unit"],
+            "how": c.how,
+            "groups": ", ".join(c.groups) or "all cells",
+            "grid": c.grid,
+            "found": found["fitted"][c.name],
+            "plateau": dict(zip(*curves[c.name], strict=True)),
+        }
+        for c in tables.load().constants
+    ]
+    assumed = [
+        {"name": n, **v}
+        for n, v in values.items()
+        if not v["source"].startswith("Fig") and n not in result["fitted"]
+    ]
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = resources.files("forceaxis").joinpath("report.html.jinja").read_text()
+    page = environment.from_string(template).render(
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        result=result,
+        grids=[grid_3_15(result["cells"]), grid_5_10(result["cells"]), grid_rest(result["cells"])],
+        misses=[(tables.key_of(c), c) for c in result["cells"] if c["ours"] != c["thesis"]],
+        constants=constants,
+        assumed=assumed,
+        found=found,
+        plateau=png(plots.plateau(curves, result["matched"], "cells matched")),
+        criterion=result["cells"][0]["criterion"],
+        sensitivity=tables.criterion_sensitivity(result["cells"]),
+        readings=tables.readings(threads),
+        declared=tables.load().readings,
+        runs=[(r, png(plots.trace(r))) for r in runs],
+        firmware_hash=_core.FIRMWARE_HASH,
+        objects_hash=objects.OBJECTS_HASH,
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "index.html").write_text(page)
+    return {
+        "report": paths.display(out / "index.html"),
+        "experiments": len(runs),
+        "matched": result["matched"],
+        "total": result["total"],
+    }

@@ -1,0 +1,352 @@
+"""The 55 measured cells: ours beside the thesis, how the free constants were found, how firm it is.
+
+A cell is one experiment file with a gain, a set-point and a workpiece. What the thesis does not state
+(the fitted constants) stands in sim/models/thesis.toml like every other parameter; tables.toml names
+those constants and the grid on which they were found.
+"""
+
+import functools
+import hashlib
+import itertools
+import json
+import os
+import tomllib
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from forceaxis import _core, paths
+
+FILE = paths.EXPERIMENTS / "tables.toml"
+EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A fitted constant: its parameter, what it acts on, and the grid it was searched on."""
+
+    name: str
+    how: str
+    groups: tuple  # the groups of cells that feel it; empty: all
+    grid: tuple
+
+
+@dataclass(frozen=True)
+class Tables:
+    """tables.toml and the measured cells it names."""
+
+    cells: list
+    experiments: dict  # "test/grip" -> file
+    workpieces: dict  # name -> overrides
+    unstated_setpoint: str  # the parameter that stands in for a set-point of null
+    constants: list
+    readings: list  # declared choices, with the alternatives that are reported beside them
+    reasons: dict  # "figure test workpiece gain" -> why this cell is not reproduced
+    matched_at_least: int
+
+    def group(self, cell):
+        """What is left out together: a figure, its contact and disturbance halves apart."""
+        return f"{cell['figure']} {cell['test']}" if cell["figure"] == "5.10" else cell["figure"]
+
+    def groups(self):
+        """All groups, in the order of the cells."""
+        return list(dict.fromkeys(self.group(c) for c in self.cells))
+
+    def job(self, cell, constants=None):
+        """The (experiment, overrides) pair of a cell; constants: {parameter: value} to try."""
+        experiment = self.experiments[f"{cell['test']}/{cell['grip']}"]
+        setpoint = cell["force_setpoint"]
+        sets = [
+            f"firmware.force_gain={cell['force_gain']}",
+            f"firmware.force_setpoint={self.unstated_setpoint if setpoint is None else setpoint}",
+            *self.workpieces[cell["workpiece"]],
+            *(f"{k}={v!r}" for k, v in (constants or {}).items()),
+        ]
+        return str(paths.EXPERIMENTS / experiment), sets
+
+
+@functools.cache
+def load():
+    """Read tables.toml."""
+    data = tomllib.loads(FILE.read_text())
+    cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
+    return Tables(
+        cells=cells,
+        experiments=data["experiments"],
+        workpieces={
+            name: [f"{k}={v}" for k, v in values.items()]
+            for name, values in data["workpieces"].items()
+        },
+        unstated_setpoint=data["unstated_setpoint"],
+        constants=[
+            Constant(c["name"], c["how"], tuple(c.get("groups", ())), tuple(c["grid"]))
+            for c in data["constant"]
+        ],
+        readings=data.get("reading", []),
+        reasons=data.get("reasons", {}),
+        matched_at_least=data["matched_at_least"],
+    )
+
+
+def parameters():
+    """The shared parameter file: name -> {value, unit, source}."""
+    return tomllib.loads((paths.MODELS / "thesis.toml").read_text())["parameters"]
+
+
+def fitted():
+    """The fitted constants' values as the parameter file has them."""
+    values = parameters()
+    return {c.name: values[c.name]["value"] for c in load().constants}
+
+
+def run_jobs(jobs, threads, title):
+    """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal."""
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(title, total=len(jobs))
+        return _core.run_many(
+            jobs,
+            threads or os.cpu_count() or 1,
+            lambda done, total: bar.update(task, completed=done),
+        )
+
+
+def key_of(cell):
+    """A cell in words, also the key of `reasons`."""
+    return f"{cell['figure']} {cell['test']} {cell['workpiece']} {cell['grip']} {cell['force_gain']}"
+
+
+def run(threads=None):
+    """Run the cells with the parameter file's constants.
+
+    Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
+    "total", "fitted": {constant: value}, "overridden": [printed parameters that were changed]}.
+    """
+    tables = load()
+    outcomes = run_jobs([tables.job(c) for c in tables.cells], threads, "tables")
+    cells = []
+    for cell, outcome in zip(tables.cells, outcomes, strict=True):
+        keep = ("metrics", "criterion", "fault", "trace_hash")
+        cells.append(cell | {"ours": outcome["verdict"]} | {k: outcome[k] for k in keep})
+        if cell["thesis"] != outcome["verdict"]:
+            cells[-1]["reason"] = tables.reasons.get(key_of(cell), "not explained")
+    # What a cell may set without moving a printed value: the damper and the pad that it names.
+    named = {"b_w", "k_g"}
+    overridden = {name for o in outcomes for name in o["overridden"]} - named
+    return {
+        "cells": cells,
+        "matched": sum(c["ours"] == c["thesis"] for c in cells),
+        "total": len(cells),
+        "fitted": fitted(),
+        "overridden": sorted(overridden),
+    }
+
+
+def describe(result):
+    """The result for a terminal: one line a row of cells, misses spelled out."""
+    lines = []
+    for cell in result["cells"]:
+        if cell["ours"] == cell["thesis"]:
+            continue
+        lines.append(
+            f"differs      Fig {key_of(cell)}: thesis {cell['thesis']}, ours {cell['ours']}; "
+            f"{cell['reason']}"
+        )
+    constants = ", ".join(f"{k} = {v:g}" for k, v in result["fitted"].items())
+    lines.append(f"fitted       {constants}")
+    lines.append(f"score        {result['matched']} of {result['total']} cells match the thesis")
+    return "\n".join(lines)
+
+
+def matches(cells, outcomes):
+    """Per cell: 1 where ours is the thesis's verdict."""
+    return np.array([o["verdict"] == c["thesis"] for c, o in zip(cells, outcomes, strict=True)])
+
+
+def score_with(variants, threads, title):
+    """Score of the tables under each list of extra overrides; one pool of jobs for all."""
+    tables = load()
+    jobs = [
+        (path, sets + extra)
+        for extra in variants
+        for path, sets in (tables.job(c) for c in tables.cells)
+    ]
+    outcomes = run_jobs(jobs, threads, title)
+    n = len(tables.cells)
+    return [
+        int(matches(tables.cells, outcomes[i * n : (i + 1) * n]).sum())
+        for i in range(len(variants))
+    ]
+
+
+def plateau(threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1)):
+    """{constant: (ratio to its value, score)}: one constant moved at a time."""
+    values = fitted()
+    pairs = [(name, ratio) for name in values for ratio in steps]
+    variants = [[f"{name}={values[name] * ratio!r}"] for name, ratio in pairs]
+    scores = score_with(variants, threads, "plateau")
+    return {
+        name: (steps, [s for (n, _), s in zip(pairs, scores, strict=True) if n == name])
+        for name in values
+    }
+
+
+def readings(threads=None):
+    """The declared readings' alternatives, each alone: [(reading, alternative, score)]."""
+    rows = [(r, a) for r in load().readings for a in r["alternatives"]]
+    scores = score_with([list(a["set"]) for _, a in rows], threads, "readings")
+    return [(r["name"], a["what"], s) for (r, a), s in zip(rows, scores, strict=True)]
+
+
+def criterion_sensitivity(cells):
+    """What +-20 % on each threshold changes: [(threshold, factor, value, score, cells changed)].
+
+    cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
+    """
+    rows = []
+    base = [c["ours"] for c in cells]
+    for factor in (0.8, 1.2):
+        verdicts = []
+        for c in cells:
+            varied = dict(c["criterion"])
+            varied["force_ripple_max_count"] *= factor
+            verdicts.append(_core.judge(varied, c["metrics"], c["fault"]))
+        value = cells[0]["criterion"]["force_ripple_max_count"] * factor
+        rows.append(_sensitivity("force_ripple_max_count", factor, value, cells, base, verdicts))
+    window = cells[0]["criterion"]["window_s"]
+    tables = load()
+    for factor in (0.8, 1.2):
+        extra = [f"verdict.window_s={window * factor!r}"]
+        jobs = [(p, s + extra) for p, s in (tables.job(c) for c in tables.cells)]
+        verdicts = [o["verdict"] for o in run_jobs(jobs, None, "criterion")]
+        rows.append(_sensitivity("window_s", factor, window * factor, cells, base, verdicts))
+    return rows
+
+
+def _sensitivity(name, factor, value, cells, base, verdicts):
+    score = sum(v == c["thesis"] for v, c in zip(verdicts, cells, strict=True))
+    changed = [key_of(c) for c, a, b in zip(cells, base, verdicts, strict=True) if a != b]
+    return {"threshold": name, "factor": factor, "value": value, "score": score, "changed": changed}
+
+
+# --- finding the constants -----------------------------------------------------------------------
+
+
+def evidence_hash():
+    """Identity of what the fit depends on: grid, cells, models, experiments; not the fitted values."""
+    digest = hashlib.sha256()
+    names = set(load().experiments.values())
+    for path in sorted([FILE, *(paths.EXPERIMENTS / n for n in names), *paths.MODELS.glob("lab*")]):
+        digest.update(path.read_bytes())
+    digest.update((FILE.parent / "thesis_tables.json").read_bytes())
+    free = {c.name for c in load().constants}
+    digest.update(repr([kv for kv in parameters().items() if kv[0] not in free]).encode())
+    return digest.hexdigest()
+
+
+def fit(threads=None):
+    """Search the grid of tables.toml and write tables_fit.json beside it.
+
+    Every contact cell runs on every grid point it depends on; strikes run where the contact cells
+    are within two of the best, with or without any one group. The verdict of each run is kept, so
+    that leaving a group out needs no further run. Returns the evidence.
+    """
+    tables = load()
+    grids = [c.grid for c in tables.constants]
+    names = [c.name for c in tables.constants]
+    feels = {
+        group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
+        for group in tables.groups()
+    }
+    members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
+
+    def evaluate(group, points):
+        """{grid coordinates that the group feels: matches of its cells} for those points."""
+        wanted = sorted({tuple(p[i] for i in feels[group]) for p in points})
+        jobs = [
+            tables.job(cell, {names[i]: grids[i][j] for i, j in zip(feels[group], at, strict=True)})
+            for at in wanted
+            for cell in members[group]
+        ]
+        outcomes = run_jobs(jobs, threads, f"fit, Fig {group}")
+        n = len(members[group])
+        return {
+            at: int(matches(members[group], outcomes[k * n : (k + 1) * n]).sum())
+            for k, at in enumerate(wanted)
+        }
+
+    everywhere = list(itertools.product(*(range(len(g)) for g in grids)))
+    late = [g for g in members if g.endswith("disturbance")]
+    scores = {g: evaluate(g, everywhere) for g in members if g not in late}
+
+    def total(point, groups):
+        return sum(scores[g][tuple(point[i] for i in feels[g])] for g in groups)
+
+    promising = set()
+    for left_out in [None, *scores]:
+        groups = [g for g in scores if g != left_out]
+        best = max(total(p, groups) for p in everywhere)
+        promising |= {p for p in everywhere if total(p, groups) >= best - 2}
+    points = sorted(promising)
+    for group in late:
+        scores[group] = evaluate(group, points)
+
+    def choose(groups):
+        """The centre of the best plateau: highest score, then highest mean over its neighbours."""
+        score = {p: total(p, groups) for p in points}
+        best = max(score.values())
+
+        def around(p):
+            near = [score.get(q, 0) for q in neighbours(p, grids)]
+            return sum(near) / len(near)
+
+        return max((p for p in points if score[p] == best), key=lambda p: (around(p), p))
+
+    def values(point):
+        return {n: grids[i][j] for i, (n, j) in enumerate(zip(names, point, strict=True))}
+
+    chosen = choose(list(members))
+    left = []
+    for group in members:
+        point = choose([g for g in members if g != group])
+        left.append(
+            {
+                "group": group,
+                "cells": len(members[group]),
+                "fitted": values(point),
+                "score_on_group": total(point, [group]),
+                "score_on_all": total(point, list(members)),
+            }
+        )
+    evidence = {
+        "inputs_hash": evidence_hash(),
+        "grid": dict(zip(names, (list(g) for g in grids), strict=True)),
+        "points": len(everywhere),
+        "points_with_strikes": len(points),
+        "fitted": values(chosen),
+        "score": total(chosen, list(members)),
+        "points_at_best": sum(
+            total(p, list(members)) == total(chosen, list(members)) for p in points
+        ),
+        "left_out": left,
+    }
+    EVIDENCE.write_text(json.dumps(evidence, indent=1) + "\n")
+    return evidence
+
+
+def neighbours(point, grids):
+    """Grid points at most one step away in every constant, those outside the grid included."""
+    steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
+    return [
+        tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
+    ]
+
+
+def evidence():
+    """The fit on record, or None where it does not belong to the present files."""
+    if not EVIDENCE.exists():
+        return None
+    found = json.loads(EVIDENCE.read_text())
+    return found if found["inputs_hash"] == evidence_hash() else None

@@ -1,0 +1,107 @@
+#include "sim/hybrid/crossing.hpp"
+
+#include "sim/hybrid/kernel.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+using kernel::magnitude;
+
+struct Polynomial {
+  const double *q;
+  std::size_t degree;
+  double noise;  // rounding of a value on the whole interval
+
+  double value(double s) const {
+    double sum = q[degree];
+    for (std::size_t k = degree; k-- > 0;) sum = sum * s + q[k];
+    return sum;
+  }
+  double value_and_slope(double s, double *slope) const {
+    double sum = q[degree];
+    double derivative = 0.0;
+    for (std::size_t k = degree; k-- > 0;) {
+      derivative = derivative * s + sum;
+      sum = sum * s + q[k];
+    }
+    *slope = derivative;
+    return sum;
+  }
+  // Largest |g''| on [0, s].
+  double bend(double s) const {
+    double sum = 0.0;
+    for (std::size_t k = degree; k >= 2; --k)
+      sum = sum * s + static_cast<double>(k * (k - 1)) * magnitude(q[k]);
+    return sum;
+  }
+};
+
+// One sign change of a falling g on [a, b], g(a) >= 0 > g(b).
+double refine(const Polynomial &g, double a, double ga, double b, double gb) {
+  double s = a + (b - a) * (ga / (ga - gb));
+  double last_width = b - a;
+  for (int step = 0; step < 200; ++step) {
+    if (!(s > a && s < b)) s = a + 0.5 * (b - a);
+    if (!(s > a && s < b)) break;  // neighbouring doubles
+    double slope = 0.0;
+    const double value = g.value_and_slope(s, &slope);
+    if (value >= 0.0) {
+      a = s;
+      ga = value;
+    } else {
+      b = s;
+      gb = value;
+    }
+    double next = slope < 0.0 ? s - value / slope : a + 0.5 * (b - a);
+    const double move = magnitude(next - s);
+    if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise) {
+      if (next > a && next < b) s = next;
+      return s;
+    }
+    // Every third step has to halve the bracket.
+    if (step % 3 == 2) {
+      if (b - a > 0.5 * last_width) next = a + 0.5 * (b - a);
+      last_width = b - a;
+    }
+    s = next;
+  }
+  return magnitude(ga) < magnitude(gb) && a > 0.0 ? a : b;
+}
+
+bool search(const Polynomial &g, double a, double ga, double b, double gb, double *root) {
+  const double width = b - a;
+  const double bend = g.bend(b);
+  if (gb >= 0.0) {
+    const double dip = 0.125 * width * width * bend;
+    if ((ga > dip && gb > dip) || dip <= g.noise) return false;
+  }
+  const double middle = a + 0.5 * width;
+  if (!(middle > a && middle < b)) {
+    *root = b;
+    return gb < 0.0;
+  }
+  double slope = 0.0;
+  const double gm = g.value_and_slope(middle, &slope);
+  if (magnitude(slope) > 0.5 * width * bend) {
+    if (gb >= 0.0) return false;
+    *root = refine(g, a, ga, b, gb);
+    return true;
+  }
+  if (search(g, a, ga, middle, gm, root)) return true;
+  return search(g, middle, gm, b, gb, root);
+}
+
+}  // namespace
+
+bool first_crossing(const double *q, std::size_t degree, double end, double *root) {
+  Polynomial g{q, degree, 0.0};
+  double sum = magnitude(q[degree]);
+  for (std::size_t k = degree; k-- > 0;) sum = sum * end + magnitude(q[k]);
+  g.noise = 0x1p-50 * sum;
+  // Terms that cannot matter only cost time.
+  double dropped = magnitude(q[g.degree]);
+  while (g.degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(q[--g.degree]);
+  return search(g, 0.0, q[0], end, g.value(end), root);
+}
+
+}  // namespace forceaxis::sim

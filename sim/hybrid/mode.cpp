@@ -1,0 +1,270 @@
+#include "sim/hybrid/mode.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "sim/hybrid/kernel.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+constexpr Extended kTick = 1.0L / 1500.0L;
+constexpr int kHighestOrder = 22;
+constexpr std::size_t kMostSamples = 16;    // parts of a tick that the quiet test looks at
+constexpr std::size_t kMostParts = 1 << 14;
+constexpr Extended kRounding = 0x1p-46L;    // bound on the relative rounding of a sum of products
+
+ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
+  ExtendedMatrix c = ExtendedMatrix::Zero(a.rows(), b.cols());
+  for (Eigen::Index j = 0; j < b.cols(); ++j)
+    for (Eigen::Index k = 0; k < a.cols(); ++k) {
+      const Extended factor = b(k, j);
+      if (factor == 0) continue;
+      for (Eigen::Index i = 0; i < a.rows(); ++i) c(i, j) += a(i, k) * factor;
+    }
+  return c;
+}
+
+ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
+
+// Sum of b^k / k! until the terms are below `accuracy` of the sum of |b|^k / k!, entry by entry.
+// Returns the number of terms after the identity, or 0 if that takes more than `most`.
+int absolute_series(const ExtendedMatrix &b, Extended accuracy, int most, ExtendedMatrix *sum) {
+  const ExtendedMatrix size = absolute(b);
+  *sum = ExtendedMatrix::Identity(b.rows(), b.cols());
+  ExtendedMatrix term = *sum;
+  for (int k = 1; k <= most; ++k) {
+    term = product(size, term) / static_cast<Extended>(k);
+    *sum += term;
+    bool small = true;
+    for (Eigen::Index j = 0; j < b.cols() && small; ++j)
+      for (Eigen::Index i = 0; i < b.rows() && small; ++i)
+        small = term(i, j) <= accuracy * (*sum)(i, j);
+    if (small) return k;
+  }
+  return 0;
+}
+
+ExtendedMatrix series(const ExtendedMatrix &b, int terms) {
+  ExtendedMatrix sum = ExtendedMatrix::Identity(b.rows(), b.cols());
+  ExtendedMatrix term = sum;
+  std::vector<ExtendedMatrix> all;
+  for (int k = 1; k <= terms; ++k) {
+    term = product(b, term) / static_cast<Extended>(k);
+    all.push_back(term);
+  }
+  // Small terms first.
+  ExtendedMatrix tail = ExtendedMatrix::Zero(b.rows(), b.cols());
+  for (auto it = all.rbegin(); it != all.rend(); ++it) tail += *it;
+  return sum + tail;
+}
+
+void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
+  for (Eigen::Index i = 0; i < rows.rows(); ++i)
+    for (Eigen::Index j = 0; j < rows.cols(); ++j) out->push_back(static_cast<double>(rows(i, j)));
+}
+
+// Writes rows into a matrix stored by columns, from row `first` on.
+void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
+               std::vector<double> *out) {
+  for (Eigen::Index j = 0; j < rows.cols(); ++j)
+    for (Eigen::Index i = 0; i < rows.rows(); ++i)
+      (*out)[static_cast<std::size_t>(j) * stride + first + static_cast<std::size_t>(i)] =
+          static_cast<double>(rows(i, j));
+}
+
+ExtendedMatrix square_flow(const ModeEquations &equations) {
+  const Eigen::Index n = equations.flow.rows();
+  ExtendedMatrix a = ExtendedMatrix::Zero(n + 2, n + 2);
+  a.topRows(n) = equations.flow * kTick;
+  return a;
+}
+
+std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
+  const Network &network = cache.network();
+  const Model &model = cache.model();
+  const ModeEquations equations = network.equations(key);
+  const ExtendedMatrix a = square_flow(equations);
+  const Eigen::Index n = network.states();
+  const Eigen::Index c = network.columns();
+  const auto g = static_cast<Eigen::Index>(equations.channels.size());
+
+  auto mode = std::make_unique<Mode>();
+  mode->key = key;
+  mode->states = static_cast<std::size_t>(n);
+  mode->columns = static_cast<std::size_t>(c);
+  mode->channels = equations.channels.size();
+  mode->channel = equations.channels;
+
+  // Halve the part of a tick until a short series gives it to rounding.
+  std::size_t parts = 1;
+  ExtendedMatrix growth;
+  ExtendedMatrix b = a;
+  int order = 0;
+  while ((order = absolute_series(b, 0x1p-58L, kHighestOrder, &growth)) == 0) {
+    parts *= 2;
+    if (parts > kMostParts)
+      throw SimulationError(model.file +
+                            ": the plant has time constants below 1e-8 s; make its elements less "
+                            "stiff or its masses and inductances larger");
+    b = a / static_cast<Extended>(parts);
+  }
+  mode->order = static_cast<std::size_t>(std::max(order, 2));
+  mode->reach = 1.0 / static_cast<double>(parts);
+  mode->samples = parts <= kMostSamples ? parts : 0;
+
+  ExtendedMatrix r(g, c);
+  for (Eigen::Index i = 0; i < g; ++i)
+    r.row(i) = equations.wires.row(equations.channels[static_cast<std::size_t>(i)].wire);
+  const ExtendedMatrix bend = product(r, product(a, a));
+
+  mode->flow_stride = kernel::padded(mode->states);
+  mode->flow.assign(mode->flow_stride * mode->columns, 0.0);
+  put_block(a.topRows(n), 0, mode->flow_stride, &mode->flow);
+  put_rows(r, &mode->signal);
+  put_rows(absolute(r), &mode->size);
+  put_rows(product(absolute(r), absolute(a)), &mode->slope);
+  put_rows(product(absolute(bend), growth), &mode->bend);
+
+  mode->channel_stride = kernel::padded(mode->channels);
+  mode->low.assign(mode->channel_stride, -std::numeric_limits<double>::infinity());
+  mode->high.assign(mode->channel_stride, std::numeric_limits<double>::infinity());
+  for (std::size_t i = 0; i < mode->channels; ++i) {
+    const Channel &channel = mode->channel[i];
+    constexpr double kPull = static_cast<double>(kRounding);
+    mode->low[i] = channel.low + kPull * kernel::magnitude(channel.low);
+    mode->high[i] = channel.high - kPull * kernel::magnitude(channel.high);
+    if (!(channel.low > -std::numeric_limits<double>::infinity())) mode->low[i] = channel.low;
+    if (!(channel.high < std::numeric_limits<double>::infinity())) mode->high[i] = channel.high;
+  }
+
+  if (mode->samples > 0) {
+    const ExtendedMatrix part = series(b, order + 6);
+    const std::size_t first = kernel::padded(mode->states);
+    mode->tick_stride = first + (parts + 1) * mode->channel_stride;
+    mode->tick.assign(mode->tick_stride * mode->columns, 0.0);
+    mode->curve_stride = parts * mode->channel_stride;
+    mode->curve.assign(mode->curve_stride * mode->columns, 0.0);
+    ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
+    const Extended share = 1 / (8 * static_cast<Extended>(parts) * static_cast<Extended>(parts));
+    for (std::size_t k = 0; k <= parts; ++k) {
+      put_block(product(r, flow), first + k * mode->channel_stride, mode->tick_stride, &mode->tick);
+      if (k == parts) break;
+      const ExtendedMatrix next = product(part, flow);
+      // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
+      const ExtendedMatrix bound = product(absolute(product(bend, flow)), growth);
+      const ExtendedMatrix rounding =
+          product(absolute(r), absolute(flow) + absolute(next)) * kRounding;
+      put_block(bound * share + rounding, k * mode->channel_stride, mode->curve_stride,
+                &mode->curve);
+      flow = next;
+    }
+    put_block(flow.topRows(n), 0, mode->tick_stride, &mode->tick);
+  }
+
+  const auto &signal_wires = network.signal_wires();
+  ExtendedMatrix truth(static_cast<Eigen::Index>(signal_wires.size()), c);
+  for (std::size_t i = 0; i < signal_wires.size(); ++i)
+    truth.row(static_cast<Eigen::Index>(i)) = equations.wires.row(signal_wires[i]);
+  put_rows(truth, &mode->truth);
+
+  ExtendedMatrix sensor = ExtendedMatrix::Zero(4, c);
+  if (model.encoder) sensor(0, 2 * model.encoder->body) = 1;
+  const std::vector<SignalInfo> signals = model.signal_list();
+  for (std::size_t channel = 0; channel < 2; ++channel) {
+    if (!model.adc[channel]) continue;
+    for (std::size_t i = 0; i < signals.size(); ++i)
+      if (signals[i].name == model.adc[channel]->signal)
+        sensor.row(static_cast<Eigen::Index>(channel) + 1) =
+            truth.row(static_cast<Eigen::Index>(i));
+  }
+  mode->sensor.assign(4 * mode->columns, 0.0);
+  put_block(sensor, 0, 4, &mode->sensor);
+  return mode;
+}
+
+// Integral over one tick of Phi(t)' q Phi(t) dt, by its Taylor series on a short part and doubling.
+ExtendedMatrix gram(const ExtendedMatrix &a, const ExtendedMatrix &q) {
+  ExtendedMatrix growth;
+  std::size_t parts = 1;
+  int order = 0;
+  ExtendedMatrix b = a;
+  while ((order = absolute_series(b, 0x1p-66L, 28, &growth)) == 0) {
+    parts *= 2;
+    b = a / static_cast<Extended>(parts);
+  }
+  const ExtendedMatrix bt = b.transpose();
+  ExtendedMatrix term = q;
+  ExtendedMatrix sum = q;
+  for (int k = 1; k <= 2 * order + 8; ++k) {
+    const ExtendedMatrix derivative = product(bt, term) + product(term, b);
+    term = derivative / static_cast<Extended>(k);
+    sum += term / static_cast<Extended>(k + 1);
+  }
+  sum *= kTick / static_cast<Extended>(parts);
+  ExtendedMatrix flow = series(b, order + 4);
+  for (std::size_t k = parts; k > 1; k /= 2) {
+    const ExtendedMatrix transposed = flow.transpose();
+    sum += product(product(transposed, sum), flow);
+    flow = product(flow, flow);
+  }
+  return sum;
+}
+
+std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {
+  const Network &network = cache.network();
+  const ModeEquations equations = network.equations(key);
+  const ExtendedMatrix a = square_flow(equations);
+  auto audit = std::make_unique<ModeAudit>();
+  const auto add = [&](const Network::Product &pair, std::vector<double> *out) {
+    const ExtendedMatrix first = equations.wires.row(pair.first);
+    const ExtendedMatrix second = equations.wires.row(pair.second);
+    const ExtendedMatrix outer = product(first.transpose(), second);
+    const ExtendedMatrix mirrored = outer.transpose();
+    put_rows(gram(a, (outer + mirrored) / 2), out);
+    put_rows(first, &audit->first);
+    put_rows(second, &audit->second);
+  };
+  for (const auto &pair : network.supplies()) add(pair, &audit->supply);
+  for (const auto &pair : network.dampers()) add(pair, &audit->damper);
+  for (const auto &pair : network.storages()) {
+    put_rows(equations.wires.row(pair.first), &audit->store_first);
+    put_rows(equations.wires.row(pair.second), &audit->store_second);
+  }
+  return audit;
+}
+
+template <class Map, class Build>
+const auto &find_or_build(std::mutex &mutex, Map &map, ModeKey key, Build build) {
+  const std::lock_guard<std::mutex> lock(mutex);
+  auto &entry = map[key];
+  if (!entry) {
+    try {
+      entry = build();
+    } catch (...) {
+      map.erase(key);
+      throw;
+    }
+  }
+  return *entry;
+}
+
+}  // namespace
+
+ModeCache::ModeCache(std::shared_ptr<const Model> model)
+    : model_(std::move(model)), network_(*model_) {}
+
+const Mode &ModeCache::mode(ModeKey key) {
+  return find_or_build(mutex_, modes_, key, [&] { return build_mode(*this, key); });
+}
+
+const ModeAudit &ModeCache::audit(ModeKey key) {
+  return find_or_build(mutex_, audits_, key, [&] { return build_audit(*this, key); });
+}
+
+std::size_t ModeCache::size() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return modes_.size();
+}
+
+}  // namespace forceaxis::sim

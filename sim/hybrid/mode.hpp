@@ -1,0 +1,98 @@
+#pragma once
+// One linear mode of a plant, prepared for stepping, and the cache that owns modes.
+//
+// Time is counted in ticks of 1/1500 s here: all matrices hold A T. Rows act on z = (x, 1, u).
+#include <cstddef>
+#include <memory>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "sim/hybrid/network.hpp"
+
+namespace forceaxis::sim {
+
+inline constexpr double kTickRateHz = 1500.0;
+
+/// The plant cannot be stepped on: chattering, a state that is not finite, dynamics too fast to
+/// resolve. what() names the element and the time where they are known.
+struct SimulationError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
+///
+/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state after one tick
+/// and to every channel's signal at the K + 1 ends of the parts; `curve` maps |z| to a bound on how
+/// far the signal can leave its chord within each part,
+///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
+/// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
+/// switch changes within the tick. `samples` is 0 for modes too fast for it.
+///
+/// Other ticks. Within `reach` ticks the Taylor series of order `order` converges to rounding.
+struct Mode {
+  ModeKey key = 0;
+  std::size_t states = 0;
+  std::size_t columns = 0;
+  std::size_t channels = 0;
+  std::size_t samples = 0;
+
+  std::size_t channel_stride = 0;  ///< channels, padded to even
+  std::size_t tick_stride = 0;     ///< padded(n) + (samples + 1) * channel_stride
+  std::vector<double> tick;        ///< by columns: new state, then signals at part 0, 1, ..., K
+  std::size_t curve_stride = 0;    ///< samples * channel_stride
+  std::vector<double> curve;       ///< by columns
+  std::vector<double> low;         ///< per channel (padded), pulled in by the bounds' own rounding
+  std::vector<double> high;
+
+  double reach = 1.0;       ///< ticks, 1 / 2^k
+  std::size_t order = 0;
+  std::size_t flow_stride = 0;
+  std::vector<double> flow;    ///< A T by columns, n rows padded to flow_stride
+  std::vector<double> signal;  ///< channel rows r, g x c by rows
+  std::vector<double> size;    ///< |r|
+  std::vector<double> slope;   ///< |r| |A T|
+  std::vector<double> bend;    ///< |r (A T)^2| e^{|A| reach T}
+  std::vector<Channel> channel;
+
+  std::vector<double> sensor;  ///< by columns, 4 rows: encoder m, ADC 0, ADC 1, 0
+  std::vector<double> truth;   ///< all signals of the model, by rows
+};
+
+/// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.
+struct ModeAudit {
+  std::vector<double> supply;   ///< per supply: c x c, J
+  std::vector<double> damper;   ///< per damper: c x c, J
+  std::vector<double> first;    ///< rows of supplies then dampers, first factor
+  std::vector<double> second;   ///< second factor
+  std::vector<double> store_first;   ///< rows of the storages
+  std::vector<double> store_second;
+};
+
+/// Builds modes when first asked for and keeps them. Plants of one model may share a cache, from any
+/// number of threads: modes are immutable, and a plant asks here only for modes new to it.
+class ModeCache {
+ public:
+  explicit ModeCache(std::shared_ptr<const Model> model);
+  ModeCache(const ModeCache &) = delete;
+  ModeCache &operator=(const ModeCache &) = delete;
+
+  const Model &model() const { return *model_; }
+  const Network &network() const { return network_; }
+  /// Throws SimulationError if the mode is too fast (time constants below about 1e-8 s).
+  const Mode &mode(ModeKey key);
+  const ModeAudit &audit(ModeKey key);
+  /// Number of modes built so far.
+  std::size_t size() const;
+
+ private:
+  std::shared_ptr<const Model> model_;
+  Network network_;
+  mutable std::mutex mutex_;
+  std::unordered_map<ModeKey, std::unique_ptr<const Mode>> modes_;
+  std::unordered_map<ModeKey, std::unique_ptr<const ModeAudit>> audits_;
+};
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,180 @@
+#include "sim/hybrid/plant.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+#include "sim/hybrid/kernel.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+// floor() without libm, for values an int64 holds.
+std::int64_t floor_integer(double value) {
+  const auto cut = static_cast<std::int64_t>(value);
+  return static_cast<double>(cut) > value ? cut - 1 : cut;
+}
+
+constexpr double kFar = 0x1p62;
+
+}  // namespace
+
+Plant::Plant(std::shared_ptr<const Model> model, PlantOptions options)
+    : Plant(std::make_shared<ModeCache>(std::move(model)), options) {}
+
+Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
+    : stepper_(std::move(cache), options.audit, options.listed_events),
+      audit_(options.audit),
+      edge_margin_(std::numeric_limits<double>::infinity()) {
+  const Model &description = model();
+  auto names = std::make_shared<std::vector<std::string>>();
+  for (const SignalInfo &signal : description.signal_list()) names->push_back(signal.name);
+  signal_names_ = std::move(names);
+  volts_per_code_ = description.dac.volts_per_code();
+  lowest_code_ = -(1 << (description.dac.bits - 1));
+  highest_code_ = -lowest_code_ - 1;
+  if (audit_) initial_energy_ = total_energy();
+}
+
+void Plant::step(int dac_code, bool amp_enable) {
+  if (dac_code < lowest_code_ || dac_code > highest_code_)
+    throw std::invalid_argument("DAC code " + std::to_string(dac_code) + " is outside " +
+                                std::to_string(lowest_code_) + ".." +
+                                std::to_string(highest_code_));
+  stepper_.step(static_cast<double>(dac_code) * volts_per_code_, amp_enable);
+}
+
+void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
+  const int index = model().body_index(body);
+  if (!(kernel::magnitude(impulse_N_s) < 1e30))
+    throw std::invalid_argument("an impulse must be a finite number of N s");
+  stepper_.kick(static_cast<std::size_t>(index), impulse_N_s);
+}
+
+SensorCodes Plant::codes() {
+  const Mode &mode = stepper_.mode();
+  double value[4];
+  kernel::multiply(mode.sensor.data(), 4, stepper_.z().data(), mode.columns, value);
+  SensorCodes codes;
+  const Model &description = model();
+  if (description.encoder) {
+    const double y = value[0] * description.encoder->scale + 0.5;
+    if (!(kernel::magnitude(y) < kFar))
+      throw SimulationError("the encoder's body left all bounds at t = " +
+                            std::to_string(time_s()) + " s");
+    const std::int64_t count = floor_integer(y);
+    codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
+    const double past = y - static_cast<double>(count);
+    edge_margin_ = std::min(edge_margin_, std::min(past, 1.0 - past));
+  }
+  for (std::size_t channel = 0; channel < 2; ++channel) {
+    const auto &adc = description.adc[channel];
+    if (!adc) continue;
+    const int top = (1 << adc->bits) - 1;
+    // The code changes where y passes 1, 2, ..., top.
+    const double y = value[channel + 1] / adc->per_count + 0.5;
+    const double low = static_cast<double>(1 - adc->zero_code);
+    const double high = static_cast<double>(top - adc->zero_code);
+    double margin = 0.0;
+    int code = 0;
+    if (!(y >= low)) {
+      margin = low - y;
+    } else if (y >= high) {
+      code = top;
+      margin = y - high;
+    } else {
+      const std::int64_t step = floor_integer(y);
+      code = static_cast<int>(step) + adc->zero_code;
+      const double past = y - static_cast<double>(step);
+      margin = std::min(past, 1.0 - past);
+    }
+    codes.adc[channel] = static_cast<std::uint16_t>(code);
+    edge_margin_ = std::min(edge_margin_, margin);
+  }
+  return codes;
+}
+
+void Plant::signals(std::span<double> values) const {
+  const Mode &mode = stepper_.mode();
+  if (values.size() != signal_names_->size())
+    throw std::invalid_argument("signals() wants one place per signal");
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = kernel::dot(&mode.truth[i * mode.columns], stepper_.z().data(), mode.columns);
+}
+
+double Plant::signal(std::string_view name) const {
+  const auto found = std::find(signal_names_->begin(), signal_names_->end(), name);
+  if (found == signal_names_->end())
+    throw std::invalid_argument("no signal named " + std::string(name));
+  const auto i = static_cast<std::size_t>(found - signal_names_->begin());
+  const Mode &mode = stepper_.mode();
+  return kernel::dot(&mode.truth[i * mode.columns], stepper_.z().data(), mode.columns);
+}
+
+std::vector<Event> Plant::events() const {
+  std::vector<Event> list;
+  for (const SwitchEvent &event : stepper_.events()) {
+    const auto &s = stepper_.network().switches()[static_cast<std::size_t>(event.switch_index)];
+    list.push_back({event.time_s, s.element, s.state_names[static_cast<std::size_t>(event.from)],
+                    s.state_names[static_cast<std::size_t>(event.to)], event.jump});
+  }
+  return list;
+}
+
+std::vector<Plant::EventCount> Plant::event_counts() const {
+  std::vector<EventCount> list;
+  const auto &switches = stepper_.network().switches();
+  for (std::size_t i = 0; i < switches.size(); ++i)
+    for (std::size_t from = 0; from < switches[i].state_names.size(); ++from)
+      for (std::size_t to = 0; to < switches[i].state_names.size(); ++to) {
+        const std::int64_t count =
+            stepper_.count(static_cast<int>(i), static_cast<int>(from), static_cast<int>(to));
+        if (count > 0)
+          list.push_back({switches[i].element, switches[i].state_names[from],
+                          switches[i].state_names[to], count});
+      }
+  return list;
+}
+
+std::vector<std::string> Plant::mode() const {
+  std::vector<std::string> list;
+  const Network &network = stepper_.network();
+  const ModeKey key = stepper_.mode().key;
+  for (std::size_t i = 0; i < network.switches().size(); ++i) {
+    const auto &s = network.switches()[i];
+    const auto state = static_cast<std::size_t>(network.state_of(key, static_cast<int>(i)));
+    const bool off = s.of_drive && !Network::enabled(key);
+    list.push_back(s.element + ": " + (off ? std::string("off") : s.state_names[state]));
+  }
+  return list;
+}
+
+double Plant::total_energy() const {
+  double sum = stepper_.kinetic();
+  for (const double energy : stepper_.stored()) sum += energy;
+  return sum;
+}
+
+EnergyAudit Plant::energy() const {
+  if (!audit_) throw std::logic_error("energy() needs a plant built with PlantOptions::audit");
+  const EnergyIntegrals integrals = stepper_.energy();
+  EnergyAudit result;
+  result.initial = initial_energy_;
+  result.impulses = integrals.impulse;
+  result.supplied = integrals.impulse;
+  for (const double work : integrals.supplied) result.supplied += work;
+  result.kinetic = stepper_.kinetic();
+  for (const double energy : stepper_.stored()) result.stored += energy;
+  result.discarded = integrals.discarded;
+  double out = result.kinetic + result.stored + result.discarded;
+  const auto &dampers = stepper_.network().dampers();
+  for (std::size_t i = 0; i < dampers.size(); ++i) {
+    result.dissipated.push_back({dampers[i].element, integrals.dissipated[i]});
+    out += integrals.dissipated[i];
+  }
+  result.residual = result.initial + result.supplied - out;
+  return result;
+}
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,135 @@
+#pragma once
+// The simulated axis as the firmware's wires see it: DAC code in, encoder and ADC codes out; truth
+// on a channel of its own.
+//
+//   auto model = std::make_shared<const Model>(load_model("sim/models/axis_contact.toml"));
+//   Plant plant(model);
+//   for (int k = 0; k < 3000; ++k) {
+//     SensorCodes codes = plant.codes();                        // at t = k / 1500 s
+//     plant.step(controller(codes), true);                      // to t = (k + 1) / 1500 s
+//   }
+//
+// Sweeps: build one ModeCache per Model and give it to every Plant of that model; building modes is
+// what costs when a plant is new (some 50 us each). The cache may be shared by any number of plants
+// in any number of threads. A Plant itself belongs to one thread at a time; copies are independent
+// (and continue with the same doubles).
+//
+// Between two ticks the plant is exact to rounding: piecewise linear, matrix exponentials, switching
+// instants located to rounding (dips of 1e-12 m are found). The same codes give the same doubles in
+// every build of one compiler with -ffp-contract=off.
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim/hybrid/stepper.hpp"
+
+namespace forceaxis::sim {
+
+struct PlantOptions {
+  bool audit = false;               ///< keep the energy balance (about doubles the cost of a tick)
+  std::size_t listed_events = 4096; ///< events kept for events(); further ones are only counted
+};
+
+/// What the axis controller reads, raw. A missing encoder reads 0, a missing ADC 0.
+struct SensorCodes {
+  std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps
+  std::uint16_t adc[2] = {0, 0};  ///< clamp(floor(signal / per_count + 1/2) + zero_code, 0, 2^bits-1)
+};
+
+/// One change of one element's discrete state.
+struct Event {
+  double time_s = 0.0;
+  std::string element;  ///< a contact's name, drive.preamp, drive.current_feedback, drive.amplifier
+  std::string from;     ///< apart, pressed, overlap | low limit, low outer, inner, linear, ...
+  std::string to;
+  bool jump = false;  ///< the direct consequence of a new DAC code or of an impulse, at a tick
+};
+
+/// Mechanical energy since tick 0, J. initial + supplied = kinetic + stored + dissipated +
+/// discarded + residual; the residual is rounding.
+struct EnergyAudit {
+  double initial = 0.0;
+  double supplied = 0.0;   ///< work of the drive on body and reaction, and of impulses
+  double impulses = 0.0;   ///< the impulses' part of it
+  double kinetic = 0.0;
+  double stored = 0.0;     ///< in springs and pressed contacts
+  double discarded = 0.0;  ///< left in a contact's spring when it let go while still overlapping
+  struct Damper {
+    std::string element;   ///< spring, damper, contact, or "drive" for b_m
+    double energy = 0.0;
+  };
+  std::vector<Damper> dissipated;
+  double residual = 0.0;
+};
+
+class Plant {
+ public:
+  explicit Plant(std::shared_ptr<const Model> model, PlantOptions options = {});
+  explicit Plant(std::shared_ptr<ModeCache> cache, PlantOptions options = {});
+
+  /// One tick of 1/1500 s with the code held. `amp_enable` false: coasting, the drive's current (or
+  /// force) is 0 from this instant on and the code has no effect. Throws std::invalid_argument if
+  /// the code does not fit the DAC, SimulationError if the plant cannot be stepped on (the plant is
+  /// then of no further use).
+  void step(int dac_code, bool amp_enable);
+  /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
+  /// body or an impulse that is not finite.
+  void apply_impulse(std::string_view body, double impulse_N_s);
+
+  /// Converts encoder and ADCs at this instant and updates edge_margin().
+  SensorCodes codes();
+  /// The closest approach so far, in LSB, of any value converted by codes() to a value at which its
+  /// code would change; 0.5 at most as long as nothing saturates. Infinite before the first codes().
+  double edge_margin() const { return edge_margin_; }
+
+  /// Names and values of all signals, in the order of Model::signal_list(). signals() wants exactly
+  /// as many places (std::invalid_argument otherwise).
+  const std::vector<std::string> &signal_names() const { return *signal_names_; }
+  void signals(std::span<double> values) const;
+  /// One signal by name; std::invalid_argument if there is none.
+  double signal(std::string_view name) const;
+
+  std::int64_t tick() const { return stepper_.tick(); }
+  double time_s() const { return static_cast<double>(stepper_.tick()) / kTickRateHz; }
+  const Model &model() const { return stepper_.cache().model(); }
+
+  /// The first `listed_events` events.
+  std::vector<Event> events() const;
+  /// How many changes were located between ticks, and how many jumped with a code or an impulse.
+  std::int64_t crossings() const { return stepper_.crossings(); }
+  std::int64_t jumps() const { return stepper_.jumps(); }
+  struct EventCount {
+    std::string element;
+    std::string from;
+    std::string to;
+    std::int64_t count = 0;
+  };
+  /// All changes met so far, by kind; kinds never met are left out.
+  std::vector<EventCount> event_counts() const;
+  /// "element: state" of every switching element; "off" for the drive's while it is disabled.
+  std::vector<std::string> mode() const;
+
+  /// Needs PlantOptions::audit, std::logic_error otherwise.
+  EnergyAudit energy() const;
+
+  /// State vector: position and velocity of each body, then the drive's states (dc_motor: current A,
+  /// filtered tachometer V; first_order: force N).
+  std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
+
+ private:
+  double total_energy() const;
+
+  Stepper stepper_;
+  std::shared_ptr<const std::vector<std::string>> signal_names_;
+  double volts_per_code_ = 0.0;
+  int lowest_code_ = 0;
+  int highest_code_ = 0;
+  bool audit_ = false;
+  double initial_energy_ = 0.0;
+  double edge_margin_ = 0.0;
+};
+
+}  // namespace forceaxis::sim

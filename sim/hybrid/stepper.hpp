@@ -1,0 +1,119 @@
+#pragma once
+// Steps a network tick by tick: z -> exact flow, with every switch changed at the instant it must.
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim/hybrid/mode.hpp"
+
+namespace forceaxis::sim {
+
+/// A change of a switch's state. `jump`: not a crossing between ticks but the direct consequence of
+/// a new command or an impulse at a tick.
+struct SwitchEvent {
+  double time_s = 0.0;
+  int switch_index = 0;
+  int from = 0;
+  int to = 0;
+  bool jump = false;
+};
+
+/// Integrals since the start, J.
+struct EnergyIntegrals {
+  std::vector<double> supplied;    ///< per Network::supplies()
+  std::vector<double> dissipated;  ///< per Network::dampers()
+  double discarded = 0.0;          ///< spring energy dropped when a contact lets go under load
+  double impulse = 0.0;            ///< work of impulses
+};
+
+/// Copyable; copies share only the cache (which may be used from several threads), so a copy may
+/// move to another thread. step() allocates nothing except when a mode or an event is new.
+class Stepper {
+ public:
+  /// `listed_events`: how many events are kept for events(); all are counted.
+  Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
+
+  /// One tick with the command voltage held. Throws SimulationError.
+  void step(double command, bool enable);
+  /// Adds to the velocity of a body at this instant and lets the switches follow.
+  void kick(std::size_t body, double impulse);
+
+  const ModeCache &cache() const { return *cache_; }
+  const Network &network() const { return cache_->network(); }
+  const Mode &mode() const { return *mode_; }
+  /// z = (x, 1, u) now.
+  const std::vector<double> &z() const { return z_; }
+  std::int64_t tick() const { return tick_; }
+
+  const std::vector<SwitchEvent> &events() const { return events_; }
+  /// Changes located between two ticks (and at the end points of a tick's interval), and jumps.
+  std::int64_t crossings() const { return crossings_; }
+  std::int64_t jumps() const { return jumps_; }
+  /// Changes of one switch from one state to another, jumps included.
+  std::int64_t count(int switch_index, int from, int to) const;
+
+  EnergyIntegrals energy() const;
+  double kinetic() const;
+  /// Spring energy, one entry per Network::storages().
+  std::vector<double> stored() const;
+
+ private:
+  struct Sum {  // Neumaier's compensated sum
+    double value = 0.0;
+    double lost = 0.0;
+    void add(double term);
+    double total() const { return value + lost; }
+  };
+  enum class Verdict { none, at_once, later };
+
+  bool quiet_tick();
+  void settle(bool count_jumps);
+  void cross_tick();
+  void expand();
+  void evaluate(double s, double *x) const;
+  Verdict examine(std::size_t channel, double end, double *root, bool *above);
+  Verdict examine_side(std::size_t channel, double bound, double sign, double end, double *root);
+  void change(std::size_t channel, bool above, double s, bool jump, bool counted);
+  void set_mode(ModeKey key);
+  void check_finite() const;
+  void audit_tick();
+  void audit_part(double s);
+  double stored_total() const;
+  [[noreturn]] void fail_switching(int switch_index, double s) const;
+
+  std::shared_ptr<ModeCache> cache_;
+  const Mode *mode_ = nullptr;
+  const ModeAudit *audit_mode_ = nullptr;
+  bool audit_ = false;
+  std::int64_t tick_ = 0;
+  std::vector<double> z_;
+  std::vector<double> absolute_;
+  std::vector<double> result_;  // of the quiet tick
+  std::vector<double> curve_;
+  std::vector<double> chain_;   // Taylor coefficients of x, order + 1 blocks of flow_stride
+  std::vector<double> polynomial_;
+  std::vector<double> end_;     // z at the end of a part
+
+  std::size_t listed_events_ = 0;
+  std::vector<SwitchEvent> events_;
+  std::int64_t crossings_ = 0;
+  std::int64_t jumps_ = 0;
+  std::vector<std::int64_t> counts_;
+  std::size_t count_stride_ = 0;
+
+  // Modes met lately, so that the shared cache is asked (and locked) rarely.
+  struct Recent {
+    ModeKey key = 0;
+    const Mode *mode = nullptr;
+    const ModeAudit *audit = nullptr;
+  };
+  std::vector<Recent> recent_;
+
+  std::vector<Sum> supplied_;
+  std::vector<Sum> dissipated_;
+  Sum discarded_;
+  Sum impulse_;
+};
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,171 @@
+"""The command line as a user meets it: results, files, exit statuses, one-line refusals."""
+
+import csv
+import hashlib
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+CONTACT = "sim/experiments/contact.toml"
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+
+
+def forceaxis(*arguments):
+    return subprocess.run(
+        [FORCEAXIS, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    out = tmp_path_factory.mktemp("run")
+    done = forceaxis(
+        "run", CONTACT, "--set", "firmware.force_gain=7", "--set", "firmware.force_setpoint=20",
+        "--out", out, "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), out
+
+
+def test_run_reports_what_identifies_it(shown):
+    result, _ = shown
+    assert result["verdict"] in ("stable", "unstable")
+    assert len(result["trace_hash"]) == 64
+    assert 0 <= result["edge_margin"] <= 0.5
+    assert result["events"] > 0
+    assert abs(result["energy"]["residual_J"]) <= 1e-9 * result["energy"]["supplied_J"]
+    for key in ("inputs_hash", "firmware_hash", "objects_hash"):
+        assert len(result[key]) == 64
+
+
+def test_the_command_that_it_prints_reproduces_it(shown):
+    result, _ = shown
+    again = forceaxis(*result["command"].split()[1:], "--json")
+    assert json.loads(again.stdout)["trace_hash"] == result["trace_hash"]
+
+
+def test_csv_and_npz_hold_the_same_trace(shown):
+    _, out = shown
+    trace = np.load(out / "trace.npz")
+    with (out / "trace.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert set(rows[0]) == set(trace.files)
+    assert len(rows) - 1 == len(trace["tick"]) == 9001
+    for name in ("dac", "adc0", "sensor.force", "robot.position"):
+        column = rows[0].index(name)
+        assert [float(r[column]) for r in rows[1:]] == trace[name].tolist()
+
+
+def test_the_trace_hash_is_the_documented_one(shown):
+    """SHA-256 over {tick u32, enc i32, adc0 u16, adc1 u16, din u8, dac i16, out u8}."""
+    result, out = shown
+    t = np.load(out / "trace.npz")
+    names = ("tick", "encoder", "adc0", "adc1", "din", "dac", "out")
+    packed = b"".join(
+        struct.pack("<IiHHBhB", *row) for row in zip(*(t[n].tolist() for n in names), strict=True)
+    )
+    assert hashlib.sha256(packed).hexdigest() == result["trace_hash"]
+
+
+def test_json_prints_nothing_else(shown):
+    done = forceaxis("run", CONTACT, "--set", "experiment.duration_s=0.1", "--json")
+    assert done.stderr == ""
+    assert done.stdout.count("\n") == 1
+    json.loads(done.stdout)
+
+
+MODEL = """
+[parameters]
+m = {{ value = {mass}, unit = "{unit}" }}
+[[body]]
+name = "robot"
+mass = "m"
+[[spring]]
+name = "k"
+between = ["robot", "{end}"]
+stiffness = {stiffness}
+{more}
+"""
+EXPERIMENT = 'title = "t"\nmodel = "model.toml"\nduration_s = 0.1\n'
+GOOD = {"mass": "1.0", "unit": "kg", "end": "ground", "stiffness": "100.0", "more": ""}
+LONELY = '[[body]]\nname = "lonely"\nmass = 1.0'
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"more": "stifness = 3"}, "stifness"),
+        ({"unit": "N/m"}, "parameters.m"),
+        ({"unit": "stone"}, "parameters.m"),
+        ({"mass": "-1.0"}, "m"),
+        ({"mass": "nan"}, "m"),
+        ({"end": "wall"}, "between"),
+        ({"stiffness": "inf"}, "stiffness"),
+        ({"stiffness": "-3.0"}, "stiffness"),
+        ({"more": LONELY}, "body[1]"),
+        ({"more": "[spring"}, "line"),
+    ],
+)
+def test_a_bad_model_is_one_line_and_status_2(tmp_path, change, key):
+    (tmp_path / "model.toml").write_text(MODEL.format(**(GOOD | change)))
+    (tmp_path / "e.toml").write_text(EXPERIMENT)
+    refused(forceaxis("run", tmp_path / "e.toml", "--out", tmp_path / "out"), "model.toml", key)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_good_model_of_those_cases_is_taken(tmp_path):
+    (tmp_path / "model.toml").write_text(MODEL.format(**GOOD))
+    (tmp_path / "e.toml").write_text(EXPERIMENT)
+    assert forceaxis("run", tmp_path / "e.toml").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", CONTACT, "--set", "firmware.force_gain=256"], ["firmware.force_gain", "255.99"]),
+        (["run", CONTACT, "--set", "firmware.force_gain=nan"], ["firmware.force_gain"]),
+        (["run", CONTACT, "--set", "m_w=0"], ["m_w"]),
+        (["run", CONTACT, "--set", "nonsense"], ["nonsense", "NAME=VALUE"]),
+        (["run", CONTACT, "--set", "m_x=3"], ["m_x"]),
+        (["run", "no/such.toml"], ["no/such.toml"]),
+        (["run"], ["EXPERIMENT"]),
+        (["rnu"], ["rnu"]),
+        (["run", CONTACT, "--sett", "x=1"], ["--sett"]),
+    ],
+)
+def test_bad_usage_is_one_line_and_status_2(arguments, words):
+    refused(forceaxis(*arguments), *words)
+
+
+def test_a_truncated_experiment_is_one_line_and_status_2(tmp_path):
+    text = (ROOT / CONTACT).read_text()
+    (tmp_path / "cut.toml").write_text(text[: text.index("force_gain") + 12])
+    refused(forceaxis("run", tmp_path / "cut.toml"), "cut.toml", "line")
+
+
+def refused(done, *words):
+    assert done.returncode == 2, (done.stdout, done.stderr)
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+def test_every_verb_has_help_with_an_example():
+    listing = forceaxis("--help").stdout
+    for verb in ("run", "tables", "report", "objects"):
+        assert verb in listing
+        assert f"forceaxis {verb}" in forceaxis(verb, "--help").stdout.partition("Example:")[2]
+
+
+def test_objects_lists_the_table():
+    done = forceaxis("objects", "force_gain", "--json")
+    (row,) = json.loads(done.stdout)
+    assert row["name"] == "force_gain"
+    assert row["scale"] == 1 / 256

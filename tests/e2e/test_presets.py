@@ -1,0 +1,39 @@
+"""The same trace hash from every build of one compiler, and from the Python package."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PRESETS = ("release", "debug", "debug-plain")
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+
+
+@pytest.mark.parametrize(
+    ("experiment", "overrides"),
+    [
+        ("contact", ["firmware.force_gain=7", "firmware.force_setpoint=20"]),
+        ("contact_unstable", ["experiment.duration_s=1"]),
+        ("axis_contact_b", []),
+        ("position_step", []),
+        ("grip_soft", ["experiment.duration_s=1"]),
+    ],
+)
+def test_presets_agree(experiment, overrides):
+    file = f"sim/experiments/{experiment}.toml"
+    hashes = {
+        preset: output([ROOT / "build" / preset / "tests/loop/trace_hash", file, *overrides])
+        for preset in PRESETS
+    }
+    sets = [word for o in overrides for word in ("--set", o)]
+    hashes["python"] = json.loads(output([FORCEAXIS, "run", file, *sets, "--json"]))["trace_hash"]
+    assert len(set(hashes.values())) == 1, hashes
+    assert len(hashes["python"]) == 64
+
+
+def output(command):
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()

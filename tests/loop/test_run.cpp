@@ -1,0 +1,138 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "host/link/objects.hpp"
+#include "host/link/run.hpp"
+#include "host/link/sha256.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+const std::string kContact = SIM_DIR "/experiments/contact.toml";
+
+RunResult run_with(const std::string &file, std::vector<std::string> overrides) {
+  return run(load_experiment(file, overrides));
+}
+
+TEST(Sha256, KnownAnswer) {
+  Sha256 hash;  // FIPS 180-2, B.1
+  hash.update("abc", 3);
+  EXPECT_EQ(hash.hex(), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+TEST(Run, TwiceGivesTheSameHashAndABitOfGainAnother) {
+  const std::string once = run_with(kContact, {"experiment.duration_s=1"}).trace_hash;
+  EXPECT_EQ(run_with(kContact, {"experiment.duration_s=1"}).trace_hash, once);
+  EXPECT_NE(
+      run_with(kContact, {"experiment.duration_s=1", "firmware.force_gain=5.00390625"}).trace_hash,
+      once);
+}
+
+TEST(Run, WithoutTraceAndAuditNothingElseChanges) {
+  const std::vector<std::string> overrides{"experiment.duration_s=1"};
+  const Experiment e = load_experiment(kContact, overrides);
+  const RunResult full = run(e);
+  const RunResult lean = run(e, {.trace = false, .audit = false});
+  EXPECT_EQ(lean.trace_hash, full.trace_hash);
+  EXPECT_EQ(lean.verdict, full.verdict);
+  EXPECT_EQ(lean.metrics.peak_force_N, full.metrics.peak_force_N);
+  EXPECT_EQ(lean.edge_margin, full.edge_margin);
+  EXPECT_TRUE(lean.records.empty());
+}
+
+TEST(Run, RecordsEveryTickFromZeroToTheEnd) {
+  const RunResult r = run_with(kContact, {"experiment.duration_s=0.1"});
+  ASSERT_EQ(r.records.size(), 151U);
+  for (std::size_t k = 0; k < r.records.size(); ++k) EXPECT_EQ(r.records[k].tick, k);
+  EXPECT_EQ(r.signals.size(), r.records.size() * r.signal_names.size());
+}
+
+// Out of contact the first code is k_f f_d exactly: 5 x 30.
+TEST(Run, FirstCodeIsTheLawByHand) {
+  const RunResult r = run_with(kContact, {"experiment.duration_s=0.01"});
+  EXPECT_EQ(r.records.front().dac_code, 150);
+  EXPECT_EQ(r.records.front().out & 1, 1);
+}
+
+// latency_ticks = 1 puts out the same codes one tick later while the force reads 0.
+TEST(Run, LatencyDelaysTheCodeByOneTick) {
+  const RunResult r =
+      run_with(kContact, {"experiment.duration_s=0.01", "firmware.latency_ticks=1"});
+  EXPECT_EQ(r.records[0].dac_code, 0);
+  EXPECT_EQ(r.records[1].dac_code, 150);
+}
+
+// Statics by hand: the motor must hold F = n c (n the reading, c newtons a count) through
+// i = F r / k_t, the winding wants R i = 15 e, the preamplifier gives e = 3.9 (20/4096) u - .333 i and
+// the law u = 5 (30 - n). With c = 2.437: .095215 (30 - n) = .633 i = .012474 n, n = 26.5.
+TEST(Run, AtRestInContactTheReadingIsThatOfTheStatics) {
+  const RunResult r = run_with(kContact, {"force_per_count=2.437"});
+  EXPECT_EQ(r.verdict, "stable");
+  EXPECT_NEAR(r.records.back().adc0_code, 26.5, 0.6);
+}
+
+TEST(Run, AnImpulseMovesItsBodyByImpulseOverMass) {
+  const std::string strike = SIM_DIR "/experiments/strike.toml";
+  const RunResult with = run_with(strike, {"experiment.duration_s=5"});
+  const RunResult without = run_with(strike, {"experiment.duration_s=5", "strike=0"});
+  const auto &names = with.signal_names;
+  const auto v = static_cast<std::size_t>(
+      std::find(names.begin(), names.end(), "workpiece.velocity") - names.begin());
+  const std::size_t last = with.records.size() - 1;  // tick 7500 = 5 s, recorded after the strike
+  double impulse_N_s = 0;
+  for (const auto &p : load_experiment(strike).model->parameters) {
+    if (p.name == "strike") impulse_N_s = p.value;
+  }
+  const double jump =
+      with.signals[last * names.size() + v] - without.signals[last * names.size() + v];
+  EXPECT_NEAR(jump, impulse_N_s / 6.6, 1e-12);
+}
+
+// A fault in the middle of a run: code 0 and a disabled amplifier in that very tick, and an
+// unstable verdict whatever the metrics.
+TEST(Run, AFaultStopsTheAxisAndTheVerdict) {
+  const RunResult r = run_with(kContact, {"firmware.force_max=10"});
+  EXPECT_EQ(r.fault, "force_max");
+  EXPECT_EQ(r.verdict, "unstable");
+  bool seen = false;
+  for (std::size_t k = 0; k < r.records.size(); ++k) {
+    seen = seen || r.firmware[k].fault != 0;
+    if (!seen) continue;
+    EXPECT_EQ(r.records[k].dac_code, 0);
+    EXPECT_EQ(r.records[k].out, 0);
+  }
+  EXPECT_TRUE(seen);
+}
+
+TEST(Judge, EachLimitAlone) {
+  Criterion c;
+  c.contact_held = true;
+  c.force_ripple_max_count = 10;
+  Metrics m;
+  m.in_contact = true;
+  m.force_ripple_count = 10;
+  EXPECT_EQ(judge(c, m, false), "stable");
+  EXPECT_EQ(judge(c, m, true), "unstable");
+  m.force_ripple_count = 10.5;
+  EXPECT_EQ(judge(c, m, false), "unstable");
+  m.force_ripple_count = 1;
+  m.contact_losses = 1;
+  EXPECT_EQ(judge(c, m, false), "unstable");
+  m.contact_losses = 0;
+  m.in_contact = false;
+  EXPECT_EQ(judge(c, m, false), "unstable");
+}
+
+TEST(Objects, ByNameAndByText) {
+  EXPECT_EQ(find_object("force_gain"), std::uint16_t{AXIS_OBJ_FORCE_GAIN});
+  EXPECT_FALSE(find_object("force_gian").has_value());
+  EXPECT_EQ(enum_value(AXIS_OBJ_MODE, "force"), AXIS_MODE_FORCE);
+  EXPECT_FALSE(enum_value(AXIS_OBJ_MODE, "forc").has_value());
+  EXPECT_EQ(enum_text(AXIS_OBJ_MODE, AXIS_MODE_POSITION), "position");
+  EXPECT_EQ(enum_text(AXIS_OBJ_FORCE_GAIN, 5), "5");
+}
+
+}  // namespace
+}  // namespace forceaxis::host

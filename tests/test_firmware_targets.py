@@ -1,0 +1,371 @@
+"""The firmware on its targets: it compiles and links without a libc, and an emulated Cortex-M4
+computes the host's codes bit for bit within the instruction budget.
+
+Run with `pytest -s` to see the sizes and instruction counts. A missing tool is a failure.
+"""
+
+import ctypes
+import random
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+import unicorn
+from unicorn import arm_const
+
+ROOT = Path(__file__).resolve().parent.parent
+INSTRUCTIONS_MAX = 250
+CORE_BYTES_MAX = 8 * 1024
+STATE_BYTES_MAX = 512
+FUZZED_TICKS = 20_000
+SEED = 19880
+
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wshadow", "-Wconversion",
+            "-Wsign-conversion", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wcast-qual"]
+FREESTANDING = ["-std=c11", "-O2", "-ffreestanding", "-nostdlib", "-ffunction-sections",
+                f"-I{ROOT}"]
+CORTEX_M4 = ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"]
+RV32 = ["riscv64-unknown-elf-gcc", "-march=rv32imac", "-mabi=ilp32"]
+AVR = ["avr-gcc", "-mmcu=atmega2560"]
+
+FOLDERS = ("core", "fx", "app", "objects/generated")
+SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).glob("*.c"))]
+LAWS = [ROOT / "firmware/fx/fx.c", ROOT / "firmware/core/laws.c"]
+
+START = """
+#include <stdint.h>
+#include "firmware/app/fw.h"
+void start(void);
+const uint32_t probe_sizes[3] = {sizeof(axis_t), sizeof(fw_t), sizeof(axis_signals_t)};
+static fw_t fw;
+static uint8_t recorder_buffer[FW_RECORDER_BYTES];
+void start(void) {
+  axis_inputs_t inputs = {0, {0, 0}, 0, 0};
+  volatile axis_outputs_t sink;
+  fw_init(&fw, recorder_buffer, sizeof(recorder_buffer));
+  for (;;) {
+    axis_outputs_t outputs;
+    fw_tick(&fw, &inputs, &outputs);
+    sink = outputs;
+    (void)sink;
+  }
+}
+"""
+CODE_BASE, RAM_BASE, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
+
+
+def run(*command):
+    """Output of a tool; a missing or failing one fails the test with what it printed."""
+    assert shutil.which(command[0]), f"{command[0]} is not installed"
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def compile_all(compiler, sources, folder):
+    objects = []
+    for source in sources:
+        objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
+        run(*compiler, *FREESTANDING, *WARNINGS, "-c", source, "-o", objects[-1])
+    return objects
+
+
+def undefined_symbols(prefix, *files):
+    """Names that the files together do not define."""
+    needed, defined = set(), set()
+    for line in run(f"{prefix}nm", *files).splitlines():
+        words = line.split()
+        if len(words) == 2 and words[0] == "U":
+            needed.add(words[1])
+        elif len(words) == 3:
+            defined.add(words[2])
+    return needed - defined
+
+
+def link(compiler, prefix, objects, folder, extra=()):
+    start = folder / "start.c"
+    start.write_text(START)
+    (folder / "image.ld").write_text(
+        f"ENTRY(start)\nSECTIONS {{ . = {CODE_BASE:#x}; .text : {{ *(.text*) *(.rodata*) }}"
+        f" . = {RAM_BASE:#x}; .data : {{ *(.data*) *(.sdata*) }}"
+        " .bss : { *(.bss*) *(.sbss*) *(COMMON) } }\n")
+    start_object = compile_all(compiler, [start], folder)
+    image = folder / "image.elf"
+    run(*compiler, "-nostdlib", "-nostartfiles", "-static", "-Wl,--no-undefined",
+        f"-Wl,-T,{folder / 'image.ld'}", *start_object, *objects, *extra, "-o", image)
+    assert not undefined_symbols(prefix, image)
+    return image
+
+
+@pytest.fixture(scope="session")
+def cortex_m4(tmp_path_factory):
+    """(objects, image) of the firmware for a Cortex-M4."""
+    folder = tmp_path_factory.mktemp("cortex_m4")
+    objects = compile_all(CORTEX_M4, SOURCES, folder)
+    return objects, link(CORTEX_M4, "arm-none-eabi-", objects, folder)
+
+
+def test_cortex_m4_links_without_any_library(cortex_m4):
+    objects, _ = cortex_m4
+    assert undefined_symbols("arm-none-eabi-", *objects) == set()
+
+
+def test_core_code_size(cortex_m4):
+    objects, _ = cortex_m4
+    rows = [line.split() for line in run("arm-none-eabi-size", *objects).splitlines()[1:]]
+    size = {Path(row[-1]).name: int(row[0]) for row in rows}
+    assert all(row[1] == row[2] == "0" for row in rows), "data or bss in the firmware"
+    core = sum(n for name, n in size.items() if name.startswith(("core_", "fx_")))
+    print(f"\nCortex-M4 -O2: core + fx {core} bytes, app {size['app_fw.o']}, "
+          f"object table {size['generated_axis_objects.o']}")
+    assert core <= CORE_BYTES_MAX
+
+
+def test_rv32_links_without_any_library(tmp_path):
+    objects = compile_all(RV32, SOURCES, tmp_path)
+    assert undefined_symbols("riscv64-unknown-elf-", *objects) == set()
+    link(RV32, "riscv64-unknown-elf-", objects, tmp_path)
+
+
+# --- the emulated Cortex-M4 beside the host ------------------------------------------------------
+
+
+class Inputs(ctypes.Structure):
+    _fields_ = [("encoder_cnt", ctypes.c_int32), ("adc_code", ctypes.c_uint16 * 2),
+                ("din", ctypes.c_uint8), ("sensor_valid", ctypes.c_uint8)]
+
+
+class Outputs(ctypes.Structure):
+    _fields_ = [("dac_code", ctypes.c_int16), ("amp_enable", ctypes.c_uint8),
+                ("brake_release", ctypes.c_uint8)]
+
+
+def load_objects():
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location(
+        "forceaxis_objects", ROOT / "host/python/forceaxis/objects.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.BY_NAME
+
+
+class Host:
+    """The firmware compiled for this machine."""
+
+    def __init__(self, folder):
+        library = folder / "libfirmware.so"
+        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *SOURCES, "-o", library)
+        self.lib = ctypes.CDLL(str(library))
+        self.fw = ctypes.create_string_buffer(4096)
+        self.buffer = ctypes.create_string_buffer(64)
+        self.lib.fw_init(self.fw, self.buffer, 64)
+        self.outputs = Outputs()
+
+    def write(self, number, value):
+        return self.lib.fw_object_write(self.fw, ctypes.c_uint16(number), ctypes.c_int32(value))
+
+    def read(self, number):
+        value = ctypes.c_int32()
+        assert self.lib.fw_object_read(self.fw, ctypes.c_uint16(number), ctypes.byref(value)) == 0
+        return value.value
+
+    def tick(self, inputs):
+        self.lib.axis_tick(self.fw, ctypes.byref(inputs), ctypes.byref(self.outputs))
+        return bytes(self.outputs)
+
+    def state(self, size):
+        return self.fw.raw[:size]
+
+
+class Emulator:
+    """The linked Cortex-M4 image in an emulator; counts the instructions of each call."""
+
+    FW, BUFFER, INPUTS, OUTPUTS = RAM_BASE, RAM_BASE + 0x1000, RAM_BASE + 0x2000, RAM_BASE + 0x2100
+
+    def __init__(self, image):
+        self.symbols, self.function_sizes = {}, {}
+        for line in run("arm-none-eabi-nm", "-S", image).splitlines():
+            words = line.split()
+            self.symbols[words[-1]] = int(words[0], 16)
+            if len(words) == 4 and words[2] in "tT":
+                self.function_sizes[words[3]] = (int(words[0], 16) & ~1, int(words[1], 16))
+        binary = image.with_suffix(".bin")
+        run("arm-none-eabi-objcopy", "-O", "binary", "-j", ".text", image, binary)
+        self.code = binary.read_bytes()
+        self.uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self.uc.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
+        self.uc.mem_map(CODE_BASE, 0x10000)
+        self.uc.mem_write(CODE_BASE, self.code)
+        self.uc.mem_map(RAM_BASE, 0x10000)
+        self.uc.mem_map(EXIT, 0x1000)
+        self.blocks = {}
+        self.count = 0
+        self.visited = set()
+        self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self.on_block, begin=CODE_BASE,
+                         end=CODE_BASE + 0xFFFF)
+        self.call("fw_init", self.FW, self.BUFFER, 64)
+
+    def on_block(self, _uc, address, size, _data):
+        key = (address, size)
+        if key not in self.blocks:
+            self.blocks[key] = self.instructions(address, size)
+            self.visited.update(self.blocks[key])
+        self.count += len(self.blocks[key])
+
+    def instructions(self, address, size):
+        """Addresses of the Thumb-2 instructions in a block: a first halfword of 0xE800 or more
+        begins a 32-bit one."""
+        found, end = [], address + size
+        while address < end:
+            found.append(address)
+            first, = struct.unpack_from("<H", self.code, address - CODE_BASE)
+            address += 4 if first >= 0xE800 else 2
+        return found
+
+    def call(self, name, *arguments):
+        registers = (arm_const.UC_ARM_REG_R0, arm_const.UC_ARM_REG_R1, arm_const.UC_ARM_REG_R2)
+        for register, value in zip(registers, arguments):
+            self.uc.reg_write(register, value & 0xFFFFFFFF)
+        self.uc.reg_write(arm_const.UC_ARM_REG_SP, STACK_TOP)
+        self.uc.reg_write(arm_const.UC_ARM_REG_LR, EXIT | 1)
+        self.count = 0
+        self.uc.emu_start(self.symbols[name] | 1, EXIT)
+        result = self.uc.reg_read(arm_const.UC_ARM_REG_R0)
+        return result - (1 << 32) if result >> 31 else result
+
+    def write(self, number, value):
+        return self.call("fw_object_write", self.FW, number, value)
+
+    def tick(self, inputs):
+        self.uc.mem_write(self.INPUTS, bytes(inputs))
+        self.call("axis_tick", self.FW, self.INPUTS, self.OUTPUTS)
+        return bytes(self.uc.mem_read(self.OUTPUTS, ctypes.sizeof(Outputs)))
+
+    def state(self, size):
+        return bytes(self.uc.mem_read(self.FW, size))
+
+
+# Values that reach every branch: small and large, both rails, their neighbours, and off.
+RANGES = {
+    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3],
+    "open_loop_code": [-2048, -2047, -1, 0, 1, 700, 2047],
+    "force_gain": [0, 1, 256, 1280, 2560, 65535],
+    "force_setpoint": [-65536, 0, 128, 3840, 7680, 65536],
+    "force_zero_code": [0, 0, 0, 128, 65535],
+    "force_sign": [1, 1, -1, 0],
+    "force_tare": [-65536, 0, 0, 0, 300, 65536],
+    "adc_bits": [8, 8, 9, 12, 16],
+    "position_gain": [0, 10, 256, 65535],
+    "velocity_gain": [0, 256, 2000, 65535],
+    "profile_enable": [0, 1, 1, 1],
+    "profile_velocity_max": [1, 65536, 1310720, 134217728],
+    "profile_acceleration_max": [1, 6554, 65536, 3000000, 16777216],
+    "position_min": [-2147483648, -2147483648, -1000, 0],
+    "position_max": [2147483647, 2147483647, 1000, 100000],
+    "output_limit": [0, 100, 2047, 2048, 2048, 2048],
+    "latency_ticks": [0, 1],
+    "bump_decay_shift": [0, 1, 3, 6, 12],
+    "following_error_max": [0, 0, 0, 0, 0, 30, 2147483647],
+    "speed_max": [0, 0, 0, 40, 2147483647],
+    "force_max": [0, 0, 0, 0, 50000, 131072],
+}
+
+
+def random_write(rng, objects, position):
+    """A plausible write: (number, value)."""
+    if rng.random() < 0.15:
+        near = rng.choice([0, 1, 3, 100, 5000, 40000, 3000000, 0x7FFFFFFF])
+        value = position + rng.randint(-near, near)
+        return objects["position_setpoint"].number, (value + (1 << 31)) % (1 << 32) - (1 << 31)
+    name = rng.choice(list(RANGES))
+    o = objects[name]
+    value = rng.choice(RANGES[name])
+    if rng.random() < 0.2:
+        value = rng.randint(o.min, o.max)
+    return o.number, value
+
+
+def test_cortex_m4_computes_the_host_codes_within_the_budget(cortex_m4, tmp_path):
+    _, image = cortex_m4
+    objects = load_objects()
+    host, chip = Host(tmp_path), Emulator(image)
+    state_bytes, = struct.unpack_from("<I", chip.code, chip.symbols["probe_sizes"] - CODE_BASE)
+    assert state_bytes <= STATE_BYTES_MAX
+    rng = random.Random(SEED)
+    names = objects["mode"].enum
+    worst = dict.fromkeys(names, 0)
+    ticks = dict.fromkeys(names, 0)
+    faults, reasons = set(), set()
+    chip.visited.clear()
+    chip.blocks.clear()
+    tick_visited = set()
+    inputs = Inputs(0, (0, 0), 1, 1)
+    position, speed = 0.0, 0.0
+    for tick in range(FUZZED_TICKS):
+        writes = []
+        fault = host.read(objects["fault"].number)
+        if fault and rng.random() < 0.5:
+            writes.append((objects["fault_reset"].number, 1))
+        elif not host.read(objects["active_mode"].number) and rng.random() < 0.3:
+            for _ in range(6):
+                writes.append(random_write(rng, objects, inputs.encoder_cnt))
+            writes.append((objects["mode"].number, rng.choice(RANGES["mode"])))
+        elif rng.random() < 0.08:
+            writes.append(random_write(rng, objects, inputs.encoder_cnt))
+        for number, value in writes:
+            expected = host.write(number, value)
+            visited = set(chip.visited)
+            assert chip.write(number, value) == expected, (SEED, tick, number, value)
+            chip.visited = visited
+            chip.blocks.clear()
+
+        # A crude plant: the code drives the speed, a wall presses back, rare jumps and failures.
+        code = struct.unpack("<h", bytes(host.outputs)[:2])[0]
+        speed += 0.2 * (code / 50.0 - speed)
+        position += speed
+        if rng.random() < 0.002:
+            position = rng.choice([0, 2**31 - 20, -(2**31) + 5, rng.randint(-(2**31), 2**31 - 1)])
+        count = int(position)
+        inputs.encoder_cnt = (count + (1 << 31)) % (1 << 32) - (1 << 31)
+        top = (1 << host.read(objects["adc_bits"].number)) - 1
+        inputs.adc_code[0] = max(0, min(top, int(abs(speed) * 4) + rng.randint(0, 3)))
+        if rng.random() < 0.1:
+            inputs.adc_code[0] = rng.choice([0, top, rng.randint(0, top)])
+        if rng.random() < 0.003:
+            inputs.adc_code[rng.randint(0, 1)] = min(65535, top + 1)
+        else:
+            inputs.adc_code[1] = rng.randint(0, top)
+        inputs.din = 1
+        if rng.random() < 0.02:
+            inputs.din = rng.choice([0, 3, 5, 7, 9])
+        inputs.sensor_valid = int(rng.random() >= 0.004)
+
+        expected = host.tick(inputs)
+        got = chip.tick(inputs)
+        replay = f"seed {SEED}, tick {tick}"
+        assert got == expected, replay
+        assert chip.state(state_bytes) == host.state(state_bytes), replay
+        mode = names[host.read(objects["active_mode"].number)]
+        worst[mode] = max(worst[mode], chip.count)
+        ticks[mode] += 1
+        faults.add(host.read(objects["fault"].number))
+        reasons.add(host.read(objects["limit_reason"].number))
+        tick_visited |= chip.visited
+
+    reachable = [f for f in ("axis_tick", "law_force", "law_position", "law_open_loop",
+                             "law_force_reading", "limits_apply", "fault_detect", "mode_next",
+                             "mode_is_enabled", "profile_set", "profile_step")
+                 if f in chip.function_sizes]
+    spans = [chip.function_sizes[f] for f in reachable]
+    seen = {a for a in tick_visited if any(b <= a < b + n for b, n in spans)}
+    print(f"\naxis_tick on a Cortex-M4, {FUZZED_TICKS} fuzzed ticks, state {state_bytes} bytes, "
+          f"{len(seen)} different instructions executed")
+    for name in names:
+        print(f"  {name:10} {ticks[name]:6} ticks, at most {worst[name]} instructions")
+    assert max(worst.values()) <= INSTRUCTIONS_MAX
+    assert min(ticks.values()) > FUZZED_TICKS // 50
+    assert faults == set(range(len(objects["fault"].enum)))
+    assert reasons == set(range(len(objects["limit_reason"].enum)))
