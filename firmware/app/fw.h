@@ -9,10 +9,6 @@
 #include "firmware/core/axis.h"
 #include "firmware/core/recorder.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
 
@@ -56,9 +52,5 @@ int fw_object_write(fw_t *fw, uint16_t object, int32_t value);
  * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or
  * FW_ERROR_NO_DATA. */
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

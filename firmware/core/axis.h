@@ -21,10 +21,6 @@
 #include "firmware/core/profile.h"
 #include "firmware/objects/generated/axis_objects.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Bits of axis_inputs_t.din. */
 enum {
   AXIS_DIN_ENABLE = 1, /* enable and emergency-stop chain closed */
@@ -75,7 +71,9 @@ void axis_init(axis_t *axis);
  * pursued yet: what was asked for before a fault must be asked for again.
  *
  * latency_ticks 1: the code goes out one tick after it was computed; enabling, disabling and faults
- * act at once. */
+ * act at once.
+ *
+ * The three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
 /* Tells the axis that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
@@ -84,9 +82,5 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
 
 /* Clears the latched fault. The axis stays disabled until a mode is written. */
 void axis_fault_reset(axis_t *axis);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

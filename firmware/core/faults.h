@@ -8,10 +8,6 @@
 #include "firmware/core/axis.h"
 #include "firmware/fx/fx.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* A limit of 0 is off. */
 static inline bool fault_exceeds(int32_t value, int32_t limit) {
   return limit != 0 && !fx_within(value, limit);
@@ -51,9 +47,5 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
   }
   return AXIS_FAULT_NONE;
 }
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -11,10 +11,6 @@
 
 #include "firmware/fx/fx.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 #define LAW_DAC_MIN (-2048)
 #define LAW_DAC_MAX 2047
 #define LAW_MIN_Q8 (-INT32_C(2049) * 256)
@@ -27,7 +23,7 @@ extern "C" {
 
 /* f = sign (adc - zero) - tare, in 1/256 of an 8-bit count whatever the width of the ADC: one count
  * of an n-bit ADC is 2^(16-n) of them. adc and zero 0..65535, sign +1 or -1, bits 8..16, tare
- * within +-65536; below 2^18 in magnitude for codes that fit the ADC. Exact. */
+ * within +-65536; the result is within +-2^25. Exact. */
 static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, int8_t sign,
                                         uint8_t adc_bits, int32_t tare_q8) {
   const int32_t above_zero = (int32_t)adc_code - (int32_t)zero_code;
@@ -55,9 +51,5 @@ static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_
 
 /* Excitation: the code itself, -2048..2047. */
 static inline int32_t law_open_loop(int16_t code) { return fx_scale(code, 16); }
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

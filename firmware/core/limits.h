@@ -9,10 +9,6 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The code that may be put out for a computed one, and in *reason the limit that took most of it,
  * AXIS_LIMIT_REASON_...; the later of these wins:
  *   dac_saturation   beyond -2048..2047
@@ -48,9 +44,5 @@ static inline int16_t limits_apply(const axis_params_t *params, int32_t position
   *reason = (blocked != AXIS_LIMIT_REASON_NONE) ? blocked : why;
   return (blocked != AXIS_LIMIT_REASON_NONE) ? (int16_t)0 : (int16_t)limited;
 }
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,14 +4,14 @@
 
 /* The speed of the next tick; d is the distance to the target, v the speed toward it. */
 static int32_t next_speed(uint64_t d, int32_t v, int32_t v_max, int32_t a) {
-  if (v <= v_max) {
-    const uint64_t room = fx_stopping_room(a, d);
+  const uint64_t room = fx_stopping_room(a, d);
+  if (v <= v_max && (v <= a || fx_stops_within(v, a, room))) {
     const int32_t up = (v_max - v < a) ? v_max : v + a;
     if (up > a && fx_stops_within(up, a, room)) {
       return up;
     }
     /* Holding the speed uses up what braking leaves over; after it less than a is left over. */
-    if (v > a && fx_stops_within(v, a, room)) {
+    if (v > a) {
       return v;
     }
   }

@@ -16,10 +16,6 @@
 
 #include "firmware/fx/fx.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct {
   uint64_t position_q32; /* counts modulo 2^32 with 32 fractional bits */
   int32_t velocity_q16;  /* counts per tick, |v| <= 2^27 */
@@ -34,9 +30,5 @@ static inline void profile_set(profile_t *profile, int32_t position_cnt) {
 /* One tick toward the target. velocity_max 1..2^27, acceleration_max 1..2^24, both Q16. */
 void profile_step(profile_t *profile, int32_t target_cnt, uint32_t velocity_max_q16,
                   uint32_t acceleration_max_q16);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

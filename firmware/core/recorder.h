@@ -16,10 +16,6 @@
 
 #include "firmware/objects/generated/axis_objects.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { RECORDER_CHANNELS = 8 };
 
 /* Where a value lies in the sampled structure. */
@@ -65,9 +61,5 @@ void recorder_tick(recorder_t *recorder, const void *base);
 /* Sample `index` (0 the oldest) of a recording that is done: values[0..channel_count-1], u32 as the
  * same 32 bits. Returns the number of channels, or -1 if it is not done or has no such sample. */
 int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[RECORDER_CHANNELS]);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -6,10 +6,6 @@
 
 #include <stdint.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* 1, 2 or 4. */
 uint8_t value_bytes(uint8_t type);
 
@@ -23,9 +19,5 @@ void value_store_defaults(void *structure, uint8_t block);
 
 /* The low bits of a value, as packed by the recorder, with their sign. */
 int32_t value_from_bits(uint32_t bits, uint8_t type);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

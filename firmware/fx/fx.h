@@ -14,10 +14,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* --- wrapping: counts of an encoder, modulo 2^32 ---------------------------------------------- */
 
 /* The same 32 bits read as two's complement. Scaling: none. Overflow: cannot. */
@@ -157,9 +153,5 @@ int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

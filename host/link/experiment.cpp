@@ -244,7 +244,8 @@ toml::table parse(const std::filesystem::path &file) {
 
 std::shared_ptr<const sim::Model> read_model(const Reader &reader, const toml::table &root,
                                              const std::filesystem::path &file) {
-  const std::filesystem::path path = (file.parent_path() / reader.text(root, "model", true)).lexically_normal();
+  const std::filesystem::path path =
+      (file.parent_path() / reader.text(root, "model", true)).lexically_normal();
   std::vector<sim::Override> overrides;
   const toml::table *set = reader.table(root, "set");
   std::vector<std::pair<std::string, std::string>> by_name;

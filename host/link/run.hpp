@@ -39,7 +39,7 @@ struct RunOptions {
 struct Metrics {
   double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
   double position_ripple_count = 0;  // peak to peak of the encoder
-  std::int64_t contact_losses = 0;            // contacts leaving "pressed", located events
+  std::int64_t contact_losses = 0;   // contacts leaving "pressed", located events
   bool in_contact = false;           // every contact pressed at the end of the run
   double peak_force_N = 0;           // over the whole run, of all contacts, at ticks
   double final_force_N = 0;          // at the last tick, of the first contact
@@ -50,7 +50,7 @@ struct RunResult {
   std::vector<TickRecord> records;
   std::vector<FirmwareRecord> firmware;
   std::vector<std::string> signal_names;
-  std::vector<double> signals;  // row-major, one row a record
+  std::vector<double> signals;     // row-major, one row a record
   std::vector<sim::Event> events;  // the first 100,000
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;

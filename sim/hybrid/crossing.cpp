@@ -94,13 +94,14 @@ bool search(const Polynomial &g, double a, double ga, double b, double gb, doubl
 }  // namespace
 
 bool first_crossing(const double *q, std::size_t degree, double end, double *root) {
-  Polynomial g{q, degree, 0.0};
-  double sum = magnitude(q[degree]);
-  for (std::size_t k = degree; k-- > 0;) sum = sum * end + magnitude(q[k]);
-  g.noise = 0x1p-50 * sum;
-  // Terms that cannot matter only cost time.
-  double dropped = magnitude(q[g.degree]);
-  while (g.degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(q[--g.degree]);
+  // Terms that cannot matter on (0, end] only cost time.
+  double size[64];
+  double sum = 0.0;
+  double power = 1.0;
+  for (std::size_t k = 0; k <= degree; ++k, power *= end) sum += size[k] = magnitude(q[k]) * power;
+  double dropped = size[degree];
+  while (degree > 2 && dropped * 0x1p58 < sum) dropped += size[--degree];
+  const Polynomial g{q, degree, 0x1p-50 * sum};
   return search(g, 0.0, q[0], end, g.value(end), root);
 }
 

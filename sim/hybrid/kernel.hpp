@@ -1,49 +1,40 @@
 #pragma once
-// The only arithmetic of a quiet tick: y = M v, with M stored by columns.
+// The arithmetic of a quiet tick: y = M v, with M stored by columns.
 //
-// Every row is summed over the columns in ascending order, whatever the blocking, so a result does
-// not depend on optimisation level, alignment or neighbouring rows (build with -ffp-contract=off).
+// Every row is summed over the columns in ascending order, whatever the blocking and the width of
+// the machine's vectors, so a result does not depend on optimisation level, processor, alignment or
+// neighbouring rows (build with -ffp-contract=off).
 #include <cstddef>
-#include <cstring>
 
 namespace forceaxis::sim::kernel {
-
-typedef double Pair __attribute__((vector_size(16)));
-
-inline Pair load(const double *p) {
-  Pair value;
-  std::memcpy(&value, p, sizeof value);
-  return value;
-}
-
-inline void store(double *p, Pair value) { std::memcpy(p, &value, sizeof value); }
 
 /// Rows are padded to an even number; `stride` is that number.
 inline std::size_t padded(std::size_t rows) { return (rows + 1) & ~std::size_t{1}; }
 
-template <int kPairs>
-inline void block(const double *m, std::size_t stride, const double *v, std::size_t columns,
-                  double *y) {
-  Pair sum[kPairs];
-  const Pair first = {v[0], v[0]};
-  for (int i = 0; i < kPairs; ++i) sum[i] = load(m + 2 * i) * first;
-  for (std::size_t j = 1; j < columns; ++j) {
-    const double *column = m + j * stride;
-    const Pair factor = {v[j], v[j]};
-    for (int i = 0; i < kPairs; ++i) sum[i] += load(column + 2 * i) * factor;
-  }
-  for (int i = 0; i < kPairs; ++i) store(y + 2 * i, sum[i]);
-}
-
 /// y[0..stride) = M v; at least one column.
-inline void multiply(const double *m, std::size_t stride, const double *v, std::size_t columns,
-                     double *y) {
-  std::size_t row = 0;
-  for (; row + 16 <= stride; row += 16) block<8>(m + row, stride, v, columns, y + row);
-  const std::size_t left = stride - row;
-  if (left >= 8) block<4>(m + row, stride, v, columns, y + row), row += 8;
-  if ((left & 4U) != 0) block<2>(m + row, stride, v, columns, y + row), row += 4;
-  if ((left & 2U) != 0) block<1>(m + row, stride, v, columns, y + row);
+using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
+                          double *y);
+
+/// The fastest variant this processor runs; all give the same doubles.
+Multiply best_multiply();
+/// The variant every processor of the target runs.
+void multiply_base(const double *m, std::size_t stride, const double *v, std::size_t columns,
+                   double *y);
+/// With 256-bit vectors. Exists on x86-64 only.
+void multiply_wide(const double *m, std::size_t stride, const double *v, std::size_t columns,
+                   double *y);
+
+/// Whether `count` signals, a and b at the ends of an interval and not more than `dip` off their
+/// chord between, stay within [low, high]. False for values that are not numbers.
+inline bool inside(const double *a, const double *b, const double *dip, const double *low,
+                   const double *high, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const double least = (b[i] < a[i] ? b[i] : a[i]) - dip[i];
+    const double most = (b[i] < a[i] ? a[i] : b[i]) + dip[i];
+    if (!(least >= low[i])) return false;
+    if (!(most <= high[i])) return false;
+  }
+  return true;
 }
 
 inline double dot(const double *row, const double *v, std::size_t columns) {
@@ -52,6 +43,6 @@ inline double dot(const double *row, const double *v, std::size_t columns) {
   return sum;
 }
 
-inline double magnitude(double value) { return value < 0.0 ? -value : value; }
+inline double magnitude(double value) { return __builtin_fabs(value); }
 
 }  // namespace forceaxis::sim::kernel

@@ -9,10 +9,11 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr Extended kTick = 1.0L / 1500.0L;
-constexpr int kHighestOrder = 22;
-constexpr std::size_t kMostSamples = 16;    // parts of a tick that the quiet test looks at
-constexpr std::size_t kMostParts = 1 << 14;
-constexpr Extended kRounding = 0x1p-46L;    // bound on the relative rounding of a sum of products
+constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
+constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
+constexpr std::size_t kMostGrid = 128;    // finer parts are reached by series alone
+constexpr std::size_t kMostParts = 1 << 16;
+constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
 
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
   ExtendedMatrix c = ExtendedMatrix::Zero(a.rows(), b.cols());
@@ -66,10 +67,10 @@ void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
 
 // Writes rows into a matrix stored by columns, from row `first` on.
 void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
-               std::vector<double> *out) {
+               std::vector<double> *out, std::size_t offset = 0) {
   for (Eigen::Index j = 0; j < rows.cols(); ++j)
     for (Eigen::Index i = 0; i < rows.rows(); ++i)
-      (*out)[static_cast<std::size_t>(j) * stride + first + static_cast<std::size_t>(i)] =
+      (*out)[offset + static_cast<std::size_t>(j) * stride + first + static_cast<std::size_t>(i)] =
           static_cast<double>(rows(i, j));
 }
 
@@ -78,6 +79,73 @@ ExtendedMatrix square_flow(const ModeEquations &equations) {
   ExtendedMatrix a = ExtendedMatrix::Zero(n + 2, n + 2);
   a.topRows(n) = equations.flow * kTick;
   return a;
+}
+
+// The flow at every point of the grid, and from it the quiet test on its coarser samples.
+void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const ExtendedMatrix &growth,
+              const ExtendedMatrix &r, const ExtendedMatrix &bend, const ExtendedMatrix &sensor) {
+  const auto n = static_cast<Eigen::Index>(mode.states);
+  const auto c = static_cast<Eigen::Index>(mode.columns);
+  const std::size_t g = mode.channels;
+  const ExtendedMatrix part = series(part_flow, order + 6);
+  // |e^{A t}| <= e^{|A| t}: the growth over a whole sample is that of a part, squared thrice.
+  ExtendedMatrix sample_growth = growth;
+  for (std::size_t k = 1; k < kFewestParts; k *= 2)
+    sample_growth = product(sample_growth, sample_growth);
+  const auto share = [](std::size_t parts) {
+    return 1 / (8 * static_cast<Extended>(parts) * static_cast<Extended>(parts));
+  };
+
+  const std::size_t first = mode.flow_stride;
+  const std::size_t stride = kernel::padded(g);
+  mode.channel_stride = stride;
+  mode.tick_stride = first + (mode.samples + 1) * stride + 2;
+  mode.tick.assign(mode.tick_stride * mode.columns, 0.0);
+  mode.curve_stride = mode.samples * stride;
+  mode.curve.assign(mode.curve_stride * mode.columns, 0.0);
+  mode.grid_flow.assign(mode.grid * mode.flow_stride * mode.columns, 0.0);
+  mode.grid_signal_stride = kernel::padded(mode.grid + 1);
+  mode.grid_signal.assign(g * mode.grid_signal_stride * mode.columns, 0.0);
+  mode.grid_dip_stride = kernel::padded(mode.grid);
+  mode.grid_dip.assign(g * mode.grid_dip_stride * mode.columns, 0.0);
+
+  ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
+  ExtendedMatrix signal = r;
+  ExtendedMatrix size = absolute(r);  // |r| |Phi|: what rounding is relative to
+  for (std::size_t k = 0; k <= mode.grid; ++k) {
+    const bool sampled = k % kFewestParts == 0;
+    const std::size_t sample = k / kFewestParts;
+    for (std::size_t i = 0; i < g; ++i)
+      for (Eigen::Index j = 0; j < c; ++j)
+        mode.grid_signal[(i * mode.columns + static_cast<std::size_t>(j)) *
+                             mode.grid_signal_stride +
+                         k] = static_cast<double>(signal(static_cast<Eigen::Index>(i), j));
+    if (sampled) put_block(signal, first + sample * stride, mode.tick_stride, &mode.tick);
+    if (k == mode.grid) break;
+
+    // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
+    const ExtendedMatrix here = absolute(product(bend, flow));
+    const ExtendedMatrix next = product(part, flow);
+    const ExtendedMatrix next_size = product(absolute(r), absolute(next));
+    const ExtendedMatrix rounding = (size + next_size) * kRounding;
+    const ExtendedMatrix dip = product(here, growth) * share(mode.grid) + rounding;
+    for (std::size_t i = 0; i < g; ++i)
+      for (Eigen::Index j = 0; j < c; ++j)
+        mode.grid_dip[(i * mode.columns + static_cast<std::size_t>(j)) * mode.grid_dip_stride + k] =
+            static_cast<double>(dip(static_cast<Eigen::Index>(i), j));
+    if (sampled)
+      put_block(product(here, sample_growth) * share(mode.samples) +
+                    product(size, sample_growth) * (2 * kRounding),
+                sample * stride, mode.curve_stride, &mode.curve);
+    flow = next;
+    signal = product(r, flow);
+    size = next_size;
+    put_block(flow.topRows(n), 0, mode.flow_stride, &mode.grid_flow,
+              k * mode.flow_stride * mode.columns);
+  }
+  put_block(flow.topRows(n), 0, mode.tick_stride, &mode.tick);
+  put_block(product(sensor, flow), first + (mode.samples + 1) * stride, mode.tick_stride,
+            &mode.tick);
 }
 
 std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
@@ -97,9 +165,9 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   mode->channel = equations.channels;
 
   // Halve the part of a tick until a short series gives it to rounding.
-  std::size_t parts = 1;
-  ExtendedMatrix growth;
-  ExtendedMatrix b = a;
+  std::size_t parts = kFewestParts;
+  ExtendedMatrix growth;  // e^{|A| T / parts}
+  ExtendedMatrix b = a / static_cast<Extended>(parts);
   int order = 0;
   while ((order = absolute_series(b, 0x1p-58L, kHighestOrder, &growth)) == 0) {
     parts *= 2;
@@ -111,7 +179,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   }
   mode->order = static_cast<std::size_t>(std::max(order, 2));
   mode->reach = 1.0 / static_cast<double>(parts);
-  mode->samples = parts <= kMostSamples ? parts : 0;
+  mode->grid = parts <= kMostGrid ? parts : 0;
+  mode->samples = mode->grid / kFewestParts;
 
   ExtendedMatrix r(g, c);
   for (Eigen::Index i = 0; i < g; ++i)
@@ -126,9 +195,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   put_rows(product(absolute(r), absolute(a)), &mode->slope);
   put_rows(product(absolute(bend), growth), &mode->bend);
 
-  mode->channel_stride = kernel::padded(mode->channels);
-  mode->low.assign(mode->channel_stride, -std::numeric_limits<double>::infinity());
-  mode->high.assign(mode->channel_stride, std::numeric_limits<double>::infinity());
+  mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
+  mode->high.assign(kernel::padded(mode->channels), std::numeric_limits<double>::infinity());
   for (std::size_t i = 0; i < mode->channels; ++i) {
     const Channel &channel = mode->channel[i];
     constexpr double kPull = static_cast<double>(kRounding);
@@ -138,48 +206,23 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
     if (!(channel.high < std::numeric_limits<double>::infinity())) mode->high[i] = channel.high;
   }
 
-  if (mode->samples > 0) {
-    const ExtendedMatrix part = series(b, order + 6);
-    const std::size_t first = kernel::padded(mode->states);
-    mode->tick_stride = first + (parts + 1) * mode->channel_stride;
-    mode->tick.assign(mode->tick_stride * mode->columns, 0.0);
-    mode->curve_stride = parts * mode->channel_stride;
-    mode->curve.assign(mode->curve_stride * mode->columns, 0.0);
-    ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
-    const Extended share = 1 / (8 * static_cast<Extended>(parts) * static_cast<Extended>(parts));
-    for (std::size_t k = 0; k <= parts; ++k) {
-      put_block(product(r, flow), first + k * mode->channel_stride, mode->tick_stride, &mode->tick);
-      if (k == parts) break;
-      const ExtendedMatrix next = product(part, flow);
-      // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
-      const ExtendedMatrix bound = product(absolute(product(bend, flow)), growth);
-      const ExtendedMatrix rounding =
-          product(absolute(r), absolute(flow) + absolute(next)) * kRounding;
-      put_block(bound * share + rounding, k * mode->channel_stride, mode->curve_stride,
-                &mode->curve);
-      flow = next;
-    }
-    put_block(flow.topRows(n), 0, mode->tick_stride, &mode->tick);
-  }
-
   const auto &signal_wires = network.signal_wires();
   ExtendedMatrix truth(static_cast<Eigen::Index>(signal_wires.size()), c);
   for (std::size_t i = 0; i < signal_wires.size(); ++i)
     truth.row(static_cast<Eigen::Index>(i)) = equations.wires.row(signal_wires[i]);
   put_rows(truth, &mode->truth);
 
-  ExtendedMatrix sensor = ExtendedMatrix::Zero(4, c);
-  if (model.encoder) sensor(0, 2 * model.encoder->body) = 1;
+  ExtendedMatrix sensor = ExtendedMatrix::Zero(2, c);
   const std::vector<SignalInfo> signals = model.signal_list();
   for (std::size_t channel = 0; channel < 2; ++channel) {
     if (!model.adc[channel]) continue;
     for (std::size_t i = 0; i < signals.size(); ++i)
       if (signals[i].name == model.adc[channel]->signal)
-        sensor.row(static_cast<Eigen::Index>(channel) + 1) =
-            truth.row(static_cast<Eigen::Index>(i));
+        sensor.row(static_cast<Eigen::Index>(channel)) = truth.row(static_cast<Eigen::Index>(i));
   }
-  mode->sensor.assign(4 * mode->columns, 0.0);
-  put_block(sensor, 0, 4, &mode->sensor);
+  mode->sensor.assign(2 * mode->columns, 0.0);
+  put_block(sensor, 0, 2, &mode->sensor);
+  if (mode->grid > 0) add_grid(*mode, b, order, growth, r, bend, sensor);
   return mode;
 }
 

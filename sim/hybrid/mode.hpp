@@ -24,14 +24,17 @@ struct SimulationError : std::runtime_error {
 
 /// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
-/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state after one tick
-/// and to every channel's signal at the K + 1 ends of the parts; `curve` maps |z| to a bound on how
-/// far the signal can leave its chord within each part,
+/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state after one tick,
+/// to every channel's signal at the K + 1 ends of the parts and to the ADCs' signals after the tick;
+/// `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
 /// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
-/// switch changes within the tick. `samples` is 0 for modes too fast for it.
+/// switch changes within the tick.
 ///
-/// Other ticks. Within `reach` ticks the Taylor series of order `order` converges to rounding.
+/// Other ticks. The same test on the finer `grid` finds the first part in which something may
+/// happen; the flow to its start is one product, and within `reach` = 1/grid ticks the Taylor series
+/// of order `order` converges to rounding. For modes too fast for a grid (`grid` and `samples` 0)
+/// only the series is left.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;
@@ -39,25 +42,32 @@ struct Mode {
   std::size_t channels = 0;
   std::size_t samples = 0;
 
-  std::size_t channel_stride = 0;  ///< channels, padded to even
-  std::size_t tick_stride = 0;     ///< padded(n) + (samples + 1) * channel_stride
-  std::vector<double> tick;        ///< by columns: new state, then signals at part 0, 1, ..., K
-  std::size_t curve_stride = 0;    ///< samples * channel_stride
-  std::vector<double> curve;       ///< by columns
-  std::vector<double> low;         ///< per channel (padded), pulled in by the bounds' own rounding
+  std::size_t channel_stride = 0;  ///< padded(g)
+  std::size_t tick_stride = 0;     ///< padded(n) + (samples + 1) padded(g) + 2
+  std::vector<double> tick;        ///< by columns: new state, signals at part 0, 1, ..., K, ADCs
+  std::size_t curve_stride = 0;    ///< samples padded(g)
+  std::vector<double> curve;     ///< by columns
+  std::vector<double> low;       ///< per channel, pulled in by the bounds' own rounding; padded
   std::vector<double> high;
 
-  double reach = 1.0;       ///< ticks, 1 / 2^k
+  double reach = 1.0;  ///< ticks, 1 / 2^k
   std::size_t order = 0;
-  std::size_t flow_stride = 0;
-  std::vector<double> flow;    ///< A T by columns, n rows padded to flow_stride
-  std::vector<double> signal;  ///< channel rows r, g x c by rows
-  std::vector<double> size;    ///< |r|
-  std::vector<double> slope;   ///< |r| |A T|
-  std::vector<double> bend;    ///< |r (A T)^2| e^{|A| reach T}
+  std::size_t flow_stride = 0;   ///< padded(n)
+  std::vector<double> flow;      ///< A T by columns
+  std::vector<double> signal;    ///< channel rows r, g x c by rows
+  std::vector<double> size;      ///< |r|
+  std::vector<double> slope;     ///< |r| |A T|
+  std::vector<double> bend;      ///< |r (A T)^2| e^{|A| reach T}
   std::vector<Channel> channel;
 
-  std::vector<double> sensor;  ///< by columns, 4 rows: encoder m, ADC 0, ADC 1, 0
+  std::size_t grid = 0;
+  std::vector<double> grid_flow;  ///< [k]: state after k + 1 parts, by columns of flow_stride
+  std::size_t grid_signal_stride = 0;
+  std::vector<double> grid_signal;  ///< [channel]: signal at part 0..grid, by columns
+  std::size_t grid_dip_stride = 0;
+  std::vector<double> grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
+
+  std::vector<double> sensor;  ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
   std::vector<double> truth;   ///< all signals of the model, by rows
 };
 

@@ -13,7 +13,15 @@ namespace {
 // floor() without libm, for values an int64 holds.
 std::int64_t floor_integer(double value) {
   const auto cut = static_cast<std::int64_t>(value);
-  return static_cast<double>(cut) > value ? cut - 1 : cut;
+  return cut - static_cast<std::int64_t>(static_cast<double>(cut) > value);
+}
+
+double smaller(double a, double b) { return a < b ? a : b; }
+
+// From y to the nearest integer, given floor(y).
+double edge_distance(double y, std::int64_t floor_y) {
+  const double past = y - static_cast<double>(floor_y);
+  return smaller(past, 1.0 - past);
 }
 
 constexpr double kFar = 0x1p62;
@@ -34,6 +42,12 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   volts_per_code_ = description.dac.volts_per_code();
   lowest_code_ = -(1 << (description.dac.bits - 1));
   highest_code_ = -lowest_code_ - 1;
+  for (std::size_t channel = 0; channel < 2; ++channel)
+    if (description.adc[channel])
+      counts_per_unit_[channel] = 1.0 / description.adc[channel]->per_count;
+  if (description.encoder)
+    encoder_state_ = static_cast<std::size_t>(
+        stepper_.network().bodies()[static_cast<std::size_t>(description.encoder->body)].position);
   if (audit_) initial_energy_ = total_energy();
 }
 
@@ -53,27 +67,24 @@ void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
 }
 
 SensorCodes Plant::codes() {
-  const Mode &mode = stepper_.mode();
-  double value[4];
-  kernel::multiply(mode.sensor.data(), 4, stepper_.z().data(), mode.columns, value);
+  const double *value = stepper_.sensors();
   SensorCodes codes;
   const Model &description = model();
   if (description.encoder) {
-    const double y = value[0] * description.encoder->scale + 0.5;
+    const double y = stepper_.z()[encoder_state_] * description.encoder->scale + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError("the encoder's body left all bounds at t = " +
                             std::to_string(time_s()) + " s");
     const std::int64_t count = floor_integer(y);
     codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
-    const double past = y - static_cast<double>(count);
-    edge_margin_ = std::min(edge_margin_, std::min(past, 1.0 - past));
+    edge_margin_ = smaller(edge_margin_, edge_distance(y, count));
   }
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const auto &adc = description.adc[channel];
     if (!adc) continue;
     const int top = (1 << adc->bits) - 1;
     // The code changes where y passes 1, 2, ..., top.
-    const double y = value[channel + 1] / adc->per_count + 0.5;
+    const double y = value[channel] * counts_per_unit_[channel] + 0.5;
     const double low = static_cast<double>(1 - adc->zero_code);
     const double high = static_cast<double>(top - adc->zero_code);
     double margin = 0.0;
@@ -86,11 +97,10 @@ SensorCodes Plant::codes() {
     } else {
       const std::int64_t step = floor_integer(y);
       code = static_cast<int>(step) + adc->zero_code;
-      const double past = y - static_cast<double>(step);
-      margin = std::min(past, 1.0 - past);
+      margin = edge_distance(y, step);
     }
     codes.adc[channel] = static_cast<std::uint16_t>(code);
-    edge_margin_ = std::min(edge_margin_, margin);
+    edge_margin_ = smaller(edge_margin_, margin);
   }
   return codes;
 }

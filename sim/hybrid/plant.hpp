@@ -36,7 +36,8 @@ struct PlantOptions {
 /// What the axis controller reads, raw. A missing encoder reads 0, a missing ADC 0.
 struct SensorCodes {
   std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps
-  std::uint16_t adc[2] = {0, 0};  ///< clamp(floor(signal / per_count + 1/2) + zero_code, 0, 2^bits-1)
+  /// clamp(floor(signal * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1)
+  std::uint16_t adc[2] = {0, 0};
 };
 
 /// One change of one element's discrete state.
@@ -127,6 +128,8 @@ class Plant {
   double volts_per_code_ = 0.0;
   int lowest_code_ = 0;
   int highest_code_ = 0;
+  std::size_t encoder_state_ = 0;
+  double counts_per_unit_[2] = {0.0, 0.0};
   bool audit_ = false;
   double initial_energy_ = 0.0;
   double edge_margin_ = 0.0;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/hybrid/kernel.hpp"
 #include "sim/hybrid/mode.hpp"
 
 namespace forceaxis::sim {
@@ -44,6 +45,8 @@ class Stepper {
   const Mode &mode() const { return *mode_; }
   /// z = (x, 1, u) now.
   const std::vector<double> &z() const { return z_; }
+  /// What the two ADCs convert now, in SI units; valid until the next call of anything else.
+  const double *sensors();
   std::int64_t tick() const { return tick_; }
 
   const std::vector<SwitchEvent> &events() const { return events_; }
@@ -68,21 +71,27 @@ class Stepper {
   enum class Verdict { none, at_once, later };
 
   bool quiet_tick();
+  bool command_jumps() const;
+  std::size_t clear_parts(std::size_t wanted);
   void settle(bool count_jumps);
   void cross_tick();
   void expand();
-  void evaluate(double s, double *x) const;
-  Verdict examine(std::size_t channel, double end, double *root, bool *above);
+  void evaluate(double s, double *x);
+  Verdict examine(std::size_t channel, bool low_in_doubt, bool high_in_doubt, double end,
+                  double *root, bool *above);
   Verdict examine_side(std::size_t channel, double bound, double sign, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_tick();
   void audit_part(double s);
+  void audit_grid(std::size_t parts);
   double stored_total() const;
+  std::int64_t &count_at(int switch_index, int from, int to);
   [[noreturn]] void fail_switching(int switch_index, double s) const;
 
   std::shared_ptr<ModeCache> cache_;
+  kernel::Multiply multiply_ = kernel::best_multiply();
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
@@ -91,12 +100,18 @@ class Stepper {
   std::vector<double> absolute_;
   std::vector<double> result_;  // of the quiet tick
   std::vector<double> curve_;
+  double sensors_[2] = {0.0, 0.0};
+  bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
   std::vector<double> chain_;   // Taylor coefficients of x, order + 1 blocks of flow_stride
   std::vector<double> polynomial_;
+  std::vector<double> increment_;
+  double powers_[64];
   std::vector<double> end_;     // z at the end of a part
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;
+  SwitchEvent last_{-1.0, -1, 0, 0, false};  // counted last
+  bool last_listed_ = false;
   std::int64_t crossings_ = 0;
   std::int64_t jumps_ = 0;
   std::vector<std::int64_t> counts_;

@@ -3,12 +3,12 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <iterator>
 #include <limits>
 #include <set>
-#include <sstream>
 #include <utility>
 
 namespace forceaxis::sim {
@@ -76,17 +76,9 @@ std::string one_line(std::string_view text) {
 std::string in_quotes(std::string_view text) { return "\"" + one_line(text) + "\""; }
 
 std::string number_text(double value) {
-  std::ostringstream out;
-  out.precision(17);
-  out << value;
-  std::string shortest = out.str();
-  for (int digits = 1; digits < 17; ++digits) {
-    std::ostringstream attempt;
-    attempt.precision(digits);
-    attempt << value;
-    if (std::strtod(attempt.str().c_str(), nullptr) == value) return attempt.str();
-  }
-  return shortest;
+  char text[40];
+  const auto end = std::to_chars(text, text + sizeof text, value).ptr;
+  return std::string(text, end);
 }
 
 template <class Range>

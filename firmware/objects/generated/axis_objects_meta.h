@@ -22,7 +22,7 @@ typedef struct {
   int64_t initial;        /* raw value after power-up */
   const char *access;     /* rw, ro, wo */
   const char *writable;   /* any, disabled, recorder_idle */
-  const char *enum_texts; /* texts of 0, 1, 2, ... with commas between; or empty */
+  const char *enum_texts; /* texts of 0, 1, 2, ... and commas; or empty */
 } axis_object_meta_t;
 
 #define AXIS_OBJECTS_HASH "150aa68c0390f6a7166fb3eb33c2ce535da1d1c0e2e614b8ee708ffeb9a44a75"

@@ -5,13 +5,15 @@
  * firmware's own fw_tick() and nothing else. Axes share nothing; one axis must not be used from two
  * threads at once. Errors are those of firmware/app/fw.h. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/fw.h"
-
+/* The firmware's own headers carry no conditional, so a C++ program gets their C linkage here. */
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+#include "firmware/app/fw.h"
 
 typedef struct axis_host axis_host_t;
 

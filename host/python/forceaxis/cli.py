@@ -111,7 +111,9 @@ def report(out, threads, as_json):
     else:
         click.echo(f"report       {paths.display(out / 'index.html')}")
         click.echo(f"experiments  {summary['experiments']} run")
-        click.echo(f"tables       {summary['matched']} of {summary['total']} cells match the thesis")
+        click.echo(
+            f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
+        )
 
 
 @cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")

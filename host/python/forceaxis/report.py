@@ -101,6 +101,11 @@ def write(out, threads=None):
         for n, v in values.items()
         if not v["source"].startswith("Fig") and n not in result["fitted"]
     ]
+    predicted = []
+    for figure in dict.fromkeys(c["figure"] for c in result["cells"]):
+        own = [c for c in result["cells"] if c["figure"] == figure]
+        if not any(tables.load().group(c) in tables.load().fit_on for c in own):
+            predicted.append((figure, len(own), sum(c["ours"] == c["thesis"] for c in own)))
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     template = resources.files("forceaxis").joinpath("report.html.jinja").read_text()
     page = environment.from_string(template).render(
@@ -111,6 +116,7 @@ def write(out, threads=None):
         constants=constants,
         assumed=assumed,
         found=found,
+        predicted=predicted,
         plateau=png(plots.plateau(curves, result["matched"], "cells matched")),
         criterion=result["cells"][0]["criterion"],
         sensitivity=tables.criterion_sensitivity(result["cells"]),

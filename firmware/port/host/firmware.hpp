@@ -1,0 +1,25 @@
+#ifndef FIRMWARE_PORT_HOST_FIRMWARE_HPP_
+#define FIRMWARE_PORT_HOST_FIRMWARE_HPP_
+
+// Every header of the firmware for C++ (tests, benchmarks). They are plain C without any
+// conditional, so their C linkage is given here. Include this before any of them.
+
+#include <stdbool.h>
+#include <stdint.h>
+
+extern "C" {
+#include "firmware/app/fw.h"
+#include "firmware/core/axis.h"
+#include "firmware/core/faults.h"
+#include "firmware/core/laws.h"
+#include "firmware/core/limits.h"
+#include "firmware/core/modes.h"
+#include "firmware/core/profile.h"
+#include "firmware/core/recorder.h"
+#include "firmware/core/value.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/axis_host.h"
+}
+
+#endif

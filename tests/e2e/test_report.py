@@ -1,0 +1,53 @@
+"""The report: one page that needs nothing else, with every experiment, figure and cell."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    out = tmp_path_factory.mktemp("report")
+    done = subprocess.run(
+        [FORCEAXIS, "report", "--out", out, "--json"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout), (out / "index.html").read_text(), list(out.iterdir())
+
+
+def test_it_is_one_file_that_refers_to_nothing_outside(page):
+    _, html, files = page
+    assert [f.name for f in files] == ["index.html"]
+    assert not re.findall(r'(?:src|href)="(?!data:)', html)
+    assert "url(" not in html
+
+
+def test_every_experiment_and_figure_is_in_it(page):
+    summary, html, _ = page
+    names = {p.stem for p in (ROOT / "sim/experiments").glob("*.toml")} - {"tables"}
+    assert summary["experiments"] == len(names)
+    for name in names:
+        assert f"forceaxis run sim/experiments/{name}.toml" in html
+    for figure in ("2.41", "2.43", "3.13", "3.14", "4.27", "4.28", "5.1", "5.2", "5.3", "5.8"):
+        assert re.search(rf"<h3>Fig [0-9., ]*{re.escape(figure)}\b", html), figure
+    assert html.count("data:image/png;base64,") == len(names) + 1
+
+
+def test_every_cell_stands_beside_the_thesis(page):
+    summary, html, _ = page
+    cells = re.findall(r'<td class="(same|differs)"', html)
+    assert len(cells) == summary["total"] == 55
+    assert cells.count("same") == summary["matched"]
+
+
+def test_the_fit_is_accounted_for(page):
+    _, html, _ = page
+    for words in ("What was fitted", "Each figure left out", "plateau", "±20 %", "readings"):
+        assert words in html

@@ -1,0 +1,250 @@
+// Contacts: instants, rebounds, dips and grazes against closed forms.
+#include <cmath>
+#include <string>
+
+#include "tests/plant/plant_test.hpp"
+
+namespace forceaxis::sim::test {
+namespace {
+
+std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+
+std::string ball(double mass, double velocity, double stiffness, double damping, double gap) {
+  return "[[body]]\nname = \"ball\"\nmass = " + number(mass) + "\nvelocity = " + number(velocity) +
+         "\n[[contact]]\nname = \"wall\"\nbetween = [\"ball\", \"ground\"]\nstiffness = " +
+         number(stiffness) + "\ndamping = " + number(damping) + "\ngap = " + number(gap) + "\n";
+}
+
+TEST(ElasticContact, DurationAndRebound) {
+  Plant plant(make_model(ball(2.0, 0.25, 8e6, 0.0, 1e-3)), {true, 100});  // w = 2000 rad/s
+  for (int k = 0; k < 30; ++k) plant.step(0, false);
+  const auto events = plant.events();
+  ASSERT_EQ(events.size(), 2U);
+  const double touch = 1e-3 / 0.25;
+  EXPECT_NEAR(events[0].time_s, touch, 1e-17 * 100);
+  EXPECT_EQ(events[0].element, "wall");
+  EXPECT_EQ(events[0].from, "apart");
+  EXPECT_EQ(events[0].to, "pressed");
+  EXPECT_NEAR(events[1].time_s, touch + std::acos(-1.0) / 2000.0, 1e-15);
+  EXPECT_EQ(events[1].to, "apart");
+  EXPECT_NEAR(plant.signal("ball.velocity"), -0.25, 1e-13);
+  EXPECT_NEAR(plant.signal("ball.position"),
+              1e-3 - 0.25 * (30 * kTickS - touch - std::acos(-1.0) / 2000.0), 1e-15);
+  EXPECT_NEAR(plant.energy().residual, 0.0, 1e-15);
+}
+
+TEST(ElasticContact, ForceWhilePressedIsTheHalfSine) {
+  Plant plant(make_model(ball(2.0, 0.25, 2e4, 0.0, 0.0)));  // w = 100 rad/s: some 47 ticks
+  for (int k = 1; k <= 47; ++k) {
+    plant.step(0, false);
+    const long double x = 0.25L / 100 * std::sin(100 * (k / 1500.0L));
+    ASSERT_NEAR(plant.signal("wall.force"), static_cast<double>(2e4L * x), 2e-12);
+    ASSERT_NEAR(plant.signal("wall.spring_force"), static_cast<double>(2e4L * x), 2e-12);
+  }
+  plant.step(0, false);
+  EXPECT_EQ(plant.signal("wall.force"), 0.0);
+  EXPECT_LT(plant.signal("wall.deflection"), 0.0);
+}
+
+struct DampedImpact {
+  double mass, speed, stiffness, damping;
+};
+
+class DampedContact : public testing::TestWithParam<DampedImpact> {};
+
+// From touch-down at t = 0: x = v/wd e^(-st) sin(wd t); the force is -m x'', so it reaches 0 where
+// tan(wd t) = 2 s wd / (s^2 - wd^2); from there the ball flies out of the overlap at that speed.
+TEST_P(DampedContact, TouchReleaseAndSeparation) {
+  const auto [mass, speed, stiffness, damping] = GetParam();
+  Plant plant(make_model(ball(mass, speed, stiffness, damping, 2e-3)), {true, 100});
+  const double s = damping / (2 * mass);
+  const double wd = std::sqrt(stiffness / mass - s * s);
+  const double touch = 2e-3 / speed;
+  const double release = (std::acos(-1.0) - std::atan2(2 * s * wd, wd * wd - s * s)) / wd;
+  const double decay = std::exp(-s * release);
+  const double x = speed / wd * decay * std::sin(wd * release);
+  const double v = speed * decay * (std::cos(wd * release) - s / wd * std::sin(wd * release));
+  ASSERT_GT(x, 0.0);
+  ASSERT_LT(v, 0.0);
+  const double apart = touch + release + x / -v;
+  while (plant.time_s() < apart + kTickS) plant.step(0, false);
+  const auto events = plant.events();
+  ASSERT_EQ(events.size(), 3U);
+  EXPECT_NEAR(events[0].time_s, touch, 1e-15);
+  EXPECT_EQ(events[1].from, "pressed");
+  EXPECT_EQ(events[1].to, "overlap");
+  EXPECT_NEAR(events[1].time_s, touch + release, 1e-13 * apart);
+  EXPECT_EQ(events[2].to, "apart");
+  EXPECT_NEAR(events[2].time_s, apart, 1e-12 * apart);
+  EXPECT_NEAR(plant.signal("ball.velocity") / v, 1.0, 1e-12);
+  const EnergyAudit energy = plant.energy();
+  EXPECT_NEAR(energy.discarded, 0.5 * stiffness * x * x, 1e-12 * energy.initial);
+  EXPECT_NEAR(energy.residual, 0.0, 1e-13 * energy.initial);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, DampedContact,
+                         testing::Values(DampedImpact{2.0, 0.25, 2e4, 16.5},
+                                         DampedImpact{2.0, 0.25, 2e4, 200.0},
+                                         DampedImpact{0.14, 0.1, 1e7, 30.0},
+                                         DampedImpact{0.01, 1.0, 1e8, 100.0}));
+
+// w = 1e5 rad/s: pressed for 31 us, a twentieth of a tick, between two samples that see nothing.
+TEST(ShortContact, IsFoundInsideATick) {
+  Plant plant(make_model(ball(0.1, 0.3, 1e9, 0.0, 3e-4)));
+  plant.step(0, false);
+  plant.step(0, false);
+  const auto events = plant.events();
+  ASSERT_EQ(events.size(), 2U);
+  EXPECT_NEAR(events[0].time_s, 1e-3, 1e-16);
+  EXPECT_NEAR(events[1].time_s, 1e-3 + std::acos(-1.0) / 1e5, 1e-15);
+  EXPECT_NEAR(plant.signal("ball.velocity"), -0.3, 1e-12);
+}
+
+// Between two walls, both reached again and again inside single ticks.
+TEST(ShortContact, ManyCrossingsInsideOneTick) {
+  const double w = 1e6;  // 1e9 N/m on 1 g
+  Plant plant(make_model(ball(1e-3, 1.0, 1e9, 0.0, 2e-5) +
+                         "[[contact]]\nname = \"back\"\nbetween = [\"ground\", \"ball\"]\n"
+                         "stiffness = 1e9\ngap = 2e-5\n"));
+  for (int k = 0; k < 30; ++k) plant.step(0, false);
+  const auto events = plant.events();
+  const double press = std::acos(-1.0) / w;
+  double t = 2e-5;
+  std::size_t i = 0;
+  while (t < 30 * kTickS) {
+    ASSERT_LT(i, events.size());
+    const bool touching = i % 2 == 0;
+    ASSERT_EQ(events[i].element, i % 4 < 2 ? "wall" : "back");
+    ASSERT_EQ(events[i].to, touching ? "pressed" : "apart");
+    ASSERT_NEAR(events[i].time_s, t, 1e-12);
+    t += touching ? press : 4e-5;
+    ++i;
+  }
+  EXPECT_EQ(events.size(), i);
+  EXPECT_GT(i, 800U);
+}
+
+// Thrown against a constant pull of 10 m/s^2 at 0.01 m/s, the body turns round after 1 ms, inside
+// the second tick, at 5e-6 m.
+std::string thrown(double gap, double damping) {
+  return "[[body]]\nname = \"ball\"\nmass = 1\nvelocity = 0.01\n[drive]\ntype = \"perfect\"\n"
+         "body = \"ball\"\nforce_per_volt = 1\n[[contact]]\nname = \"wall\"\nbetween = [\"ball\", "
+         "\"ground\"]\nstiffness = 1000\ndamping = " +
+         number(damping) + "\ngap = " + number(gap) + "\n";
+}
+
+TEST(Graze, DipsDownTo1e15AreFoundAndClearancesAreNot) {
+  for (const double damping : {0.0, 5.0})
+    for (const double depth : {1e-9, 1e-12, 1e-14, 1e-15}) {
+      Plant hit(make_model(thrown(5e-6 - depth, damping)));
+      Plant miss(make_model(thrown(5e-6 + depth, damping)));
+      for (int k = 0; k < 10; ++k) hit.step(-2048, true), miss.step(-2048, true);
+      EXPECT_EQ(count_of(hit, "wall", "apart", "pressed"), 1) << depth << " " << damping;
+      EXPECT_EQ(hit.mode()[0], "wall: apart") << depth << " " << damping;
+      EXPECT_EQ(miss.crossings(), 0) << depth << " " << damping;
+      // Half the time above the gap is sqrt(2 depth / a).
+      const double half = std::sqrt(2 * depth / 10.0);
+      EXPECT_NEAR(hit.events()[0].time_s, 1e-3 - half, 1e-8 * 1e-3 + 1e-2 * half);
+    }
+}
+
+TEST(Graze, LeavesTheFlightAlone) {
+  Plant plant(make_model(thrown(5e-6 - 1e-12, 0.0)));
+  for (int k = 0; k < 3; ++k) plant.step(-2048, true);
+  // 2 ms: back at the start, but for the impulse of a contact 1e-12 m deep and 0.9 us long.
+  EXPECT_NEAR(plant.signal("ball.position"), 0.0, 1e-17);
+  EXPECT_NEAR(plant.signal("ball.velocity"), -0.01, 1e-14);
+}
+
+TEST(Rest, OnTheBoundaryIsStable) {
+  // Touching without overlap and without force: nothing may happen, nothing may hang.
+  Plant plant(make_model(ball(1.0, 0.0, 1e5, 10.0, 0.0)));
+  for (int k = 0; k < 100; ++k) plant.step(0, false);
+  EXPECT_EQ(plant.crossings(), 0);
+  EXPECT_EQ(plant.signal("ball.position"), 0.0);
+}
+
+TEST(Rest, PushedOffTheBoundaryGoesTheRightWay) {
+  for (const int code : {-100, 100}) {
+    const std::string text =
+        "[[body]]\nname = \"ball\"\nmass = 1\n[drive]\ntype = \"perfect\"\nbody = \"ball\"\n"
+        "force_per_volt = 1\n[[contact]]\nname = \"wall\"\nbetween = [\"ball\", \"ground\"]\n"
+        "stiffness = 1000\ndamping = 5\n";
+    Plant pushed(make_model(text));
+    for (int k = 0; k < 10; ++k) pushed.step(code, true);
+    EXPECT_EQ(pushed.crossings(), code > 0 ? 1 : 0);
+    EXPECT_EQ(pushed.mode()[0], code > 0 ? "wall: pressed" : "wall: apart");
+  }
+}
+
+TEST(Start, OverlappingBodiesStartPressed) {
+  Plant plant(make_model(ball(1.0, 0.0, 1e4, 10.0, -1e-3)));
+  EXPECT_EQ(plant.mode()[0], "wall: pressed");
+  EXPECT_DOUBLE_EQ(plant.signal("wall.force"), 10.0);
+  EXPECT_EQ(plant.crossings() + plant.jumps(), 0);
+  // Damping would pull: no force.
+  Plant leaving(make_model(ball(1.0, -2.0, 1e4, 10.0, -1e-3)));
+  EXPECT_EQ(leaving.mode()[0], "wall: overlap");
+  EXPECT_EQ(leaving.signal("wall.force"), 0.0);
+  EXPECT_DOUBLE_EQ(leaving.signal("wall.deflection"), 1e-3);
+}
+
+TEST(Impulse, ChangesTheVelocityAtOnce) {
+  Plant plant(make_model(ball(2.0, 0.0, 1e4, 10.0, -1e-3)), {true, 100});
+  plant.apply_impulse("ball", -4.0);  // pulls away: the damper would pull
+  EXPECT_DOUBLE_EQ(plant.signal("ball.velocity"), -2.0);
+  EXPECT_EQ(plant.mode()[0], "wall: overlap");
+  const auto events = plant.events();
+  ASSERT_EQ(events.size(), 1U);
+  EXPECT_TRUE(events[0].jump);
+  EXPECT_EQ(events[0].time_s, 0.0);
+  EXPECT_DOUBLE_EQ(plant.energy().impulses, 4.0);
+  EXPECT_DOUBLE_EQ(plant.energy().discarded, 0.5 * 1e4 * 1e-6);
+  EXPECT_NEAR(plant.energy().residual, 0.0, 1e-15);
+  EXPECT_THROW(plant.apply_impulse("bell", 1.0), std::invalid_argument);
+  EXPECT_THROW(plant.apply_impulse("ball", std::nan("")), std::invalid_argument);
+}
+
+TEST(Events, TheListIsBoundedTheCountIsNot) {
+  PlantOptions options;
+  options.listed_events = 10;
+  Plant plant(make_model(ball(1e-3, 1.0, 1e9, 0.0, 2e-5) +
+                         "[[contact]]\nname = \"back\"\nbetween = [\"ground\", \"ball\"]\n"
+                         "stiffness = 1e9\ngap = 2e-5\n"),
+              options);
+  for (int k = 0; k < 30; ++k) plant.step(0, false);
+  EXPECT_EQ(plant.events().size(), 10U);
+  EXPECT_GT(plant.crossings(), 800);
+}
+
+TEST(Refusals, DynamicsTooFastToResolve) {
+  EXPECT_THROW(
+      {
+        Plant plant(make_model("[[body]]\nname = \"a\"\nmass = 1e-20\n[[spring]]\nname = \"s\"\n"
+                               "between = [\"a\", \"ground\"]\nstiffness = 1e20\n"));
+      },
+      SimulationError);
+}
+
+TEST(Refusals, MoreChangesThanATickCanHold) {
+  // 1e-10 kg between walls 1e-10 m away at 1 m/s: 8500 changes in a tick.
+  Plant plant(make_model(ball(1e-10, 1.0, 4e4, 0.0, 1e-10) +
+                         "[[contact]]\nname = \"back\"\nbetween = [\"ground\", \"ball\"]\n"
+                         "stiffness = 4e4\ngap = 1e-10\n"));
+  try {
+    for (int k = 0; k < 1000; ++k) plant.step(0, false);
+    FAIL() << "expected SimulationError";
+  } catch (const SimulationError &error) {
+    const std::string text = error.what();
+    EXPECT_TRUE(text.rfind("wall ", 0) == 0 || text.rfind("back ", 0) == 0) << text;
+    EXPECT_NE(text.find(" keeps switching"), std::string::npos) << text;
+    EXPECT_NE(text.find(" at t = "), std::string::npos) << text;
+  }
+}
+
+}  // namespace
+}  // namespace forceaxis::sim::test

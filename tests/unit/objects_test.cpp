@@ -1,0 +1,131 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <string>
+
+#include "firmware/objects/generated/axis_objects_meta.h"
+#include "tests/unit/axis_fixture.hpp"
+
+namespace {
+
+class Objects : public AxisFixture {};
+
+TEST_F(Objects, MetadataAndDescriptorsAgree) {
+  ASSERT_EQ(AXIS_OBJECTS_META_COUNT + 1, AXIS_OBJ_COUNT);
+  EXPECT_EQ(std::strlen(AXIS_OBJECTS_HASH), 64u);
+  for (int i = 0; i < AXIS_OBJECTS_META_COUNT; ++i) {
+    const axis_object_meta_t &meta = axis_objects_meta[i];
+    const axis_object_t &entry = axis_objects[i + 1];
+    EXPECT_EQ(meta.object, i + 1);
+    EXPECT_EQ(static_cast<int32_t>(meta.min), entry.min) << meta.name;
+    EXPECT_EQ(static_cast<int32_t>(meta.max), entry.max) << meta.name;
+    EXPECT_EQ(std::string(meta.access) == "ro", entry.access == AXIS_ACCESS_RO) << meta.name;
+    EXPECT_GT(meta.scale, 0) << meta.name;
+    if (entry.access != AXIS_ACCESS_WO) {
+      EXPECT_EQ(Read(meta.object), meta.initial) << meta.name;
+    }
+  }
+}
+
+// Neither bound is refused, one beyond either is, and nothing is clipped.
+TEST_F(Objects, RangesAreEnforcedAtBothRails) {
+  for (int i = 0; i < AXIS_OBJECTS_META_COUNT; ++i) {
+    const axis_object_meta_t &meta = axis_objects_meta[i];
+    if (std::string(meta.access) != "rw") continue;
+    fw_init(&fw_, buffer_.data(), buffer_.size());
+    const int32_t before = Read(meta.object);
+    if (meta.min > INT32_MIN) {
+      EXPECT_EQ(Write(meta.object, static_cast<int32_t>(meta.min - 1)), FW_ERROR_RANGE)
+          << meta.name;
+      EXPECT_EQ(Write(meta.object, INT32_MIN), FW_ERROR_RANGE) << meta.name;
+    }
+    if (meta.max < INT32_MAX) {
+      EXPECT_EQ(Write(meta.object, static_cast<int32_t>(meta.max + 1)), FW_ERROR_RANGE)
+          << meta.name;
+      EXPECT_EQ(Write(meta.object, INT32_MAX), FW_ERROR_RANGE) << meta.name;
+    }
+    EXPECT_EQ(Read(meta.object), before) << meta.name;
+    const std::string name = meta.name;
+    const bool names_object =
+        name.find("recorder_signal") == 0 || name == "recorder_trigger_source";
+    for (int64_t bound : {meta.min, meta.max}) {
+      if (names_object && bound != 0) continue;
+      EXPECT_EQ(Write(meta.object, static_cast<int32_t>(bound)), FW_OK) << meta.name;
+      EXPECT_EQ(Read(meta.object), static_cast<int32_t>(bound)) << meta.name;
+    }
+  }
+}
+
+TEST_F(Objects, AWriteTouchesNothingElse) {
+  for (int i = 0; i < AXIS_OBJECTS_META_COUNT; ++i) {
+    const axis_object_meta_t &meta = axis_objects_meta[i];
+    if (std::string(meta.access) != "rw") continue;
+    fw_init(&fw_, buffer_.data(), buffer_.size());
+    const auto value =
+        static_cast<int32_t>(meta.min == meta.initial ? meta.initial + 1 : meta.initial - 1);
+    if (Write(meta.object, value) != FW_OK) continue;
+    for (int j = 0; j < AXIS_OBJECTS_META_COUNT; ++j) {
+      const axis_object_meta_t &other = axis_objects_meta[j];
+      if (j == i || std::string(other.access) == "wo") continue;
+      ASSERT_EQ(Read(other.object), static_cast<int32_t>(other.initial))
+          << meta.name << " changed " << other.name;
+    }
+  }
+}
+
+TEST_F(Objects, NoSuchObject) {
+  int32_t value = 0;
+  for (int object : {0, static_cast<int>(AXIS_OBJ_COUNT), 65535}) {
+    EXPECT_EQ(fw_object_read(&fw_, static_cast<uint16_t>(object), &value), FW_ERROR_NO_OBJECT);
+    EXPECT_EQ(Write(static_cast<uint16_t>(object), 0), FW_ERROR_NO_OBJECT);
+  }
+}
+
+TEST_F(Objects, SignalsAndCommands) {
+  int32_t value = 0;
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION, 1), FW_ERROR_READ_ONLY);
+  EXPECT_EQ(Write(AXIS_OBJ_FAULT, 0), FW_ERROR_READ_ONLY);
+  EXPECT_EQ(fw_object_read(&fw_, AXIS_OBJ_FAULT_RESET, &value), FW_ERROR_WRITE_ONLY);
+  EXPECT_EQ(fw_object_read(&fw_, AXIS_OBJ_RECORDER_ARM, &value), FW_ERROR_WRITE_ONLY);
+  EXPECT_EQ(Write(AXIS_OBJ_FAULT_RESET, 0), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_FAULT_RESET, 2), FW_ERROR_RANGE);
+}
+
+TEST_F(Objects, SomeAreOnlyWritableWhileDisabled) {
+  StartForce();
+  for (uint16_t object :
+       {AXIS_OBJ_ADC_BITS, AXIS_OBJ_FORCE_ZERO_CODE, AXIS_OBJ_FORCE_SIGN, AXIS_OBJ_LATENCY_TICKS}) {
+    EXPECT_EQ(Write(object, Read(object)), FW_ERROR_STATE) << object;
+  }
+  EXPECT_EQ(Write(AXIS_OBJ_ADC_BITS, 99), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_FORCE_TARE, 5), FW_OK);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+  EXPECT_EQ(Write(AXIS_OBJ_ADC_BITS, 12), FW_ERROR_STATE) << "still active until the next tick";
+  Tick();
+  EXPECT_EQ(Write(AXIS_OBJ_ADC_BITS, 12), FW_OK);
+}
+
+TEST_F(Objects, ForceSignZeroIsNoSign) {
+  EXPECT_EQ(Write(AXIS_OBJ_FORCE_SIGN, 0), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_FORCE_SIGN, -1), FW_OK);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_SIGN), -1);
+}
+
+TEST_F(Objects, SoftLimitsAndSetpointAgree) {
+  Set(AXIS_OBJ_POSITION_MAX, 100);
+  Set(AXIS_OBJ_POSITION_MIN, -100);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_MIN, 101), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_MAX, -101), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, 101), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, -101), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, 100), FW_OK);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, -100), FW_OK);
+}
+
+TEST_F(Objects, U32TravelsAsTheSameBits) {
+  fw_.axis.signals.tick_count = 0xFFFFFFFEu;
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_TICK_COUNT), -1);
+}
+
+}  // namespace

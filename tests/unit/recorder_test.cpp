@@ -1,0 +1,190 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "tests/unit/axis_fixture.hpp"
+
+namespace {
+
+class Recorder : public AxisFixture {
+ protected:
+  // Ticks with the encoder at `from`, from+1, ...: position and tick number say the same.
+  void TickTo(int ticks) {
+    for (int i = 0; i < ticks; ++i) TickPosition(next_++);
+  }
+
+  std::vector<int32_t> Column(int channel) {
+    std::vector<int32_t> column;
+    int32_t values[RECORDER_CHANNELS];
+    for (uint32_t i = 0; fw_recorder_read(&fw_, i, values) > 0; ++i) {
+      column.push_back(values[channel]);
+    }
+    return column;
+  }
+
+  static std::vector<int32_t> Range(int first, int count, int step = 1) {
+    std::vector<int32_t> range(static_cast<size_t>(count));
+    for (int i = 0; i < count; ++i) range[static_cast<size_t>(i)] = first + i * step;
+    return range;
+  }
+
+  int next_ = 0;
+};
+
+TEST_F(Recorder, ImmediateFillsTheLength) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 10);
+  TickTo(5);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_IDLE);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_ARMED);
+  TickTo(9);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_RECORDING);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_COUNT), 9);
+  TickTo(1);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_DONE);
+  TickTo(10);
+  EXPECT_EQ(Column(0), Range(5, 10));
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 0);
+}
+
+TEST_F(Recorder, PretriggerAndRisingEdge) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 8);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 3);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_RISING);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, 100);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  TickTo(100);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_ARMED);
+  EXPECT_EQ(Column(0).size(), 0u) << "nothing can be read before it is done";
+  TickTo(20);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_DONE);
+  EXPECT_EQ(Column(0), Range(97, 8));
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 3);
+}
+
+TEST_F(Recorder, EarlyTriggerKeepsFewerSamplesBefore) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 8);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 7);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_EITHER);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, 2);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  TickTo(20);
+  EXPECT_EQ(Column(0), Range(0, 8));
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 2);
+}
+
+TEST_F(Recorder, FallingEdgeOnly) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_FORCE_RAW);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 2);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_FORCE_RAW);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_FALLING);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, 50);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  for (int code : {40, 60, 70, 51}) TickForce(static_cast<uint16_t>(code));
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_ARMED);
+  for (int code : {50, 49}) TickForce(static_cast<uint16_t>(code));
+  EXPECT_EQ(Column(0), (std::vector<int32_t>{50, 49}));
+}
+
+TEST_F(Recorder, DecimationKeepsItsRasterAndMissesNoTrigger) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 6);
+  Set(AXIS_OBJ_RECORDER_DECIMATION, 10);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 2);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_FORCE_RAW);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_RISING);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, 1);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  TickTo(53);
+  inputs_.adc_code[0] = 1;  // one tick only, between two samples
+  TickTo(1);
+  inputs_.adc_code[0] = 0;
+  TickTo(100);
+  EXPECT_EQ(Column(0), Range(40, 6, 10));
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 2);
+}
+
+TEST_F(Recorder, PacksEachSignalByItsWidth) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_DAC_CODE);     // 2 bytes, negative
+  Set(AXIS_OBJ_RECORDER_SIGNAL_2, AXIS_OBJ_POSITION);     // 4 bytes, negative
+  Set(AXIS_OBJ_RECORDER_SIGNAL_4, AXIS_OBJ_ACTIVE_MODE);  // 1 byte; channel 3 is left out
+  Set(AXIS_OBJ_RECORDER_SIGNAL_5, AXIS_OBJ_FORCE_SIGN);   // 1 byte, negative
+  Set(AXIS_OBJ_RECORDER_SIGNAL_8, AXIS_OBJ_TICK_COUNT);   // 4 bytes
+  Set(AXIS_OBJ_FORCE_SIGN, -1);
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, -2000);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 12288 / 12);
+  next_ = -70000;
+  TickTo(1024);
+  int32_t values[RECORDER_CHANNELS] = {};
+  ASSERT_EQ(fw_recorder_read(&fw_, 3, values), 5);
+  EXPECT_EQ(values[0], -2000);
+  EXPECT_EQ(values[1], -69997);
+  EXPECT_EQ(values[2], AXIS_MODE_OPEN_LOOP);
+  EXPECT_EQ(values[3], -1);
+  EXPECT_EQ(values[4], 4);
+  const std::array<uint8_t, 12> first{0x30, 0xF8, 0x90, 0xEE, 0xFE, 0xFF, 1, 0xFF, 1, 0, 0, 0};
+  EXPECT_TRUE(std::equal(first.begin(), first.end(), buffer_.begin()));
+  EXPECT_EQ(fw_recorder_read(&fw_, 1023, values), 5);
+  EXPECT_EQ(fw_recorder_read(&fw_, 1024, values), FW_ERROR_NO_DATA);
+}
+
+TEST_F(Recorder, TwelveKibibytesHold6144Codes) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_DAC_CODE);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 6144);
+}
+
+TEST_F(Recorder, LastByteOfTheBufferAndNoFurther) {
+  std::array<uint8_t, 20> small;
+  small.fill(0xEE);
+  fw_init(&fw_, &small[1], 18);
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_SIGNAL_2, AXIS_OBJ_DAC_CODE);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 2);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  TickTo(10);
+  EXPECT_EQ(Column(0), Range(0, 3));
+  EXPECT_EQ(small.front(), 0xEE);
+  EXPECT_EQ(small.back(), 0xEE);
+}
+
+TEST_F(Recorder, RefusesWhatItCannotDo) {
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "no channel";
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_COUNT), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_FAULT_RESET), FW_ERROR_RANGE);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_RECORDER_ARM), FW_ERROR_RANGE);
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 3073);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "one sample too many";
+  Set(AXIS_OBJ_RECORDER_LENGTH, 3072);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 3072);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "no room for the trigger's sample";
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 3071);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_RISING);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "no source";
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_POSITION);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_OK);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_SIGNAL_1, 0), FW_ERROR_STATE);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_DECIMATION, 2), FW_ERROR_STATE);
+  Set(AXIS_OBJ_RECORDER_ARM, 0);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_IDLE);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_SIGNAL_1, 0), FW_OK);
+}
+
+TEST_F(Recorder, NoBufferIsNoCrash) {
+  fw_init(&fw_, nullptr, 0);
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE);
+  TickTo(3);
+}
+
+}  // namespace
