@@ -24,15 +24,12 @@ inline void block(const double *m, std::size_t stride, const double *v, std::siz
   typedef typename Lanes::Value Value;
   typedef typename Lanes::Memory Memory;
   Value sum[kCount];
-#pragma GCC unroll 8
   for (int i = 0; i < kCount; ++i) sum[i] = reinterpret_cast<const Memory *>(m)[i] * v[0];
   for (std::size_t j = 1; j < columns; ++j) {
     m += stride;
     const double factor = v[j];
-#pragma GCC unroll 8
     for (int i = 0; i < kCount; ++i) sum[i] += reinterpret_cast<const Memory *>(m)[i] * factor;
   }
-#pragma GCC unroll 8
   for (int i = 0; i < kCount; ++i) reinterpret_cast<Memory *>(y)[i] = sum[i];
 }
 

@@ -9,9 +9,9 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr Extended kTick = 1.0L / 1500.0L;
-constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
-constexpr std::size_t kMostGrid = 128;    // finer parts are reached by series alone
+constexpr int kHighestOrder = 13;        // of the Taylor series on a part of a tick
+constexpr std::size_t kFewestParts = 8;  // per sample of the quiet test
+constexpr std::size_t kMostGrid = 128;   // finer parts are reached by series alone
 constexpr std::size_t kMostParts = 1 << 16;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
 
@@ -96,7 +96,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
     return 1 / (8 * static_cast<Extended>(parts) * static_cast<Extended>(parts));
   };
 
-  const std::size_t first = mode.flow_stride;
+  const std::size_t first = kernel::padded(mode.states);
   const std::size_t stride = kernel::padded(g);
   mode.channel_stride = stride;
   mode.tick_stride = first + (mode.samples + 1) * stride + 2;
@@ -187,9 +187,14 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
     r.row(i) = equations.wires.row(equations.channels[static_cast<std::size_t>(i)].wire);
   const ExtendedMatrix bend = product(r, product(a, a));
 
-  mode->flow_stride = kernel::padded(mode->states);
-  mode->flow.assign(mode->flow_stride * mode->columns, 0.0);
-  put_block(a.topRows(n), 0, mode->flow_stride, &mode->flow);
+  mode->flow_stride = (mode->states + 3) / 4 * 4;
+  mode->taylor.assign(mode->order * mode->flow_stride * mode->columns, 0.0);
+  ExtendedMatrix term = a;
+  for (std::size_t k = 1; k <= mode->order; ++k) {
+    if (k > 1) term = product(a, term) / static_cast<Extended>(k);
+    put_block(term.topRows(n), (k - 1) * mode->flow_stride, mode->order * mode->flow_stride,
+              &mode->taylor);
+  }
   put_rows(r, &mode->signal);
   put_rows(absolute(r), &mode->size);
   put_rows(product(absolute(r), absolute(a)), &mode->slope);

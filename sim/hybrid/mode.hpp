@@ -25,16 +25,16 @@ struct SimulationError : std::runtime_error {
 /// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
 /// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state after one tick,
-/// to every channel's signal at the K + 1 ends of the parts and to the ADCs' signals after the tick;
-/// `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
+/// to every channel's signal at the K + 1 ends of the parts and to the ADCs' signals after the
+/// tick; `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
 /// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
 /// switch changes within the tick.
 ///
 /// Other ticks. The same test on the finer `grid` finds the first part in which something may
-/// happen; the flow to its start is one product, and within `reach` = 1/grid ticks the Taylor series
-/// of order `order` converges to rounding. For modes too fast for a grid (`grid` and `samples` 0)
-/// only the series is left.
+/// happen; the flow to its start is one product, and within `reach` = 1/grid ticks the Taylor
+/// series of order `order` converges to rounding. For modes too fast for a grid (`grid` and
+/// `samples` 0) only the series is left.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;
@@ -46,18 +46,18 @@ struct Mode {
   std::size_t tick_stride = 0;     ///< padded(n) + (samples + 1) padded(g) + 2
   std::vector<double> tick;        ///< by columns: new state, signals at part 0, 1, ..., K, ADCs
   std::size_t curve_stride = 0;    ///< samples padded(g)
-  std::vector<double> curve;     ///< by columns
-  std::vector<double> low;       ///< per channel, pulled in by the bounds' own rounding; padded
+  std::vector<double> curve;       ///< by columns
+  std::vector<double> low;         ///< per channel, pulled in by the bounds' own rounding; padded
   std::vector<double> high;
 
   double reach = 1.0;  ///< ticks, 1 / 2^k
   std::size_t order = 0;
-  std::size_t flow_stride = 0;   ///< padded(n)
-  std::vector<double> flow;      ///< A T by columns
-  std::vector<double> signal;    ///< channel rows r, g x c by rows
-  std::vector<double> size;      ///< |r|
-  std::vector<double> slope;     ///< |r| |A T|
-  std::vector<double> bend;      ///< |r (A T)^2| e^{|A| reach T}
+  std::size_t flow_stride = 0;  ///< n padded to a multiple of 4
+  std::vector<double> taylor;   ///< (A T)^k / k!, k = 1..order below each other, by columns
+  std::vector<double> signal;   ///< channel rows r, g x c by rows
+  std::vector<double> size;     ///< |r|
+  std::vector<double> slope;    ///< |r| |A T|
+  std::vector<double> bend;     ///< |r (A T)^2| e^{|A| reach T}
   std::vector<Channel> channel;
 
   std::size_t grid = 0;
@@ -73,16 +73,16 @@ struct Mode {
 
 /// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.
 struct ModeAudit {
-  std::vector<double> supply;   ///< per supply: c x c, J
-  std::vector<double> damper;   ///< per damper: c x c, J
-  std::vector<double> first;    ///< rows of supplies then dampers, first factor
-  std::vector<double> second;   ///< second factor
-  std::vector<double> store_first;   ///< rows of the storages
+  std::vector<double> supply;       ///< per supply: c x c, J
+  std::vector<double> damper;       ///< per damper: c x c, J
+  std::vector<double> first;        ///< rows of supplies then dampers, first factor
+  std::vector<double> second;       ///< second factor
+  std::vector<double> store_first;  ///< rows of the storages
   std::vector<double> store_second;
 };
 
-/// Builds modes when first asked for and keeps them. Plants of one model may share a cache, from any
-/// number of threads: modes are immutable, and a plant asks here only for modes new to it.
+/// Builds modes when first asked for and keeps them. Plants of one model may share a cache, from
+/// any number of threads: modes are immutable, and a plant asks here only for modes new to it.
 class ModeCache {
  public:
   explicit ModeCache(std::shared_ptr<const Model> model);

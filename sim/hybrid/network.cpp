@@ -36,8 +36,8 @@ Network::Curve Network::amplifier(double inner, double corner, double outer, dou
     curve.breaks.push_back(static_cast<double>(at));
     ++curve.home;
   };
-  const bool corner_first = corner < kInfinity && k * static_cast<Extended>(corner) <
-                                                      static_cast<Extended>(limit);
+  const bool corner_first =
+      corner < kInfinity && k * static_cast<Extended>(corner) < static_cast<Extended>(limit);
   if (corner_first) wrap("outer", ko, step, corner);
   if (limit < kInfinity) {
     const Extended top = limit;
@@ -71,8 +71,8 @@ int Network::add_switch(std::string element, std::vector<std::string> names, boo
   while ((std::size_t{1} << bits) < names.size()) ++bits;
   if (next_bit_ + bits > 64)
     throw std::length_error("the plant has more switching elements than a mode can name");
-  switches_.push_back({std::move(element), std::move(names), next_bit_,
-                       (ModeKey{1} << bits) - 1, of_drive, home});
+  switches_.push_back(
+      {std::move(element), std::move(names), next_bit_, (ModeKey{1} << bits) - 1, of_drive, home});
   next_bit_ += bits;
   details_.emplace_back();
   return static_cast<int>(switches_.size()) - 1;
@@ -99,8 +99,8 @@ Network::ContactWires Network::add_contact(const Contact &contact, Wire deflecti
   detail.damped = damped;
   detail.input = deflection;
   detail.force = add_sum({wire(deflection, contact.stiffness), wire(rate, contact.damping)});
-  wires_.push_back({WireNode::Kind::contact_spring, {wire(deflection, contact.stiffness)}, index,
-                    -1, -1});
+  wires_.push_back(
+      {WireNode::Kind::contact_spring, {wire(deflection, contact.stiffness)}, index, -1, -1});
   const Wire spring_force = wire_count() - 1;
   wires_.push_back({WireNode::Kind::contact_damper, {wire(rate, contact.damping)}, index, -1, -1});
   const Wire damper_force = wire_count() - 1;
@@ -152,10 +152,10 @@ void Network::add_motor(const DcMotor &motor, Wire speed, Wire *force) {
           ? add_curve("drive.current_feedback", sensed, clamp(*motor.current_feedback_limit))
           : sensed;
   const Wire error = add_sum({wire(wanted), wire(feedback, -1)});
-  const Wire output = add_curve(
-      "drive.amplifier", error,
-      amplifier(motor.k_amp, motor.amp_break.value_or(kInfinity), motor.k_amp_outer,
-                motor.supply_limit.value_or(kInfinity)));
+  const Wire output =
+      add_curve("drive.amplifier", error,
+                amplifier(motor.k_amp, motor.amp_break.value_or(kInfinity), motor.k_amp_outer,
+                          motor.supply_limit.value_or(kInfinity)));
   const Wire back_emf = add_sum({wire(speed, static_cast<Extended>(motor.k_back_emf) * ratio)});
   const Extended l = motor.inductance;
   const Wire slope = add_sum({wire(output, 1 / l), wire(back_emf, -1 / l),
@@ -163,8 +163,7 @@ void Network::add_motor(const DcMotor &motor, Wire speed, Wire *force) {
   // Disabled, the bridge is open: no current, and the terminals show the back EMF.
   derivatives_[static_cast<std::size_t>(current)] = {wire(add_gate(slope, -1))};
   const Wire pull = add_sum({state(current, static_cast<Extended>(motor.k_torque) * ratio)});
-  const Wire drag =
-      add_sum({wire(speed, static_cast<Extended>(motor.b_m) * ratio * ratio)});
+  const Wire drag = add_sum({wire(speed, static_cast<Extended>(motor.b_m) * ratio * ratio)});
   *force = add_sum({wire(pull), wire(drag, -1)});
   supplies_.push_back({"drive", pull, speed});
   if (motor.b_m > 0.0) dampers_.push_back({"drive", drag, speed});
@@ -331,7 +330,8 @@ ModeEquations Network::equations(ModeKey key) const {
     if (!detail.contact) {
       Channel channel{detail.input, index, -kInfinity, kInfinity, now, now};
       const auto segment = static_cast<std::size_t>(now);
-      if (segment > 0) channel.low = detail.curve.breaks[segment - 1], channel.state_below = now - 1;
+      if (segment > 0)
+        channel.low = detail.curve.breaks[segment - 1], channel.state_below = now - 1;
       if (segment < detail.curve.breaks.size())
         channel.high = detail.curve.breaks[segment], channel.state_above = now + 1;
       result.channels.push_back(channel);

@@ -4,8 +4,8 @@
 // z = (x, 1, u) holds the states, the constant 1 and the held command voltage. A wire is a quantity
 // that is linear in z once every switch has a state; wires are listed in dependency order, so a
 // switch may feed on what another one gives. A switch owns a few discrete states (segments of a
-// curve, phases of a contact); each state says what its output wires are and which signals must stay
-// within which bounds for it to last (channels). Nothing here knows about time.
+// curve, phases of a contact); each state says what its output wires are and which signals must
+// stay within which bounds for it to last (channels). Nothing here knows about time.
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
@@ -93,8 +93,8 @@ class Network {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;        ///< field of the switch, not shifted
-    bool of_drive = false;   ///< without meaning (held at state 0) while the drive is disabled
+    ModeKey mask = 0;       ///< field of the switch, not shifted
+    bool of_drive = false;  ///< without meaning (held at state 0) while the drive is disabled
     int home = 0;
   };
   const std::vector<Switch> &switches() const { return switches_; }
@@ -129,9 +129,9 @@ class Network {
     Wire first;
     Wire second;
   };
-  const std::vector<Product> &supplies() const { return supplies_; }      ///< W
-  const std::vector<Product> &dampers() const { return dampers_; }        ///< W
-  const std::vector<Product> &storages() const { return storages_; }      ///< J, twice
+  const std::vector<Product> &supplies() const { return supplies_; }  ///< W
+  const std::vector<Product> &dampers() const { return dampers_; }    ///< W
+  const std::vector<Product> &storages() const { return storages_; }  ///< J, twice
 
  private:
   struct WireNode {

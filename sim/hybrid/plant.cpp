@@ -73,8 +73,8 @@ SensorCodes Plant::codes() {
   if (description.encoder) {
     const double y = stepper_.z()[encoder_state_] * description.encoder->scale + 0.5;
     if (!(kernel::magnitude(y) < kFar))
-      throw SimulationError("the encoder's body left all bounds at t = " +
-                            std::to_string(time_s()) + " s");
+      throw SimulationError(
+          "the encoder's body left all bounds at t = " + std::to_string(time_s()) + " s");
     const std::int64_t count = floor_integer(y);
     codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
     edge_margin_ = smaller(edge_margin_, edge_distance(y, count));

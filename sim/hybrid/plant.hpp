@@ -10,13 +10,13 @@
 //   }
 //
 // Sweeps: build one ModeCache per Model and give it to every Plant of that model; building modes is
-// what costs when a plant is new (some 50 us each). The cache may be shared by any number of plants
-// in any number of threads. A Plant itself belongs to one thread at a time; copies are independent
-// (and continue with the same doubles).
+// what costs when a plant is new (some 0.1 ms each for six states). The cache may be shared by any
+// number of plants in any number of threads. A Plant itself belongs to one thread at a time; copies
+// are independent (and continue with the same doubles).
 //
-// Between two ticks the plant is exact to rounding: piecewise linear, matrix exponentials, switching
-// instants located to rounding (dips of 1e-12 m are found). The same codes give the same doubles in
-// every build of one compiler with -ffp-contract=off.
+// Between two ticks the plant is exact to rounding: piecewise linear, matrix exponentials,
+// switching instants located to rounding (dips of 1e-12 m are found). The same codes give the same
+// doubles in every build of one compiler with -ffp-contract=off.
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -29,8 +29,8 @@
 namespace forceaxis::sim {
 
 struct PlantOptions {
-  bool audit = false;               ///< keep the energy balance (about doubles the cost of a tick)
-  std::size_t listed_events = 4096; ///< events kept for events(); further ones are only counted
+  bool audit = false;                ///< keep the energy balance (about doubles the cost of a tick)
+  std::size_t listed_events = 4096;  ///< events kept for events(); further ones are only counted
 };
 
 /// What the axis controller reads, raw. A missing encoder reads 0, a missing ADC 0.
@@ -53,13 +53,13 @@ struct Event {
 /// discarded + residual; the residual is rounding.
 struct EnergyAudit {
   double initial = 0.0;
-  double supplied = 0.0;   ///< work of the drive on body and reaction, and of impulses
-  double impulses = 0.0;   ///< the impulses' part of it
+  double supplied = 0.0;  ///< work of the drive on body and reaction, and of impulses
+  double impulses = 0.0;  ///< the impulses' part of it
   double kinetic = 0.0;
   double stored = 0.0;     ///< in springs and pressed contacts
   double discarded = 0.0;  ///< left in a contact's spring when it let go while still overlapping
   struct Damper {
-    std::string element;   ///< spring, damper, contact, or "drive" for b_m
+    std::string element;  ///< spring, damper, contact, or "drive" for b_m
     double energy = 0.0;
   };
   std::vector<Damper> dissipated;
@@ -83,7 +83,8 @@ class Plant {
   /// Converts encoder and ADCs at this instant and updates edge_margin().
   SensorCodes codes();
   /// The closest approach so far, in LSB, of any value converted by codes() to a value at which its
-  /// code would change; 0.5 at most as long as nothing saturates. Infinite before the first codes().
+  /// code would change; 0.5 at most as long as nothing saturates. Infinite before the first
+  /// codes().
   double edge_margin() const { return edge_margin_; }
 
   /// Names and values of all signals, in the order of Model::signal_list(). signals() wants exactly
@@ -116,8 +117,8 @@ class Plant {
   /// Needs PlantOptions::audit, std::logic_error otherwise.
   EnergyAudit energy() const;
 
-  /// State vector: position and velocity of each body, then the drive's states (dc_motor: current A,
-  /// filtered tachometer V; first_order: force N).
+  /// State vector: position and velocity of each body, then the drive's states (dc_motor: current
+  /// A, filtered tachometer V; first_order: force N).
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:

@@ -133,7 +133,7 @@ bool Stepper::quiet_tick() {
   if (m.channels == 0) return true;
   for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z[j]);
   multiply_(m.curve.data(), m.curve_stride, absolute_.data(), m.columns, curve_.data());
-  const double *at = result_.data() + m.flow_stride;
+  const double *at = result_.data() + kernel::padded(m.states);
   const double *dip = curve_.data();
   const std::size_t stride = m.channel_stride;
   for (std::size_t k = 0; k < m.samples; ++k, at += stride, dip += stride)
@@ -146,7 +146,7 @@ bool Stepper::quiet_tick() {
 bool Stepper::command_jumps() const {
   const Mode &m = *mode_;
   if (m.samples == 0) return true;
-  const double *at = result_.data() + m.flow_stride;
+  const double *at = result_.data() + kernel::padded(m.states);
   for (std::size_t i = 0; i < m.channels; ++i)
     if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return true;
   return false;
@@ -158,10 +158,10 @@ std::size_t Stepper::clear_parts(std::size_t wanted) {
   const std::size_t c = m.columns;
   for (std::size_t j = 0; j < c; ++j) absolute_[j] = magnitude(z_[j]);
   for (std::size_t i = 0; i < m.channels && wanted > 0; ++i) {
-    multiply_(&m.grid_signal[i * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(),
-                     c, result_.data());
+    multiply_(&m.grid_signal[i * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(), c,
+              result_.data());
     multiply_(&m.grid_dip[i * c * m.grid_dip_stride], m.grid_dip_stride, absolute_.data(), c,
-                     curve_.data());
+              curve_.data());
     const double low = m.low[i];
     const double high = m.high[i];
     for (std::size_t k = 0; k < wanted; ++k) {
@@ -200,19 +200,12 @@ void Stepper::settle(bool count_jumps) {
   }
 }
 
-// Taylor coefficients of the state, time in ticks: x_k = A T x_(k-1) / k.
+// Taylor coefficients of the state, time in ticks.
 void Stepper::expand() {
   const Mode &m = *mode_;
-  const std::size_t n = m.states;
-  double *block = chain_.data();
-  for (std::size_t i = 0; i < n; ++i) block[i] = z_[i];
-  multiply_(m.flow.data(), m.flow_stride, z_.data(), m.columns, block + m.flow_stride);
-  block += m.flow_stride;
-  for (std::size_t k = 2; k <= m.order; ++k, block += m.flow_stride) {
-    double *next = block + m.flow_stride;
-    multiply_(m.flow.data(), m.flow_stride, block, n, next);
-    for (std::size_t i = 0; i < m.flow_stride; ++i) next[i] *= kReciprocal.value[k];
-  }
+  for (std::size_t i = 0; i < m.states; ++i) chain_[i] = z_[i];
+  multiply_(m.taylor.data(), m.order * m.flow_stride, z_.data(), m.columns,
+            chain_.data() + m.flow_stride);
 }
 
 void Stepper::evaluate(double s, double *x) {
@@ -235,9 +228,9 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double
     q[k] = sign * dot(row, &chain_[k * m.flow_stride], m.states);
   q[0] = sign * (dot(row, z_.data(), c) - bound);
 
-  // A signal on its bound, as exactly as value, slope and curvature at the start are known: the sign
-  // of its first derivative that is not 0 decides, and the rest is searched with the root at the
-  // start divided out.
+  // A signal on its bound, as exactly as value, slope and curvature at the start are known: the
+  // sign of its first derivative that is not 0 decides, and the rest is searched with the root at
+  // the start divided out.
   const double *sizes[3] = {&m.size[channel * c], &m.slope[channel * c], &m.bend[channel * c]};
   std::size_t degree = m.order;
   for (int d = 0; d < 3; ++d) {
@@ -298,9 +291,9 @@ void Stepper::cross_tick() {
         const std::size_t clear = clear_parts(m.grid - at);
         if (clear > 0) {
           if (audit_) audit_grid(clear);
-          multiply_(&m.grid_flow[(clear - 1) * m.flow_stride * c], m.flow_stride, z_.data(),
-                           c, end_.data());
-          for (std::size_t i = 0; i < n; ++i) z_[i] = end_[i];
+          multiply_(&m.grid_flow[(clear - 1) * m.flow_stride * c], m.flow_stride, z_.data(), c,
+                    increment_.data());
+          for (std::size_t i = 0; i < n; ++i) z_[i] = increment_[i];
           changes_here = 0;
           at += clear;
           done = static_cast<double>(at) * m.reach;
@@ -338,8 +331,7 @@ void Stepper::cross_tick() {
       if (!low_in_doubt && !high_in_doubt) continue;
       double root = first;
       bool root_above = false;
-      const Verdict verdict = 
-          examine(i, low_in_doubt, high_in_doubt, first, &root, &root_above);
+      const Verdict verdict = examine(i, low_in_doubt, high_in_doubt, first, &root, &root_above);
       if (verdict == Verdict::none) continue;
       if (verdict == Verdict::at_once) root = 0.0;
       if (which < m.channels && !(root < first)) continue;

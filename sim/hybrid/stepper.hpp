@@ -102,11 +102,11 @@ class Stepper {
   std::vector<double> curve_;
   double sensors_[2] = {0.0, 0.0};
   bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
-  std::vector<double> chain_;   // Taylor coefficients of x, order + 1 blocks of flow_stride
+  std::vector<double> chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
   std::vector<double> polynomial_;
   std::vector<double> increment_;
   double powers_[64];
-  std::vector<double> end_;     // z at the end of a part
+  std::vector<double> end_;  // z at the end of a part
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;

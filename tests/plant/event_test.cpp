@@ -1,6 +1,9 @@
 // Contacts: instants, rebounds, dips and grazes against closed forms.
 #include <cmath>
+#include <cstdio>
+#include <random>
 #include <string>
+#include <vector>
 
 #include "tests/plant/plant_test.hpp"
 
@@ -11,6 +14,12 @@ std::string number(double value) {
   char text[40];
   std::snprintf(text, sizeof text, "%.17g", value);
   return text;
+}
+
+std::string indexed(char letter, int index) {
+  std::string name(1, letter);
+  name += std::to_string(index);
+  return name;
 }
 
 std::string ball(double mass, double velocity, double stiffness, double damping, double gap) {
@@ -224,8 +233,9 @@ TEST(Events, TheListIsBoundedTheCountIsNot) {
 TEST(Refusals, DynamicsTooFastToResolve) {
   EXPECT_THROW(
       {
-        Plant plant(make_model("[[body]]\nname = \"a\"\nmass = 1e-20\n[[spring]]\nname = \"s\"\n"
-                               "between = [\"a\", \"ground\"]\nstiffness = 1e20\n"));
+        Plant plant(
+            make_model("[[body]]\nname = \"a\"\nmass = 1e-20\n[[spring]]\nname = \"s\"\n"
+                       "between = [\"a\", \"ground\"]\nstiffness = 1e20\n"));
       },
       SimulationError);
 }
@@ -244,6 +254,79 @@ TEST(Refusals, MoreChangesThanATickCanHold) {
     EXPECT_NE(text.find(" keeps switching"), std::string::npos) << text;
     EXPECT_NE(text.find(" at t = "), std::string::npos) << text;
   }
+}
+
+// Random chains of bodies with contacts of every kind: at each tick every contact's phase must be
+// the one its own deflection and rate ask for, and the energy must balance.
+TEST(RandomModels, PhasesAgreeWithTheStateAndEnergyBalances) {
+  std::mt19937 random(11);
+  const auto within = [&random](double low, double high) {  // logarithmic
+    return low * std::pow(high / low, std::uniform_real_distribution<double>(0, 1)(random));
+  };
+  std::int64_t changes = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    const int bodies = 1 + trial % 4;
+    struct Link {
+      std::string name;
+      double stiffness, damping;
+    };
+    std::vector<Link> contacts;
+    std::string text;
+    for (int i = 0; i < bodies; ++i)
+      text += "[[body]]\nname = \"" + indexed('b', i) + "\"\nmass = " + number(within(0.05, 50)) +
+              "\nposition = " + number(-within(1e-5, 1e-3)) +
+              "\nvelocity = " + number(within(0.01, 1.0)) + "\n";
+    for (int i = 0; i < bodies; ++i) {
+      const std::string here = indexed('b', i);
+      const std::string next = i + 1 < bodies ? indexed('b', i + 1) : "ground";
+      const double damping = i % 3 == 0 ? 0.0 : within(1.0, 300.0);
+      contacts.push_back({indexed('c', i), within(1e3, 1e8), damping});
+      text += "[[contact]]\nname = \"" + contacts.back().name + "\"\nbetween = [\"" + here +
+              "\", \"" + next + "\"]\nstiffness = " + number(contacts.back().stiffness) +
+              "\ndamping = " + number(damping) + "\ngap = " + number(within(1e-6, 1e-3)) + "\n";
+      text += "[[spring]]\nname = \"" + indexed('s', i) + "\"\nbetween = [\"" + here +
+              "\", \"ground\"]\nstiffness = " + number(within(1e2, 1e6)) +
+              "\ndamping = " + number(within(0.1, 10.0)) + "\n";
+    }
+    const auto model = make_model(text);
+    Plant plant(model, {true, 0});
+    std::vector<double> values(plant.signal_names().size());
+    const auto signal = [&](const std::string &name) {
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (plant.signal_names()[i] == name) return values[i];
+      ADD_FAILURE() << name;
+      return 0.0;
+    };
+    for (int k = 0; k < 400; ++k) {
+      plant.step(0, false);
+      plant.signals(values);
+      const auto phases = plant.mode();
+      for (int i = 0; i < bodies; ++i) {
+        const Link &contact = contacts[static_cast<std::size_t>(i)];
+        const std::string phase = phases[static_cast<std::size_t>(i)];
+        const std::string here = indexed('b', i);
+        const double rate = signal(here + ".velocity") -
+                            (i + 1 < bodies ? signal(indexed('b', i + 1) + ".velocity") : 0.0);
+        const double deflection = signal(contact.name + ".deflection");
+        const double force = contact.stiffness * deflection + contact.damping * rate;
+        const double slack = 1e-15;
+        const double slack_N = slack * contact.stiffness + 1e-13 * contact.damping;
+        if (phase == contact.name + ": apart") {
+          ASSERT_LE(deflection, slack) << "trial " << trial << " tick " << k << "\n" << text;
+        } else {
+          ASSERT_GE(deflection, -slack) << "trial " << trial << " tick " << k << "\n" << text;
+          if (phase == contact.name + ": pressed")
+            ASSERT_GE(force, -slack_N) << "trial " << trial << " tick " << k << "\n" << text;
+          else
+            ASSERT_LE(force, slack_N) << "trial " << trial << " tick " << k << "\n" << text;
+        }
+      }
+    }
+    const EnergyAudit energy = plant.energy();
+    EXPECT_LE(std::fabs(energy.residual), 1e-11 * energy.initial) << text;
+    changes += plant.crossings();
+  }
+  EXPECT_GT(changes, 1000);
 }
 
 }  // namespace

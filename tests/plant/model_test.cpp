@@ -84,16 +84,18 @@ TEST(Model, Overrides) {
     EXPECT_TRUE(parameter.used);
   }
   expect_refusal(kAxis,
-                 {"parameters.mm", "expected one of the parameters k, m, got \"mm\"; correct the "
-                                   "override's name"},
+                 {"parameters.mm",
+                  "expected one of the parameters k, m, got \"mm\"; correct the "
+                  "override's name"},
                  {{"mm", 1.0}});
+  expect_refusal(
+      kAxis,
+      {"parameters.m.value", "expected a finite number, got nan; correct the override's value"},
+      {{"m", std::numeric_limits<double>::quiet_NaN()}});
   expect_refusal(kAxis,
-                 {"parameters.m.value",
-                  "expected a finite number, got nan; correct the override's value"},
-                 {{"m", std::numeric_limits<double>::quiet_NaN()}});
-  expect_refusal(kAxis,
-                 {"body[0].mass", "expected a finite number > 0 in kg, got -1 (parameter m); "
-                                  "correct the value or its sign"},
+                 {"body[0].mass",
+                  "expected a finite number > 0 in kg, got -1 (parameter m); "
+                  "correct the value or its sign"},
                  {{"m", -1.0}});
 }
 
@@ -106,14 +108,15 @@ TEST(Model, SharedParameters) {
   const std::string own = with(with(kAxis, "title = \"t\"", "parameters_file = \"shared.toml\""),
                                "k = { value = 100, unit = \"N/m\" }\n", "");
   const Model model = load_model(write_model(own));
-  EXPECT_EQ(model.bodies[0].mass, 2.0);          // its own wins
-  EXPECT_EQ(model.springs[0].stiffness, 7.0);    // from the shared file
+  EXPECT_EQ(model.bodies[0].mass, 2.0);        // its own wins
+  EXPECT_EQ(model.springs[0].stiffness, 7.0);  // from the shared file
   for (const Parameter &parameter : model.parameters)
     EXPECT_EQ(parameter.used, parameter.name != "spare");
 
   expect_refusal(with(own, "shared.toml", "missing.toml"),
-                 {"parameters_file", "expected a readable file beside this one, got "
-                                     "\"missing.toml\"; check the path"});
+                 {"parameters_file",
+                  "expected a readable file beside this one, got "
+                  "\"missing.toml\"; check the path"});
   // A fault in the shared file is reported there.
   write_model("[parameters]\nm = { value = 9, unit = \"kgs\" }\n", "shared");
   try {
@@ -144,8 +147,9 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "expected one of the keys value, unit, source, got \"origin\"; remove or rename "
                   "this key"});
   expect_refusal(kAxis + "[dac]\nbit = 12\n",
-                 {"dac.bit", "expected one of the keys bits, range, got \"bit\"; did you mean "
-                             "bits?; remove or rename this key"});
+                 {"dac.bit",
+                  "expected one of the keys bits, range, got \"bit\"; did you mean "
+                  "bits?; remove or rename this key"});
   expect_refusal(kAxis + "\"two\\nlines\" = 1\n",
                  {"spring[0].two lines",
                   "expected one of the keys name, between, stiffness, damping, got \"two lines\"; "
@@ -170,28 +174,30 @@ TEST(ModelRefuses, WrongUnits) {
 
 TEST(ModelRefuses, ValuesOutOfRange) {
   const std::string mass = "; correct the value or its sign";
-  expect_refusal(with(kAxis, "value = 2,", "value = 0,"),
-                 {"body[0].mass", "expected a finite number > 0 in kg, got 0 (parameter m)" + mass});
+  expect_refusal(
+      with(kAxis, "value = 2,", "value = 0,"),
+      {"body[0].mass", "expected a finite number > 0 in kg, got 0 (parameter m)" + mass});
   expect_refusal(with(kAxis, "mass = \"m\"", "mass = -3.5"),
                  {"body[0].mass", "expected a finite number > 0 in kg, got -3.5" + mass});
   expect_refusal(with(kAxis, "mass = \"m\"", "mass = nan"),
                  {"body[0].mass", "expected a finite number > 0 in kg, got nan" + mass});
   expect_refusal(with(kAxis, "mass = \"m\"", "mass = inf"),
                  {"body[0].mass", "expected a finite number > 0 in kg, got inf" + mass});
-  expect_refusal(with(kAxis, "mass = \"m\"", "mass = 1e40"),
-                 {"body[0].mass",
-                  "expected a size between 1e-30 and 1e30, got 1e+40; check the exponent"});
+  expect_refusal(
+      with(kAxis, "mass = \"m\"", "mass = 1e40"),
+      {"body[0].mass", "expected a size between 1e-30 and 1e30, got 1e+40; check the exponent"});
   expect_refusal(with(kAxis, "stiffness = \"k\"", "stiffness = \"-k\""),
                  {"spring[0].stiffness",
                   "expected a finite number >= 0 in N/m, got -100 (parameter k)" + mass});
   expect_refusal(with(kAxis, "stiffness = \"k\"", "stiffness = \"k\"\ndamping = -1"),
                  {"spring[0].damping", "expected a finite number >= 0 in N s/m, got -1" + mass});
-  expect_refusal(with(kAxis, "value = 2,", "value = nan,"),
-                 {"parameters.m.value",
-                  "expected a finite number, got nan; give the parameter's value"});
+  expect_refusal(
+      with(kAxis, "value = 2,", "value = nan,"),
+      {"parameters.m.value", "expected a finite number, got nan; give the parameter's value"});
   expect_refusal(with(kAxis, "mass = \"m\"", "mass = true"),
-                 {"body[0].mass", "expected a finite number > 0 in kg or a parameter's name, got "
-                                  "true; give a number or a string"});
+                 {"body[0].mass",
+                  "expected a finite number > 0 in kg or a parameter's name, got "
+                  "true; give a number or a string"});
   expect_refusal(kAxis + "[dac]\nbits = 20\n",
                  {"dac.bits", "expected an integer 8..16, got 20; choose a value in that range"});
   expect_refusal(kAxis + "[dac]\nbits = 12.0\n",
@@ -213,68 +219,82 @@ TEST(ModelRefuses, UnknownNames) {
                   "post.deflection, got \"post.farce\"; did you mean post.force?; name a signal of "
                   "this model"});
   expect_refusal(kAxis + "[drive]\ntype = \"steam\"\nbody = \"robot\"\n",
-                 {"drive.type", "expected one of dc_motor, first_order, perfect, got \"steam\"; "
-                                "choose a drive type"});
-  expect_refusal(kAxis + "[encoder]\nbody = \"ground\"\nscale = 1\n",
-                 {"encoder.body", "expected one of robot, got \"ground\"; name a body of this file"});
+                 {"drive.type",
+                  "expected one of dc_motor, first_order, perfect, got \"steam\"; "
+                  "choose a drive type"});
+  expect_refusal(
+      kAxis + "[encoder]\nbody = \"ground\"\nscale = 1\n",
+      {"encoder.body", "expected one of robot, got \"ground\"; name a body of this file"});
 }
 
 TEST(ModelRefuses, DuplicatesAndReservedNames) {
   expect_refusal(with(kAxis, "name = \"post\"", "name = \"robot\""),
-                 {"spring[0].name", "expected a name that no other element has, got \"robot\" "
-                                    "again; rename one of them"});
+                 {"spring[0].name",
+                  "expected a name that no other element has, got \"robot\" "
+                  "again; rename one of them"});
   expect_refusal(with(kAxis, "name = \"post\"", "name = \"ground\""),
-                 {"spring[0].name", "expected a name other than the reserved ground and drive, got "
-                                    "\"ground\"; rename this element"});
+                 {"spring[0].name",
+                  "expected a name other than the reserved ground and drive, got "
+                  "\"ground\"; rename this element"});
   expect_refusal(with(kAxis, "name = \"post\"", "name = \"a post\""),
-                 {"spring[0].name", "expected a name of letters, digits and _ that begins with a "
-                                    "letter or _ (at most 64), got \"a post\"; rename this "
-                                    "element"});
+                 {"spring[0].name",
+                  "expected a name of letters, digits and _ that begins with a "
+                  "letter or _ (at most 64), got \"a post\"; rename this "
+                  "element"});
   const std::string adc = "[[adc]]\nchannel = 0\nsignal = \"post.force\"\nper_count = 1\n";
-  expect_refusal(kAxis + adc + adc,
-                 {"adc[1].channel", "expected a channel not used before, got 0 again; there are "
-                                    "channels 0 and 1"});
+  expect_refusal(kAxis + adc + adc, {"adc[1].channel",
+                                     "expected a channel not used before, got 0 again; there are "
+                                     "channels 0 and 1"});
 }
 
 TEST(ModelRefuses, DisconnectedBodies) {
-  const std::string two = "[[body]]\nname = \"a\"\nmass = 1\n[[body]]\nname = \"b\"\nmass = 1\n"
-                          "[[damper]]\nname = \"d\"\nbetween = [\"a\", \"ground\"]\ndamping = 1\n";
+  const std::string two =
+      "[[body]]\nname = \"a\"\nmass = 1\n[[body]]\nname = \"b\"\nmass = 1\n"
+      "[[damper]]\nname = \"d\"\nbetween = [\"a\", \"ground\"]\ndamping = 1\n";
   expect_refusal(two, {"body[1].name",
                        "expected a body tied to ground by springs, dampers, contacts or the drive, "
                        "got \"b\" disconnected; connect or remove it"});
   // A pair that floats together is no better.
-  expect_refusal(two + "[[body]]\nname = \"c\"\nmass = 1\n[[spring]]\nname = \"s\"\n"
-                       "between = [\"b\", \"c\"]\nstiffness = 1\n",
+  expect_refusal(two +
+                     "[[body]]\nname = \"c\"\nmass = 1\n[[spring]]\nname = \"s\"\n"
+                     "between = [\"b\", \"c\"]\nstiffness = 1\n",
                  {"body[1].name",
                   "expected a body tied to ground by springs, dampers, contacts or the drive, got "
                   "\"b\" disconnected; connect or remove it"});
   expect_refusal(with(kAxis, "[\"robot\", \"ground\"]", "[\"robot\", \"robot\"]"),
-                 {"spring[0].between", "expected two different names out of robot, ground, got the "
-                                       "same name twice; connect two bodies"});
+                 {"spring[0].between",
+                  "expected two different names out of robot, ground, got the "
+                  "same name twice; connect two bodies"});
   expect_refusal("title = \"empty\"\n",
                  {"body", "expected 1..32 bodies, got 0; add or remove [[body]] tables"});
 }
 
 TEST(ModelRefuses, MissingAndUnused) {
   expect_refusal(with(kAxis, "mass = \"m\"\n", ""),
-                 {"body[0].mass", "expected a finite number > 0 in kg or a parameter, got nothing; "
-                                  "add this key"});
+                 {"body[0].mass",
+                  "expected a finite number > 0 in kg or a parameter, got nothing; "
+                  "add this key"});
   expect_refusal(with(kAxis, "between = [\"robot\", \"ground\"]\n", ""),
-                 {"spring[0].between", "expected two different names out of robot, ground, got "
-                                       "nothing; add this key"});
+                 {"spring[0].between",
+                  "expected two different names out of robot, ground, got "
+                  "nothing; add this key"});
   expect_refusal(with(kAxis, "k = { value", "spare = { value = 1, unit = \"V\" }\nk = { value"),
-                 {"parameters.spare", "expected a parameter that this model uses, got one nothing "
-                                      "refers to; remove it or use its name"});
+                 {"parameters.spare",
+                  "expected a parameter that this model uses, got one nothing "
+                  "refers to; remove it or use its name"});
   std::string motor = motor_drive("robot");
   expect_refusal(kAxis + with(motor, "k_torque = 0.5\n", ""),
-                 {"drive.k_torque", "expected a finite number > 0 in N m/A or a parameter, got "
-                                    "nothing; add this key"});
+                 {"drive.k_torque",
+                  "expected a finite number > 0 in N m/A or a parameter, got "
+                  "nothing; add this key"});
   expect_refusal(kAxis + with(motor, "amp_break = 2\n", ""),
-                 {"drive.amp_break", "expected a finite number > 0 in V beside k_amp_outer, got "
-                                     "nothing; add this key or remove k_amp_outer"});
+                 {"drive.amp_break",
+                  "expected a finite number > 0 in V beside k_amp_outer, got "
+                  "nothing; add this key or remove k_amp_outer"});
   expect_refusal(kAxis + with(motor, "[drive]\n", "[drive]\nreaction = \"robot\"\n"),
-                 {"drive.reaction", "expected another body than drive.body or ground, got "
-                                    "\"robot\"; choose what the drive pushes against"});
+                 {"drive.reaction",
+                  "expected another body than drive.body or ground, got "
+                  "\"robot\"; choose what the drive pushes against"});
 }
 
 TEST(ModelRefuses, BrokenFiles) {

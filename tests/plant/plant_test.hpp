@@ -22,8 +22,8 @@ inline std::filesystem::path write_model(const std::string &text,
                                          const std::string &name = "model") {
   const auto *info = testing::UnitTest::GetInstance()->current_test_info();
   const std::filesystem::path folder =
-      std::filesystem::path(testing::TempDir()) /
-      ("forceaxis_" + std::to_string(::getpid()) + "_" + info->test_suite_name() + "_" + info->name());
+      std::filesystem::path(testing::TempDir()) / ("forceaxis_" + std::to_string(::getpid()) + "_" +
+                                                   info->test_suite_name() + "_" + info->name());
   std::filesystem::create_directories(folder);
   const auto path = folder / (name + ".toml");
   std::ofstream(path, std::ios::binary) << text;

@@ -9,9 +9,9 @@ namespace forceaxis::sim::test {
 namespace {
 
 SensorCodes codes_at(const std::string &position, const std::string &more, double *margin) {
-  Plant plant(make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = " + position +
-                         "\n[[damper]]\nname = \"d\"\nbetween = [\"b\", \"ground\"]\ndamping = 1\n" +
-                         more));
+  Plant plant(make_model(
+      "[[body]]\nname = \"b\"\nmass = 1\nposition = " + position +
+      "\n[[damper]]\nname = \"d\"\nbetween = [\"b\", \"ground\"]\ndamping = 1\n" + more));
   const SensorCodes codes = plant.codes();
   *margin = plant.edge_margin();
   return codes;
@@ -81,9 +81,10 @@ TEST(Adc, NegativeScaleAndMoreBits) {
 }
 
 TEST(EdgeMargin, KeepsTheClosestApproach) {
-  Plant plant(make_model("[[body]]\nname = \"b\"\nmass = 1\nvelocity = 0.15\n[[damper]]\n"
-                         "name = \"d\"\nbetween = [\"b\", \"ground\"]\ndamping = 0\n" +
-                         kEncoder));
+  Plant plant(
+      make_model("[[body]]\nname = \"b\"\nmass = 1\nvelocity = 0.15\n[[damper]]\n"
+                 "name = \"d\"\nbetween = [\"b\", \"ground\"]\ndamping = 0\n" +
+                 kEncoder));
   EXPECT_EQ(plant.edge_margin(), std::numeric_limits<double>::infinity());
   double least = 0.5;
   for (int k = 0; k < 4; ++k) {  // 0.1 counts a tick
@@ -99,9 +100,10 @@ TEST(EdgeMargin, KeepsTheClosestApproach) {
 }
 
 TEST(Signals, NamesAndValuesAgree) {
-  Plant plant(make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = 2\nvelocity = 3\n[[spring]]\n"
-                         "name = \"s\"\nbetween = [\"ground\", \"b\"]\nstiffness = 10\n"
-                         "damping = 100\n"));
+  Plant plant(
+      make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = 2\nvelocity = 3\n[[spring]]\n"
+                 "name = \"s\"\nbetween = [\"ground\", \"b\"]\nstiffness = 10\n"
+                 "damping = 100\n"));
   const std::vector<std::string> names = {"b.position", "b.velocity", "s.force", "s.spring_force",
                                           "s.deflection"};
   EXPECT_EQ(plant.signal_names(), names);

@@ -51,8 +51,9 @@ def trace(done, width=7.2):
             values = done.columns[name][shown] * factor
             stepped = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
             ax.plot(time[shown], values, label=name, **THIN, **stepped)
-        ax.set_ylabel(unit)
-        ax.legend(loc="upper right", fontsize=7, frameon=False)
+        ax.set_ylabel(unit if len(names) > 1 else f"{names[0]}\n{unit}", fontsize=8)
+        if len(names) > 1:
+            ax.legend(loc="upper right", fontsize=7, frameon=False)
     axes[-1, 0].set_xlabel("time, s")
     axes[0, 0].set_title(done.title, fontsize=9, loc="left", color=INK)
     figure.tight_layout()

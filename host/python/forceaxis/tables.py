@@ -44,7 +44,7 @@ class Tables:
     constants: list
     fit_on: tuple  # the groups that the constants are fitted to; all others are predictions
     readings: list  # declared choices, with the alternatives that are reported beside them
-    reasons: dict  # "figure test workpiece gain" -> why this cell is not reproduced
+    reasons: dict  # key_of(cell) -> why this cell is not reproduced
     matched_at_least: int
 
     def group(self, cell):
@@ -123,10 +123,9 @@ def run_jobs(jobs, threads, title):
 
 def key_of(cell):
     """A cell in words, also the key of `reasons`."""
-    return " ".join(
-        str(cell[k])
-        for k in ("figure", "test", "workpiece", "grip", "force_gain", "force_setpoint")
-    )
+    setpoint = cell["force_setpoint"]
+    words = [cell["figure"], cell["test"], cell["workpiece"], cell["grip"].replace("_", " ")]
+    return f"{', '.join(words)}, gain {cell['force_gain']}, set-point {setpoint or 'not stated'}"
 
 
 def run(threads=None):
@@ -247,13 +246,16 @@ def _sensitivity(name, factor, value, cells, base, verdicts):
 
 def evidence_hash():
     """Identity of what the fit depends on: grid, cells, models, experiments; no fitted value."""
+    tables = load()
+    free = {c.name for c in tables.constants}
+    fixed = {k: v["value"] for k, v in parameters().items() if k not in free}
+    grid = [(c.name, c.groups, c.grid) for c in tables.constants]
     digest = hashlib.sha256()
-    names = set(load().experiments.values())
-    for path in sorted([FILE, *(paths.EXPERIMENTS / n for n in names), *paths.MODELS.glob("lab*")]):
+    digest.update(repr((tables.fit_on, grid, tables.cells, tables.workpieces, fixed)).encode())
+    files = {paths.EXPERIMENTS / name for name in tables.experiments.values()}
+    files |= {path.parent / tomllib.loads(path.read_text())["model"] for path in files}
+    for path in sorted(files):
         digest.update(path.read_bytes())
-    digest.update((FILE.parent / "thesis_tables.json").read_bytes())
-    free = {c.name for c in load().constants}
-    digest.update(repr([kv for kv in parameters().items() if kv[0] not in free]).encode())
     return digest.hexdigest()
 
 
