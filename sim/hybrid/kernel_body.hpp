@@ -2,6 +2,7 @@
 // The product of kernel.hpp for the vector width the including file is compiled for. Internal
 // linkage: the same source gives different machine code in each of them.
 #include <cstddef>
+#include <utility>
 
 namespace {
 
@@ -17,20 +18,25 @@ struct Quad {
   typedef double Memory __attribute__((vector_size(32), aligned(8), may_alias));
 };
 
-// kCount vectors of rows at once, their sums in registers.
-template <class Lanes, int kCount>
-inline void block(const double *m, std::size_t stride, const double *v, std::size_t columns,
-                  double *y) {
-  typedef typename Lanes::Value Value;
+// As many vectors of rows at once as there are indices, their sums in registers.
+template <class Lanes, std::size_t... kIndex>
+inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
+                     const double *v, std::size_t columns, double *y) {
   typedef typename Lanes::Memory Memory;
-  Value sum[kCount];
-  for (int i = 0; i < kCount; ++i) sum[i] = reinterpret_cast<const Memory *>(m)[i] * v[0];
+  const double first = v[0];
+  typename Lanes::Value sum[] = {reinterpret_cast<const Memory *>(m)[kIndex] * first...};
   for (std::size_t j = 1; j < columns; ++j) {
     m += stride;
     const double factor = v[j];
-    for (int i = 0; i < kCount; ++i) sum[i] += reinterpret_cast<const Memory *>(m)[i] * factor;
+    ((sum[kIndex] += reinterpret_cast<const Memory *>(m)[kIndex] * factor), ...);
   }
-  for (int i = 0; i < kCount; ++i) reinterpret_cast<Memory *>(y)[i] = sum[i];
+  ((reinterpret_cast<Memory *>(y)[kIndex] = sum[kIndex]), ...);
+}
+
+template <class Lanes, std::size_t kCount>
+inline void block(const double *m, std::size_t stride, const double *v, std::size_t columns,
+                  double *y) {
+  unrolled<Lanes>(std::make_index_sequence<kCount>(), m, stride, v, columns, y);
 }
 
 // As many vectors as `rows` has room for; returns the rows done.

@@ -40,6 +40,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   for (const SignalInfo &signal : description.signal_list()) names->push_back(signal.name);
   signal_names_ = std::move(names);
   volts_per_code_ = description.dac.volts_per_code();
+  dac_offset_ = description.dac.offset;
   lowest_code_ = -(1 << (description.dac.bits - 1));
   highest_code_ = -lowest_code_ - 1;
   for (std::size_t channel = 0; channel < 2; ++channel)
@@ -56,7 +57,7 @@ void Plant::step(int dac_code, bool amp_enable) {
     throw std::invalid_argument("DAC code " + std::to_string(dac_code) + " is outside " +
                                 std::to_string(lowest_code_) + ".." +
                                 std::to_string(highest_code_));
-  stepper_.step(static_cast<double>(dac_code) * volts_per_code_, amp_enable);
+  stepper_.step(static_cast<double>(dac_code) * volts_per_code_ + dac_offset_, amp_enable);
 }
 
 void Plant::apply_impulse(std::string_view body, double impulse_N_s) {

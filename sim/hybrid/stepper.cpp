@@ -376,14 +376,14 @@ void Stepper::change(std::size_t channel, bool above, double s, bool jump, bool 
   if (last_.switch_index == index && last_.time_s == time_s && last_.from == to &&
       last_.to == from && last_.jump == jump) {
     --(jump ? jumps_ : crossings_);
-    --count_at(index, to, from);
+    --counts_[count_place(index, to, from)];
     if (last_listed_) events_.pop_back();
     last_.switch_index = -1;
     last_listed_ = false;
     return;
   }
   ++(jump ? jumps_ : crossings_);
-  ++count_at(index, from, to);
+  ++counts_[count_place(index, from, to)];
   last_ = {time_s, index, from, to, jump};
   last_listed_ = events_.size() < listed_events_;
   if (last_listed_) events_.push_back(last_);
@@ -399,14 +399,14 @@ void Stepper::kick(std::size_t body, double impulse) {
   settle(true);
 }
 
-std::int64_t &Stepper::count_at(int switch_index, int from, int to) {
+std::size_t Stepper::count_place(int switch_index, int from, int to) const {
   const std::size_t row =
       static_cast<std::size_t>(switch_index) * count_stride_ + static_cast<std::size_t>(from);
-  return counts_[row * count_stride_ + static_cast<std::size_t>(to)];
+  return row * count_stride_ + static_cast<std::size_t>(to);
 }
 
 std::int64_t Stepper::count(int switch_index, int from, int to) const {
-  return const_cast<Stepper *>(this)->count_at(switch_index, from, to);
+  return counts_[count_place(switch_index, from, to)];
 }
 
 // ---- energy -----------------------------------------------------------------------------------

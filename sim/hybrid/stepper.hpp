@@ -87,7 +87,7 @@ class Stepper {
   void audit_part(double s);
   void audit_grid(std::size_t parts);
   double stored_total() const;
-  std::int64_t &count_at(int switch_index, int from, int to);
+  std::size_t count_place(int switch_index, int from, int to) const;
   [[noreturn]] void fail_switching(int switch_index, double s) const;
 
   std::shared_ptr<ModeCache> cache_;

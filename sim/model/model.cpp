@@ -661,7 +661,12 @@ void Loader::read_sensors(Section &root) {
     const SignalInfo &signal = signals[static_cast<std::size_t>(found - names.begin())];
     adc.per_count = section.value("per_count", *per_count(signal.dimension), Sign::not_zero);
     adc.bits = section.integer("bits", 8, 16, 8);
-    adc.zero_code = section.integer("zero_code", 0, (1 << adc.bits) - 1, 0);
+    const double zero = section.value_or("zero_code", Dimension::count, Sign::any, 0.0);
+    const int top = (1 << adc.bits) - 1;
+    if (!(zero >= 0.0 && zero <= top && zero == static_cast<int>(zero)))
+      section.fail("zero_code", "expected a whole number 0.." + std::to_string(top) + ", got " +
+                                    number_text(zero) + "; choose a code of this ADC");
+    adc.zero_code = static_cast<int>(zero);
     model_.adc[channel] = adc;
   });
   if (const toml::node *node = root.find("dac"); node != nullptr) {
@@ -669,6 +674,7 @@ void Loader::read_sensors(Section &root) {
     model_.dac.bits = section.integer("bits", 8, 16, model_.dac.bits);
     model_.dac.range =
         section.value_or("range", Dimension::voltage, Sign::positive, model_.dac.range);
+    model_.dac.offset = section.value_or("offset", Dimension::voltage, Sign::any, 0.0);
     section.finish();
   }
 }

@@ -17,8 +17,9 @@
 //   [drive]     type = "dc_motor" | "first_order" | "perfect", body, reaction = "ground", ...
 //   [encoder]   body, scale (count/m)
 //   [[adc]]     channel 0 | 1, signal, per_count (unit of the signal per count, sign allowed),
-//               zero_code = 0, bits = 8 (8..16)
-//   [dac]       bits = 12 (8..16), range = 10 V: volts = code * 2 range / 2^bits
+//               zero_code = 0 (a whole number), bits = 8 (8..16)
+//   [dac]       bits = 12 (8..16), range = 10 V, offset = 0 V:
+//               volts = code * 2 range / 2^bits + offset
 //
 // A value is a number (SI), the name of a parameter, or "-name". One end of `between` may be
 // "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a back
@@ -204,6 +205,7 @@ struct Adc {
 struct Dac {
   int bits = 12;        ///< 8..16, codes -2^(bits-1)..2^(bits-1)-1
   double range = 10.0;  ///< V at code -2^(bits-1), negated
+  double offset = 0.0;  ///< V at code 0
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
 };
 

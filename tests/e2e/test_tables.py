@@ -113,14 +113,16 @@ def test_the_fit_on_record_belongs_to_these_files_and_to_these_constants():
     found = tables.evidence()
     assert found, "stale: run `forceaxis tables --fit`"
     assert found["fitted"] == tables.fitted()
-    assert [row["figure"] for row in found["left_out"]] == ["3.15", "3.16", "5.10"]
+    assert [row["figure"] for row in found["left_out"]] == [
+        "3.15", "3.16", "5.10", "5.8", "5.9",
+    ]  # fmt: skip
 
 
 def test_the_fit_on_record_is_what_runs_give(result):
     found = tables.evidence()
     t = tables.load()
     fitted_to = [c for c in result["cells"] if t.group(c) in t.fit_on]
-    assert found["cells"] == len(fitted_to) == 51
+    assert found["cells"] == len(fitted_to) == 53
     assert found["score"] == sum(c["ours"] == c["thesis"] for c in fitted_to)
     row = found["left_out"][0]
     outcomes = run_many([t.job(c, row["fitted"]) for c in t.cells], threads=2)

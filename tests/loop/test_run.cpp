@@ -81,7 +81,8 @@ TEST(Run, AnImpulseMovesItsBodyByImpulseOverMass) {
       std::find(names.begin(), names.end(), "workpiece.velocity") - names.begin());
   const std::size_t last = with.records.size() - 1;  // tick 7500 = 5 s, recorded after the strike
   double impulse_N_s = 0;
-  for (const auto &p : load_experiment(strike).model->parameters) {
+  const Experiment experiment = load_experiment(strike);
+  for (const auto &p : experiment.model->parameters) {
     if (p.name == "strike") impulse_N_s = p.value;
   }
   const double jump =

@@ -215,6 +215,16 @@ TEST(Perfect, ConstantForce) {
   EXPECT_EQ(plant.signal("axis.velocity"), v);
 }
 
+TEST(Dac, OffsetIsAddedToTheVoltageOfTheCode) {
+  Plant plant(make_model(body("1") + "[drive]\ntype = \"perfect\"\nbody = \"axis\"\n" +
+                         "force_per_volt = 3\n[dac]\noffset = -0.25\n"));
+  plant.step(0, true);
+  EXPECT_EQ(plant.signal("drive.command"), -0.25);
+  EXPECT_EQ(plant.signal("drive.force"), -0.75);
+  plant.step(1024, true);
+  EXPECT_EQ(plant.signal("drive.command"), 4.75);
+}
+
 TEST(Step, RefusesCodesBeyondTheDac) {
   Plant plant(make_model(kLocked + motor_drive("axis")));
   EXPECT_THROW(plant.step(2048, true), std::invalid_argument);

@@ -148,7 +148,7 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "this key"});
   expect_refusal(kAxis + "[dac]\nbit = 12\n",
                  {"dac.bit",
-                  "expected one of the keys bits, range, got \"bit\"; did you mean "
+                  "expected one of the keys bits, range, offset, got \"bit\"; did you mean "
                   "bits?; remove or rename this key"});
   expect_refusal(kAxis + "\"two\\nlines\" = 1\n",
                  {"spring[0].two lines",
@@ -200,6 +200,11 @@ TEST(ModelRefuses, ValuesOutOfRange) {
                   "true; give a number or a string"});
   expect_refusal(kAxis + "[dac]\nbits = 20\n",
                  {"dac.bits", "expected an integer 8..16, got 20; choose a value in that range"});
+  const std::string adc = "[[adc]]\nchannel = 0\nsignal = \"robot.position\"\nper_count = 1\n";
+  for (const std::string zero : {"256", "-1", "0.5"})
+    expect_refusal(kAxis + adc + "zero_code = " + zero + "\n",
+                   {"adc[0].zero_code",
+                    "expected a whole number 0..255, got " + zero + "; choose a code of this ADC"});
   expect_refusal(kAxis + "[dac]\nbits = 12.0\n",
                  {"dac.bits", "expected an integer 8..16, got 12; give an integer"});
 }

@@ -208,6 +208,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
   py::register_exception<forceaxis::sim::InputError>(m, "InputError", PyExc_ValueError);
+  py::register_exception<forceaxis::sim::SimulationError>(m, "SimulationError", PyExc_RuntimeError);
 
   py::class_<Result>(m, "Result", "A finished run with its trace.")
       .def_property_readonly("title", [](const Result &r) { return r.experiment.title; })

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from forceaxis import experiments, objects, paths, tables
-from forceaxis._core import InputError
+from forceaxis._core import InputError, SimulationError
 
 
 class Verb(click.Command):
@@ -135,6 +135,8 @@ def main():
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))
+    except SimulationError as error:
+        fail(str(error), status=1)
     except click.exceptions.Abort:
         sys.exit(130)
     except click.ClickException as error:
@@ -143,7 +145,7 @@ def main():
         fail(f"{error.filename}: {error.strerror}")
 
 
-def fail(message):
-    """Print one line and leave with status 2."""
+def fail(message, status=2):
+    """Print one line on standard error and leave."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
-    sys.exit(2)
+    sys.exit(status)
