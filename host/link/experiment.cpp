@@ -19,12 +19,12 @@ namespace {
 using sim::InputError;
 
 constexpr double kLongestRun_s = 600;
+constexpr double kLargest = 1e18;
 
-std::optional<double> parameter_value(const sim::Model &model, std::string_view name) {
-  for (const sim::Parameter &p : model.parameters) {
-    if (p.name == name) return p.value;
-  }
-  return std::nullopt;
+const sim::Parameter *find_parameter(const sim::Model &model, std::string_view name) {
+  const auto at = std::find_if(model.parameters.begin(), model.parameters.end(),
+                               [name](const sim::Parameter &p) { return p.name == name; });
+  return at == model.parameters.end() ? nullptr : &*at;
 }
 
 bool has_body(const sim::Model &model, std::string_view name) {
@@ -32,36 +32,58 @@ bool has_body(const sim::Model &model, std::string_view name) {
                      [name](const sim::Body &b) { return b.name == name; });
 }
 
-// One experiment file while it is being read: every complaint carries its name.
-class Reader {
+std::string plain(double value) {
+  char buffer[32];
+  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
+}
+
+// A table of the experiment that knows where it stands: every complaint names file and whole key.
+class Section {
  public:
-  explicit Reader(std::filesystem::path file) : file_(std::move(file)) {}
+  Section(const std::string &file, const toml::table &table, std::string where = "")
+      : file_(file), table_(table), where_(std::move(where)) {}
 
   [[noreturn]] void fail(const std::string &key, const std::string &message) const {
-    throw InputError(file_.string(), key, message);
+    throw InputError(file_, where_ + key, message);
   }
 
-  void only(const toml::table &table, const std::string &where,
-            std::initializer_list<std::string_view> known) const {
-    for (const auto &[key, node] : table) {
+  const toml::table &table() const { return table_; }
+
+  void only(std::initializer_list<std::string_view> known) const {
+    for (const auto &[key, node] : table_) {
       if (std::find(known.begin(), known.end(), key.str()) != known.end()) continue;
       std::string names;
-      for (const std::string_view name : known)
+      for (const std::string_view name : known) {
         names += (names.empty() ? "" : ", ") + std::string(name);
-      fail(where + std::string(key.str()),
-           "expected one of " + names + "; remove or rename this key");
+      }
+      fail(std::string(key.str()), "expected one of " + names + "; remove or rename this key");
     }
   }
 
-  const toml::table *table(const toml::table &parent, const std::string &key) const {
-    const toml::node *node = parent.get(key);
-    if (node == nullptr) return nullptr;
-    if (!node->is_table()) fail(key, "expected a table, write [" + key + "]");
-    return node->as_table();
+  std::optional<Section> section(const std::string &key) const {
+    const toml::node *node = table_.get(key);
+    if (node == nullptr) return std::nullopt;
+    if (!node->is_table()) fail(key, "expected a table, " + key + " = { ... } or [" + key + "]");
+    return Section(file_, *node->as_table(), where_ + key + ".");
   }
 
-  std::string text(const toml::table &parent, const std::string &key, bool required) const {
-    const toml::node *node = parent.get(key);
+  std::vector<Section> sections(const std::string &key) const {
+    std::vector<Section> list;
+    const toml::node *node = table_.get(key);
+    if (node == nullptr) return list;
+    const toml::array *array = node->as_array();
+    if (array == nullptr) fail(key, "expected tables, write [[" + key + "]]");
+    for (std::size_t i = 0; i < array->size(); ++i) {
+      const std::string name = key + "[" + std::to_string(i) + "]";
+      const toml::table *table = array->get(i)->as_table();
+      if (table == nullptr) fail(name, "expected a table, write [[" + key + "]]");
+      list.emplace_back(file_, *table, where_ + name + ".");
+    }
+    return list;
+  }
+
+  std::string text(const std::string &key, bool required) const {
+    const toml::node *node = table_.get(key);
     if (node == nullptr) {
       if (required) fail(key, "expected a text, the key is missing; add " + key + " = \"...\"");
       return {};
@@ -71,7 +93,19 @@ class Reader {
     return *value;
   }
 
-  double number(const toml::node &node, const std::string &key, double low, double high) const {
+  std::optional<double> optional_number(const std::string &key, double low, double high) const {
+    const toml::node *node = table_.get(key);
+    if (node == nullptr) return std::nullopt;
+    return as_number(*node, key, low, high);
+  }
+
+  double number(const std::string &key, double low, double high) const {
+    const auto value = optional_number(key, low, high);
+    if (!value) fail(key, "expected a number, the key is missing; add " + key + " = ...");
+    return *value;
+  }
+
+  double as_number(const toml::node &node, const std::string &key, double low, double high) const {
     const auto value = node.is_number() ? node.value<double>() : std::nullopt;
     if (!value || !std::isfinite(*value) || *value < low || *value > high) {
       fail(key, "expected a number from " + plain(low) + " to " + plain(high));
@@ -79,59 +113,80 @@ class Reader {
     return *value;
   }
 
-  // A number, or the name of a model parameter.
-  double quantity(const toml::node &node, const std::string &key, const sim::Model &model) const {
-    if (const auto name = node.value_exact<std::string>()) {
-      if (const auto value = parameter_value(model, *name)) return *value;
+  // A number, or the value of a model parameter of one of these dimensions, which is added to
+  // `named`.
+  double quantity(const toml::node &node, const std::string &key, const sim::Model &model,
+                  std::initializer_list<sim::Dimension> dimensions,
+                  std::set<std::string> &named) const {
+    const auto name = node.value_exact<std::string>();
+    if (!name) return as_number(node, key, -kLargest, kLargest);
+    const sim::Parameter *parameter = find_parameter(model, *name);
+    if (parameter == nullptr) {
       fail(key, "expected a number or the name of a model parameter, got \"" + *name +
                     "\", which the model does not have");
     }
-    return number(node, key, -1e18, 1e18);
-  }
-
-  static std::string plain(double value) {
-    char buffer[32];
-    const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
-    return {buffer, end};
+    const auto dimension = sim::dimension_of(parameter->unit);
+    if (!dimension ||
+        std::find(dimensions.begin(), dimensions.end(), *dimension) == dimensions.end()) {
+      fail(key, "expected a parameter in " + std::string(sim::unit_of(*dimensions.begin())) +
+                    ", got " + *name + " in " + parameter->unit);
+    }
+    named.insert(*name);
+    return parameter->value;
   }
 
  private:
-  std::filesystem::path file_;
+  const std::string &file_;
+  const toml::table &table_;
+  std::string where_;
 };
 
-ObjectWrite object_write(const Reader &reader, const std::string &name, const toml::node &node,
-                         const sim::Model &model) {
-  const std::string key = "firmware." + name;
+ObjectWrite read_object(const Section &section, const std::string &name, const toml::node &node,
+                        const sim::Model &model, std::set<std::string> &named) {
   const auto object = find_object(name);
-  if (!object) reader.fail(key, "expected the name of a firmware object; see `forceaxis objects`");
+  if (!object) {
+    section.fail(name, "expected the name of a firmware object; see `forceaxis objects`");
+  }
   const axis_object_meta_t &meta = object_meta(*object);
   if (!object_writable(*object)) {
-    reader.fail(key, "expected an object that can be written, this one is a signal");
+    section.fail(name, "expected an object that can be written, this one is a signal");
   }
-  if (const auto text = node.value_exact<std::string>()) {
-    if (const auto value = enum_value(*object, *text)) return {*object, *value};
+  const std::string texts = meta.enum_texts;
+  if (const auto text = node.value_exact<std::string>(); text && !texts.empty()) {
+    const auto value = enum_value(*object, *text);
+    if (!value) section.fail(name, "expected one of " + texts + ", got \"" + *text + "\"");
+    return {*object, *value};
+  }
+  if (const auto flag = node.value_exact<bool>(); flag && meta.max == 1) {
+    return {*object, *flag ? 1 : 0};
   }
   const double value =
-      node.is_boolean() ? (*node.value_exact<bool>() ? 1 : 0) : reader.quantity(node, key, model);
-  const double raw = std::floor(value / meta.scale + 0.5);
-  if (!(raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max))) {
-    reader.fail(key, "expected " + Reader::plain(static_cast<double>(meta.min) * meta.scale) +
-                         " to " + Reader::plain(static_cast<double>(meta.max) * meta.scale) + " " +
-                         meta.unit + ", got " + Reader::plain(value));
+      section.quantity(node, name, model, {sim::Dimension::count, sim::Dimension::ratio}, named);
+  const double low = static_cast<double>(meta.min) * meta.scale;
+  const double high = static_cast<double>(meta.max) * meta.scale;
+  const bool whole = meta.scale != 1.0 || value == std::floor(value);
+  if (!(value >= low && value <= high && whole)) {
+    section.fail(name, std::string("expected ") + (meta.scale == 1.0 ? "a whole number " : "") +
+                           plain(low) + " to " + plain(high) + " " + meta.unit + ", got " +
+                           plain(value));
   }
-  return {*object, static_cast<std::int32_t>(raw)};
+  return {*object, static_cast<std::int32_t>(std::floor(value / meta.scale + 0.5))};
 }
 
-// `mode` comes last: an axis is set up before it is switched on.
-std::vector<ObjectWrite> object_writes(const Reader &reader, const toml::table *table,
-                                       const sim::Model &model) {
+// An axis is set up before commands are given, and switched on last.
+std::vector<ObjectWrite> read_objects(const std::optional<Section> &section,
+                                      const sim::Model &model, std::set<std::string> &named) {
   std::vector<ObjectWrite> writes;
-  if (table == nullptr) return writes;
-  for (const auto &[key, node] : *table) {
-    writes.push_back(object_write(reader, std::string(key.str()), node, model));
+  if (!section) return writes;
+  for (const auto &[key, node] : section->table()) {
+    writes.push_back(read_object(*section, std::string(key.str()), node, model, named));
   }
-  std::stable_partition(writes.begin(), writes.end(),
-                        [](const ObjectWrite &w) { return w.object != *find_object("mode"); });
+  const auto stage = [](const ObjectWrite &w) {
+    const axis_object_meta_t &meta = object_meta(w.object);
+    return std::string_view(meta.name) == "mode" ? 2 : std::string_view(meta.kind) == "command";
+  };
+  std::stable_sort(writes.begin(), writes.end(),
+                   [&](const ObjectWrite &a, const ObjectWrite &b) { return stage(a) < stage(b); });
   return writes;
 }
 
@@ -139,46 +194,51 @@ std::int64_t tick_at(double time_s) {
   return static_cast<std::int64_t>(std::ceil(time_s * sim::kTickRateHz - 1e-9));
 }
 
-Action read_action(const Reader &reader, const toml::node &node, std::size_t index,
-                   const sim::Model &model) {
-  const std::string where = "at[" + std::to_string(index) + "].";
-  const toml::table *table = node.as_table();
-  if (table == nullptr) reader.fail("at", "expected tables, write [[at]]");
-  reader.only(*table, where, {"time_s", "impulse", "firmware"});
+Action read_action(const Section &section, double duration_s, const sim::Model &model,
+                   std::set<std::string> &named) {
+  section.only({"time_s", "impulse", "firmware"});
   Action action{};
-  const toml::node *time = table->get("time_s");
-  if (time == nullptr) reader.fail(where + "time_s", "expected a time in s, the key is missing");
-  action.tick = tick_at(reader.number(*time, where + "time_s", 0, kLongestRun_s));
-  action.writes = object_writes(reader, reader.table(*table, "firmware"), model);
-  if (const toml::table *impulse = reader.table(*table, "impulse")) {
-    reader.only(*impulse, where + "impulse.", {"body", "N_s"});
-    const std::string body = reader.text(*impulse, "body", true);
+  action.tick = tick_at(section.number("time_s", 0, duration_s));
+  action.writes = read_objects(section.section("firmware"), model, named);
+  if (const auto impulse = section.section("impulse")) {
+    impulse->only({"body", "N_s"});
+    const std::string body = impulse->text("body", true);
     if (!has_body(model, body)) {
-      reader.fail(where + "impulse.body", "expected a body of the model, got \"" + body + "\"");
+      impulse->fail("body", "expected a body of the model, got \"" + body + "\"");
     }
-    const toml::node *size = impulse->get("N_s");
-    if (size == nullptr) reader.fail(where + "impulse.N_s", "expected N s, the key is missing");
-    action.impulses.push_back({body, reader.quantity(*size, where + "impulse.N_s", model)});
+    const toml::node *size = impulse->table().get("N_s");
+    if (size == nullptr) impulse->fail("N_s", "expected an impulse in N s, the key is missing");
+    action.impulses.push_back(
+        {body, impulse->quantity(*size, "N_s", model, {sim::Dimension::impulse}, named)});
+  }
+  if (action.writes.empty() && action.impulses.empty()) {
+    section.fail("time_s", "expected firmware or impulse beside it; add one or remove this [[at]]");
   }
   return action;
 }
 
-Criterion read_criterion(const Reader &reader, const toml::table &table) {
-  reader.only(table, "verdict.",
-              {"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held"});
+Criterion read_criterion(const Section &section, double duration_s) {
+  section.only({"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held"});
   Criterion criterion;
-  const auto number = [&](const char *name, double low, double high) -> std::optional<double> {
-    const toml::node *node = table.get(name);
-    if (node == nullptr) return std::nullopt;
-    return reader.number(*node, std::string("verdict.") + name, low, high);
-  };
-  criterion.window_s = number("window_s", 1.0 / sim::kTickRateHz, kLongestRun_s).value_or(1.0);
-  criterion.force_ripple_max_count = number("force_ripple_max_count", 0, 1e9);
-  criterion.position_ripple_max_count = number("position_ripple_max_count", 0, 1e12);
-  if (const toml::node *node = table.get("contact_held")) {
+  criterion.window_s = section.optional_number("window_s", 1.0 / sim::kTickRateHz, kLongestRun_s)
+                           .value_or(std::min(criterion.window_s, duration_s));
+  if (criterion.window_s > duration_s) {
+    section.fail("window_s", "expected at most the duration of the run, " + plain(duration_s) +
+                                 " s, got " + plain(criterion.window_s));
+  }
+  criterion.force_ripple_max_count = section.optional_number("force_ripple_max_count", 0, 1e9);
+  criterion.position_ripple_max_count =
+      section.optional_number("position_ripple_max_count", 0, 1e12);
+  if (const toml::node *node = section.table().get("contact_held")) {
     const auto held = node->value_exact<bool>();
-    if (!held) reader.fail("verdict.contact_held", "expected true or false");
+    if (!held) section.fail("contact_held", "expected true or false");
     criterion.contact_held = *held;
+  }
+  if (!criterion.contact_held && !criterion.force_ripple_max_count &&
+      !criterion.position_ripple_max_count) {
+    section.fail("contact_held",
+                 "expected at least one limit: contact_held = true, force_ripple_max_count or "
+                 "position_ripple_max_count");
   }
   return criterion;
 }
@@ -188,7 +248,8 @@ void put(toml::table &table, std::string_view key, const std::string &text) {
   double number = 0;
   const char *end = text.data() + text.size();
   const auto parsed = std::from_chars(text.data(), end, number);
-  if (parsed.ec == std::errc() && parsed.ptr == end) {
+  const bool is_text = key == "title" || key == "figure" || key == "shows" || key == "model";
+  if (!is_text && parsed.ec == std::errc() && parsed.ptr == end) {
     table.insert_or_assign(key, number);
   } else if (text == "true" || text == "false") {
     table.insert_or_assign(key, text == "true");
@@ -231,7 +292,8 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
 }
 
 toml::table parse(const std::filesystem::path &file) {
-  if (!std::filesystem::is_regular_file(file)) {
+  std::error_code unreadable;
+  if (!std::filesystem::is_regular_file(file, unreadable)) {
     throw InputError(file.string(), "file", "expected a readable experiment file, there is none");
   }
   try {
@@ -242,34 +304,54 @@ toml::table parse(const std::filesystem::path &file) {
   }
 }
 
-std::shared_ptr<const sim::Model> read_model(const Reader &reader, const toml::table &root,
-                                             const std::filesystem::path &file) {
+std::shared_ptr<const sim::Model> read_model(const Section &root, const std::filesystem::path &file,
+                                             std::set<std::string> &named) {
   const std::filesystem::path path =
-      (file.parent_path() / reader.text(root, "model", true)).lexically_normal();
-  std::vector<sim::Override> overrides;
-  const toml::table *set = reader.table(root, "set");
-  std::vector<std::pair<std::string, std::string>> by_name;
-  if (set != nullptr) {
-    for (const auto &[key, node] : *set) {
+      (file.parent_path() / root.text("model", true)).lexically_normal();
+  const auto set = root.section("set");
+  const auto load = [&](const sim::Model *known) {
+    std::vector<sim::Override> overrides;
+    if (!set) return std::make_shared<const sim::Model>(sim::load_model(path));
+    for (const auto &[key, node] : set->table()) {
       const std::string name(key.str());
-      if (const auto other = node.value_exact<std::string>()) {
-        by_name.emplace_back(name, *other);
-      } else {
-        overrides.push_back({name, reader.number(node, "set." + name, -1e18, 1e18)});
+      if (!node.is_string()) {
+        overrides.push_back({name, set->as_number(node, name, -kLargest, kLargest)});
+        continue;
       }
+      // Another parameter's value: known once the model has been read without these.
+      if (known == nullptr) continue;
+      const sim::Parameter *parameter = find_parameter(*known, name);
+      if (parameter == nullptr) set->fail(name, "expected a parameter of the model");
+      const auto dimension = sim::dimension_of(parameter->unit);
+      overrides.push_back({name, set->quantity(node, name, *known, {*dimension}, named)});
+    }
+    return std::make_shared<const sim::Model>(sim::load_model(path, overrides));
+  };
+  auto model = load(nullptr);
+  const bool by_name =
+      set && std::any_of(set->table().begin(), set->table().end(),
+                         [](const auto &entry) { return entry.second.is_string(); });
+  return by_name ? load(model.get()) : model;
+}
+
+// The firmware's converters are what the model must have.
+void check_converters(const Section &root, const Experiment &experiment) {
+  const sim::Model &model = *experiment.model;
+  if (model.dac.bits != 12) {
+    throw InputError(model.file, "dac.bits", "expected 12, the width of the firmware's codes");
+  }
+  const std::uint16_t adc_bits = *find_object("adc_bits");
+  std::int64_t bits = object_meta(adc_bits).initial;
+  for (const ObjectWrite &w : experiment.initial) {
+    if (w.object == adc_bits) bits = w.raw;
+  }
+  for (const auto &adc : model.adc) {
+    if (adc && adc->bits != bits) {
+      root.fail("firmware.adc_bits", "expected " + std::to_string(adc->bits) +
+                                         ", the width of the model's ADC, got " +
+                                         std::to_string(bits));
     }
   }
-  auto model = std::make_shared<const sim::Model>(sim::load_model(path, overrides));
-  if (by_name.empty()) return model;
-  for (const auto &[name, other] : by_name) {
-    const auto value = parameter_value(*model, other);
-    if (!value) {
-      reader.fail("set." + name,
-                  "expected a number or the name of a model parameter, got \"" + other + "\"");
-    }
-    overrides.push_back({name, *value});
-  }
-  return std::make_shared<const sim::Model>(sim::load_model(path, overrides));
 }
 
 std::string hash_inputs(const std::filesystem::path &file, const sim::Model &model,
@@ -291,34 +373,33 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides) {
-  toml::table root = parse(file);
-  apply_overrides(root, overrides);
-  const Reader reader(file);
-  reader.only(root, "",
-              {"title", "figure", "shows", "model", "duration_s", "set", "firmware", "at",
-               "verdict", "plot"});
+  toml::table table = parse(file);
+  apply_overrides(table, overrides);
+  const std::string name = file.string();
+  const Section root(name, table);
+  root.only({"title", "figure", "shows", "model", "duration_s", "set", "firmware", "at", "verdict",
+             "plot"});
   Experiment experiment;
   experiment.file = file;
-  experiment.title = reader.text(root, "title", true);
-  experiment.figure = reader.text(root, "figure", false);
-  experiment.shows = reader.text(root, "shows", false);
-  const toml::node *duration = root.get("duration_s");
-  if (duration == nullptr) reader.fail("duration_s", "expected a time in s, the key is missing");
-  experiment.ticks =
-      tick_at(reader.number(*duration, "duration_s", 1.0 / sim::kTickRateHz, kLongestRun_s));
-  experiment.model = read_model(reader, root, file);
-  experiment.initial = object_writes(reader, reader.table(root, "firmware"), *experiment.model);
-  if (const toml::node *node = root.get("at")) {
-    const toml::array *list = node->as_array();
-    if (list == nullptr) reader.fail("at", "expected tables, write [[at]]");
-    for (std::size_t i = 0; i < list->size(); ++i) {
-      experiment.actions.push_back(read_action(reader, *list->get(i), i, *experiment.model));
-    }
+  experiment.title = root.text("title", true);
+  experiment.figure = root.text("figure", false);
+  experiment.shows = root.text("shows", false);
+  const double duration_s = root.number("duration_s", 1.0 / sim::kTickRateHz, kLongestRun_s);
+  experiment.ticks = tick_at(duration_s);
+  std::set<std::string> named;
+  experiment.model = read_model(root, file, named);
+  experiment.initial = read_objects(root.section("firmware"), *experiment.model, named);
+  check_converters(root, experiment);
+  for (const Section &at : root.sections("at")) {
+    experiment.actions.push_back(read_action(at, duration_s, *experiment.model, named));
   }
   std::stable_sort(experiment.actions.begin(), experiment.actions.end(),
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
-  if (const toml::table *verdict = reader.table(root, "verdict")) {
-    experiment.criterion = read_criterion(reader, *verdict);
+  if (const auto verdict = root.section("verdict")) {
+    experiment.criterion = read_criterion(*verdict, duration_s);
+  }
+  for (const sim::Parameter &p : experiment.model->parameters) {
+    if (p.overridden && !p.used && !named.contains(p.name)) experiment.unused.push_back(p.name);
   }
   experiment.hash = hash_inputs(file, *experiment.model, overrides);
   return experiment;

@@ -2,21 +2,22 @@
 // An experiment: which plant, which firmware objects, what happens when, and when the result counts
 // as stable. Read from TOML; every mistake is an InputError naming file, key and what was expected.
 //
-//   title    = "Contact, k_f = 5, f_d = 30"          required
-//   figure   = "3.14"                                optional, what it reproduces
-//   shows    = "what to look for"                    optional
-//   model    = "../models/laboratory.toml"           required, relative to the experiment
-//   duration_s = 4.0                                 required, > 0, at most 600; rounds up to a
-//   tick [set]       b_w = 363.0                          model parameters, SI, or another
-//   parameter's name [firmware]  force_gain = 5.0                     objects in engineering units,
-//   enum text, or the
-//                                                    name of a model parameter; written before tick
-//                                                    0, `mode` last
-//   [[at]]      time_s = 2.0                         rounds up to a tick, applied before that tick
-//               impulse = { body = "workpiece", N_s = "strike" }
-//               firmware = { force_setpoint = 10.0 }
-//   [verdict]   see Criterion; absent: the run has no verdict
-//   [plot]      rows = [["sensor.force"], ...], from_s, to_s: for the report, not read here
+// clang-format off
+//   title    = "Contact, k_f = 5, f_d = 30"   required
+//   figure   = "3.14"                         optional, what it reproduces
+//   shows    = "what to look for"             optional
+//   model    = "../models/laboratory.toml"    required, relative to the experiment
+//   duration_s = 4.0                          required, one tick to 600; rounds up to a tick
+//   [set]      b_w = 363.0                    model parameters, SI, or another parameter's name
+//   [firmware] force_gain = 5.0               objects in engineering units, an enum's text, or the name
+//                                             of a model parameter in counts; written before tick 0,
+//                                             commands after parameters and `mode` last
+//   [[at]]     time_s = 2.0                   0 to duration_s; rounds up, applied before that tick
+//              impulse = { body = "workpiece", N_s = "strike" }
+//              firmware = { force_setpoint = 10.0 }
+//   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
+//   [plot]     rows = [["sensor.force"], ...], from_s, to_s: for the Python side, not read here
+// clang-format on
 //
 // Overrides come as text, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2"
 // or "m_r=140"; they win over the file.
@@ -71,6 +72,7 @@ struct Experiment {
   std::vector<ObjectWrite> initial;
   std::vector<Action> actions;  // by tick
   std::optional<Criterion> criterion;
+  std::vector<std::string> unused;  // parameters that [set] moved and nothing refers to
 };
 
 // Throws sim::InputError.

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <stdexcept>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
@@ -21,6 +20,40 @@ std::int32_t read(const Axis &axis, std::uint16_t object) {
   std::int32_t value = 0;
   axis_host_read(axis.get(), object, &value);
   return value;
+}
+
+const char *refusal_text(int error) {
+  switch (error) {
+    case FW_ERROR_RANGE:
+      return "outside its range or at odds with another object";
+    case FW_ERROR_STATE:
+      return "not in this state of the axis: a fault is latched, or it must be disabled or idle";
+    default:
+      return "cannot be written";
+  }
+}
+
+int write(const Axis &axis, const ObjectWrite &w) {
+  return axis_host_write(axis.get(), w.object, w.raw);
+}
+
+// Objects that bound each other are taken in whatever order works.
+void write_initial(const Axis &axis, const Experiment &experiment) {
+  std::vector<ObjectWrite> left = experiment.initial;
+  while (!left.empty()) {
+    std::vector<ObjectWrite> refused;
+    for (const ObjectWrite &w : left) {
+      if (write(axis, w) != FW_OK) refused.push_back(w);
+    }
+    if (refused.size() == left.size()) {
+      const ObjectWrite &w = refused.front();
+      throw sim::InputError(
+          experiment.file.string(), std::string("firmware.") + object_meta(w.object).name,
+          "expected a value that the firmware takes beside the others, it refused " +
+              std::to_string(w.raw) + " (raw): " + refusal_text(write(axis, w)));
+    }
+    left = refused;
+  }
 }
 
 // Adds one record, little-endian and unpadded.
@@ -72,16 +105,7 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   sim::Plant plant(experiment.model,
                    {.audit = options.audit, .listed_events = options.trace ? kListedEvents : 0});
   const Axis axis(axis_host_create());
-  const auto write = [&](const ObjectWrite &w) {
-    const int refused = axis_host_write(axis.get(), w.object, w.raw);
-    if (refused != 0) {
-      throw sim::InputError(
-          experiment.file.string(), std::string("firmware.") + object_meta(w.object).name,
-          "expected a value the firmware takes, it refused " + std::to_string(w.raw) + " (error " +
-              std::to_string(refused) + "); see `forceaxis objects`");
-    }
-  };
-  for (const ObjectWrite &w : experiment.initial) write(w);
+  write_initial(axis, experiment);
 
   RunResult result;
   result.signal_names = plant.signal_names();
@@ -110,9 +134,17 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   std::vector<double> row(width);
   auto action = experiment.actions.begin();
 
+  std::int32_t first_fault = AXIS_FAULT_NONE;
+
   for (std::int64_t k = 0; k <= experiment.ticks; ++k) {
+    if (k % 1024 == 0 && options.stop && options.stop()) throw RunStopped();
     for (; action != experiment.actions.end() && action->tick <= k; ++action) {
-      for (const ObjectWrite &w : action->writes) write(w);
+      for (const ObjectWrite &w : action->writes) {
+        const int error = write(axis, w);
+        if (error != FW_OK) {
+          result.refused.push_back({k, object_meta(w.object).name, refusal_text(error)});
+        }
+      }
       for (const Impulse &j : action->impulses) plant.apply_impulse(j.body, j.impulse_N_s);
     }
     const sim::SensorCodes codes = plant.codes();
@@ -134,6 +166,8 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
         out.dac_code,
         static_cast<std::uint8_t>((out.amp_enable ? 1 : 0) | (out.brake_release ? 2 : 0))};
     add(hash, record);
+    const std::int32_t fault = read(axis, AXIS_OBJ_FAULT);
+    if (first_fault == AXIS_FAULT_NONE) first_fault = fault;
     plant.signals(row);
     for (const std::size_t i : contact_forces) {
       metrics.peak_force_N = std::max(metrics.peak_force_N, row[i]);
@@ -146,7 +180,7 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
     }
     if (options.trace) {
       result.records.push_back(record);
-      result.firmware.push_back({static_cast<std::uint8_t>(read(axis, AXIS_OBJ_FAULT)),
+      result.firmware.push_back({static_cast<std::uint8_t>(fault),
                                  static_cast<std::uint8_t>(read(axis, AXIS_OBJ_LIMIT_REASON))});
       std::copy(row.begin(), row.end(),
                 result.signals.begin() +
@@ -164,15 +198,15 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
                                              [&row](std::size_t i) { return row[i] > 0; });
   if (!contact_forces.empty()) metrics.final_force_N = row[contact_forces.front()];
 
-  const std::int32_t fault = read(axis, AXIS_OBJ_FAULT);
-  result.fault = enum_text(AXIS_OBJ_FAULT, fault);
+  result.fault = enum_text(AXIS_OBJ_FAULT, first_fault);
   result.metrics = metrics;
   result.events = plant.events();
   result.event_count = plant.crossings() + plant.jumps();
   if (options.audit) result.energy = plant.energy();
   result.edge_margin = plant.edge_margin();
   result.trace_hash = hash.hex();
-  if (experiment.criterion) result.verdict = judge(*experiment.criterion, metrics, fault != 0);
+  if (experiment.criterion)
+    result.verdict = judge(*experiment.criterion, metrics, first_fault != AXIS_FAULT_NONE);
   return result;
 }
 

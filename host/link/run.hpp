@@ -2,7 +2,9 @@
 // The in-process run: the firmware's fw_tick around the plant, one record a tick.
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -33,6 +35,19 @@ struct FirmwareRecord {
 struct RunOptions {
   bool trace = true;  // keep records and signals; without, only metrics, hash and verdict
   bool audit = true;  // energy audit
+  // Asked every 1024 ticks; true ends the run with RunStopped.
+  std::function<bool()> stop = {};
+};
+
+struct RunStopped : std::runtime_error {
+  RunStopped() : std::runtime_error("the run was stopped") {}
+};
+
+// A write of an [[at]] that the firmware refused, as it must in some states.
+struct Refusal {
+  std::int64_t tick;
+  std::string object;
+  std::string reason;
 };
 
 // Over the criterion's window, or the last second without a criterion.
@@ -57,10 +72,13 @@ struct RunResult {
   double edge_margin = 0;  // LSB
   std::string trace_hash;  // hex
   Metrics metrics;
-  std::string fault;    // name of the latched fault, "none"
+  std::string fault;  // name of the first fault of the run, "none"
+  std::vector<Refusal> refused;
   std::string verdict;  // "stable", "unstable", or "" without a criterion
 };
 
+// Throws sim::InputError if the firmware refuses an initial write, sim::SimulationError if the
+// plant cannot be stepped on, RunStopped.
 RunResult run(const Experiment &, const RunOptions & = {});
 
 // "stable" or "unstable" from metrics alone, so that thresholds can be varied without a run.

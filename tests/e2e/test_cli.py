@@ -74,7 +74,8 @@ def test_the_trace_hash_is_the_documented_one(shown):
 
 
 def test_json_prints_nothing_else(shown):
-    done = forceaxis("run", CONTACT, "--set", "experiment.duration_s=0.1", "--json")
+    short = ["--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"]
+    done = forceaxis("run", CONTACT, *short, "--json")
     assert done.stderr == ""
     assert done.stdout.count("\n") == 1
     json.loads(done.stdout)
@@ -116,7 +117,7 @@ def test_a_bad_model_is_one_line_and_status_2(tmp_path, change, key):
     (tmp_path / "model.toml").write_text(MODEL.format(**(GOOD | change)))
     (tmp_path / "e.toml").write_text(EXPERIMENT)
     refused(forceaxis("run", tmp_path / "e.toml", "--out", tmp_path / "out"), "model.toml", key)
-    assert not (tmp_path / "out").exists()
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_the_good_model_of_those_cases_is_taken(tmp_path):
@@ -147,6 +148,45 @@ def test_a_truncated_experiment_is_one_line_and_status_2(tmp_path):
     text = (ROOT / CONTACT).read_text()
     (tmp_path / "cut.toml").write_text(text[: text.index("force_gain") + 12])
     refused(forceaxis("run", tmp_path / "cut.toml"), "cut.toml", "line")
+
+
+PLOTS = ['rows = [["nosuch"]]', "rows = 5", "rows = []", 'from_s = "a"', "to_s = -1", "colour = 1"]
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_a_bad_plot_is_one_line_and_status_2(tmp_path, plot):
+    (tmp_path / "model.toml").write_text(MODEL.format(**GOOD))
+    (tmp_path / "e.toml").write_text(f"{EXPERIMENT}[plot]\n{plot}\n")
+    refused(forceaxis("run", tmp_path / "e.toml", "--out", tmp_path), "e.toml", "plot")
+
+
+def test_odd_files_are_one_line_and_status_2(tmp_path):
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    (tmp_path / "empty.toml").write_text("")
+    for name in ("binary.toml", "empty.toml", ".", "x" * 5000):
+        refused(forceaxis("run", tmp_path / name))
+
+
+def test_a_byte_order_mark_is_harmless(tmp_path):
+    (tmp_path / "model.toml").write_text(MODEL.format(**GOOD))
+    (tmp_path / "e.toml").write_text("\ufeff" + EXPERIMENT)
+    done = forceaxis("run", tmp_path / "e.toml", "--json")
+    assert done.returncode == 0, done.stderr
+    # Nothing is converted in this model, so nothing came close to an edge.
+    assert json.loads(done.stdout)["edge_margin"] is None
+
+
+def test_a_parameter_that_changes_nothing_is_refused():
+    refused(forceaxis("run", CONTACT, "--set", "m_b=1"), "m_b")
+
+
+def test_a_write_that_the_firmware_refuses_on_the_way_is_reported(tmp_path):
+    (tmp_path / "model.toml").write_text(MODEL.format(**GOOD))
+    text = '[firmware]\nmode = "open_loop"\n[[at]]\ntime_s = 0.05\nfirmware = { adc_bits = 12 }\n'
+    (tmp_path / "e.toml").write_text(EXPERIMENT + text)
+    done = forceaxis("run", tmp_path / "e.toml", "--json")
+    (row,) = json.loads(done.stdout)["refused"]
+    assert (row["tick"], row["object"]) == (75, "adc_bits")
 
 
 def refused(done, *words):

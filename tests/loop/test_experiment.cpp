@@ -1,5 +1,6 @@
 // Every mistake in an experiment is one line: file, key, what was expected.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -23,7 +24,8 @@ time_s = 0.5
 firmware = { force_setpoint = 10.0 }
 impulse = { body = "workpiece", N_s = "strike" }
 [verdict]
-window_s = 0.2
+window_s = 0.05
+contact_held = true
 )";
 
 class Files : public testing::Test {
@@ -31,7 +33,10 @@ class Files : public testing::Test {
   std::filesystem::path write(std::string text) {
     const auto at = text.find("MODEL");
     if (at != std::string::npos) text.replace(at, 5, SIM_DIR "/models/laboratory.toml");
-    const auto path = std::filesystem::path(testing::TempDir()) / "experiment_under_test.toml";
+    // Tests run side by side, each in a process of its own.
+    const std::string name = testing::UnitTest::GetInstance()->current_test_info()->name();
+    const auto path =
+        std::filesystem::path(testing::TempDir()) / (name + std::to_string(::getpid()) + ".toml");
     std::ofstream(path) << text;
     return path;
   }
@@ -82,6 +87,22 @@ TEST_F(Files, EachMistakeIsNamed) {
   EXPECT_EQ(refusal(with("\"workpiece\"", "\"wall\"")), "at[0].impulse.body");
   EXPECT_EQ(refusal(with("\"strike\"", "\"punch\"")), "at[0].impulse.N_s");
   EXPECT_EQ(refusal(with("window_s", "window")), "verdict.window");
+  EXPECT_EQ(refusal(with("window_s = 0.05", "window_s = 2.0")), "verdict.window_s");
+  EXPECT_EQ(refusal(with("contact_held = true\n", "")), "verdict.contact_held");
+  EXPECT_EQ(refusal(with("time_s = 0.5", "time_s = 1.5")), "at[0].time_s");
+  EXPECT_EQ(refusal(with("{ force_setpoint = 10.0 }", "5")), "at[0].firmware");
+  EXPECT_EQ(refusal(with("force_setpoint = 10.0", "force_setpoint = 1e9")),
+            "at[0].firmware.force_setpoint");
+  EXPECT_EQ(refusal(with("body = \"workpiece\", ", "")), "at[0].impulse.body");
+  // Units of parameters that stand for a value.
+  EXPECT_EQ(refusal(with("b_w = 363.0", "m_w = \"k_w\"")), "set.m_w");
+  EXPECT_EQ(refusal(with("\"strike\"", "\"m_r1\"")), "at[0].impulse.N_s");
+  EXPECT_EQ(refusal(with("force_gain = 5.0", "force_gain = \"m_r1\"")), "firmware.force_gain");
+  // Objects that are whole numbers, enums or flags.
+  EXPECT_EQ(refusal(with("force_gain = 5.0", "latency_ticks = 0.6")), "firmware.latency_ticks");
+  EXPECT_EQ(refusal(with("force_gain = 5.0", "force_gain = true")), "firmware.force_gain");
+  EXPECT_EQ(refusal(with("mode = \"force\"", "mode = 2.6")), "firmware.mode");
+  EXPECT_EQ(refusal(with("force_gain = 5.0", "adc_bits = 12")), "firmware.adc_bits");
   EXPECT_EQ(refusal(with("b_w = 363.0", "b_w = \"363\"")), "set.b_w");
   EXPECT_EQ(refusal(std::string(kGood).substr(0, 40)).rfind("line ", 0), 0U);
 }
@@ -98,14 +119,32 @@ TEST_F(Files, OverridesWinAndAreChecked) {
   EXPECT_NE(refusal(kGood, {"m_w=-1"}), "accepted");
 }
 
+TEST_F(Files, ASetThatNothingUsesIsKnown) {
+  EXPECT_TRUE(load_experiment(write(kGood)).unused.empty());
+  const Experiment e = load_experiment(write(with("b_w = 363.0", "m_b = 1.0")));
+  EXPECT_EQ(e.unused, std::vector<std::string>{"m_b"});
+  // `strike` is no part of the model, but the experiment refers to it.
+  EXPECT_TRUE(load_experiment(write(with("b_w = 363.0", "strike = 1.0"))).unused.empty());
+}
+
+TEST_F(Files, CommandsComeAfterParametersAndModeLast) {
+  const Experiment e =
+      load_experiment(write(with("force_gain = 5.0", "recorder_arm = 1\nrecorder_signal_1 = 30")));
+  ASSERT_EQ(e.initial.size(), 3U);
+  EXPECT_EQ(e.initial[0].object, AXIS_OBJ_RECORDER_SIGNAL_1);
+  EXPECT_EQ(e.initial[1].object, AXIS_OBJ_RECORDER_ARM);
+  EXPECT_EQ(e.initial[2].object, AXIS_OBJ_MODE);
+}
+
 TEST_F(Files, AMissingFileIsNamed) {
+  EXPECT_THROW(load_experiment(std::string(5000, 'x')), sim::InputError);
   EXPECT_THROW(load_experiment("no/such/experiment.toml"), sim::InputError);
 }
 
 // A time that is not a whole number of ticks rounds up; one that is, does not.
 TEST_F(Files, TimesRoundUpToTicks) {
-  EXPECT_EQ(load_experiment(write(with("duration_s = 1.0", "duration_s = 0.0667"))).ticks, 101);
-  EXPECT_EQ(load_experiment(write(with("duration_s = 1.0", "duration_s = 0.002"))).ticks, 3);
+  EXPECT_EQ(load_experiment(write(with("duration_s = 1.0", "duration_s = 0.5667"))).ticks, 851);
+  EXPECT_EQ(load_experiment(write(with("duration_s = 1.0", "duration_s = 0.502"))).ticks, 753);
 }
 
 }  // namespace

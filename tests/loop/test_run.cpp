@@ -42,7 +42,7 @@ TEST(Run, WithoutTraceAndAuditNothingElseChanges) {
 }
 
 TEST(Run, RecordsEveryTickFromZeroToTheEnd) {
-  const RunResult r = run_with(kContact, {"experiment.duration_s=0.1"});
+  const RunResult r = run_with(kContact, {"experiment.duration_s=0.1", "verdict.window_s=0.1"});
   ASSERT_EQ(r.records.size(), 151U);
   for (std::size_t k = 0; k < r.records.size(); ++k) EXPECT_EQ(r.records[k].tick, k);
   EXPECT_EQ(r.signals.size(), r.records.size() * r.signal_names.size());
@@ -50,15 +50,15 @@ TEST(Run, RecordsEveryTickFromZeroToTheEnd) {
 
 // Out of contact the first code is k_f f_d exactly: 5 x 30.
 TEST(Run, FirstCodeIsTheLawByHand) {
-  const RunResult r = run_with(kContact, {"experiment.duration_s=0.01"});
+  const RunResult r = run_with(kContact, {"experiment.duration_s=0.01", "verdict.window_s=0.01"});
   EXPECT_EQ(r.records.front().dac_code, 150);
   EXPECT_EQ(r.records.front().out & 1, 1);
 }
 
 // latency_ticks = 1 puts out the same codes one tick later while the force reads 0.
 TEST(Run, LatencyDelaysTheCodeByOneTick) {
-  const RunResult r =
-      run_with(kContact, {"experiment.duration_s=0.01", "firmware.latency_ticks=1"});
+  const RunResult r = run_with(kContact, {"experiment.duration_s=0.01", "verdict.window_s=0.01",
+                                          "firmware.latency_ticks=1"});
   EXPECT_EQ(r.records[0].dac_code, 0);
   EXPECT_EQ(r.records[1].dac_code, 150);
 }
@@ -104,6 +104,23 @@ TEST(Run, AFaultStopsTheAxisAndTheVerdict) {
     EXPECT_EQ(r.records[k].out, 0);
   }
   EXPECT_TRUE(seen);
+}
+
+// Limits that bound each other go in, whichever comes first in the file.
+TEST(Run, InitialWritesAreTakenInAnOrderThatWorks) {
+  EXPECT_NO_THROW(run_with(kContact, {"experiment.duration_s=0.01", "verdict.window_s=0.01",
+                                      "firmware.position_max=-100", "firmware.position_min=-200",
+                                      "firmware.position_setpoint=-150"}));
+  EXPECT_THROW(run_with(kContact, {"experiment.duration_s=0.01", "verdict.window_s=0.01",
+                                   "firmware.position_max=-300", "firmware.position_min=-200"}),
+               sim::InputError);
+}
+
+TEST(Run, CanBeStopped) {
+  const Experiment e = load_experiment(kContact);
+  int asked = 0;
+  EXPECT_THROW(run(e, {.stop = [&asked] { return ++asked == 3; }}), RunStopped);
+  EXPECT_EQ(asked, 3);
 }
 
 TEST(Judge, EachLimitAlone) {

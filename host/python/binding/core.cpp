@@ -109,6 +109,18 @@ struct Result {
     return d;
   }
 
+  py::list refused() const {
+    py::list list;
+    for (const auto &r : run.refused) {
+      py::dict d;
+      d["tick"] = r.tick;
+      d["object"] = r.object;
+      d["reason"] = r.reason;
+      list.append(d);
+    }
+    return list;
+  }
+
   py::list events() const {
     py::list list;
     for (const auto &e : run.events) list.append(py::make_tuple(e.time_s, e.element, e.from, e.to));
@@ -121,7 +133,21 @@ std::unique_ptr<Result> run_one(const std::filesystem::path &file,
   py::gil_scoped_release release;
   auto result = std::make_unique<Result>();
   result->experiment = forceaxis::host::load_experiment(file, overrides);
-  result->run = forceaxis::host::run(result->experiment);
+  if (!result->experiment.unused.empty()) {
+    throw forceaxis::sim::InputError(file.string(), "set." + result->experiment.unused.front(),
+                                     "expected a parameter that the model or the experiment uses, "
+                                     "this one changes nothing here; remove it");
+  }
+  const auto interrupted = [] {
+    const py::gil_scoped_acquire acquire;
+    return PyErr_CheckSignals() != 0;
+  };
+  try {
+    result->run = forceaxis::host::run(result->experiment, {.stop = interrupted});
+  } catch (const forceaxis::host::RunStopped &) {
+    const py::gil_scoped_acquire acquire;
+    throw py::error_already_set();
+  }
   return result;
 }
 
@@ -220,6 +246,8 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("inputs_hash", [](const Result &r) { return r.experiment.hash; })
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
       .def_property_readonly("event_count", [](const Result &r) { return r.run.event_count; })
+      .def_property_readonly("refused", &Result::refused,
+                             "writes of [[at]] that the firmware refused: tick, object, reason")
       .def_property_readonly("events", &Result::events, "(time_s, element, from, to), located")
       .def_property_readonly("energy", &Result::energy, "J; mechanical energy audit")
       .def_property_readonly("metrics", [](const Result &r) { return to_dict(r.run.metrics); })

@@ -21,6 +21,20 @@ class Verb(click.Command):
                 formatter.write(f"  {line.strip()}\n")
 
 
+class Folder(click.Path):
+    """A folder to write to, made at once so that a wrong one fails before the work."""
+
+    def __init__(self):
+        super().__init__(file_okay=False, path_type=Path)
+
+    def convert(self, value, param, ctx):
+        if value == "":
+            self.fail("expected the name of a folder", param, ctx)
+        path = super().convert(value, param, ctx)
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
 threads = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
@@ -49,7 +63,7 @@ def cli():
 )
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=Folder(),
     help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
 )
 @as_json
@@ -63,7 +77,7 @@ def run(experiment, overrides, out, as_json):
     if out:
         experiments.write(done, out)
     if as_json:
-        click.echo(json.dumps(done.summary))
+        click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         click.echo(experiments.describe(done.summary))
         if out:
@@ -94,8 +108,8 @@ def tables_(fit, threads, as_json):
 @cli.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("report"),
+    type=Folder(),
+    default="report",
     show_default=True,
     help="Folder for index.html.",
 )
@@ -126,7 +140,11 @@ def objects_(pattern, as_json):
         click.echo(json.dumps([o._asdict() for o in rows]))
         return
     for o in rows:
-        click.echo(f"{o.name:26} {o.access:3} {o.unit:16} {o.meaning}")
+        span = ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g} {o.unit}"
+        when = {"any": "", "disabled": "; written only while disabled"}.get(
+            o.writable, "; written only while the recorder is idle"
+        )
+        click.echo(f"{o.name:26} {o.access:3} {o.meaning} [{span}{when}]")
 
 
 def main():
@@ -141,8 +159,13 @@ def main():
         sys.exit(130)
     except click.ClickException as error:
         fail(error.format_message())
+    except tables.StaleFit as error:
+        fail(str(error), status=1)
     except OSError as error:
-        fail(f"{error.filename}: {error.strerror}")
+        where = f"{error.filename}: " if error.filename else ""
+        fail(f"{where}expected to be able to read and write here, {error.strerror}")
+    except UnicodeError:
+        fail("expected UTF-8 in file names and files")
 
 
 def fail(message, status=2):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import shlex
 import tomllib
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from forceaxis import _core, objects, paths
+from forceaxis._core import InputError
 
 
 @dataclass
@@ -45,8 +47,9 @@ def run(experiment, overrides=()):
         "figure": result.figure,
         "verdict": result.verdict or None,
         "fault": result.fault,
+        "refused": result.refused,
         "trace_hash": result.trace_hash,
-        "edge_margin": result.edge_margin,
+        "edge_margin": result.edge_margin if math.isfinite(result.edge_margin) else None,
         "ticks": len(result.tick),
         "events": result.event_count,
         "energy": result.energy,
@@ -57,13 +60,38 @@ def run(experiment, overrides=()):
         "seed": None,
         "command": shlex.join(command),
     }
-    plot = tomllib.loads(experiment.read_text()).get("plot", {})
+    plot = tomllib.loads(experiment.read_text(encoding="utf-8-sig")).get("plot", {})
+    check_plot(experiment, plot, columns)
     return Run(experiment, summary, columns, result.events, plot, result.shows)
+
+
+def check_plot(experiment, plot, columns):
+    """Refuse a [plot] that could not be drawn."""
+
+    def fail(key, message):
+        raise InputError(f"{experiment}: {key}: {message}")
+
+    if not isinstance(plot, dict):
+        fail("plot", "expected a table, write [plot]")
+    for key in set(plot) - {"rows", "from_s", "to_s"}:
+        fail(f"plot.{key}", "expected one of rows, from_s, to_s; remove or rename this key")
+    for key in ("from_s", "to_s"):
+        value = plot.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e6:
+            fail(f"plot.{key}", "expected a time in s")
+    if plot.get("from_s", 0.0) >= plot.get("to_s", 1e6):
+        fail("plot.from_s", "expected a time before to_s")
+    rows = plot.get("rows", [["encoder"]])
+    if not (isinstance(rows, list) and rows and all(isinstance(r, list) and r for r in rows)):
+        fail("plot.rows", 'expected a list of lists of columns, [["encoder"], ["adc0"]]')
+    for name in (name for row in rows for name in row):
+        if name not in columns:
+            fail("plot.rows", f"expected columns of the trace ({', '.join(columns)}), got {name!r}")
 
 
 def describe(summary):
     """The summary for a terminal."""
-    energy, metrics = summary["energy"], summary["metrics"]
+    energy, metrics, margin = summary["energy"], summary["metrics"], summary["edge_margin"]
     lines = [
         ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
         ("verdict", summary["verdict"] or "none asked for"),
@@ -80,9 +108,12 @@ def describe(summary):
             "energy",
             f"supplied {energy['supplied_J']:.6g} J, residual {energy['residual_J']:.2g} J",
         ),
-        ("edge margin", f"{summary['edge_margin']:.3g} LSB"),
+        ("edge margin", "nothing converted" if margin is None else f"{margin:.3g} LSB"),
         ("trace hash", summary["trace_hash"]),
         ("again", summary["command"]),
+    ]
+    lines[3:3] = [
+        ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}") for r in summary["refused"]
     ]
     return "\n".join(f"{key:12} {value}" for key, value in lines)
 

@@ -23,7 +23,7 @@ class AxisObject(NamedTuple):
     enum: tuple[str, ...]
 
 
-OBJECTS_HASH = "150aa68c0390f6a7166fb3eb33c2ce535da1d1c0e2e614b8ee708ffeb9a44a75"
+OBJECTS_HASH = "0bf3e69eb4d56047f336500c8e8434d655bb947f8d3b41aabcf8e6f5674092e4"
 
 OBJECTS = (
     AxisObject(
@@ -191,7 +191,7 @@ OBJECTS = (
         name="position_setpoint",
         kind="parameter",
         part="axis",
-        meaning="wanted position; pursued when written in, or for, position mode",
+        meaning="wanted position; pursued when written in, or for, position mode; the axis stops at a soft limit on the way to it",
         type="i32",
         unit="count",
         scale=1.0,
@@ -319,7 +319,7 @@ OBJECTS = (
         name="bump_decay_shift",
         kind="parameter",
         part="axis",
-        meaning="n: the bias left by a change of mode or gain shrinks by 2^-n a tick; 0 means no bias",
+        meaning="n: the bias that the next change of mode or gain leaves shrinks by 2^-n a tick; 0: that change leaves none",
         type="u8",
         unit="1",
         scale=1.0,
@@ -456,7 +456,7 @@ OBJECTS = (
         name="limit_reason",
         kind="signal",
         part="axis",
-        meaning="what limits the output now",
+        meaning="what limits dac_code",
         type="u8",
         unit="1",
         scale=1.0,
@@ -592,7 +592,7 @@ OBJECTS = (
         name="command_code",
         kind="signal",
         part="axis",
-        meaning="code computed in the latest tick; with latency_ticks 1 it is put out one tick later",
+        meaning="code computed in the latest tick, before any limit; with latency_ticks 1 it is put out one tick later",
         type="i16",
         unit="code",
         scale=1.0,
@@ -848,7 +848,7 @@ OBJECTS = (
         name="recorder_trigger_level",
         kind="parameter",
         part="recorder",
-        meaning="raw value: rising is from below it to it or above, falling from above it to it or below",
+        meaning="raw value, for a u32 source the same 32 bits: rising is from below it to it or above, falling from above it to it or below",
         type="i32",
         unit="1",
         scale=1.0,

@@ -36,11 +36,13 @@ def rows_of(done):
 
 
 def trace(done, width=7.2):
-    """Figure of a run's rows over [plot] from_s .. to_s."""
+    """Figure of a run's rows over [plot] from_s .. to_s, within the run."""
     rows = rows_of(done)
     time = done.columns["time_s"]
     start, stop = done.plot.get("from_s", time[0]), done.plot.get("to_s", time[-1])
     shown = (time >= start) & (time <= stop)
+    if not shown.any():  # an override made the run shorter than the plot
+        shown[:] = True
     figure, axes = plt.subplots(
         len(rows), 1, sharex=True, figsize=(width, 0.55 + 1.45 * len(rows)), squeeze=False
     )
@@ -72,12 +74,13 @@ def style(ax):
 def plateau(curves, wanted, label):
     """Score over each constant, scaled to its fitted value.
 
-    curves: {name: (ratio array, score array)}; wanted: the fitted score.
+    curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
     """
     figure, ax = plt.subplots(figsize=(6.4, 2.8))
     style(ax)
-    for name, (ratio, score) in curves.items():
-        ax.plot(np.asarray(ratio) * 100, score, marker="o", markersize=3, label=name, **THIN)
+    for name, pairs in curves.items():
+        ratio, score = np.transpose(pairs)
+        ax.plot(ratio * 100, score, marker="o", markersize=3, label=name, **THIN)
     ax.axhline(wanted, color="#999999", linewidth=0.6)
     ax.set_xlabel("constant, % of its fitted value")
     ax.set_ylabel(label)

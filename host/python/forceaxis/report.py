@@ -79,8 +79,7 @@ def grid_rest(cells):
 def write(out, threads=None):
     """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
     result = tables.run(threads)
-    found = tables.evidence() or tables.fit(threads)
-    curves = tables.plateau(threads)
+    found = tables.evidence()
     runs = experiment_files()
     values = tables.parameters()
     constants = [
@@ -92,14 +91,14 @@ def write(out, threads=None):
             "groups": ", ".join(c.groups) or "all cells",
             "grid": c.grid,
             "found": found["fitted"][c.name],
-            "plateau": dict(zip(*curves[c.name], strict=True)),
+            "plateau": dict(found["plateau"][c.name]),
         }
         for c in tables.load().constants
     ]
     assumed = [
         {"name": n, **v}
         for n, v in values.items()
-        if not v["source"].startswith("Fig") and n not in result["fitted"]
+        if not (v["source"].startswith("Fig") or n in result["fitted"])
     ]
     predicted = []
     for figure in dict.fromkeys(c["figure"] for c in result["cells"]):
@@ -117,16 +116,15 @@ def write(out, threads=None):
         assumed=assumed,
         found=found,
         predicted=predicted,
-        plateau=png(plots.plateau(curves, result["matched"], "cells matched")),
+        plateau=png(plots.plateau(found["plateau"], result["matched"], "cells matched")),
         criterion=result["cells"][0]["criterion"],
-        sensitivity=tables.criterion_sensitivity(result["cells"]),
-        readings=tables.readings(threads),
+        sensitivity=tables.criterion_sensitivity(result["cells"], threads),
+        readings=found["readings"],
         declared=tables.load().readings,
         runs=[(r, png(plots.trace(r))) for r in runs],
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
     )
-    out.mkdir(parents=True, exist_ok=True)
     (out / "index.html").write_text(page)
     return {
         "report": paths.display(out / "index.html"),

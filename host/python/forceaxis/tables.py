@@ -23,6 +23,10 @@ FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
 
+class StaleFit(Exception):
+    """The fit on record does not belong to the present models, experiments or grid."""
+
+
 @dataclass(frozen=True)
 class Constant:
     """A fitted constant: its parameter, what it acts on, and the grid it was searched on."""
@@ -69,7 +73,7 @@ class Tables:
             f"firmware.force_gain={cell['force_gain']}",
             f"firmware.force_setpoint={self.unstated_setpoint if setpoint is None else setpoint}",
             *self.workpieces[cell["workpiece"]],
-            *(f"{k}={v!r}" for k, v in (constants or {}).items()),
+            *sets_of(constants or {}),
         ]
         return str(paths.EXPERIMENTS / experiment), sets
 
@@ -191,26 +195,30 @@ def score_with(variants, threads, title):
     ]
 
 
-def plateau(threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1)):
-    """{constant: (ratio to its value, score)}: one constant moved at a time."""
-    values = fitted()
+def plateau(values, threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1)):
+    """{constant: [[ratio to its value, score], ...]}: one constant moved at a time."""
     pairs = [(name, ratio) for name in values for ratio in steps]
-    variants = [[f"{name}={values[name] * ratio!r}"] for name, ratio in pairs]
+    variants = [sets_of(values | {name: values[name] * ratio}) for name, ratio in pairs]
     scores = score_with(variants, threads, "plateau")
     return {
-        name: (steps, [s for (n, _), s in zip(pairs, scores, strict=True) if n == name])
+        name: [[r, s] for (n, r), s in zip(pairs, scores, strict=True) if n == name]
         for name in values
     }
 
 
-def readings(threads=None):
-    """The declared readings' alternatives, each alone: [(reading, alternative, score)]."""
-    rows = [(r, a) for r in load().readings for a in r["alternatives"]]
-    scores = score_with([list(a["set"]) for _, a in rows], threads, "readings")
-    return [(r["name"], a["what"], s) for (r, a), s in zip(rows, scores, strict=True)]
+def readings(values, threads=None):
+    """The declared readings' alternatives, each alone: [[reading, alternative, score], ...]."""
+    rows = [(r["name"], a["what"], a["set"]) for r in load().readings for a in r["alternatives"]]
+    scores = score_with([sets_of(values) + sets for _, _, sets in rows], threads, "readings")
+    return [[name, what, s] for (name, what, _), s in zip(rows, scores, strict=True)]
 
 
-def criterion_sensitivity(cells):
+def sets_of(values):
+    """{parameter: value} as overrides."""
+    return [f"{k}={v!r}" for k, v in values.items()]
+
+
+def criterion_sensitivity(cells, threads=None):
     """What +-20 % on each threshold changes: [(threshold, factor, value, score, cells changed)].
 
     cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
@@ -230,7 +238,7 @@ def criterion_sensitivity(cells):
     for factor in (0.8, 1.2):
         extra = [f"verdict.window_s={window * factor!r}"]
         jobs = [(p, s + extra) for p, s in (tables.job(c) for c in tables.cells)]
-        verdicts = [o["verdict"] for o in run_jobs(jobs, None, "criterion")]
+        verdicts = [o["verdict"] for o in run_jobs(jobs, threads, "criterion")]
         rows.append(_sensitivity("window_s", factor, window * factor, cells, base, verdicts))
     return rows
 
@@ -251,7 +259,8 @@ def evidence_hash():
     fixed = {k: v["value"] for k, v in parameters().items() if k not in free}
     grid = [(c.name, c.groups, c.grid) for c in tables.constants]
     digest = hashlib.sha256()
-    digest.update(repr((tables.fit_on, grid, tables.cells, tables.workpieces, fixed)).encode())
+    asked = (tables.fit_on, grid, tables.cells, tables.workpieces, tables.readings, fixed)
+    digest.update(repr(asked).encode())
     files = {paths.EXPERIMENTS / name for name in tables.experiments.values()}
     files |= {path.parent / tomllib.loads(path.read_text())["model"] for path in files}
     for path in sorted(files):
@@ -263,8 +272,8 @@ def fit(threads=None):
     """Search the grid of tables.toml on the cells of `fit_on` and write tables_fit.json beside it.
 
     Contact cells run on every grid point that they depend on; strikes run where the contact cells,
-    all or without one figure, are within one of the best. Then each figure is left out in turn, the
-    others are fitted again and predict it. Returns the evidence.
+    all or without one figure, are at their best. Then each figure is left out in turn, the others
+    are fitted again and predict it. Returns the evidence.
     """
     tables = load()
     grids = [c.grid for c in tables.constants]
@@ -305,8 +314,8 @@ def fit(threads=None):
     promising = set()
     for figure in [None, *figures]:
         groups = without(figure, scores)
-        floor = max(total(p, groups) for p in everywhere) - 1
-        promising |= {p for p in everywhere if total(p, groups) >= floor}
+        best = max(total(p, groups) for p in everywhere)
+        promising |= {p for p in everywhere if total(p, groups) == best}
     points = sorted(promising)
     for group in late:
         scores[group] = evaluate(group, points)
@@ -341,18 +350,19 @@ def fit(threads=None):
                 "score_on_all": int(right.sum()),
             }
         )
+    best = total(chosen, tables.fit_on)
     evidence = {
         "inputs_hash": evidence_hash(),
-        "grid": dict(zip(names, (list(g) for g in grids), strict=True)),
+        "grid": {c.name: list(c.grid) for c in tables.constants},
         "points": len(everywhere),
         "points_with_strikes": len(points),
         "fitted": values(chosen),
-        "score": total(chosen, tables.fit_on),
+        "score": best,
         "cells": sum(len(members[g]) for g in tables.fit_on),
-        "points_at_best": sum(
-            total(p, tables.fit_on) == total(chosen, tables.fit_on) for p in points
-        ),
+        "points_at_best": sum(total(p, tables.fit_on) == best for p in points),
         "left_out": left,
+        "plateau": plateau(values(chosen), threads),
+        "readings": readings(values(chosen), threads),
     }
     EVIDENCE.write_text(json.dumps(evidence, indent=1) + "\n")
     return evidence
@@ -367,8 +377,14 @@ def neighbours(point, grids):
 
 
 def evidence():
-    """The fit on record, or None where it does not belong to the present files."""
+    """The fit on record. Raises StaleFit where it does not belong to the present files."""
+    again = "run `forceaxis tables --fit`, some minutes, and commit what it writes"
     if not EVIDENCE.exists():
-        return None
+        raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
     found = json.loads(EVIDENCE.read_text())
-    return found if found["inputs_hash"] == evidence_hash() else None
+    if found["inputs_hash"] != evidence_hash():
+        raise StaleFit(
+            f"{paths.display(EVIDENCE)}: expected a fit of the present models, experiments and "
+            f"grid, this one is stale; {again}"
+        )
+    return found
