@@ -109,6 +109,37 @@ VIOLATIONS = {
     "#if": ("conditional", "core/axis.c", "#if 1\n#endif\n"),
     "#ifdef": ("conditional", "fx/fx.h", "#ifdef __AVR__\n#endif\n"),
     "#else": ("conditional", "core/limits.h", "#else\n"),
+    "continued #if": ("conditional", "core/axis.c", "#\\\nif 1\n#endif\n"),
+    "continued word": ("conditional", "core/axis.c", "#i\\\nf 1\n#endif\n"),
+    "continued with a space": ("conditional", "core/axis.c", "# \\ \n if 1\n#endif\n"),
+    "#if after a comment": ("conditional", "core/axis.c", "/* */ # /*\n*/ if 1\n#endif\n"),
+    "#if after a form feed": ("conditional", "core/axis.c", "\f#if 1\n#endif\n"),
+    "trigraph": ("spelling", "core/axis.c", "?\x3f=if 1\n?\x3f=endif\n"),
+    "digraph": ("spelling", "fx/fx.c", "%:if 1\n%:endif\n"),
+    "continued float": ("float", "core/axis.c", "flo\\\nat x(void);\n"),
+    "float macro": ("float", "core/axis.c", "enum { X = __FLT_MAX__ > 3 };\n"),
+    "double macro": ("float", "core/axis.c", "enum { X = __DBL_MAX__ > 3 };\n"),
+    "long double macro": ("float", "core/axis.c", "enum { X = __LDBL_MAX__ > 3 };\n"),
+    "floating builtin": ("float", "core/axis.c", "enum { X = __builtin_inf() > 3 };\n"),
+    "folder below core": ("float", "core/sub/x.c", "float x;\n"),
+    "mutable global in a folder below": ("static", "app/a/b/x.c", "int x;\n"),
+    "folder for a protocol": ("float", "proto/x.c", "float x;\n"),
+    "shift in a protocol": ("shift", "proto/x.c", "enum { X = 1 << 3 };\n"),
+    "unknown folder": ("folder", "extra/x.c", "int x(void);\n"),
+    "file of no folder": ("folder", "x.h", "int x(void);\n"),
+    "file beside the table": ("folder", "objects/x.c", "int x(void);\n"),
+    "the name of the host's metadata": ("float", "core/axis_objects_meta.h", "float x(void);\n"),
+    "no C source": ("folder", "core/x.S", "\n"),
+    "computed include": (
+        "spelling",
+        "core/axis.c",
+        '#define HEADER "firmware/app/fw.h"\n#include HEADER\n',
+    ),
+    "include_next": ("layering", "core/axis.c", '#include_next "sim/plant.hpp"\n'),
+    "bare include": ("layering", "core/axis.c", '#include "laws.h"\n'),
+    "bare include in a port": ("layering", "port/host/axis_host.c", '#include "axis_host.h"\n'),
+    "way up": ("layering", "core/axis.c", '#include "firmware/core/../app/fw.h"\n'),
+    "continued include": ("layering", "core/axis.c", '#include \\\n"firmware/app/fw.h"\n'),
     "sim in firmware": ("layering", "core/axis.c", '#include "sim/plant.hpp"\n'),
     "sim in a port": ("layering", "port/host/axis_host.c", '#include "sim/plant.hpp"\n'),
     "port in core": ("layering", "core/axis.c", '#include "firmware/port/host/axis_host.h"\n'),
@@ -140,7 +171,10 @@ def test_a_clean_copy_passes(tree):
 @pytest.mark.parametrize("name", VIOLATIONS)
 def test_a_violation_is_found(tree, name):
     rule, path, text = VIOLATIONS[name]
-    append(tree / "firmware" / path, text)
+    target = tree / "firmware" / path
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.touch()
+    append(target, text)
     done = run(["check_firmware.py"], tree)
     assert done.returncode == 1, done.stdout + done.stderr
     rules = {line.split(": ")[1] for line in done.stdout.splitlines()}
@@ -148,11 +182,47 @@ def test_a_violation_is_found(tree, name):
     assert f"firmware/{path}" in done.stdout
 
 
-def test_firmware_in_sim_is_found(tree):
-    append(tree / "sim/plant.hpp", '#include "firmware/core/axis.h"\n')
+@pytest.mark.parametrize(
+    "include",
+    [
+        '"firmware/core/axis.h"',
+        '"axis_host.h"',
+        "<axis_host.h>",
+        "<firmware/core/axis.h>",
+        '"sim/../firmware/core/axis.h"',
+        '"../firmware/core/axis.h"',
+        '"host/link/run.hpp"',
+        '\\\n"firmware/core/axis.h"',
+    ],
+)
+def test_an_include_that_leaves_sim_is_found(tree, include):
+    append(tree / "sim/plant.hpp", f"#include {include}\n")
+    done = run(["check_firmware.py"], tree)
+    assert done.returncode == 1, done.stdout
+    assert done.stdout.startswith("sim/plant.hpp:2: layering: ")
+
+
+@pytest.mark.parametrize("include", ['"axis_host.h"', '"plant.hpp"', "<plant.hpp>", '"../x.hpp"'])
+def test_an_include_in_host_that_is_not_rooted_is_found(tree, include):
+    (tree / "host/link").mkdir()
+    (tree / "host/link/run.cpp").write_text(f'#include "sim/plant.hpp"\n#include {include}\n')
+    done = run(["check_firmware.py"], tree)
+    assert done.returncode == 1, done.stdout
+    assert done.stdout.startswith("host/link/run.cpp:2: layering: ")
+
+
+def test_a_link_out_of_the_tree_is_found(tree):
+    (tree / "firmware/core/sub").symlink_to(tree / "sim")
     done = run(["check_firmware.py"], tree)
     assert done.returncode == 1
-    assert done.stdout.startswith("sim/plant.hpp:2: layering: ")
+    assert done.stdout.startswith("firmware/core/sub: folder: ")
+
+
+def test_lines_keep_their_numbers_behind_continued_ones(tree):
+    path = tree / "firmware/core/axis.c"
+    path.write_text("#define X \\\n  1 \\\n  + 2\nfloat x(void);\n")
+    done = run(["check_firmware.py"], tree)
+    assert "firmware/core/axis.c:4: float: 'float'" in done.stdout
 
 
 def test_a_missing_guard_is_found(tree):

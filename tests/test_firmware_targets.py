@@ -48,8 +48,8 @@ RV32 = ["riscv64-unknown-elf-gcc", "-march=rv32imac", "-mabi=ilp32"]
 AVR = ["avr-gcc", "-mmcu=atmega2560"]
 LAWS_ROUNDS = 20_000
 
-FOLDERS = ("core", "fx", "app", "objects/generated")
-SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).glob("*.c"))]
+FOLDERS = ("core", "fx", "app", "proto", "objects/generated")
+SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c"))]
 LAWS = [ROOT / "tests/unit/targets/laws_probe.c", ROOT / "firmware/fx/fx.c"]
 
 START = """

@@ -7,16 +7,21 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{core,fx,app} and firmware/objects/generated (without the host's axis_objects_meta.h):
+In firmware/{core,fx,app,proto} and firmware/objects/generated (without the host's
+axis_objects_meta.h), with every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
   heap         no malloc and its kin
   static       no mutable static or global: .data, .bss and common are empty
   libc         only stdint.h, stdbool.h and stddef.h are included; no undefined symbol is left
   conditional  no #if of any kind but the include guard
-  layering     firmware includes firmware only, and core, fx and app no port, app or host header
-               from below; sim includes no firmware
+  layering     each folder includes only what MAY_INCLUDE allows it: no port, and no layer above
   shift        no << >> / % outside fx: whatever can round or overflow goes through it
+  spelling     no trigraph, digraph or computed include, which other rules would have to see through
+Everywhere in firmware, sim and host:
+  layering     firmware includes firmware only and sim sim only; a project header is included in
+               quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
+  folder       nothing lies below firmware/ but in core, fx, app, proto, objects/generated and port
 """
 
 import argparse
@@ -28,7 +33,14 @@ import tempfile
 from pathlib import Path
 
 FOLDERS = ("core", "fx", "app", "objects/generated")
-HOST_ONLY = "axis_objects_meta.h"
+OPTIONAL_FOLDERS = ("proto",)
+PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
+# What else there is below firmware/.
+OTHER_FILES = {"CMakeLists.txt", "objects/axis_objects.toml"}
+HOST_ONLY = "objects/generated/axis_objects_meta.h"
+SOURCE_SUFFIXES = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".cxx", ".inc", ".inl", ".ipp")
+# Where the project's includes of each part may lead.
+ROOTS = {"firmware": ("firmware/",), "sim": ("sim/",), "host": ("firmware/", "sim/", "host/")}
 LIBC_HEADERS = {"stdint.h", "stdbool.h", "stddef.h"}
 HEAP = ("malloc", "calloc", "realloc", "aligned_alloc", "free", "alloca", "strdup", "sbrk")
 # What each folder may include below firmware/.
@@ -36,6 +48,7 @@ MAY_INCLUDE = {
     "fx": ("fx/",),
     "core": ("core/", "fx/", "objects/generated/"),
     "app": ("app/", "core/", "fx/", "objects/generated/"),
+    "proto": ("proto/", "app/", "core/", "fx/", "objects/generated/"),
     "objects/generated": ("objects/generated/",),
 }
 # Helpers of the compiler that a target may call. None is needed.
@@ -51,7 +64,10 @@ COMPILER = (
     "-ffreestanding",
     "-fno-common",
 )
-FLOAT_WORD = re.compile(r"\b(float|double|_Complex|float_t|double_t|_Float\w+)\b")
+FLOAT_WORD = re.compile(
+    r"\b(float|double|_Complex|float_t|double_t|_Float\w+|_Decimal\w+|__fp16|__bf16|__float\w+"
+    r"|__(?:FLT|DBL|LDBL|DEC|BFLT)\w*|__builtin_(?:inf|nan|huge_val)\w*)\b"
+)
 FLOAT_LITERAL = re.compile(
     r"(?<![\w.])(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|(?<![\w.])\d+[eE][+-]?\d+|\b0[xX][\da-fA-F]*\.?"
     r"[\da-fA-F]*[pP]"
@@ -60,14 +76,31 @@ STATIC = re.compile(r"\b(static|_Thread_local|register)\b(?!\s+inline\b)(?P<rest
 SHIFT = re.compile(r"<<|>>|/|%")
 
 
-def without_comments(text):
-    """Text with comments and string contents blanked, line numbers kept."""
+# Beginning of a directive, as the preprocessor sees it.
+HASH = r"^[ \t\f\v]*#"
+TRIGRAPH = re.compile(r"\?\?[=/'()!<>-]")
+DIGRAPH = re.compile(r"%:|<:|:>|<%|%>")
+
+
+def joined(text):
+    """Text with continued lines made one; empty lines after them keep the numbers of the others."""
+
+    def join(match):
+        line = match.group(0)
+        return re.sub(r"\\[ \t]*\n", "", line) + "\n" * line.count("\n")
+
+    return re.sub(r"(?:[^\n]*\\[ \t]*\n)+[^\n]*", join, text)
+
+
+def without_comments(text, strings=False):
+    """Text with comments and string contents blanked, line numbers kept. strings=True leaves the
+    strings, and so the names of included headers."""
 
     def blank(match):
         found = match.group(0)
         if found.startswith(("/*", "//")):
             return re.sub(r"[^\n]", " ", found)
-        return found[0] + " " * (len(found) - 2) + found[-1]
+        return found if strings else found[0] + " " * (len(found) - 2) + found[-1]
 
     return re.sub(
         r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*'", blank, text, flags=re.S
@@ -75,9 +108,23 @@ def without_comments(text):
 
 
 def included(text):
-    """(line number, header, quoted or angled) of every #include."""
-    for match in re.finditer(r'^[ \t]*#[ \t]*include[ \t]*(["<])([^">]*)', text, flags=re.M):
-        yield text.count("\n", 0, match.start()) + 1, match.group(2), match.group(1)
+    """(line number, header, quoted or angled) of every include of a joined text; "?" for one that
+    only the preprocessor can resolve."""
+    code = without_comments(text, strings=True)
+    for match in re.finditer(HASH + r"\s*(?:include|include_next|import)\b([^\n]*)", code, re.M):
+        line = code.count("\n", 0, match.start(1)) + 1
+        header = re.fullmatch(r'\s*(?:"([^"]+)"|<([^>]+)>)\s*', match.group(1))
+        if header is None:
+            yield line, match.group(1).strip(), "?"
+        else:
+            yield line, header.group(1) or header.group(2), '"' if header.group(1) else "<"
+
+
+def read(path):
+    return joined(path.read_text(encoding="utf-8"))
+
+
+CONDITIONALS = ("if", "ifdef", "ifndef", "elif", "elifdef", "elifndef", "else")
 
 
 class Findings:
@@ -95,9 +142,9 @@ class Findings:
 def check_conditionals(path, code, findings):
     directives = [
         (m.group(1), m.group(2).strip(), code.count("\n", 0, m.start()) + 1)
-        for m in re.finditer(r"^[ \t]*#[ \t]*(\w+)([^\n]*)", code, flags=re.M)
+        for m in re.finditer(HASH + r"\s*(\w+)([^\n]*)", code, flags=re.M)
     ]
-    conditionals = [d for d in directives if d[0] in ("if", "ifdef", "ifndef", "elif", "else")]
+    conditionals = [d for d in directives if d[0] in CONDITIONALS]
     if path.suffix == ".h":
         guard = re.sub(r"\W", "_", str(path.relative_to(findings.root))).upper() + "_"
         if directives[:2] and [d[:2] for d in directives[:2]] == [
@@ -112,28 +159,34 @@ def check_conditionals(path, code, findings):
 
 
 def check_text(path, folder, findings):
-    text = path.read_text(encoding="utf-8")
+    text = read(path)
     code = without_comments(text)
     check_conditionals(path, code, findings)
+    for pattern, where in ((TRIGRAPH, text), (DIGRAPH, code)):
+        for match in pattern.finditer(where):
+            line = where.count("\n", 0, match.start()) + 1
+            findings.add(path, line, "spelling", f"{match.group(0)!r}")
     for line, header, kind in included(text):
-        if kind == "<":
+        if kind == "?":
+            findings.add(path, line, "spelling", f"computed include {header}")
+        elif kind == "<":
             if header not in LIBC_HEADERS:
                 findings.add(
                     path, line, "libc", f"<{header}> is not one of the headers that need no library"
                 )
         elif not header.startswith(tuple("firmware/" + f for f in MAY_INCLUDE[folder])):
             findings.add(path, line, "layering", f"firmware/{folder} must not include {header}")
-        elif header.endswith(HOST_ONLY):
+        elif header == "firmware/" + HOST_ONLY:
             findings.add(path, line, "layering", f"{header} is for the host")
     # What is left are declarations and statements.
-    body = re.sub(r"^[ \t]*#[ \t]*include[^\n]*", "", code, flags=re.M)
+    body = re.sub(HASH + r"[ \t]*include\b[^\n]*", "", code, flags=re.M)
     for number, line in enumerate(body.split("\n"), 1):
         for pattern in (FLOAT_WORD, FLOAT_LITERAL):
             for match in pattern.finditer(line):
                 findings.add(path, number, "float", f"{match.group(0)!r}")
         for match in re.finditer(r"\b(" + "|".join(HEAP) + r")\b", line):
             findings.add(path, number, "heap", f"{match.group(0)!r}")
-        if folder in ("core", "app"):
+        if folder != "fx":
             for match in SHIFT.finditer(line):
                 findings.add(path, number, "shift", f"{match.group(0)!r} outside firmware/fx")
     for match in STATIC.finditer(body):
@@ -197,20 +250,41 @@ def check_objects(sources, root, findings):
         findings.add(source, 0, rule, f"needs {name}, which the firmware does not define")
 
 
-def check_sim(root, findings):
-    sim = root / "sim"
-    for path in sorted(p for p in sim.rglob("*") if p.suffix in (".h", ".hpp", ".c", ".cpp")):
-        for line, header, _ in included(path.read_text(encoding="utf-8")):
-            if "firmware/" in header:
-                findings.add(path, line, "layering", f"sim must not include {header}")
-    for path in sorted(
-        p for p in (root / "firmware").rglob("*") if p.suffix in (".h", ".hpp", ".c", ".cpp")
-    ):
-        for line, header, _ in included(path.read_text(encoding="utf-8")):
-            if re.search(r"(^|/)(sim|host|tests|tools)/", header) and not header.startswith(
-                "firmware/"
-            ):
-                findings.add(path, line, "layering", f"firmware must not include {header}")
+def sources_below(folder):
+    return sorted(p for p in folder.rglob("*") if p.suffix in SOURCE_SUFFIXES and p.is_file())
+
+
+def check_includes(root, findings):
+    """Includes that stay in their part of the project and say from where they come."""
+    sources = {part: sources_below(root / part) for part in ROOTS}
+    project_headers = {p.name for paths in sources.values() for p in paths}
+    for part, paths in sources.items():
+        for path in paths:
+            for line, header, kind in included(read(path)):
+                if kind == "?":
+                    findings.add(path, line, "spelling", f"computed include {header}")
+                elif kind == "<" and not (
+                    header.startswith(tuple(f"{r}/" for r in ROOTS))
+                    or Path(header).name in project_headers
+                ):
+                    continue  # of the system or of a library
+                elif kind == "<":
+                    findings.add(path, line, "layering", f"expected quotes around {header}")
+                elif ".." in Path(header).parts or not header.startswith(ROOTS[part]):
+                    findings.add(
+                        path,
+                        line,
+                        "layering",
+                        f"{part} must not include {header}; expected {' or '.join(ROOTS[part])}...",
+                    )
+
+
+def folder_of(name):
+    """The folder of FOLDERS, OPTIONAL_FOLDERS or PORTS that a path below firmware/ lies in."""
+    for folder in (*FOLDERS, *OPTIONAL_FOLDERS, PORTS):
+        if name.startswith(folder + "/"):
+            return folder
+    return None
 
 
 def main(argv=None):
@@ -220,22 +294,28 @@ def main(argv=None):
     )
     root = parser.parse_args(argv).root.resolve()
     findings = Findings(root)
+    for part in (*(f"firmware/{f}" for f in FOLDERS), "sim", "host"):
+        if not (root / part).is_dir() or not any((root / part).iterdir()):
+            return fail(f"{root / part}: expected the project's sources")
     sources, count = [], 0
-    for folder in FOLDERS:
-        where = root / "firmware" / folder
-        paths = sorted(p for p in where.glob("*") if p.is_file() and p.name != HOST_ONLY)
-        if not paths:
-            return fail(f"{where}: expected the firmware's sources")
-        for path in paths:
+    for path in sorted((root / "firmware").rglob("*")):
+        name = path.relative_to(root / "firmware").as_posix()
+        folder = folder_of(name)
+        if path.is_symlink():
+            findings.add(path, 0, "folder", "expected no symbolic link")
+        elif path.is_dir() or name in OTHER_FILES or name == HOST_ONLY or folder == PORTS:
+            continue
+        elif folder is None:
+            findings.add(path, 0, "folder", "not in a folder of the firmware that is checked")
+        elif path.suffix not in (".c", ".h"):
+            findings.add(path, 0, "folder", "expected C sources only")
+        else:
             count += 1
-            if path.suffix not in (".c", ".h"):
-                findings.add(path, 0, "layering", "expected C sources only")
-                continue
             check_text(path, folder, findings)
             if path.suffix == ".c":
                 sources.append(path)
     check_objects(sources, root, findings)
-    check_sim(root, findings)
+    check_includes(root, findings)
     for line in findings.lines:
         print(line)
     if findings.lines:

@@ -84,9 +84,6 @@ static int check_rules(const fw_t *fw, uint16_t object, int32_t value) {
     case AXIS_OBJ_POSITION_MAX:
       in_range = value >= params->position_min;
       break;
-    case AXIS_OBJ_POSITION_SETPOINT:
-      in_range = value >= params->position_min && value <= params->position_max;
-      break;
     case AXIS_OBJ_RECORDER_SIGNAL_1:
     case AXIS_OBJ_RECORDER_SIGNAL_2:
     case AXIS_OBJ_RECORDER_SIGNAL_3:

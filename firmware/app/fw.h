@@ -41,11 +41,12 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 
 /* Writes a raw value or gives a command, between ticks; the next tick sees it.
  * FW_ERROR_RANGE: outside the object's range (nothing is clipped); force_sign 0; position_min above
- *   position_max; position_setpoint outside the soft limits; a recorder channel or trigger that is
- *   no readable object; recorder_arm with no channel, or with a pretrigger or length that the
- *   buffer does not hold.
+ *   position_max; a recorder channel or trigger that is no readable object; recorder_arm with no
+ *   channel, or with a pretrigger or length that the buffer does not hold.
  * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
- *   or done) while it is not; a mode other than disabled while a fault is latched. */
+ *   or done) while it is not; a mode other than disabled while a fault is latched.
+ * The soft limits and position_setpoint are not checked against each other, in either order: a
+ *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
 int fw_object_write(fw_t *fw, uint16_t object, int32_t value);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order

@@ -99,8 +99,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
   measure(axis, inputs);
 
-  const uint8_t mode =
-      mode_next(signals->active_mode, params->mode, signals->fault != AXIS_FAULT_NONE);
+  const uint8_t mode = mode_next(params->mode, signals->fault != AXIS_FAULT_NONE);
   update_setpoint(axis, mode);
   if (!mode_is_enabled(mode)) {
     switch_off(axis, outputs);
@@ -114,21 +113,27 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(params, signals, mode);
+  /* The limits act on the code that goes out, with the sensors of the tick in which it does. */
+  const bool late = params->latency_ticks != 0;
+  if (late) {
+    signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
+                                     &signals->limit_reason);
+  }
+  /* Here dac_code is what goes out just before the code computed now. */
   if (mode != signals->active_mode || axis->rebase != 0) {
-    signals->bump_bias =
-        (params->bump_decay_shift == 0) ? 0 : fx_scale(signals->command_code, 16) - law_q16;
+    axis->bias_shift = params->bump_decay_shift;
+    signals->bump_bias = (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_code, 16) - law_q16;
     axis->rebase = 0;
   } else {
-    signals->bump_bias = fx_decay(signals->bump_bias, params->bump_decay_shift);
+    signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-
-  const int16_t previous = signals->command_code;
-  const int16_t code =
-      limits_apply(params, signals->position, inputs->din,
-                   fx_round_q16(law_q16 + signals->bump_bias), &signals->limit_reason);
-  signals->command_code = code;
-  signals->dac_code = (params->latency_ticks != 0) ? previous : code;
+  /* Unlimited, so that a late code still tells of its saturation: |law| < 2050, |bias| < 4098. */
+  signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
+  if (!late) {
+    signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
+                                     &signals->limit_reason);
+  }
   outputs->dac_code = signals->dac_code;
   outputs->amp_enable = 1;
   outputs->brake_release = 1;
@@ -140,6 +145,7 @@ void axis_init(axis_t *axis) {
   profile_set(&axis->profile, 0);
   axis->primed = 0;
   axis->rebase = 0;
+  axis->bias_shift = 0;
   axis->setpoint_new = 0;
 }
 

@@ -48,7 +48,8 @@ typedef struct {
   axis_signals_t signals;
   profile_t profile;
   uint8_t primed;       /* signals.position is the count of the last tick */
-  uint8_t rebase;       /* the next code continues from signals.command_code */
+  uint8_t rebase;       /* the next code continues from the one put out before it */
+  uint8_t bias_shift;   /* bump_decay_shift at the change that left signals.bump_bias */
   uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
 } axis_t;
 
@@ -59,11 +60,13 @@ void axis_init(axis_t *axis);
  *
  * Faults (faults.h) are answered in the same tick: code 0, amplifier off, brake on, whatever
  * latency_ticks says; the fault is latched and the requested mode set back to disabled. Limits
- * (limits.h) only change the code.
+ * (limits.h) only change the code, and only the one put out: with latency_ticks 1 a code computed
+ * a tick ago is limited by the position and the switches of now, and limit_reason speaks of it.
  *
- * Taking over a mode or gain: in that tick the code equals the one computed in the tick before (0
- * after disabled), limits permitting; the difference to the law becomes a bias that shrinks by
- * 2^-bump_decay_shift a tick, at least 1/65536 code, to exactly 0. bump_decay_shift 0: no bias.
+ * Taking over a mode or gain: the code computed in that tick equals the one put out just before it
+ * (0 after disabled); the difference to the law becomes a bias that shrinks by 2^-n a tick, at
+ * least 1/65536 code, to exactly 0. n is the bump_decay_shift at the change: writing another one
+ * leaves a bias that is there already as it is. n = 0: no bias, the change is a step.
  *
  * Entering position mode with a position_setpoint written since position mode was last active
  * pursues it; otherwise position_setpoint is set to the present position, so the axis holds where

@@ -48,6 +48,11 @@ void recorder_stop(recorder_t *recorder) {
   recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
 }
 
+/* a < b as the type reads them: a u32 has no sign. */
+static bool is_below(int32_t a, int32_t b, uint8_t type) {
+  return (type == AXIS_TYPE_U32) ? (uint32_t)a < (uint32_t)b : a < b;
+}
+
 /* True in the tick in which the source passes the level in the chosen direction. */
 static bool triggered(recorder_t *recorder, const void *base) {
   const uint8_t edge = recorder->params.recorder_trigger_edge;
@@ -56,12 +61,13 @@ static bool triggered(recorder_t *recorder, const void *base) {
   }
   const int32_t level = recorder->params.recorder_trigger_level;
   const int32_t before = recorder->trigger_previous;
-  const int32_t now = value_load(base, recorder->trigger.offset, recorder->trigger.type);
+  const uint8_t type = recorder->trigger.type;
+  const int32_t now = value_load(base, recorder->trigger.offset, type);
   const bool primed = recorder->trigger_primed != 0;
   recorder->trigger_previous = now;
   recorder->trigger_primed = 1;
-  const bool rising = before < level && now >= level;
-  const bool falling = before > level && now <= level;
+  const bool rising = is_below(before, level, type) && !is_below(now, level, type);
+  const bool falling = is_below(level, before, type) && !is_below(level, now, type);
   return primed && ((rising && edge != AXIS_RECORDER_TRIGGER_EDGE_FALLING) ||
                     (falling && edge != AXIS_RECORDER_TRIGGER_EDGE_RISING));
 }

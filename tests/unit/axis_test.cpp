@@ -316,6 +316,123 @@ TEST_F(Axis, LatencyDelaysByOneTick) {
   EXPECT_EQ(TickForce(30), 0) << "nothing is left from before";
 }
 
+// Open loop with latency 1 and a code of `asked` computed: the next tick puts it out.
+class Latency : public AxisFixture {
+ protected:
+  void SetUp() override {
+    Set(AXIS_OBJ_LATENCY_TICKS, 1);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+  }
+  // Rests at code 0, with open limit switches, then computes `asked`.
+  void Compute(int asked) {
+    inputs_.din = AXIS_DIN_ENABLE;
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, 0);
+    for (int i = 0; i < 2; ++i) TickPosition(0);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, asked);
+    ASSERT_EQ(Tick(), 0);
+    ASSERT_EQ(Read(AXIS_OBJ_COMMAND_CODE), asked);
+    ASSERT_EQ(Read(AXIS_OBJ_LIMIT_REASON), AXIS_LIMIT_REASON_NONE) << "0 goes out, unlimited";
+  }
+  void ExpectOut(int code, int reason) {
+    EXPECT_EQ(Tick(), code);
+    EXPECT_EQ(Read(AXIS_OBJ_DAC_CODE), code);
+    EXPECT_EQ(Read(AXIS_OBJ_LIMIT_REASON), reason);
+    EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
+  }
+};
+
+TEST_F(Latency, OutputLimitActsAtOnce) {
+  for (int asked : {2047, -2048}) {
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 2048);
+    Compute(asked);
+    ExpectOut(asked, AXIS_LIMIT_REASON_NONE);
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 100);
+    ExpectOut(asked > 0 ? 100 : -100, AXIS_LIMIT_REASON_OUTPUT_LIMIT);
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 0);
+    ExpectOut(0, AXIS_LIMIT_REASON_OUTPUT_LIMIT);
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 2048);
+    ExpectOut(asked, AXIS_LIMIT_REASON_NONE);
+  }
+}
+
+TEST_F(Latency, LimitSwitchActsAtOnce) {
+  Compute(2047);
+  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_POS);
+  inputs_.din = AXIS_DIN_ENABLE;
+  ExpectOut(2047, AXIS_LIMIT_REASON_NONE);
+  Compute(-2048);
+  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_NEG;
+  ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG);
+  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  ExpectOut(-2048, AXIS_LIMIT_REASON_NONE);
+}
+
+TEST_F(Latency, SoftLimitActsAtOnce) {
+  Set(AXIS_OBJ_POSITION_MIN, -50);
+  Set(AXIS_OBJ_POSITION_MAX, 50);
+  Compute(2047);
+  inputs_.encoder_cnt = 51;
+  ExpectOut(0, AXIS_LIMIT_REASON_POSITION_MAX);
+  inputs_.encoder_cnt = 50;
+  ExpectOut(2047, AXIS_LIMIT_REASON_NONE);
+  Compute(-2048);
+  inputs_.encoder_cnt = -51;
+  ExpectOut(0, AXIS_LIMIT_REASON_POSITION_MIN);
+  inputs_.encoder_cnt = 51;
+  ExpectOut(-2048, AXIS_LIMIT_REASON_NONE);
+}
+
+// The code back from a limit is computed while the one into it is still to go out: that one is
+// blocked, and the reason speaks of it and not of the computed one.
+TEST_F(Latency, TheReasonSpeaksOfTheCodeThatGoesOut) {
+  Compute(500);
+  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, -500);
+  ExpectOut(0, AXIS_LIMIT_REASON_LIMIT_SWITCH_POS);
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), -500);
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, 500);
+  ExpectOut(-500, AXIS_LIMIT_REASON_NONE);
+}
+
+TEST_F(Latency, SaturationIsReportedWithTheCodeItLimits) {
+  Set(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+  Tick();
+  Set(AXIS_OBJ_FORCE_GAIN, 65535);
+  Set(AXIS_OBJ_FORCE_SETPOINT, 30 * 256);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);
+  inputs_.adc_code[0] = 0;
+  ExpectOut(0, AXIS_LIMIT_REASON_NONE);
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), 2048) << "one beyond the range of the DAC";
+  inputs_.adc_code[0] = 30;
+  ExpectOut(2047, AXIS_LIMIT_REASON_DAC_SATURATION);
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), 0);
+  ExpectOut(0, AXIS_LIMIT_REASON_NONE);
+}
+
+// While a limit holds the output, a change continues from what went out and not from a code that
+// never did: the axis does not jump when the limit lets go.
+TEST_F(Latency, AChangeContinuesFromTheLimitedCode) {
+  for (int latency : {0, 1}) {
+    fw_init(&fw_, buffer_.data(), buffer_.size());
+    Set(AXIS_OBJ_LATENCY_TICKS, latency);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 100);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, 2000);
+    Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+    for (int i = 0; i < 3; ++i) Tick();
+    ASSERT_EQ(outputs_.dac_code, 100);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
+    Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);  // gain 0: the law asks for 0
+    EXPECT_EQ(Tick(), 100) << latency;
+    EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), 100) << latency;
+    Set(AXIS_OBJ_OUTPUT_LIMIT, 2048);
+    EXPECT_EQ(Tick(), 100) << latency;
+    EXPECT_EQ(Tick(), 100) << latency;
+  }
+}
+
 // --- bumpless change
 // ---------------------------------------------------------------------------------
 
@@ -359,8 +476,14 @@ TEST_F(Axis, GainChangeContinuesAndDecays) {
   EXPECT_EQ(TickForce(10), 200) << "the same gain again changes nothing";
 }
 
-TEST_F(Axis, EveryChangeIsBumpless) {
+class Bumpless : public AxisFixture, public ::testing::WithParamInterface<int> {};
+
+// The code computed in the tick of the change, put out `latency` ticks later, is the one put out
+// just before it.
+TEST_P(Bumpless, EveryChange) {
+  const int latency = GetParam();
   std::mt19937 random(3);
+  Set(AXIS_OBJ_LATENCY_TICKS, latency);
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 6);
   int previous = 0;
   for (int i = 0; i < 5000; ++i) {
@@ -386,10 +509,31 @@ TEST_F(Axis, EveryChangeIsBumpless) {
         break;
     }
     inputs_.encoder_cnt += static_cast<int32_t>(random() % 100);
+    for (int late = 0; late < latency; ++late) previous = TickForce(inputs_.adc_code[0]);
     ASSERT_EQ(TickForce(static_cast<uint16_t>(random() % 256)), previous) << "change " << i;
     Set(AXIS_OBJ_OPEN_LOOP_CODE, static_cast<int32_t>(random() % 4096) - 2048);
     for (int t = 0; t < 5; ++t) previous = TickForce(static_cast<uint16_t>(random() % 256));
   }
+}
+
+INSTANTIATE_TEST_SUITE_P(Latency, Bumpless, ::testing::Values(0, 1));
+
+TEST_F(Axis, AnotherShiftLeavesADecayingBiasAsItIs) {
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 4);
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, 2000);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+  ASSERT_EQ(Tick(), 0);
+  ASSERT_EQ(Tick(), 125);  // bias -2000 * 15/16
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  EXPECT_EQ(Tick(), 242) << "not 2000: the bias goes on with the shift it began with";
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 1);
+  EXPECT_EQ(Tick(), 352);
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  Set(AXIS_OBJ_FORCE_GAIN, 256);
+  Set(AXIS_OBJ_FORCE_SETPOINT, 20 * 256);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);
+  EXPECT_EQ(TickForce(0), 20) << "the next change is taken over at once";
+  EXPECT_EQ(Read(AXIS_OBJ_BUMP_BIAS), 0);
 }
 
 TEST_F(Axis, NoBiasIsWantedWithShiftZero) {
@@ -493,11 +637,17 @@ TEST_F(PositionEntry, ProfileSwitchedOnLaterStartsAtTheSetpoint) {
   EXPECT_EQ(Read(AXIS_OBJ_PROFILE_POSITION), 51);
 }
 
-TEST(Modes, EveryChangeIsAllowedAndAFaultDisables) {
+TEST_F(Axis, EveryModeCanFollowEveryOther) {
   for (uint8_t from = 0; from < AXIS_MODE_COUNT; ++from) {
     for (uint8_t to = 0; to < AXIS_MODE_COUNT; ++to) {
-      EXPECT_EQ(mode_next(from, to, false), to);
-      EXPECT_EQ(mode_next(from, to, true), AXIS_MODE_DISABLED);
+      for (uint8_t mode : {from, to}) {
+        Set(AXIS_OBJ_MODE, mode);
+        Tick();
+        EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), mode);
+        EXPECT_EQ(outputs_.amp_enable, mode != AXIS_MODE_DISABLED);
+      }
+      EXPECT_EQ(mode_next(to, false), to);
+      EXPECT_EQ(mode_next(to, true), AXIS_MODE_DISABLED);
     }
   }
 }

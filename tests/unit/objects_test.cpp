@@ -111,15 +111,42 @@ TEST_F(Objects, ForceSignZeroIsNoSign) {
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SIGN), -1);
 }
 
-TEST_F(Objects, SoftLimitsAndSetpointAgree) {
+TEST_F(Objects, SoftLimitsDoNotCross) {
   Set(AXIS_OBJ_POSITION_MAX, 100);
   Set(AXIS_OBJ_POSITION_MIN, -100);
   EXPECT_EQ(Write(AXIS_OBJ_POSITION_MIN, 101), FW_ERROR_RANGE);
   EXPECT_EQ(Write(AXIS_OBJ_POSITION_MAX, -101), FW_ERROR_RANGE);
-  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, 101), FW_ERROR_RANGE);
-  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, -101), FW_ERROR_RANGE);
-  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, 100), FW_OK);
-  EXPECT_EQ(Write(AXIS_OBJ_POSITION_SETPOINT, -100), FW_OK);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_MIN, 100), FW_OK);
+}
+
+TEST_F(Objects, ASoftWindowMovesWhereverTheSetpointIs) {
+  Set(AXIS_OBJ_POSITION_MAX, 200);
+  Set(AXIS_OBJ_POSITION_MIN, 100);
+  Set(AXIS_OBJ_POSITION_SETPOINT, 150);
+  EXPECT_EQ(Write(AXIS_OBJ_POSITION_MAX, -100), FW_ERROR_RANGE) << "would cross the lower one";
+  Set(AXIS_OBJ_POSITION_MIN, -200);
+  Set(AXIS_OBJ_POSITION_MAX, -100);
+  EXPECT_EQ(Read(AXIS_OBJ_POSITION_SETPOINT), 150);
+  Set(AXIS_OBJ_POSITION_MAX, 200);
+  Set(AXIS_OBJ_POSITION_MIN, 100);
+}
+
+// Set-point first or limit first: neither is refused, and the axis stops at the limit.
+TEST_F(Objects, TheAxisStopsAtASoftLimitBeforeTheSetpoint) {
+  for (bool limit_first : {false, true}) {
+    fw_init(&fw_, buffer_.data(), buffer_.size());
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    Set(AXIS_OBJ_POSITION_GAIN, 256);
+    if (limit_first) Set(AXIS_OBJ_POSITION_MAX, 100);
+    Set(AXIS_OBJ_POSITION_SETPOINT, 150);
+    if (!limit_first) Set(AXIS_OBJ_POSITION_MAX, 100);
+    Set(AXIS_OBJ_MODE, AXIS_MODE_POSITION);
+    EXPECT_EQ(TickPosition(100), 50);
+    EXPECT_EQ(TickPosition(101), 0);
+    EXPECT_EQ(Read(AXIS_OBJ_LIMIT_REASON), AXIS_LIMIT_REASON_POSITION_MAX);
+    Set(AXIS_OBJ_POSITION_SETPOINT, 90);
+    EXPECT_EQ(TickPosition(101), -11) << "the way back is open";
+  }
 }
 
 TEST_F(Objects, U32TravelsAsTheSameBits) {

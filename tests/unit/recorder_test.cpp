@@ -92,6 +92,51 @@ TEST_F(Recorder, FallingEdgeOnly) {
   EXPECT_EQ(Column(0), (std::vector<int32_t>{50, 49}));
 }
 
+// A u32 has no sign: past 2^31 it goes on rising, and falls only where it wraps.
+TEST_F(Recorder, AnUnsignedSourceIsComparedWithoutSign) {
+  struct Case {
+    uint32_t from;
+    int32_t level;  // the same 32 bits
+    int edge;
+    bool triggers;
+  };
+  const auto rising = AXIS_RECORDER_TRIGGER_EDGE_RISING;
+  const auto falling = AXIS_RECORDER_TRIGGER_EDGE_FALLING;
+  for (const Case &c :
+       {Case{0x7FFFFFFDu, 0, falling, false}, Case{0x7FFFFFFDu, -5, falling, false},
+        Case{0x7FFFFFFDu, INT32_MIN, rising, true}, Case{0x7FFFFFFDu, INT32_MIN, falling, false},
+        Case{0x8FFFFFFEu, fx_s32_from_u32(0x90000000u), rising, true},
+        Case{0xFFFFFFFDu, 0, falling, true}, Case{0xFFFFFFFDu, 0, rising, false},
+        Case{0xFFFFFFFDu, -2, falling, true}}) {
+    fw_init(&fw_, buffer_.data(), buffer_.size());
+    fw_.axis.signals.tick_count = c.from;
+    Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_TICK_COUNT);
+    Set(AXIS_OBJ_RECORDER_LENGTH, 1);
+    Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_TICK_COUNT);
+    Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, c.edge);
+    Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, c.level);
+    Set(AXIS_OBJ_RECORDER_ARM, 1);
+    TickTo(4);
+    EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE),
+              c.triggers ? AXIS_RECORDER_STATE_DONE : AXIS_RECORDER_STATE_ARMED)
+        << c.from << " " << c.level << " " << c.edge;
+  }
+}
+
+// A signed source passes 0 on its way down.
+TEST_F(Recorder, ASignedSourceIsComparedWithSign) {
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 1);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, AXIS_OBJ_POSITION);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_FALLING);
+  Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, -1);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  for (int position : {-3, -2, 0}) TickPosition(position);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_ARMED);
+  TickPosition(-1);
+  EXPECT_EQ(Column(0), (std::vector<int32_t>{-1}));
+}
+
 TEST_F(Recorder, DecimationKeepsItsRasterAndMissesNoTrigger) {
   Set(AXIS_OBJ_RECORDER_SIGNAL_1, AXIS_OBJ_POSITION);
   Set(AXIS_OBJ_RECORDER_LENGTH, 6);

@@ -125,7 +125,7 @@ enum {
 typedef struct {
   int32_t force_setpoint; /* wanted force f_d, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* force subtracted from the reading, in counts of an 8-bit ADC [1/256 count] */
-  int32_t position_setpoint; /* wanted position; pursued when written in, or for, position mode [count] */
+  int32_t position_setpoint; /* wanted position; pursued when written in, or for, position mode; the axis stops at a soft limit on the way to it [count] */
   uint32_t profile_velocity_max; /* speed limit of the trapezoidal profile [1/65536 count/tick] */
   uint32_t profile_acceleration_max; /* acceleration limit of the trapezoidal profile [1/65536 count/tick^2] */
   int32_t position_min; /* soft limit: below it no negative code is put out; the smallest value means none [count] */
@@ -144,7 +144,7 @@ typedef struct {
   uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
   uint8_t profile_enable; /* how the position set-point is approached [enum] */
   uint8_t latency_ticks; /* ticks from reading the sensors until the code computed from them is put out [tick] */
-  uint8_t bump_decay_shift; /* n: the bias left by a change of mode or gain shrinks by 2^-n a tick; 0 means no bias [1] */
+  uint8_t bump_decay_shift; /* n: the bias that the next change of mode or gain leaves shrinks by 2^-n a tick; 0: that change leaves none [1] */
 } axis_params_t;
 
 typedef struct {
@@ -159,15 +159,15 @@ typedef struct {
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
   int16_t dac_code; /* code put out in the latest tick [code] */
-  int16_t command_code; /* code computed in the latest tick; with latency_ticks 1 it is put out one tick later [code] */
+  int16_t command_code; /* code computed in the latest tick, before any limit; with latency_ticks 1 it is put out one tick later [code] */
   uint8_t active_mode; /* mode of the latest tick [enum] */
   uint8_t fault; /* first fault since the last reset [enum] */
-  uint8_t limit_reason; /* what limits the output now [enum] */
+  uint8_t limit_reason; /* what limits dac_code [enum] */
   uint8_t digital_inputs; /* bits: 0 enable chain closed, 1 positive limit switch, 2 negative limit switch, 3 index [1] */
 } axis_signals_t;
 
 typedef struct {
-  int32_t recorder_trigger_level; /* raw value: rising is from below it to it or above, falling from above it to it or below [1] */
+  int32_t recorder_trigger_level; /* raw value, for a u32 source the same 32 bits: rising is from below it to it or above, falling from above it to it or below [1] */
   uint16_t recorder_signal[8]; /* object number recorded in this channel; 0 means none [1] */
   uint16_t recorder_decimation; /* ticks from one sample to the next [tick] */
   uint16_t recorder_trigger_source; /* object number watched by the trigger [1] */

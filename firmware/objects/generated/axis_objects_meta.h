@@ -25,7 +25,7 @@ typedef struct {
   const char *enum_texts; /* texts of 0, 1, 2, ... and commas; or empty */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "150aa68c0390f6a7166fb3eb33c2ce535da1d1c0e2e614b8ee708ffeb9a44a75"
+#define AXIS_OBJECTS_HASH "0bf3e69eb4d56047f336500c8e8434d655bb947f8d3b41aabcf8e6f5674092e4"
 #define AXIS_OBJECTS_META_COUNT 58
 
 /* Entry i describes object number i + 1. */
@@ -50,7 +50,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      0.00390625, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "any", ""},
     {10, 2, "velocity_gain", "parameter", "axis", "gain k_d of the position law, on counts per tick", "u16", "code tick/count",
      0.00390625, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "any", ""},
-    {11, 4, "position_setpoint", "parameter", "axis", "wanted position; pursued when written in, or for, position mode", "i32", "count",
+    {11, 4, "position_setpoint", "parameter", "axis", "wanted position; pursued when written in, or for, position mode; the axis stops at a soft limit on the way to it", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "rw", "any", ""},
     {12, 1, "profile_enable", "parameter", "axis", "how the position set-point is approached", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "raw_step,trapezoid"},
@@ -66,7 +66,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(2048), INT64_C(2048), "rw", "any", ""},
     {18, 1, "latency_ticks", "parameter", "axis", "ticks from reading the sensors until the code computed from them is put out", "u8", "tick",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "disabled", ""},
-    {19, 1, "bump_decay_shift", "parameter", "axis", "n: the bias left by a change of mode or gain shrinks by 2^-n a tick; 0 means no bias", "u8", "1",
+    {19, 1, "bump_decay_shift", "parameter", "axis", "n: the bias that the next change of mode or gain leaves shrinks by 2^-n a tick; 0: that change leaves none", "u8", "1",
      1.0, INT64_C(0), INT64_C(12), INT64_C(6), "rw", "any", ""},
     {20, 4, "following_error_max", "parameter", "axis", "largest distance of position and set-point in position mode; 0 means off", "i32", "count",
      1.0, INT64_C(0), INT64_C(2147483647), INT64_C(0), "rw", "any", ""},
@@ -82,7 +82,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(3), INT64_C(0), "ro", "any", "disabled,open_loop,position,force"},
     {26, 1, "fault", "signal", "axis", "first fault since the last reset", "u8", "1",
      1.0, INT64_C(0), INT64_C(7), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error"},
-    {27, 1, "limit_reason", "signal", "axis", "what limits the output now", "u8", "1",
+    {27, 1, "limit_reason", "signal", "axis", "what limits dac_code", "u8", "1",
      1.0, INT64_C(0), INT64_C(6), INT64_C(0), "ro", "any", "none,dac_saturation,output_limit,position_min,position_max,limit_switch_neg,limit_switch_pos"},
     {28, 4, "position", "signal", "axis", "encoder count, wraps", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "ro", "any", ""},
@@ -98,7 +98,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", ""},
     {34, 2, "dac_code", "signal", "axis", "code put out in the latest tick", "i16", "code",
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", ""},
-    {35, 2, "command_code", "signal", "axis", "code computed in the latest tick; with latency_ticks 1 it is put out one tick later", "i16", "code",
+    {35, 2, "command_code", "signal", "axis", "code computed in the latest tick, before any limit; with latency_ticks 1 it is put out one tick later", "i16", "code",
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", ""},
     {36, 4, "profile_position", "signal", "axis", "set-point the position law sees; the position itself outside position mode", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "ro", "any", ""},
@@ -130,7 +130,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "recorder_idle", ""},
     {50, 1, "recorder_trigger_edge", "parameter", "recorder", "how the source must pass the level from one tick to the next", "u8", "1",
      1.0, INT64_C(0), INT64_C(3), INT64_C(0), "rw", "recorder_idle", "immediate,rising,falling,either"},
-    {51, 4, "recorder_trigger_level", "parameter", "recorder", "raw value: rising is from below it to it or above, falling from above it to it or below", "i32", "1",
+    {51, 4, "recorder_trigger_level", "parameter", "recorder", "raw value, for a u32 source the same 32 bits: rising is from below it to it or above, falling from above it to it or below", "i32", "1",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "rw", "recorder_idle", ""},
     {52, 2, "recorder_pretrigger", "parameter", "recorder", "samples kept from before the trigger", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "recorder_idle", ""},
