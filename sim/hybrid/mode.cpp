@@ -1,6 +1,7 @@
 #include "sim/hybrid/mode.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "sim/hybrid/kernel.hpp"
@@ -13,6 +14,7 @@ constexpr int kHighestOrder = 13;        // of the Taylor series on a part of a 
 constexpr std::size_t kFewestParts = 8;  // per sample of the quiet test
 constexpr std::size_t kMostGrid = 128;   // finer parts are reached by series alone
 constexpr std::size_t kMostParts = 1 << 16;
+constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
 
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
@@ -28,20 +30,66 @@ ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
 
 ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
 
-// Sum of b^k / k! until the terms are below `accuracy` of the sum of |b|^k / k!, entry by entry.
-// Returns the number of terms after the identity, or 0 if that takes more than `most`.
-int absolute_series(const ExtendedMatrix &b, Extended accuracy, int most, ExtendedMatrix *sum) {
-  const ExtendedMatrix size = absolute(b);
-  *sum = ExtendedMatrix::Identity(b.rows(), b.cols());
+// How far each entry of z reaches into each other one: sum of W^k, W = |a| / rate, with a rate of
+// at least twice the spectral radius of |a| and at least 1. What a series leaves out is measured by
+// it.
+struct Influence {
+  Extended rate = 1;  // a power of two, per unit of the time that `a` counts
+  ExtendedMatrix sum;
+};
+
+Influence influence(const ExtendedMatrix &a) {
+  // |a|^(2^k) = power * 2^exponent; the 2^k-th root of its norm bounds the spectral radius.
+  constexpr int kSquarings = 8;
+  ExtendedMatrix power = absolute(a);
+  long exponent = 0;
+  const auto normalize = [&](Extended size) {
+    int bits = 0;
+    std::frexp(size, &bits);
+    power *= std::ldexp(Extended{1}, -bits);
+    exponent += bits;
+  };
+  for (int k = 0; k < kSquarings && power.maxCoeff() > 0; ++k) {
+    normalize(power.maxCoeff());
+    power = product(power, power);
+    exponent *= 2;
+  }
+  Influence result;
+  if (power.maxCoeff() > 0) {
+    normalize(power.rowwise().sum().maxCoeff());
+    constexpr long kRoot = 1L << kSquarings;
+    const long whole = exponent >= 0 ? (exponent + kRoot - 1) / kRoot : -(-exponent / kRoot);
+    result.rate = std::max(std::ldexp(Extended{2}, static_cast<int>(whole)), Extended{1});
+  }
+  // 2^7 terms: their norms halve at least, and no way through the states is longer.
+  ExtendedMatrix w = absolute(a) / result.rate;
+  result.sum = ExtendedMatrix::Identity(a.rows(), a.cols()) + w;
+  for (int k = 1; k < 7; ++k) {
+    w = product(w, w);
+    result.sum += product(result.sum, w);
+  }
+  return result;
+}
+
+// Sum of |b|^k / k!, b = a / parts, until the terms are below `accuracy` of the influence, entry by
+// entry; that much more makes it an upper bound on e^|b|. Returns the number of terms after the
+// identity, or 0 if that takes more than `most`.
+int absolute_series(const ExtendedMatrix &a, std::size_t parts, const Influence &scale,
+                    Extended accuracy, int most, ExtendedMatrix *sum) {
+  const ExtendedMatrix size = absolute(a) / static_cast<Extended>(parts);
+  const Extended step = scale.rate / static_cast<Extended>(parts);
+  *sum = ExtendedMatrix::Identity(a.rows(), a.cols());
   ExtendedMatrix term = *sum;
   for (int k = 1; k <= most; ++k) {
     term = product(size, term) / static_cast<Extended>(k);
     *sum += term;
-    bool small = true;
-    for (Eigen::Index j = 0; j < b.cols() && small; ++j)
-      for (Eigen::Index i = 0; i < b.rows() && small; ++i)
-        small = term(i, j) <= accuracy * (*sum)(i, j);
-    if (small) return k;
+    // |b| = step W and influence W <= influence: with term k below e times the influence, terms
+    // k + 1, k + 2, ... are below e times it times step / (k + 1), step^2 / ((k + 1) (k + 2)), ...
+    if (2 * step > static_cast<Extended>(k + 1)) continue;
+    if ((term.array() <= accuracy * scale.sum.array()).all()) {
+      *sum += accuracy * scale.sum;
+      return k;
+    }
   }
   return 0;
 }
@@ -166,17 +214,17 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
 
   // Halve the part of a tick until a short series gives it to rounding.
   std::size_t parts = kFewestParts;
+  const Influence scale = influence(a);
   ExtendedMatrix growth;  // e^{|A| T / parts}
-  ExtendedMatrix b = a / static_cast<Extended>(parts);
   int order = 0;
-  while ((order = absolute_series(b, 0x1p-58L, kHighestOrder, &growth)) == 0) {
+  while ((order = absolute_series(a, parts, scale, kTruncation, kHighestOrder, &growth)) == 0) {
     parts *= 2;
     if (parts > kMostParts)
       throw SimulationError(model.file +
-                            ": the plant has time constants below 1e-8 s; make its elements less "
+                            ": the plant has time constants below 1e-7 s; make its elements less "
                             "stiff or its masses and inductances larger");
-    b = a / static_cast<Extended>(parts);
   }
+  const ExtendedMatrix b = a / static_cast<Extended>(parts);
   mode->order = static_cast<std::size_t>(std::max(order, 2));
   mode->reach = 1.0 / static_cast<double>(parts);
   mode->grid = parts <= kMostGrid ? parts : 0;
@@ -189,15 +237,25 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
 
   mode->flow_stride = (mode->states + 3) / 4 * 4;
   mode->taylor.assign(mode->order * mode->flow_stride * mode->columns, 0.0);
-  ExtendedMatrix term = a;
-  for (std::size_t k = 1; k <= mode->order; ++k) {
-    if (k > 1) term = product(a, term) / static_cast<Extended>(k);
-    put_block(term.topRows(n), (k - 1) * mode->flow_stride, mode->order * mode->flow_stride,
-              &mode->taylor);
+  ExtendedMatrix term = ExtendedMatrix::Identity(c, c);
+  mode->doubt.resize((mode->order + 1) * mode->channels * mode->columns);
+  for (std::size_t k = 0; k <= mode->order; ++k) {
+    if (k > 0) {
+      term = product(a, term) / static_cast<Extended>(k);
+      put_block(term.topRows(n), (k - 1) * mode->flow_stride, mode->order * mode->flow_stride,
+                &mode->taylor);
+    }
+    // From a state known to rounding in the balanced norm: what the others' roundings make of it
+    // within a time constant counts as its own.
+    ExtendedMatrix doubt = product(absolute(r), absolute(term));
+    if (k > 0) doubt = product(doubt, scale.sum);
+    for (Eigen::Index i = 0; i < g; ++i)
+      for (Eigen::Index j = 0; j < c; ++j)
+        mode->doubt[(static_cast<std::size_t>(i) * (mode->order + 1) + k) * mode->columns +
+                    static_cast<std::size_t>(j)] = static_cast<double>(doubt(i, j));
   }
   put_rows(r, &mode->signal);
   put_rows(absolute(r), &mode->size);
-  put_rows(product(absolute(r), absolute(a)), &mode->slope);
   put_rows(product(absolute(bend), growth), &mode->bend);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
@@ -231,45 +289,56 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   return mode;
 }
 
-// Integral over one tick of Phi(t)' q Phi(t) dt, by its Taylor series on a short part and doubling.
-ExtendedMatrix gram(const ExtendedMatrix &a, const ExtendedMatrix &q) {
-  ExtendedMatrix growth;
-  std::size_t parts = 1;
-  int order = 0;
-  ExtendedMatrix b = a;
-  while ((order = absolute_series(b, 0x1p-66L, 28, &growth)) == 0) {
-    parts *= 2;
-    b = a / static_cast<Extended>(parts);
+// Integrals over one tick of Phi(t)' q Phi(t) dt, by their Taylor series on a short part and
+// doubling.
+class Gram {
+ public:
+  explicit Gram(const ExtendedMatrix &a) {
+    const Influence scale = influence(a);
+    ExtendedMatrix growth;
+    while ((order_ = absolute_series(a, parts_, scale, 0x1p-66L, 28, &growth)) == 0) parts_ *= 2;
+    b_ = a / static_cast<Extended>(parts_);
+    flow_ = series(b_, order_ + 4);
   }
-  const ExtendedMatrix bt = b.transpose();
-  ExtendedMatrix term = q;
-  ExtendedMatrix sum = q;
-  for (int k = 1; k <= 2 * order + 8; ++k) {
-    const ExtendedMatrix derivative = product(bt, term) + product(term, b);
-    term = derivative / static_cast<Extended>(k);
-    sum += term / static_cast<Extended>(k + 1);
+
+  ExtendedMatrix operator()(const ExtendedMatrix &q) const {  // q symmetric
+    ExtendedMatrix term = q;
+    ExtendedMatrix sum = q;
+    for (int k = 1; k <= 2 * order_ + 8; ++k) {
+      const ExtendedMatrix half = product(term, b_);  // few entries in b
+      const ExtendedMatrix mirrored = half.transpose();
+      term = (half + mirrored) / static_cast<Extended>(k);
+      sum += term / static_cast<Extended>(k + 1);
+    }
+    sum *= kTick / static_cast<Extended>(parts_);
+    ExtendedMatrix flow = flow_;
+    for (std::size_t k = parts_; k > 1; k /= 2) {
+      const ExtendedMatrix transposed = flow.transpose();
+      sum += product(product(transposed, sum), flow);
+      flow = product(flow, flow);
+    }
+    return sum;
   }
-  sum *= kTick / static_cast<Extended>(parts);
-  ExtendedMatrix flow = series(b, order + 4);
-  for (std::size_t k = parts; k > 1; k /= 2) {
-    const ExtendedMatrix transposed = flow.transpose();
-    sum += product(product(transposed, sum), flow);
-    flow = product(flow, flow);
-  }
-  return sum;
-}
+
+ private:
+  std::size_t parts_ = 1;
+  int order_ = 0;
+  ExtendedMatrix b_;
+  ExtendedMatrix flow_;
+};
 
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {
   const Network &network = cache.network();
   const ModeEquations equations = network.equations(key);
   const ExtendedMatrix a = square_flow(equations);
   auto audit = std::make_unique<ModeAudit>();
+  const Gram gram(a);
   const auto add = [&](const Network::Product &pair, std::vector<double> *out) {
     const ExtendedMatrix first = equations.wires.row(pair.first);
     const ExtendedMatrix second = equations.wires.row(pair.second);
     const ExtendedMatrix outer = product(first.transpose(), second);
     const ExtendedMatrix mirrored = outer.transpose();
-    put_rows(gram(a, (outer + mirrored) / 2), out);
+    put_rows(gram((outer + mirrored) / 2), out);
     put_rows(first, &audit->first);
     put_rows(second, &audit->second);
   };

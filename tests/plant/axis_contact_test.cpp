@@ -89,11 +89,12 @@ TEST(AxisContact, CaseB) {
               static_cast<unsigned long long>(b.hash));
 }
 
-// Every build (-O0, -O3, sanitizers) of one compiler for x86-64 must give these very doubles.
-TEST(AxisContact, CaseBStateBytesArePinned) {
+// A regression pin, not a reference: every build (-O0, -O3, sanitizers) of one compiler for x86-64
+// must give these very doubles, and a change that alters them has to say why.
+TEST(AxisContact, RegressionPinOfCaseBStateBytes) {
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
   Plant plant(axis_model());
-  EXPECT_EQ(run(plant, 15, 100).hash, 0x78e944ea165b35d3ULL);
+  EXPECT_EQ(run(plant, 15, 100).hash, 0xb4d070b7ca79e1a5ULL);
 #else
   GTEST_SKIP() << "pinned for GCC on x86-64";
 #endif
