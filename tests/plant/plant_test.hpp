@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cstdint>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -52,6 +53,20 @@ inline std::int64_t count_of(const Plant &plant, const std::string &element,
   for (const auto &entry : plant.event_counts())
     if (entry.element == element && entry.from == from && entry.to == to) return entry.count;
   return 0;
+}
+
+/// All digits, for a model's text.
+inline std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.17g", value);
+  return text;
+}
+
+/// A letter and a number, for the names of many bodies.
+inline std::string indexed(char letter, int index) {
+  std::string name(1, letter);
+  name += std::to_string(index);
+  return name;
 }
 
 /// The DC motor of Fig 4.4, with an amplifier curve that stands in for Fig 4.3, on a body.
