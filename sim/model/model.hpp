@@ -27,6 +27,7 @@
 // must be tied to ground through springs, dampers, contacts or the drive. A parameter that this
 // file defines must be used by it; parameters_file may hold more than one model needs.
 //
+// clang-format off
 // Accepted units of parameters, by what they measure (each line: spellings of one dimension):
 //   1, V/V                          ratio                count                       codes
 //   kg                              mass                 m                           length
@@ -35,11 +36,13 @@
 //   N/m                             stiffness            N s/m, N*s/m, kg/s          damping
 //   V                               voltage              A                           current
 //   ohm                             resistance           H                           inductance
-//   V/A                             current sensing      N m/A, N*m/A                torque
-//   constant V s/rad, V*s/rad                speed constant       m/rad transmission rad/s, 1/s
-//   rate                 N m s/rad, N*m*s/rad        rotary damping kg m^2, kg*m^2 inertia N/V
-//   drive gain m/s/V, m/(s V)                  speed per volt       count/m encoder scale N/count
-//   A/count  V/count  m/count  m/s/count        ADC scale of such a signal
+//   V/A                             current sensing      N m/A, N*m/A                torque constant
+//   V s/rad, V*s/rad                speed constant       m/rad                       transmission
+//   rad/s, 1/s                      rate                 N m s/rad, N*m*s/rad        rotary damping
+//   kg m^2, kg*m^2                  inertia              N/V                         drive gain
+//   m/s/V, m/(s V)                  speed per volt       count/m                     encoder scale
+//   N/count  A/count  V/count  m/count  m/s/count        ADC scale of such a signal
+// clang-format on
 #include <array>
 #include <filesystem>
 #include <optional>
