@@ -22,7 +22,7 @@ class Verb(click.Command):
 
 
 class Folder(click.Path):
-    """A folder to write to, made at once so that a wrong one fails before the work."""
+    """A folder to write to; whoever writes makes it."""
 
     def __init__(self):
         super().__init__(file_okay=False, path_type=Path)
@@ -30,9 +30,7 @@ class Folder(click.Path):
     def convert(self, value, param, ctx):
         if value == "":
             self.fail("expected the name of a folder", param, ctx)
-        path = super().convert(value, param, ctx)
-        path.mkdir(parents=True, exist_ok=True)
-        return path
+        return super().convert(value, param, ctx)
 
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")

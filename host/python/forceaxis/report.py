@@ -78,8 +78,9 @@ def grid_rest(cells):
 
 def write(out, threads=None):
     """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
-    result = tables.run(threads)
     found = tables.evidence()
+    out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be had fails before the work
+    result = tables.run(threads)
     runs = experiment_files()
     values = tables.parameters()
     constants = [
