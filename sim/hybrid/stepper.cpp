@@ -21,6 +21,8 @@ constexpr double kMoment = 0x1p-20;           // of a mode's reach
 constexpr std::size_t kRecentModes = 64;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
+double smaller(double a, double b) { return a < b ? a : b; }
+
 // 1 / k, rounded once.
 struct Reciprocals {
   double value[64];
@@ -42,7 +44,6 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   z_.push_back(1.0);
   z_.push_back(0.0);
   absolute_.assign(z_.size(), 0.0);
-  start_ = z_;
   for (const Network::Switch &s : net.switches())
     count_stride_ = std::max(count_stride_, s.state_names.size());
   counts_.assign(net.switches().size() * count_stride_ * count_stride_, 0);
@@ -189,32 +190,29 @@ void Stepper::evaluate(double s) {
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
 }
 
-// The state after so many parts of the grid.
-void Stepper::flow(std::size_t parts, double *x) {
-  const Mode &m = *mode_;
-  multiply_(&m.grid_flow[(parts - 1) * m.flow_stride * m.columns], m.flow_stride, z_.data(),
-            m.columns, increment_.data());
-  for (std::size_t i = 0; i < m.states; ++i) x[i] = increment_[i];
+// By series, at most `reach`.
+void Stepper::advance_within_part(double ticks) {
+  expand();
+  if (audit_) audit_part(ticks);
+  evaluate(ticks);
 }
 
-// Within the grid.
+// Whole parts of the grid, and what is left by series.
 void Stepper::advance(double ticks) {
-  const double reach = mode_->reach;
-  const auto parts = static_cast<std::size_t>(ticks / reach);
+  const Mode &m = *mode_;
+  const auto parts = static_cast<std::size_t>(ticks / m.reach);
   if (parts > 0) {
     if (audit_) audit_grid(parts);
-    flow(parts, z_.data());
+    multiply_(&m.grid_flow[(parts - 1) * m.flow_stride * m.columns], m.flow_stride, z_.data(),
+              m.columns, increment_.data());
+    for (std::size_t i = 0; i < m.states; ++i) z_[i] = increment_[i];
   }
-  const double left = ticks - static_cast<double>(parts) * reach;
-  if (left > 0.0) {
-    expand();
-    if (audit_) audit_part(left);
-    evaluate(left);
-  }
+  const double left = ticks - static_cast<double>(parts) * m.reach;
+  if (left > 0.0) advance_within_part(left);
 }
 
 // polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
-Stepper::Verdict Stepper::examine_side(std::size_t channel, const double *start, double bound,
+Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound,
                                        double end, double *root) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;
@@ -228,7 +226,7 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, const double *start,
   const double *doubt = &m.doubt[channel * (m.order + 1) * c];
   for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
     double scale = k == 0 ? magnitude(bound) : 0.0;
-    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * magnitude(start[j]);
+    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * absolute_[j];
     if (!(magnitude(q[k]) > kRounding * scale)) continue;
     if (q[k] < 0.0) return Verdict::at_once;
     if (k == m.order) return Verdict::none;
@@ -237,17 +235,17 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, const double *start,
   return Verdict::none;
 }
 
-Stepper::Verdict Stepper::examine(std::size_t channel, const double *start, double end,
+Stepper::Verdict Stepper::examine(std::size_t channel, double end,
                                   double *root, bool *above) {
   const Mode &m = *mode_;
   const Channel &watched = m.channel[channel];
   double *q = polynomial_.data();
-  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, start, m.columns, q);
+  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns, q);
   const double value = q[0];
   Verdict verdict = Verdict::none;
   if (watched.low > -kInfinity) {
     q[0] = value - watched.low;
-    verdict = examine_side(channel, start, watched.low, end, root);
+    verdict = examine_side(channel, watched.low, end, root);
     *above = false;
     if (verdict == Verdict::at_once) return verdict;
     if (verdict == Verdict::later) end = *root;
@@ -255,7 +253,7 @@ Stepper::Verdict Stepper::examine(std::size_t channel, const double *start, doub
   if (watched.high < kInfinity) {
     q[0] = watched.high - value;
     for (std::size_t k = 1; k <= m.order; ++k) q[k] = -q[k];
-    const Verdict upper = examine_side(channel, start, watched.high, end, root);
+    const Verdict upper = examine_side(channel, watched.high, end, root);
     if (upper != Verdict::none) {
       *above = true;
       verdict = upper;
@@ -288,21 +286,17 @@ std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
   return doubt;
 }
 
-// The first change within a part of the grid of those channels that are in doubt there.
-bool Stepper::first_change(std::size_t part, double length, Change *found) {
-  const double *start = z_.data();
-  if (part > 0) {
-    flow(part, start_.data());
-    start_[mode_->columns - 1] = z_[mode_->columns - 1];
-    start = start_.data();
-  }
+// The first change from here on to `end`, within part `part` of the grid, of the channels that are in
+// doubt there.
+bool Stepper::first_change(std::size_t part, double end, Change *found) {
+  for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z_[j]);
   bool any = false;
-  found->after = length;
+  found->after = end;
   for (std::size_t i = 0; i < mode_->channels; ++i) {
     if ((parts_in_doubt_[i] >> part & 1U) == 0) continue;
     double root = found->after;
     bool above = false;
-    const Verdict verdict = examine(i, start, found->after, &root, &above);
+    const Verdict verdict = examine(i, found->after, &root, &above);
     if (verdict == Verdict::none) continue;
     if (verdict == Verdict::at_once) root = 0.0;
     if (any && !(root < found->after)) continue;
@@ -330,8 +324,8 @@ bool Stepper::cross_tick() {
       // side of it in one mode and on the other in the next. A moment later, in either mode, they
       // do not: what a wrong mode does until then is far below rounding. States that contradict
       // each other in earnest go on contradicting, and the changes run out.
-      const double moment = rest < kMoment * m.reach ? rest : kMoment * m.reach;
-      advance(moment);
+      const double moment = smaller(rest, kMoment * m.reach);
+      advance_within_part(moment);
       done = moment < rest ? done + moment : 1.0;
       changes_here = 0;
     } else {
@@ -342,37 +336,43 @@ bool Stepper::cross_tick() {
         parts = static_cast<std::size_t>(places);
         if (static_cast<double>(parts) < places) ++parts;
       }
+      const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
       std::uint64_t doubtful = 0;
       if (!quiet) {
         for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z_[j]);
         for (std::size_t i = 0; i < m.channels; ++i)
           doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
+        if (doubtful == 0 && m.samples > 0 && covered == 1.0) return false;
       }
+      // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
+      double passed = 0.0;
       bool changed = false;
-      double before = 0.0;
       Change next;
-      for (; doubtful != 0 && !changed; doubtful &= doubtful - 1) {
+      for (; doubtful != 0; doubtful &= doubtful - 1) {
         const auto part = static_cast<std::size_t>(std::countr_zero(doubtful));
-        before = static_cast<double>(part) * m.reach;
-        const double left = rest - before;
-        changed = first_change(part, left < m.reach ? left : m.reach, &next);
+        const double start = static_cast<double>(part) * m.reach;
+        if (start > passed) advance(start - passed);
+        passed = start;
+        const double end = smaller(m.reach, rest - start);
+        changed = first_change(part, end, &next);
+        if (changed) break;
+        advance_within_part(end);
+        passed = smaller(start + m.reach, rest);
       }
       if (!changed) {
-        const double covered = static_cast<double>(parts) * m.reach;
-        if (done == 0.0 && m.samples > 0 && covered == 1.0) return false;
-        advance(covered < rest ? covered : rest);
-        done = covered < rest ? done + covered : 1.0;
+        if (covered > passed) advance(covered - passed);
+        passed = covered;
+      } else if (next.after > 0.0) {
+        advance_within_part(next.after);
+        passed += next.after;
+      }
+      if (passed > 0.0) {
+        done = passed < rest ? done + passed : 1.0;
         changes_here = 0;
-      } else {
+      }
+      if (changed) {
         const int switch_index = m.channel[next.channel].switch_index;
         if (++changes > kMostChangesPerTick) fail_switching(switch_index, done);
-        const double after = before + next.after;
-        if (after > 0.0) {
-          if (before > 0.0) advance(before);
-          if (next.after > 0.0) advance(next.after);
-          done = after < rest ? done + after : 1.0;
-          changes_here = 0;
-        }
         ++changes_here;
         change(next.channel, next.above, done, false, true);
       }

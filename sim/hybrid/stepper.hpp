@@ -72,7 +72,7 @@ class Stepper {
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  // ticks, from the part's start
+    double after = 0.0;  // ticks from now
   };
 
   bool quiet_tick();
@@ -80,14 +80,13 @@ class Stepper {
   void settle(bool count_jumps);
   bool cross_tick();
   std::uint64_t parts_in_doubt(std::size_t channel, std::size_t wanted);
-  bool first_change(std::size_t part, double length, Change *found);
+  bool first_change(std::size_t part, double end, Change *found);
   void expand();
   void evaluate(double s);
-  void flow(std::size_t parts, double *x);
+  void advance_within_part(double ticks);
   void advance(double ticks);
-  Verdict examine(std::size_t channel, const double *start, double end, double *root, bool *above);
-  Verdict examine_side(std::size_t channel, const double *start, double bound, double end,
-                       double *root);
+  Verdict examine(std::size_t channel, double end, double *root, bool *above);
+  Verdict examine_side(std::size_t channel, double bound, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
   void set_mode(ModeKey key);
   void check_finite() const;
@@ -118,7 +117,6 @@ class Stepper {
   std::vector<double> polynomial_;
   std::vector<double> increment_;
   double powers_[64];
-  std::vector<double> start_;  // z at the start of a part
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;
