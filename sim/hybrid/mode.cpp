@@ -10,11 +10,11 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr Extended kTick = 1.0L / 1500.0L;
-constexpr int kHighestOrder = 13;        // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;  // per sample of the quiet test
+constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
+constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
 constexpr std::size_t kMostTested = 128;  // parts of a tick that has a quiet test
-constexpr std::size_t kMostGrid = 64;    // parts of the grid: bits of a word
-constexpr std::size_t kFastGrid = 8;     // the same without a quiet test
+constexpr std::size_t kMostGrid = 64;     // parts of the grid: bits of a word
+constexpr std::size_t kFastGrid = 8;      // the same without a quiet test
 constexpr std::size_t kMostParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
@@ -133,7 +133,7 @@ ExtendedMatrix square_flow(const ModeEquations &equations) {
 
 // The flow at every point of the grid, and from it the quiet test on its coarser samples.
 void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const ExtendedMatrix &growth,
-              const ExtendedMatrix &r, const ExtendedMatrix &bend, const ExtendedMatrix &sensor) {
+              const ExtendedMatrix &a, const ExtendedMatrix &r, const ExtendedMatrix &sensor) {
   const auto n = static_cast<Eigen::Index>(mode.states);
   const auto c = static_cast<Eigen::Index>(mode.columns);
   const std::size_t g = mode.channels;
@@ -145,6 +145,10 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
 
   const std::size_t first = kernel::padded(mode.states + 2);
   const std::size_t stride = kernel::padded(g);
+  const ExtendedMatrix slope = product(r, a);
+  const ExtendedMatrix bend = product(slope, a);
+  const ExtendedMatrix square = product(a, a).topRows(n);
+  const ExtendedMatrix square_size = absolute(square);
   const Extended part_share = static_cast<Extended>(mode.reach * mode.reach) / 8;
   const Extended sample_share = part_share * static_cast<Extended>(kFewestParts * kFewestParts);
   mode.channel_stride = stride;
@@ -153,9 +157,21 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   mode.tick.assign(mode.tick_stride * mode.columns, 0.0);
   mode.curve_stride = mode.samples * stride;
   mode.curve.assign(mode.curve_stride * mode.columns, 0.0);
-  mode.quiet = {mode.tick.data(), mode.tick_stride, mode.curve.data(), mode.curve_stride,
-                mode.low.data(),  mode.high.data(), first,             stride,
-                mode.samples,     mode.columns};
+  mode.quiet = {mode.tick.data(),
+                mode.tick_stride,
+                mode.curve.data(),
+                mode.curve_stride,
+                mode.low.data(),
+                mode.high.data(),
+                first,
+                stride,
+                mode.samples,
+                mode.columns};
+  mode.calm_stride = kernel::padded(mode.states) + mode.curve_stride;
+  mode.calm_head.assign(mode.calm_stride * mode.columns, 0.0);
+  mode.calm_tail.assign(mode.curve_stride * mode.states, 0.0);
+  mode.calm_doubt.assign(mode.curve_stride, 0.0);
+  if (mode.samples > 0) put_block(square, 0, mode.calm_stride, &mode.calm_head);
   mode.grid_flow.assign(mode.grid * mode.flow_stride * mode.columns, 0.0);
   mode.grid_signal_stride = kernel::padded(mode.grid + 1);
   mode.grid_signal.assign(g * mode.grid_signal_stride * mode.columns, 0.0);
@@ -177,16 +193,32 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
     if (k == parts) break;
 
     // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
-    const ExtendedMatrix here = absolute(product(bend, flow));
-    if (sampled)
-      put_block(product(here, sample_growth) * sample_share +
-                    product(size, sample_growth) * (2 * kRounding),
-                sample * stride, mode.curve_stride, &mode.curve);
+    const ExtendedMatrix curvature = product(bend, flow);
+    const ExtendedMatrix here = absolute(curvature);
+    if (sampled) {
+      const ExtendedMatrix rounding = product(size, sample_growth) * (2 * kRounding);
+      put_block(product(here, sample_growth) * sample_share + rounding, sample * stride,
+                mode.curve_stride, &mode.curve);
+      const Extended length = static_cast<Extended>(mode.reach) * kFewestParts;
+      const ExtendedMatrix tail =
+          product(absolute(product(slope, flow)), sample_growth) * (sample_share * length);
+      put_block(curvature * sample_share, kernel::padded(mode.states) + sample * stride,
+                mode.calm_stride, &mode.calm_head);
+      put_block(tail.leftCols(n), sample * stride, mode.curve_stride, &mode.calm_tail);
+      const ExtendedMatrix doubt =
+          rounding +
+          (here * sample_share + product(ExtendedMatrix(tail.leftCols(n)), square_size)) *
+              kRounding;
+      for (std::size_t i = 0; i < g; ++i)
+        mode.calm_doubt[sample * stride + i] =
+            static_cast<double>(doubt.row(static_cast<Eigen::Index>(i)).sum());
+    }
     flow = product(part, flow);
     signal = product(r, flow);
     const ExtendedMatrix next_size = product(absolute(r), absolute(flow));
     if (k < mode.grid) {
-      const ExtendedMatrix dip = product(here, growth) * part_share + (size + next_size) * kRounding;
+      const ExtendedMatrix dip =
+          product(here, growth) * part_share + (size + next_size) * kRounding;
       for (std::size_t i = 0; i < g; ++i)
         put_block(dip.row(static_cast<Eigen::Index>(i)), k, mode.grid_dip_stride, &mode.grid_dip,
                   i * mode.columns * mode.grid_dip_stride);
@@ -292,7 +324,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   }
   mode->sensor.assign(kernel::padded(2) * mode->columns, 0.0);
   put_block(sensor, 0, kernel::padded(2), &mode->sensor);
-  add_grid(*mode, b, order, growth, r, product(r, product(a, a)), sensor);
+  add_grid(*mode, b, order, growth, a, r, sensor);
   return mode;
 }
 

@@ -26,11 +26,20 @@ struct SimulationError : std::runtime_error {
 /// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
 /// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state and the ADCs'
-/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
+/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve`
+/// maps |z| to a bound on how far a signal can leave its chord within each part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
 /// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
 /// switch changes within the tick. The same holds for each channel by itself, and for a tick's time
 /// from any instant.
+///
+/// In |z| large terms that cancel in the plant do not: two bodies behind a stiff spring, the
+/// current and its command. So what fails is tried once more with
+///     |s''(t)| <= |r A^2 Phi(t_k) z| + (T/K) |r A Phi(t_k)| e^{|A| T/K} |A^2 z|,
+/// the second derivative at the part's start and a bound on the third: `calm_head` maps z to A^2 z
+/// and to the first term, `calm_tail` |A^2 z| to the second (both times (T/K)^2 / 8), and
+/// `calm_doubt` times the largest |z_j| bounds all the rounding. Whatever stands still or moves as
+/// one cancels.
 ///
 /// Other ticks. For the channels that fail, the same test on `grid` parts of length `reach` finds
 /// the parts in which something may happen; the flow to the start of one is one product, and within
@@ -65,6 +74,10 @@ struct Mode {
   std::size_t curve_stride = 0;    ///< samples channel_stride
   std::vector<double> curve;       ///< by columns
   kernel::QuietTest quiet;         ///< of these
+  std::size_t calm_stride = 0;     ///< padded(n) + curve_stride
+  std::vector<double> calm_head;   ///< by columns: A^2 z, then the rows of `curve`
+  std::vector<double> calm_tail;   ///< by n columns, the rows of `curve`
+  std::vector<double> calm_doubt;  ///< the rows of `curve`
   std::vector<double> low;         ///< per channel, pulled in by the bounds' own rounding; padded
   std::vector<double> high;
 

@@ -73,6 +73,7 @@ void Stepper::set_mode(ModeKey key) {
     };
     grow(result_, m.tick_stride);
     grow(curve_, m.curve_stride);
+    grow(calm_, m.calm_stride);
     grow(grid_signal_, m.grid_signal_stride);
     grow(grid_dip_, m.grid_dip_stride);
     grow(parts_in_doubt_, m.channels);
@@ -134,7 +135,35 @@ const double *Stepper::sensors() {
 
 // Tests the next tick, from any instant. True: no switch changes, result_ holds its end.
 bool Stepper::quiet_tick() {
-  return mode_->samples > 0 && quiet_(mode_->quiet, z_.data(), result_.data(), curve_.data());
+  if (mode_->samples == 0) return false;
+  return quiet_(mode_->quiet, z_.data(), result_.data(), curve_.data()) || calm_tick();
+}
+
+// The second test of Mode, on the signals that the first one has left.
+bool Stepper::calm_tick() {
+  const Mode &m = *mode_;
+  const double *signal = result_.data() + m.signal_place;
+  for (std::size_t i = 0; i < m.channels; ++i)
+    if (!(signal[i] >= m.low[i] && signal[i] <= m.high[i])) return false;
+  double largest = 0.0;
+  for (std::size_t j = 0; j < m.columns; ++j)
+    if (const double size = magnitude(z_[j]); !(size <= largest)) largest = size;
+  multiply_(m.calm_head.data(), m.calm_stride, z_.data(), m.columns, calm_.data());
+  for (std::size_t j = 0; j < m.states; ++j) calm_[j] = magnitude(calm_[j]);
+  multiply_(m.calm_tail.data(), m.curve_stride, calm_.data(), m.states, curve_.data());
+  const double *bend = calm_.data() + kernel::padded(m.states);
+  bool calm = true;
+  for (std::size_t k = 0; k < m.samples; ++k) {
+    const std::size_t row = k * m.channel_stride;
+    const double *a = signal + row;
+    const double *b = a + m.channel_stride;
+    for (std::size_t i = 0; i < m.channels; ++i) {
+      double &dip = curve_[row + i];
+      dip += magnitude(bend[row + i]) + m.calm_doubt[row + i] * largest;
+      calm &= kernel::inside(a[i], b[i], dip, m.low[i], m.high[i]);
+    }
+  }
+  return calm;
 }
 
 // After quiet_tick(): is a signal beyond its bound at the start already?
@@ -212,8 +241,8 @@ void Stepper::advance(double ticks) {
 }
 
 // polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
-Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound,
-                                       double end, double *root) {
+Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double end,
+                                       double *root) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;
   const double *q = polynomial_.data();
@@ -235,12 +264,12 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound,
   return Verdict::none;
 }
 
-Stepper::Verdict Stepper::examine(std::size_t channel, double end,
-                                  double *root, bool *above) {
+Stepper::Verdict Stepper::examine(std::size_t channel, double end, double *root, bool *above) {
   const Mode &m = *mode_;
   const Channel &watched = m.channel[channel];
   double *q = polynomial_.data();
-  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns, q);
+  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns,
+            q);
   const double value = q[0];
   Verdict verdict = Verdict::none;
   if (watched.low > -kInfinity) {
@@ -286,8 +315,8 @@ std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
   return doubt;
 }
 
-// The first change from here on to `end`, within part `part` of the grid, of the channels that are in
-// doubt there.
+// The first change from here on to `end`, within part `part` of the grid, of the channels that are
+// in doubt there.
 bool Stepper::first_change(std::size_t part, double end, Change *found) {
   for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z_[j]);
   bool any = false;

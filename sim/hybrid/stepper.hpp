@@ -76,6 +76,7 @@ class Stepper {
   };
 
   bool quiet_tick();
+  bool calm_tick();
   bool command_jumps() const;
   void settle(bool count_jumps);
   bool cross_tick();
@@ -108,6 +109,7 @@ class Stepper {
   std::vector<double> absolute_;
   std::vector<double> result_;  // of the quiet tick
   std::vector<double> curve_;
+  std::vector<double> calm_;
   std::vector<double> grid_signal_;
   std::vector<double> grid_dip_;
   std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
