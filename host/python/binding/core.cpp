@@ -13,6 +13,9 @@
 #include "host/link/run.hpp"
 
 namespace py = pybind11;
+
+void add_bench(py::module_ &m);  // bench.cpp
+
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::Metrics;
@@ -276,4 +279,6 @@ PYBIND11_MODULE(_core, m) {
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
+
+  add_bench(m);
 }
