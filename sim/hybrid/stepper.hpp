@@ -89,6 +89,8 @@ class Stepper {
   Verdict examine(std::size_t channel, double end, double *root, bool *above);
   Verdict examine_side(std::size_t channel, double bound, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
+  void switch_to(int switch_index, int to, double s, bool jump, bool counted);
+  void slide(bool counted);
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_tick();

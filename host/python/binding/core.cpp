@@ -13,6 +13,9 @@
 #include "host/link/run.hpp"
 
 namespace py = pybind11;
+
+void add_bench(py::module_ &m);  // bench.cpp
+
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::Metrics;
@@ -244,6 +247,7 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly("inputs_hash", [](const Result &r) { return r.experiment.hash; })
+      .def_property_readonly("seed", [](const Result &r) { return r.experiment.seed; })
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
       .def_property_readonly("event_count", [](const Result &r) { return r.run.event_count; })
       .def_property_readonly("refused", &Result::refused,
@@ -275,4 +279,6 @@ PYBIND11_MODULE(_core, m) {
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
+
+  add_bench(m);
 }
