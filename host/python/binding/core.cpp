@@ -176,7 +176,6 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   }
   py::dict d;
   d["title"] = e.title;
-  d["figure"] = e.figure;
   d["inputs_hash"] = e.hash;
   d["criterion"] = to_dict(e.criterion);
   d["parameters"] = parameters;

@@ -97,15 +97,15 @@ def named(context, option, texts):
 
 @cli.command(
     cls=Verb,
-    epilog="""the stability map of the thesis robot over gain and set-point, 1280 runs:
-    forceaxis sweep sim/experiments/contact.toml --grid firmware.force_gain=0.5:20:40
-    \b  --grid firmware.force_setpoint=2:64:32 --out out/map
-    its boundary, found by halving:
-    forceaxis sweep sim/experiments/contact.toml --grid firmware.force_setpoint=5:60:12
-    \b  --bisect firmware.force_gain=0.5:20:0.05 --out out/boundary
-    what spread in sensor and workpiece does to it:
-    forceaxis sweep sim/experiments/contact.toml --random k_s=5e4:2e5:log --random k_w=2e5:8e5
-    \b  --count 500 --seed 1 --out out/spread""",
+    epilog="""# the stability map of the thesis robot over gain and set-point, 1280 runs
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_gain=0.5:20:40 --grid firmware.force_setpoint=2:64:32 --out out/map
+    # its boundary, found by halving
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_setpoint=4:64:16 --bisect firmware.force_gain=3:20:0.05 --out out/edge
+    # how it spreads with sensor and workpiece
+    forceaxis sweep sim/experiments/contact.toml \\
+    --random k_s=5e4:2e5:log --random k_w=2e5:8e5 --count 500 --seed 1 --out out/spread""",
 )
 @click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(

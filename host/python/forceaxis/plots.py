@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 INK = "#1b3a5b"
 THIN = {"linewidth": 0.9}
-STABLE, UNSTABLE, NOTHING = "#b9d8cf", "#f0c3a8", "#d9d9d9"
+STABLE, UNSTABLE, UNTOUCHED, FAILED = "#b9d8cf", "#f0c3a8", "#f6e6c9", "#c9c9c9"
 
 # What the last word of a column's name is measured in, and the factor to show it by.
 UNITS = {
@@ -99,10 +99,12 @@ def sweep(done):
     figure, ax = plt.subplots(figsize=(6.4, 4.4))
     draw = boundary_plot if done.search else run_plot
     what = draw(figure, ax, done)
-    more = [a.name for a in done.axes[2:]]
-    if more:
-        what += f"; all values of {', '.join(more)} together"
-    ax.set_title(f"{done.title}\n{what}", fontsize=9, loc="left", color=INK)
+    over = " and ".join(a.name for a in done.axes[:2])
+    title = f"{what} over {over}" if over else what
+    if len(done.axes) > 2:
+        title += f"\nall values of {', '.join(a.name for a in done.axes[2:])} together"
+    title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
+    ax.set_title(title, fontsize=9, loc="left", color=INK)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8)
     figure.tight_layout()
@@ -118,7 +120,7 @@ def run_plot(figure, ax, done):
     if len(done.axes) == 1:
         x = done.columns[done.axes[0].name]
         over_one(ax, done, x, verdict, peak)
-        return "peak contact force"
+        return "Peak contact force"
     two = done.axes[:2]
     for axis, which in zip(two, "xy", strict=True):
         along(ax, which, axis, done)
@@ -126,24 +128,28 @@ def run_plot(figure, ax, done):
     if not all(a.values for a in two):
         if judged.any():
             scatter_verdicts(ax, x, y, verdict)
-            return "stability of random points"
+            return "Stability of random points"
         coloured(figure, ax, "peak force, N", ax.scatter(x, y, c=peak, s=14))
-        return "peak contact force of random points"
+        return "Peak contact force of random points"
     edges = [cell_edges(a) for a in two]
     if not judged.any():
         cells = averaged(done, peak)
         coloured(figure, ax, "peak force, N", ax.pcolormesh(*edges, cells, cmap="viridis"))
-        return "peak contact force"
+        return "Peak contact force"
     cells = averaged(done, share)
     if len(done.axes) > 2:
         mesh = ax.pcolormesh(*edges, cells, cmap="RdYlGn", vmin=0, vmax=1)
         coloured(figure, ax, "share of stable runs", mesh)
-        return "share of stable runs"
-    ax.set_facecolor(NOTHING)
-    ax.pcolormesh(*edges, cells, cmap=ListedColormap([UNSTABLE, STABLE]), vmin=0, vmax=1)
+        return "Share of stable runs"
+    # What never touched is not held, so it is unstable by the word; the map tells it apart.
+    untouched = (verdict == "unstable") & (peak == 0) & bool((peak > 0).any())
+    kinds = averaged(done, np.where(untouched, 2, share))
+    ax.set_facecolor(FAILED)
+    colours = ListedColormap([UNSTABLE, STABLE, UNTOUCHED])
+    ax.pcolormesh(*edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5)
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
-    legend(ax, "stable" in verdict, "unstable" in verdict, bool(np.isnan(cells).any()))
-    return "stability map"
+    legend(ax, (kinds == 1).any(), (kinds == 0).any(), untouched.any(), np.isnan(kinds).any())
+    return "Stability map"
 
 
 def boundary_plot(figure, ax, done):
@@ -156,7 +162,7 @@ def boundary_plot(figure, ax, done):
         over_one(ax, done, values, verdict, peak, search)
         if np.isfinite(done.columns["boundary"][0]):
             ax.axvline(done.columns["boundary"][0], color=INK, linewidth=0.8, linestyle="--")
-        return f"search for the boundary in {search.name}"
+        return f"Search for the boundary in {search.name}"
     boundary, beyond = done.columns["boundary"], done.columns["unstable_at"]
     if len(done.axes) > 1:
         two = done.axes[:2]
@@ -164,12 +170,12 @@ def boundary_plot(figure, ax, done):
             along(ax, which, axis, done)
         x, y = (done.columns[a.name] for a in two)
         if all(a.values for a in two):
-            ax.set_facecolor(NOTHING)
+            ax.set_facecolor(FAILED)
             drawn = ax.pcolormesh(*(cell_edges(a) for a in two), averaged(done, boundary))
         else:
             drawn = ax.scatter(x, y, c=boundary, s=14)
         coloured(figure, ax, label_of(search.name, done), drawn)
-        return f"last stable {search.name}"
+        return f"Last stable {search.name}"
     along(ax, "x", done.axes[0], done)
     along(ax, "y", search, done)
     x = done.columns[done.axes[0].name]
@@ -183,13 +189,13 @@ def boundary_plot(figure, ax, done):
         if text:
             edge[i] = search.high if ("unstable" not in text) == up else search.low
     below, above = (STABLE, UNSTABLE) if up else (UNSTABLE, STABLE)
-    ax.set_facecolor(NOTHING)
+    ax.set_facecolor(FAILED)
     ax.fill_between(x, search.low, edge, color=below, linewidth=0)
     ax.fill_between(x, edge, search.high, color=above, linewidth=0)
     ax.plot(x, boundary, color=INK, marker="o", markersize=3, linewidth=1.4)
-    ax.set_ylim(search.low, search.high)
-    legend(ax, True, True, bool(np.isnan(edge).any()))
-    return f"last stable {search.name}"
+    ax.set(xlim=(x[0], x[-1]), ylim=(search.low, search.high))
+    legend(ax, True, True, False, np.isnan(edge).any())
+    return f"Last stable {search.name}"
 
 
 def over_one(ax, done, x, verdict, peak, axis=None):
@@ -243,8 +249,13 @@ def coloured(figure, ax, label, drawn):
 
 
 def legend(ax, *shown):
-    """Stable, unstable, failed: those that are shown."""
-    kinds = zip(shown, (STABLE, UNSTABLE, NOTHING), ("stable", "unstable", "failed"), strict=True)
+    """The kinds of cells that are shown, beside the map."""
+    kinds = zip(
+        shown,
+        (STABLE, UNSTABLE, UNTOUCHED, FAILED),
+        ("stable", "unstable", "no contact", "failed"),
+        strict=True,
+    )
     ax.legend(
         handles=[Patch(color=colour, label=label) for at, colour, label in kinds if at],
         fontsize=8, loc="upper left", bbox_to_anchor=(1, 1), frameon=False,

@@ -13,6 +13,7 @@ import itertools
 import json
 import math
 import os
+import re
 import shlex
 import time
 from dataclasses import dataclass, field
@@ -32,7 +33,6 @@ KEYS = {
     "experiment": ("duration_s", "seed"),
     "verdict": ("window_s", "force_ripple_max_count", "position_ripple_max_count"),
 }
-IDENTITY = ("inputs_hash", "firmware_hash", "simulator_hash")
 METRICS = (
     "peak_force_N",
     "final_force_N",
@@ -78,12 +78,6 @@ class Sweep:
     search: Axis | None
     runs: list = field(default_factory=list)  # of a lone boundary search: (value, outcome)
 
-    @property
-    def title(self):
-        """The experiment's title with its figure."""
-        figure = self.summary["figure"]
-        return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
-
 
 def tidy(value):
     """The value rounded to 12 digits."""
@@ -128,11 +122,7 @@ def sweep(
     check_names(experiment, inputs, overrides, [*axes, *searches])
     if search and inputs["criterion"] is None:
         raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
-    identity = {
-        "inputs_hash": inputs["inputs_hash"],
-        "firmware_hash": _core.FIRMWARE_HASH,
-        "simulator_hash": _core.SIMULATOR_HASH,
-    }
+    identity = identity_of(experiment, overrides)
     threads = threads or os.cpu_count() or 1
     started = time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -184,7 +174,6 @@ def sweep(
     summary = {
         "experiment": paths.display(experiment),
         "title": inputs["title"],
-        "figure": inputs["figure"],
         "parameters": {a.name: unit_of(a.name, inputs) for a in [*axes, *searches]},
         "counts": counts,
         "failures": [
@@ -322,6 +311,15 @@ def unit_of(name, inputs):
     return "" if unit == "1" else unit
 
 
+def identity_of(experiment, overrides):
+    """Hashes of what a point runs, its own values apart."""
+    return {
+        "inputs_hash": _core.inputs(str(experiment), list(overrides))["inputs_hash"],
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "simulator_hash": _core.SIMULATOR_HASH,
+    }
+
+
 # --- running -------------------------------------------------------------------------------------
 
 
@@ -359,11 +357,11 @@ class Journal:
             self._write(identity)
             self.file.flush()
             return
-        if lines[0] is None or not set(IDENTITY) <= set(lines[0]):
+        if lines[0] is None or not set(identity) <= set(lines[0]):
             raise InputError(
                 f"{path}: line 1: expected a journal of forceaxis sweep; give another --out"
             )
-        for name in IDENTITY:
+        for name in identity:
             if lines[0][name] != identity[name]:
                 what = {"inputs_hash": "experiment, model and --set"}.get(name, name[:-5])
                 raise InputError(
@@ -431,7 +429,7 @@ class Runner:
 
     def __init__(self, journal, identity, place):
         self.journal = journal
-        self.salt = ":".join(identity[name] for name in IDENTITY)
+        self.salt = ":".join(identity.values())
         self.place = place
         self.asked = 0
         self.ran = 0
@@ -498,16 +496,22 @@ class Cluster:
             raise InputError(
                 "--scheduler: expected the package distributed; pip install forceaxis[cluster]"
             ) from None
+
+        def fail(error):
+            raise InputError(
+                f"--scheduler: {address}: expected the address of a running Dask scheduler, "
+                f"tcp://HOST:PORT; {error}"
+            ) from None
+
+        if not re.fullmatch(r"\w+://.+:\d+", address):
+            fail("start one with `dask scheduler`")
         self.distributed = distributed
         self.address = address
         self.work = (str(experiment.resolve()), overrides, identity)
         try:
             self.client = distributed.Client(address, timeout=10, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(
-                f"--scheduler: {address}: expected the address of a running Dask scheduler, "
-                f"tcp://HOST:PORT; {error}"
-            ) from None
+            fail(error)
 
     def __enter__(self):
         return self
@@ -528,7 +532,7 @@ class Cluster:
         }
         done = 0
         try:
-            for future in self.distributed.as_completed(futures):
+            for future in self.distributed.as_completed(futures, loop=self.client.loop):
                 start = futures[future]
                 for i, result in enumerate(future.result()):
                     finished(start + i, result)
@@ -554,16 +558,16 @@ def run_chunk(experiment, overrides, identity, jobs):
     """On a worker: results of some points, after a check that it would run the same thing."""
     import socket
 
+    where = f"worker on {socket.gethostname()}"
     try:
-        inputs_hash = _core.inputs(experiment, overrides)["inputs_hash"]
+        mine = identity_of(experiment, overrides)
     except InputError as error:
-        raise Refused(f"worker on {socket.gethostname()}: {error}") from None
-    mine = (inputs_hash, _core.FIRMWARE_HASH, _core.SIMULATOR_HASH)
-    for name, value in zip(IDENTITY, mine, strict=True):
+        raise Refused(f"{where}: {error}") from None
+    for name, value in mine.items():
         if value != identity[name]:
             raise Refused(
-                f"worker on {socket.gethostname()}: {name}: expected {identity[name][:12]}, got "
-                f"{value[:12]}; give the workers the same files and the same forceaxis"
+                f"{where}: {name}: expected {identity[name][:12]}, got {value[:12]}; give the "
+                "workers the same files and the same forceaxis"
             )
     return _core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True)
 
@@ -623,7 +627,7 @@ def describe(done):
     ran = counts["runs"] - counts["resumed"]
     speed = f", {ran / summary['seconds']:.0f} a second" if ran and summary["seconds"] else ""
     lines = [
-        ("experiment", done.title),
+        ("experiment", summary["experiment"]),
         (
             "runs",
             f"{counts['runs']}: {counts['resumed']} from the journal, {ran} now on "
