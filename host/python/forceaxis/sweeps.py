@@ -137,18 +137,13 @@ def sweep(
         runner = Runner(journal, identity, place)
         names = [a.name for a in axes]
         rows = [dict(zip(names, point, strict=True)) for point in points]
-        if search:
-            found = boundaries(runner, rows, search)
-        else:
-            found = [run_columns(o) for o in runner(rows)]
+        found = boundaries(runner, rows, search) if search else run_columns(runner(rows))
     seconds = time.monotonic() - started
 
     columns = {"index": np.arange(len(rows))}
     for name in names:
         columns[name] = np.array([row[name] for row in rows], dtype=float)
-    for name, first in found[0].items():
-        kind = str if isinstance(first, str) else float
-        columns[name] = np.array([row[name] for row in found], dtype=kind)
+    columns |= found
 
     failed = [i for i, e in enumerate(columns["error"]) if e]
     counts = {"points": len(rows), "runs": runner.asked, "resumed": runner.asked - runner.ran}
@@ -415,13 +410,14 @@ def outcome_of(result):
     }
 
 
-def run_columns(outcome):
-    """An outcome as a row of the results."""
-    row = {name: outcome.get(name, "") for name in ("verdict", "fault", "error")}
-    for name in (*METRICS, "edge_margin"):
-        value = outcome.get(name)
-        row[name] = math.nan if value is None else float(value)
-    return row | {"trace_hash": outcome.get("trace_hash", "")}
+def run_columns(outcomes):
+    """Outcomes as columns of the results."""
+    kinds = {"verdict": str, "fault": str, "error": str}
+    kinds |= dict.fromkeys((*METRICS, "edge_margin"), float) | {"trace_hash": str}
+    return {
+        name: np.array([o.get(name, "" if kind is str else None) for o in outcomes], dtype=kind)
+        for name, kind in kinds.items()
+    }
 
 
 class Runner:
@@ -437,7 +433,7 @@ class Runner:
 
     def key(self, values):
         """Identity of a run: what is run, and the values in the order of their names."""
-        text = "".join(f"\n{n}={v!r}" for n, v in sorted(values.items()))
+        text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
     def __call__(self, rows):
@@ -445,7 +441,8 @@ class Runner:
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
         # One model after the other, so that its modes are made once.
-        todo = sorted(missing.items(), key=lambda i: [v for n, v in i[1].items() if "." not in n])
+        of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
+        todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 
         def finished(i, result):
             key, values = todo[i]
@@ -574,19 +571,23 @@ def run_chunk(experiment, overrides, identity, jobs):
 
 def boundaries(runner, rows, search):
     """For every row of values, the change of verdict along `search`, halved to its tolerance."""
-    found = [
-        {"boundary": math.nan, "unstable_at": math.nan, "note": "", "error": "", "runs": 0.0}
-        for _ in rows
-    ]
+    count = len(rows)
+    found = {
+        "boundary": np.full(count, math.nan),
+        "unstable_at": np.full(count, math.nan),
+        "note": [""] * count,
+        "error": [""] * count,
+        "runs": np.zeros(count),
+    }
     brackets = {}  # row -> [last stable value, first unstable value]
 
     def verdicts(wanted):
         """Verdicts at (row, value), None for one that failed."""
         outcomes = runner([rows[i] | {search.name: v} for i, v in wanted])
         for (i, value), outcome in zip(wanted, outcomes, strict=True):
-            found[i]["runs"] += 1
+            found["runs"][i] += 1
             if "error" in outcome:
-                found[i]["error"] = f"at {search.name} = {value:g}: {outcome['error']}"
+                found["error"][i] = f"at {search.name} = {value:g}: {outcome['error']}"
         return [o.get("verdict") for o in outcomes]
 
     ends = verdicts([(i, v) for i in range(len(rows)) for v in (search.low, search.high)])
@@ -594,7 +595,7 @@ def boundaries(runner, rows, search):
         if None in pair:
             continue
         if pair[0] == pair[1]:
-            found[i]["note"] = f"no change: {pair[0]} from {search.low:g} to {search.high:g}"
+            found["note"][i] = f"no change: {pair[0]} from {search.low:g} to {search.high:g}"
         else:
             up = pair[0] == "stable"
             brackets[i] = [search.low, search.high] if up else [search.high, search.low]
@@ -614,8 +615,8 @@ def boundaries(runner, rows, search):
                 brackets[i][verdict != "stable"] = middle[i]
         active = [i for i in active if i in brackets]
     for i, bracket in brackets.items():
-        found[i]["boundary"], found[i]["unstable_at"] = bracket
-    return found
+        found["boundary"][i], found["unstable_at"][i] = bracket
+    return found | {name: np.array(found[name], dtype=str) for name in ("note", "error")}
 
 
 # --- what comes of it ----------------------------------------------------------------------------
