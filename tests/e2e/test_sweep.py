@@ -93,6 +93,7 @@ def test_a_grid_is_every_combination_with_both_ends():
     points = sweeps.grid_points(axes)
     assert len(points) == 30
     assert points[:3] == [(1, 1, 4), (1, 1, 2), (1, 10, 4)]
+    assert sweeps.grid_axes({"a": "4,0.5,3"})[0].values == (4, 0.5, 3)
     assert sweeps.grid_axes({"a": "0:0.3:4"})[0].values == (0, 0.1, 0.2, 0.3)
 
 
@@ -349,6 +350,7 @@ GAIN = "firmware.force_gain"
     [
         ([], ["--grid", "--random", "--bisect"]),
         (["--grid", f"{GAIN}"], ["--grid", "NAME=FROM:TO:COUNT"]),
+        (["--grid", f"{GAIN}=1,x"], ["--grid", "VALUE,VALUE"]),
         (["--grid", f"{GAIN}=1:2"], ["--grid", "FROM:TO:COUNT"]),
         (["--grid", f"{GAIN}=1:2:3:lin"], ["--grid", "FROM:TO:COUNT"]),
         (["--grid", f"{GAIN}=1:nan:3"], ["--grid", "finite"]),

@@ -113,7 +113,8 @@ def named(context, option, texts):
     multiple=True,
     metavar="NAME=FROM:TO:COUNT[:log]",
     callback=named,
-    help="COUNT values from FROM to TO, both included; all combinations when repeated.",
+    help="COUNT values from FROM to TO, both included, or NAME=VALUE,VALUE,...; all combinations "
+    "when repeated.",
 )
 @click.option(
     "--random",

@@ -98,11 +98,9 @@ def sweep(done):
     """Figure of a sweep, by the first two of its parameters."""
     figure, ax = plt.subplots(figsize=(6.4, 4.4))
     draw = boundary_plot if done.search else run_plot
-    what = draw(figure, ax, done)
-    over = " and ".join(a.name for a in done.axes[:2])
-    title = f"{what} over {over}" if over else what
+    title = draw(figure, ax, done)
     if len(done.axes) > 2:
-        title += f"\nall values of {', '.join(a.name for a in done.axes[2:])} together"
+        title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
     title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
     ax.set_title(title, fontsize=9, loc="left", color=INK)
     ax.spines[["top", "right"]].set_visible(False)

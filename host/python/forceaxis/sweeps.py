@@ -98,9 +98,10 @@ def sweep(
 ):
     """Run the experiment at every point and write the results into folder `out`, if given.
 
-    grid: {name: "FROM:TO:COUNT[:log]" or values}; random: {name: "FROM:TO[:log]"} with count and
-    seed; bisect: {name: "FROM:TO:TOLERANCE"}, alone or for every point. Raises InputError for a
-    mistake in what was asked; a run that fails is a row with its error.
+    grid: {name: values, "VALUE,VALUE,..." or "FROM:TO:COUNT[:log]"}; random: {name:
+    "FROM:TO[:log]"} with count and seed; bisect: {name: "FROM:TO:TOLERANCE"}, alone or for every
+    point. Raises InputError for a mistake in what was asked; a run that fails is a row with its
+    error.
     """
     if grid and random:
         raise InputError("--random: expected either --grid or --random, got both")
@@ -156,7 +157,7 @@ def sweep(
     command = ["forceaxis", "sweep", paths.display(experiment)]
     for option, given in (("--grid", grid), ("--random", random), ("--bisect", bisect)):
         for name, value in (given or {}).items():
-            text = value if isinstance(value, str) else ",".join(f"{tidy(v):g}" for v in value)
+            text = value if isinstance(value, str) else ",".join(repr(float(v)) for v in value)
             command += [option, f"{name}={text}"]
     if random:
         command += ["--count", str(count), "--seed", str(seed)]
@@ -230,12 +231,20 @@ def grid_axes(grid):
     """Axes from {name: text or values}."""
     axes = []
     for name, given in grid.items():
-        if isinstance(given, str):
+        if isinstance(given, str) and ":" in given:
             axes.append(parse("--grid", name, given, ("COUNT",), True))
             continue
-        values = tuple(float(v) for v in given)
+        try:
+            values = tuple(
+                float(v) for v in (given.split(",") if isinstance(given, str) else given)
+            )
+        except ValueError:
+            values = ()
         if not values or not all(map(math.isfinite, values)):
-            raise InputError(f"grid: {name}: expected finite values")
+            raise InputError(
+                f"--grid: {name}={given}: expected NAME=FROM:TO:COUNT[:log] or "
+                "NAME=VALUE,VALUE,..., with finite numbers"
+            )
         axes.append(Axis(name, min(values), max(values), values=values))
     if math.prod(len(a.values) for a in axes) > MOST_POINTS:
         raise InputError(f"--grid: expected at most {MOST_POINTS} points")
