@@ -165,9 +165,9 @@ double Plant::signal(std::string_view name) const {
   return signal(static_cast<std::size_t>(found - signal_names_->begin()));
 }
 
-double Plant::signal(std::size_t index) const {
+double Plant::signal(std::size_t place) const {
   const Mode &mode = stepper_.mode();
-  return kernel::dot(&mode.truth[index * mode.columns], stepper_.z().data(), mode.columns);
+  return kernel::dot(&mode.truth[place * mode.columns], stepper_.z().data(), mode.columns);
 }
 
 std::vector<Event> Plant::events() const {
