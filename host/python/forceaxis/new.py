@@ -198,23 +198,16 @@ def collect(given, ask=None):
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
     for field in FIELDS:
-        wanted = field.needs is None or values[field.needs] is not None
-        if wanted and field.instead_of:
-            wanted = values[field.instead_of] is None
         text = texts.get(field.name)
-        if not wanted:
-            blocker = BY_NAME[
-                field.needs if field.needs and values[field.needs] is None else field.instead_of
-            ]
-            if text is not None and text != "none":
-                shown = texts.get(blocker.name, blocker.word)
-                raise InputError(
-                    f"{field.option}: expected no value with {blocker.option} {shown}; "
-                    "give one of the two"
-                    if field.instead_of == blocker.name
-                    else f"{field.option}: expected a number for {blocker.option} first, "
-                    f"got {shown}; give both"
-                )
+        needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
+        refusal = None
+        if needs and values[needs.name] is None:
+            refusal = f"expected no value while {needs.option} is {needs.word}; give that one too"
+        elif other and values[other.name] is not None:
+            refusal = f"expected no value beside {other.option}; give one of the two"
+        if refusal:
+            if text not in (None, field.word):
+                raise InputError(f"{field.option}: {refusal}")
             values[field.name] = None
             continue
         default = field.default(values) if callable(field.default) else field.default
@@ -287,10 +280,7 @@ def derive(v):
     """The amplifier's gains and the model's constants. Raises InputError where none exist."""
     r, rotor = radius_m(v), v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
     mass, full_V = rotor + v["moving_mass_kg"], v["command_full_scale_v"]
-    speed, limit = v["full_scale_speed_m_per_s"], back_emf_speed(v)
-    if speed > limit:
-        fail("full_scale_speed_m_per_s", f"at most {limit:.4g} m/s, where back EMF takes the "
-             f"supply, got {speed:g}", "lower it or check supply, back EMF and lead")  # fmt: skip
+    speed = v["full_scale_speed_m_per_s"]
     current = min(v["motor_peak_current_a"], v["amplifier_current_limit_a"])
     k_torque = v["efficiency"] * v["torque_constant_n_m_per_a"]
     k_current = full_V / current
@@ -417,7 +407,7 @@ def stability_limit(phi, gamma, row):
     for _ in range(40):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if radius(phi, gamma, row, middle) < 1 else (low, middle)
-    return low
+    return min(low, 256.0)
 
 
 @dataclass
@@ -502,7 +492,7 @@ def texts(title, axis, first, sources):
     context = dict(
         title=title, a=axis, f=first, v=v, src=sources, entry=entry, given=given, exact=repr,
         bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
-        count_N=v["sensor_full_scale_n"] / 128,
+        back_emf_speed=back_emf_speed(v), count_N=v["sensor_full_scale_n"] / 128,
         target=round((-v["approach_mm"] / 1e3 - first.distance_m) * count),
         speed=first.speed_m_per_s * count * TICK_S,
         acceleration=first.acceleration_m_per_s2 * count * TICK_S**2,
@@ -578,7 +568,7 @@ def describe(done):
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
          f"this gain holds {100 * done['held_share']:.3g} %"),
-        ("defaults", f"{len(done['defaults'])} values marked \"default, check\" in model.toml"),
+        ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {done['folder']}/contact.toml"),
     ]  # fmt: skip
     return "\n".join(f"{key:12} {value}" for key, value in rows)
