@@ -378,7 +378,7 @@ Experiment load_experiment(const std::filesystem::path &file,
   const std::string name = file.string();
   const Section root(name, table);
   root.only({"title", "figure", "shows", "model", "duration_s", "set", "firmware", "at", "verdict",
-             "plot"});
+             "plot", "expect"});
   Experiment experiment;
   experiment.file = file;
   experiment.title = root.text("title", true);
