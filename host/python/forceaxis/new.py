@@ -18,6 +18,7 @@ from forceaxis._core import InputError
 
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
 DAC_CODES = 2048  # from 0 V to full scale
+SHARE = 1 / 6  # of the linear limit, for the first gains: loss of contact destabilises earlier
 FILES = ("model.toml", "contact.toml", "step.toml")
 
 
@@ -87,9 +88,12 @@ def default_filter(v):
 
 
 def default_current_loop(v):
-    """Current loop: above the motor's electrical pole and the velocity filter, Hz."""
+    """Current loop: above the motor's electrical pole and the velocity filter, and high enough for
+    the back EMF to damp the axis by a third of the velocity loop at most, Hz."""
     pole = v["resistance_ohm"] / (2 * math.pi * v["inductance_h"])
-    return max(1000.0, 4.0 * pole, 3.0 * v["velocity_filter_hz"])
+    emf = v["torque_constant_n_m_per_a"] * v["back_emf_v_s_per_rad"] / v["inductance_h"]
+    emf /= total_mass(v) * radius_m(v) ** 2 * (2 * math.pi) ** 2 * v["velocity_loop_hz"]
+    return max(1000.0, 4.0 * pole, 3.0 * v["velocity_filter_hz"], 3.0 * emf)
 
 
 FIELDS = (
@@ -148,7 +152,7 @@ FIELDS = (
           "six times the velocity loop, more if the rotor is light against the load",
           "low pass on the measured velocity, in the amplifier's set-up"),
     Field("amplifier", "current_loop_hz", "Hz", 1, 1e6, default_current_loop,
-          "1 kHz, at least 4 R/(2 pi L) and 3 velocity filters",
+          "1 kHz, or more to leave the velocity loop in charge",
           "bandwidth of the current loop: amplifier data sheet"),
     Field("amplifier", "tachometer_v_s_per_rad", "V s/rad", 1e-6, 1e3, None,
           "velocity from the encoder, scaled to full-scale command at full speed",
@@ -300,7 +304,7 @@ def derive(v):
     if k_fdbk < 0:
         natural = (b + k_torque * back / (Z * r**2)) / (2 * math.pi * mass)
         fail("velocity_loop_hz", f"more than the {natural:.4g} Hz of friction and back EMF alone, "
-             f"got {v['velocity_loop_hz']:g}", "raise it or check friction and masses")  # fmt: skip
+             f"got {v['velocity_loop_hz']:g}", "raise it or the current loop")  # fmt: skip
     k_cmd = speed / full_V * D * Z * r / (k_torque * k_amp)
     b_transmission = 0.0
     if k := v["transmission_stiffness_n_per_m"]:
@@ -429,7 +433,7 @@ class First:
 
 
 def first_gains(axis):
-    """A quarter of the linear limits, a quarter of the smaller of sensor range and peak force."""
+    """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
     v = axis.v
     A, b, force, _ = linear(axis, pressed=True)
     free_A, free_b, _, encoder = linear(axis, pressed=False)
@@ -443,25 +447,30 @@ def first_gains(axis):
              f"{BY_NAME['current_loop_hz'].option}")  # fmt: skip
     phi, gamma = hold(A, b)
     limit = stability_limit(phi, gamma, force)
-    gain = max(1, math.floor(limit / 4 * 256)) / 256
+    gain = max(1, math.floor(limit * SHARE * 256)) / 256
     newton_per_count = v["sensor_full_scale_n"] / 128
-    peak = axis.k_torque * axis.current_limit / axis.r_trans
+    current = min(axis.current_limit, v["supply_v"] / v["resistance_ohm"])
+    peak = axis.k_torque * current / axis.r_trans
     setpoint = math.floor(min(32.0, peak / 4 / newton_per_count) * 256) / 256
     code = v["full_scale_speed_m_per_s"] / DAC_CODES
-    if gain * setpoint < 2 or limit < 4 / 256:
+    if gain * setpoint < 2 or limit * SHARE < 1 / 256:
         fail("full_scale_speed_m_per_s", "a speed at which the safe approach takes at least two "
              f"DAC codes, got {v['full_scale_speed_m_per_s']:g} ({gain * setpoint:.2g} codes)",
              "lower it, or check sensor and amplifier")  # fmt: skip
     static = gain * float(-force @ np.linalg.solve(A, b))
     rate = -math.log(radius(phi, gamma, force, gain)) / TICK_S
     reach = v["approach_mm"] / 1e3 / (min(gain * setpoint, DAC_CODES) * code)
-    contact = min(600.0, math.ceil(2 * (1.3 * reach + min(10 / rate, 30) + 1.5)) / 2)
+    # Room for lower gains and set-points: a tenth of the approach speed, if that is not too long.
+    contact = min(
+        600.0, math.ceil(2 * (min(10 * reach, 1.3 * reach + 3) + min(10 / rate, 30) + 1.5)) / 2
+    )
 
     free_phi, free_gamma = hold(free_A, free_b)
     position_limit = stability_limit(free_phi, free_gamma, encoder)
-    position_gain = max(1, math.floor(position_limit / 4 * 256)) / 256
-    distance, speed = 0.02, v["full_scale_speed_m_per_s"] / 4
-    acceleration = 0.25 * peak / axis.mass
+    position_gain = max(1, math.floor(position_limit * SHARE * 256)) / 256
+    distance, acceleration = 0.02, 0.25 * peak / axis.mass
+    crossover = position_gain * axis.encoder_scale * code  # rad/s; the loop must be able to brake
+    speed = min(v["full_scale_speed_m_per_s"] / 4, acceleration / crossover)
     settle = 10 / max(-math.log(radius(free_phi, free_gamma, encoder, position_gain)) / TICK_S, 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
@@ -564,7 +573,7 @@ def describe(done):
     rows = [
         ("written", ", ".join(f"{done['folder']}/{name}" for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
-        ("force gain", f"{done['force_gain']:.4g}, a quarter of the linear limit "
+        ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
          f"this gain holds {100 * done['held_share']:.3g} %"),
