@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from forceaxis import experiments, new, objects, paths, tables
+from forceaxis import experiments, new, objects, paths, sweeps, tables
 from forceaxis._core import InputError, SimulationError
 
 
@@ -104,6 +104,98 @@ def new_(name, yes, force, as_json, **given):
     talk = not (yes or as_json) and sys.stdin.isatty()
     done = new.write(name, *new.collect(given, new.prompt if talk else None), force)
     click.echo(json.dumps(done) if as_json else new.describe(done))
+
+
+def named(context, option, texts):
+    """NAME=VALUE options as a dict."""
+    given = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"{option.opts[0]}: {text}: expected {option.metavar}")
+        if name in given:
+            raise InputError(f"{option.opts[0]}: {name}: expected each name once")
+        given[name] = value
+    return given
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""the stability map of the thesis robot over gain and set-point, 1280 runs:
+    forceaxis sweep sim/experiments/contact.toml --grid firmware.force_gain=0.5:20:40
+    \b  --grid firmware.force_setpoint=2:64:32 --out out/map
+    its boundary, found by halving:
+    forceaxis sweep sim/experiments/contact.toml --grid firmware.force_setpoint=5:60:12
+    \b  --bisect firmware.force_gain=0.5:20:0.05 --out out/boundary
+    what spread in sensor and workpiece does to it:
+    forceaxis sweep sim/experiments/contact.toml --random k_s=5e4:2e5:log --random k_w=2e5:8e5
+    \b  --count 500 --seed 1 --out out/spread""",
+)
+@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=FROM:TO:COUNT[:log]",
+    callback=named,
+    help="COUNT values from FROM to TO, both included; all combinations when repeated.",
+)
+@click.option(
+    "--random",
+    multiple=True,
+    metavar="NAME=FROM:TO[:log]",
+    callback=named,
+    help="Draw --count points, uniform in the value or in its logarithm.",
+)
+@click.option("--count", type=int, help="How many random points.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Another seed, other random points."
+)
+@click.option(
+    "--bisect",
+    multiple=True,
+    metavar="NAME=FROM:TO:TOLERANCE",
+    callback=named,
+    help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "
+    "point of --grid or --random.",
+)
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="As for run, for all points."
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    required=True,
+    help="Folder for results.csv, .npz and .parquet, plot.png, sweep.json and journal.jsonl.",
+)
+@threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the workers of this Dask scheduler, tcp://HOST:PORT, instead of on threads. They "
+    "need this forceaxis and the experiment's files at the same path.",
+)
+@as_json
+def sweep(
+    experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, as_json
+):
+    """Run one experiment at many points of any parameters, NAME as in `run --set`.
+
+    Every finished run is kept in the folder's journal: after an interruption, or with more points,
+    the same command runs only what is missing. A run that fails is a row with its error; the exit
+    status is 1 only if all fail. A boundary is the last stable value on the way to the first
+    unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
+    the row says so.
+    """
+    done = sweeps.sweep(
+        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler
+    )
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(sweeps.describe(done))
+        click.echo(f"files        {paths.display(out)}")
+    if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
+        sys.exit(1)
 
 
 @cli.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
