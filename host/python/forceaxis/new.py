@@ -469,8 +469,7 @@ def first_gains(axis):
     position_limit = stability_limit(free_phi, free_gamma, encoder)
     position_gain = max(1, math.floor(position_limit * SHARE * 256)) / 256
     distance, acceleration = 0.02, 0.25 * peak / axis.mass
-    crossover = position_gain * axis.encoder_scale * code  # rad/s; the loop must be able to brake
-    speed = min(v["full_scale_speed_m_per_s"] / 4, acceleration / crossover)
+    speed = v["full_scale_speed_m_per_s"] / 4
     settle = 10 / max(-math.log(radius(free_phi, free_gamma, encoder, position_gain)) / TICK_S, 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
