@@ -421,8 +421,8 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   toml::table table = contents_->table;
   apply_overrides(table, overrides);
   const Section root(contents_->name, table);
-  root.only({"title", "figure", "shows", "model", "duration_s", "set", "firmware", "at", "verdict",
-             "plot", "expect"});
+  root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
+             "verdict", "plot", "expect"});
   Experiment experiment;
   experiment.file = contents_->file;
   experiment.title = root.text("title", true);
@@ -430,6 +430,9 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.shows = root.text("shows", false);
   const double duration_s = root.number("duration_s", 1.0 / sim::kTickRateHz, kLongestRun_s);
   experiment.ticks = tick_at(duration_s);
+  const double seed = root.optional_number("seed", 0, 0x7FFFFFFF).value_or(0);
+  if (seed != std::floor(seed)) root.fail("seed", "expected a whole number");
+  experiment.seed = static_cast<std::uint64_t>(seed);
 
   const std::filesystem::path path = model_path(root, contents_->file);
   std::ostringstream key;
