@@ -53,7 +53,7 @@ def test_the_tutorial_uses_every_step():
     commands = "\n".join(b for b in blocks() if is_typed(b))
     for verb in ("new", "run", "sweep", "test"):
         assert f"forceaxis {verb} " in commands
-    assert len([b for b in blocks() if not is_typed(b)]) == 3
+    assert len([b for b in blocks() if not is_typed(b)]) == 5
 
 
 def test_the_commands_print_what_the_text_shows(typed):
@@ -70,7 +70,7 @@ def test_the_files_are_where_the_text_says(typed):
 
 
 def test_the_boundary_and_the_safe_gain_are_as_the_text_says(typed):
-    boundary = float(re.search(r"near a gain of ([\d.]+\d)", section())[1])
+    boundary = float(re.search(r"at a gain of ([\d.]+\d)", section())[1])
     safe = float(re.search(r"force_gain = ([\d.]+)/'", section())[1])
     assert safe == boundary / 2
     contact = typed[0] / "press/contact.toml"
