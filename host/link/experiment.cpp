@@ -422,7 +422,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   apply_overrides(table, overrides);
   const Section root(contents_->name, table);
   root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
-             "verdict", "plot"});
+             "verdict", "plot", "expect"});
   Experiment experiment;
   experiment.file = contents_->file;
   experiment.title = root.text("title", true);

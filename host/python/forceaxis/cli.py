@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from forceaxis import experiments, objects, paths, sweeps, tables
+from forceaxis import experiments, new, objects, paths, sweeps, tables
 from forceaxis._core import InputError, SimulationError
 
 
@@ -80,6 +80,30 @@ def run(experiment, overrides, out, as_json):
         click.echo(experiments.describe(done.summary))
         if out:
             click.echo(f"files        {paths.display(out)}")
+
+
+@cli.command(
+    name="new",
+    cls=Verb,
+    epilog="""forceaxis new press
+    forceaxis new press --yes --moving-mass-kg 25 --lead-mm-per-rev 5 --force""",
+)
+@click.argument("name", type=Folder())
+@new.options
+@click.option("--yes", is_flag=True, help="Ask nothing: defaults for what is not given.")
+@click.option("--force", is_flag=True, help="Replace the three files if they are there.")
+@as_json
+def new_(name, yes, force, as_json, **given):
+    """Write a model and experiments of your own axis into folder NAME.
+
+    Asks for what the data sheets of motor, amplifier, transmission, sensor and workpiece say, or
+    takes it as options: plain numbers in the unit of the option's name. What nobody gives gets a
+    default that is marked in the model. Asks nothing without a terminal.
+    """
+    new.refuse_existing(name, force)
+    talk = not (yes or as_json) and sys.stdin.isatty()
+    done = new.write(name, *new.collect(given, new.prompt if talk else None), force)
+    click.echo(json.dumps(done) if as_json else new.describe(done))
 
 
 def named(context, option, texts):
