@@ -11,6 +11,7 @@
 
 #include "host/link/experiment.hpp"
 #include "host/link/run.hpp"
+#include "host/python/binding/linear.hpp"
 
 namespace py = pybind11;
 using forceaxis::host::Criterion;
@@ -275,4 +276,6 @@ PYBIND11_MODULE(_core, m) {
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
+
+  add_linear(m);
 }
