@@ -1,4 +1,4 @@
-"""The force loop of a model as a linear one: matrices of a mode, sampled with hold, its gain limit."""
+"""The force loop of a model as a linear one: matrices, sampled with hold, and the gain limit."""
 
 from dataclasses import dataclass
 
@@ -56,7 +56,7 @@ def exponential(matrix):
 
 
 def gain_limit(loop, sampled=True, highest=1e4):
-    """(gain, Hz) at which the first pole leaves the stable region, or (inf, nan) below `highest`."""
+    """(gain, Hz) where the first pole leaves the stable region; (inf, nan): not up to `highest`."""
     poles = loop.sampled_poles if sampled else loop.poles
 
     def growth(gain):
@@ -71,4 +71,4 @@ def gain_limit(loop, sampled=True, highest=1e4):
         middle = (low + high) / 2
         low, high = (low, middle) if growth(middle) > 0 else (middle, high)
     last = poles(high)
-    return high, abs(last[last.real.argmax()].imag) / (2 * np.pi)
+    return float(high), float(abs(last[last.real.argmax()].imag) / (2 * np.pi))

@@ -2,12 +2,14 @@
 
 import base64
 import io
+import re
+import tomllib
 from datetime import UTC, datetime
 from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, experiments, objects, paths, plots, tables
+from forceaxis import _core, experiments, linear, objects, paths, plots, tables
 
 
 def png(figure):
@@ -25,9 +27,29 @@ def experiment_files():
 
 
 def figure_order(figure):
-    """'3.14, 5.1' -> (3, 14); no figure comes last."""
-    first = figure.split(",")[0].strip()
-    return tuple(int(n) for n in first.split(".")) if first else (99,)
+    """'2.16a, 5.1' -> (2, 16, 'a'); no figure comes last."""
+    found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
+    return (int(found[1]), int(found[2]), found[3]) if found else (99,)
+
+
+def models(runs):
+    """Every model of sim/models that an experiment runs, in the order of its figure."""
+    users = {}
+    for r in runs:
+        users.setdefault(r.model, []).append(r)
+    rows = []
+    for path, used_by in users.items():
+        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        figure = re.search(r"Figs? (\S+)", text["title"])
+        row = {"name": path.stem, "title": text["title"], "shows": text["shows"], "runs": used_by}
+        row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
+        try:
+            loop = linear.force_loop(path)
+            row["limits"] = [linear.gain_limit(loop, sampled) for sampled in (False, True)]
+        except KeyError:  # no force loop
+            row["limits"] = None
+        rows.append(row)
+    return sorted(rows, key=lambda r: r["order"])
 
 
 def grid_3_15(cells):
@@ -122,6 +144,7 @@ def write(out, threads=None):
         sensitivity=tables.criterion_sensitivity(result["cells"], threads),
         readings=found["readings"],
         declared=tables.load().readings,
+        models=models(runs),
         runs=[(r, png(plots.trace(r))) for r in runs],
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
