@@ -2,6 +2,7 @@
 
 import base64
 import io
+import os
 import re
 import tomllib
 from datetime import UTC, datetime
@@ -9,7 +10,7 @@ from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, experiments, linear, objects, paths, plots, tables
+from forceaxis import _core, experiments, linear, nonlinear, objects, paths, plots, tables
 
 
 def png(figure):
@@ -33,7 +34,7 @@ def figure_order(figure):
 
 
 def models(runs):
-    """Every model of sim/models that an experiment runs, in the order of its figure."""
+    """Every model that one of the runs is of, in the order of its figure."""
     users = {}
     for r in runs:
         users.setdefault(r.model, []).append(r)
@@ -104,6 +105,11 @@ def write(out, threads=None):
     out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be had fails before the work
     result = tables.run(threads)
     runs = experiment_files()
+    maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
+    friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
+    drawn = {r.experiment.stem: png(plots.trace(r)) for r in runs}
+    elements = [r for r in runs if r.model.stem.startswith("nl_")]
+    thesis = [r for r in runs if not r.model.stem.startswith("nl_")]
     values = tables.parameters()
     constants = [
         {
@@ -144,8 +150,13 @@ def write(out, threads=None):
         sensitivity=tables.criterion_sensitivity(result["cells"], threads),
         readings=found["readings"],
         declared=tables.load().readings,
-        models=models(runs),
-        runs=[(r, png(plots.trace(r))) for r in runs],
+        models=models(thesis),
+        runs=thesis,
+        elements=elements,
+        drawn=drawn,
+        maps=maps,
+        maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
+        friction=friction,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
     )
