@@ -14,6 +14,8 @@
 #include "sim/hybrid/network.hpp"
 
 namespace py = pybind11;
+using forceaxis::sim::Extended;
+using forceaxis::sim::ExtendedMatrix;
 using forceaxis::sim::ModeKey;
 using forceaxis::sim::Network;
 
@@ -22,8 +24,7 @@ namespace {
 using Overrides = std::map<std::string, double>;
 using Modes = std::map<std::string, std::string>;
 
-py::array_t<double> part(const forceaxis::sim::ExtendedMatrix &m, Eigen::Index first,
-                         Eigen::Index count) {
+py::array_t<double> part(const ExtendedMatrix &m, Eigen::Index first, Eigen::Index count) {
   py::array_t<double> values({m.rows(), count});
   for (Eigen::Index i = 0; i < m.rows(); ++i)
     for (Eigen::Index j = 0; j < count; ++j)
@@ -57,7 +58,7 @@ py::dict linear(const std::filesystem::path &file, const Overrides &overrides, c
   const Network network(model);
   const auto equations = network.equations(key_of(network, model, modes));
   const auto &wires = network.signal_wires();
-  forceaxis::sim::ExtendedMatrix signals(wires.size(), network.columns());
+  ExtendedMatrix signals(wires.size(), network.columns());
   for (std::size_t i = 0; i < wires.size(); ++i)
     signals.row(static_cast<Eigen::Index>(i)) = equations.wires.row(wires[i]);
   py::list names;
@@ -72,11 +73,12 @@ py::dict linear(const std::filesystem::path &file, const Overrides &overrides, c
   d["C"] = part(signals, 0, n);
   d["d"] = part(signals, n, 1);
   d["D"] = part(signals, n + 1, 1);
-  // What closes the loop: the reading of ADC channel 0 and the converter of the drive's command.
-  const auto &force = model.adc[0];
-  if (force) {
-    d["force_signal"] = force->signal;
-    d["per_count"] = force->per_count * (1 << (force->bits - 8));
+  // What closes the loop: what ADC channel 0 converts and the converter of the drive's command.
+  if (const auto &force = model.adc[0]) {
+    const ExtendedMatrix reading = equations.wires.row(network.adc_wires()[0]) /
+                                   static_cast<Extended>(force->per_count) /
+                                   static_cast<Extended>(1 << (force->bits - 8));
+    d["reading"] = part(reading, 0, n);
   }
   d["volts_per_code"] = model.dac.volts_per_code();
   return d;
@@ -89,6 +91,5 @@ void add_linear(py::module_ &m) {
         py::arg("modes") = Modes{},
         "x' = A x + B u + c and signals = C x + D u + d of a model while its contacts touch and "
         "everything else is at home; `modes` names other states, element -> state. u: V at the "
-        "drive; force_signal, per_count (unit per 8-bit count; with ADC 0) and volts_per_code "
-        "close the loop.");
+        "drive, volts_per_code of it a code; reading x: what ADC 0 converts, in 8-bit counts.");
 }

@@ -33,13 +33,12 @@ class ForceLoop:
 def force_loop(model, overrides=None, modes=None):
     """The loop from code to force reading while the contacts touch (or in the modes named)."""
     m = _core.linear(str(model), overrides or {}, modes or {})
-    row = m["signals"].index(m["force_signal"])
     A, B = m["A"], m["B"] * m["volts_per_code"]
     n = len(A)
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n:] = A, B
     step = exponential(whole / _core.TICKS_PER_SECOND)
-    return ForceLoop(A, B, m["C"][row : row + 1] / m["per_count"], step[:n, :n], step[:n, n:])
+    return ForceLoop(A, B, m["reading"], step[:n, :n], step[:n, n:])
 
 
 def exponential(matrix):
