@@ -44,7 +44,8 @@ def test_models_elements_and_contact_maps_are_in_it(page):
     _, html, _ = page
     linked = set(re.findall(r'<a href="#(\w+)">', html))
     assert linked <= set(re.findall(r'<h3 id="(\w+)">', html))
-    for path in (ROOT / "sim/models").glob("fig*.toml"):
+    models = ROOT / "sim/models"
+    for path in [*models.glob("fig*.toml"), *models.glob("nl_*.toml")]:
         assert f"<code>{path.name}</code>" in html
     assert "<td>66 of 66</td>" in html
     for words in ("Contact and friction", "widens the stable region", "one by one"):

@@ -153,6 +153,7 @@ def write(out, threads=None):
         models=models(thesis),
         runs=thesis,
         elements=elements,
+        element_models=models(elements),
         drawn=drawn,
         maps=maps,
         maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
