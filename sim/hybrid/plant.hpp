@@ -100,6 +100,8 @@ class Plant {
   void signals(std::span<double> values) const;
   /// One signal by name; std::invalid_argument if there is none.
   double signal(std::string_view name) const;
+  /// The same by its place in signal_names(), for loops.
+  double signal(std::size_t index) const;
 
   std::int64_t tick() const { return stepper_.tick(); }
   double time_s() const { return static_cast<double>(stepper_.tick()) / kTickRateHz; }

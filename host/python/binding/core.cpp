@@ -11,9 +11,12 @@
 
 #include "host/link/experiment.hpp"
 #include "host/link/run.hpp"
-#include "host/python/binding/linear.hpp"
 
 namespace py = pybind11;
+
+void add_bench(py::module_ &m);   // bench.cpp
+void add_linear(py::module_ &m);  // linear.cpp
+
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::Metrics;
@@ -279,4 +282,5 @@ PYBIND11_MODULE(_core, m) {
       "The verdict that another criterion gives on a finished run's metrics (same window).");
 
   add_linear(m);
+  add_bench(m);
 }

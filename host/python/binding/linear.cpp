@@ -1,7 +1,6 @@
 // The linear plant of one mode: x' = A x + B u + c, signals = C x + D u + d, u the drive's command.
-#include "host/python/binding/linear.hpp"
-
 #include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
@@ -14,6 +13,9 @@
 #include "sim/hybrid/network.hpp"
 
 namespace py = pybind11;
+
+void add_linear(py::module_ &m);
+
 using forceaxis::sim::Extended;
 using forceaxis::sim::ExtendedMatrix;
 using forceaxis::sim::ModeKey;

@@ -128,6 +128,53 @@ def report(out, threads, as_json):
         )
 
 
+@cli.command(
+    name="bench",
+    cls=Verb,
+    epilog="""forceaxis bench --case A --tool forceaxis --tool odeint
+    forceaxis bench --check""",
+)
+@click.option(
+    "--case", "cases", multiple=True, type=click.Choice(["A", "B", "full"]), help="Default: all."
+)
+@click.option(
+    "--tool",
+    "tools",
+    multiple=True,
+    type=click.Choice(["forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy"]),
+    help="Default: all that are installed. Repeatable, as --case.",
+)
+@click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
+@click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
+@click.option(
+    "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
+)
+@as_json
+def bench_(cases, tools, repeat, sweeps, check, as_json):
+    """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
+
+    Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
+    the contact force is from an independent extended-precision integration. Run it on an idle
+    machine.
+    """
+    from forceaxis import bench
+
+    if check and (cases or tools):
+        raise click.UsageError("expected --check without --case and --tool; it runs everything")
+    result = bench.run(cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check)
+    if check:
+        checks = bench.check(result)
+        result["checks"] = [{"check": text, "held": held} for text, held in checks]
+    if as_json:
+        click.echo(json.dumps(result, allow_nan=False))
+    else:
+        click.echo(bench.describe(result))
+        for text, held in checks if check else ():
+            click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
+    if check and not all(held for _, held in checks):
+        sys.exit(1)
+
+
 @cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")
 @click.argument("pattern", default="")
 @as_json
