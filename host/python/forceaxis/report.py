@@ -41,8 +41,13 @@ def models(runs):
     rows = []
     for path, used_by in users.items():
         text = tomllib.loads(path.read_text(encoding="utf-8"))
-        figure = re.search(r"Figs? (\S+)", text["title"])
-        row = {"name": path.stem, "title": text["title"], "shows": text["shows"], "runs": used_by}
+        figure = re.search(r"Figs? (\S+)", text.get("title", ""))
+        row = {
+            "name": path.stem,
+            "title": text.get("title", path.stem),
+            "shows": text.get("shows", ""),
+            "runs": used_by,
+        }
         row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
         try:
             loop = linear.force_loop(path)
