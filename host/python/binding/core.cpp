@@ -16,7 +16,8 @@
 
 namespace py = pybind11;
 
-void add_bench(py::module_ &m);  // bench.cpp
+void add_bench(py::module_ &m);   // bench.cpp
+void add_linear(py::module_ &m);  // linear.cpp
 
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
@@ -360,5 +361,6 @@ PYBIND11_MODULE(_core, m) {
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
 
+  add_linear(m);
   add_bench(m);
 }

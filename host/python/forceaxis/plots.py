@@ -61,7 +61,8 @@ def trace(done, width=7.2):
             ax.plot(time[shown], values, label=name, **THIN, **stepped)
         ax.set_ylabel(unit if len(names) > 1 else f"{names[0]}\n{unit}", fontsize=8)
         if len(names) > 1:
-            ax.legend(loc="upper right", fontsize=7, frameon=False)
+            where = {"loc": "lower right", "bbox_to_anchor": (1, 0.95), "ncols": len(names)}
+            ax.legend(**where, fontsize=7, frameon=False)
     axes[-1, 0].set_xlabel("time, s")
     axes[0, 0].set_title(done.title, fontsize=9, loc="left", color=INK)
     figure.tight_layout()
@@ -296,3 +297,26 @@ def boundary_edges(cells, x, y):
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=0)) == 1):
         segments.append([(x[j], y[i + 1]), (x[j + 1], y[i + 1])])
     return segments
+
+def contact_maps(maps, gains, gaps):
+    """Which runs cycle, over the initial gap and the gain as a part of the linear limit."""
+    figure, axes = plt.subplots(1, len(maps), sharey=True, figsize=(9.4, 3.6))
+    columns, rows = np.meshgrid(np.arange(len(gaps)), gains)
+    for ax, m in zip(axes, maps, strict=True):
+        style(ax)
+        ax.scatter(columns[m.cycles], rows[m.cycles], s=16, color="#c0562b", label="cycles")
+        ax.scatter(
+            columns[~m.cycles], rows[~m.cycles], s=16, facecolor="none", edgecolor=INK,
+            linewidth=0.8, label="settles",
+        )  # fmt: skip
+        ax.axhline(1, color="#555555", linewidth=0.9, linestyle="--")
+        ax.set_title(m.title, fontsize=8, loc="left", color=INK)
+        ax.set_xticks(range(0, len(gaps), 2), [f"{gap * 1e3:g}" for gap in gaps[::2]])
+        ax.set_xlabel("initial gap, mm", fontsize=8)
+    axes[0].set_ylabel("force gain / linear limit", fontsize=8)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="lower left", ncols=2, fontsize=7, frameon=False
+    )
+    figure.tight_layout(rect=(0, 0.04, 1, 1))
+    plt.close(figure)
+    return figure
