@@ -18,6 +18,8 @@ using forceaxis::host::Experiment;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
 
+void bind_plant(py::module_ &m);  // plant.cpp
+
 namespace {
 
 template <class T, class Rows, class Get>
@@ -275,4 +277,5 @@ PYBIND11_MODULE(_core, m) {
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
+  bind_plant(m);
 }
