@@ -436,36 +436,47 @@ class Reference:
         if not record:
             self.changes_here = 0
         for _ in range(200):
-            matrix, constant, names, guards = self._matrices()
-            w = self._input()
-            values = matrix @ w + constant
-            scales = np.abs(matrix) @ np.abs(w) + np.abs(constant) + 1e-300
-            first = self.states + len(names)
-            place = {name: self.states + i for i, name in enumerate(names)}
-            self.fastest = max(self.fastest, *np.abs(self.y[self.n : 2 * self.n]))
-            for f in self.frictions:  # a sliding speed leaves no choice
-                at = place[f.name + ".sliding"]
-                if abs(values[at]) > ROUNDING * self.fastest:
-                    right = int(np.sign(values[at]))
-                    if self.mode[f.name] != right:
-                        self._change(f.name, right, time, record)
-                        break
-                elif self.mode[f.name] != 0:  # at rest: does it start to slide that way?
-                    at = place[f.name + ".slipping"]
-                    if self.mode[f.name] * values[at] < -1e-9 * scales[at]:
-                        self._change(f.name, 0, time, record)
-                        break
-            else:
-                wrong = values[first:] / scales[first:]
-                sliding = {f.name for f in self.frictions if self.mode[f.name] != 0}
-                for i, (name, _) in enumerate(guards):
-                    if name in sliding:
-                        wrong[i] = 0.0  # judged above
-                if not guards or wrong.min() >= -ROUNDING:
-                    return
-                name, to = guards[int(np.argmin(wrong))]
-                self._change(name, to, time, record)
+            change = self._contradiction()
+            if change is None:
+                return
+            self._change(*change, time, record)
         raise RuntimeError(f"no states fit at {time} s")
+
+    def _contradiction(self):
+        """(element, state it must go to), or None.
+
+        What frictions hold depends on all others, so they come after them. If several could break
+        loose at one instant, the first in the file does: where stiction exceeds Coulomb friction
+        more than one outcome would be right.
+        """
+        matrix, constant, names, guards = self._matrices()
+        w = self._input()
+        values = matrix @ w + constant
+        scales = np.abs(matrix) @ np.abs(w) + np.abs(constant) + 1e-300
+        at = {name: self.states + i for i, name in enumerate(names)}
+        first = self.states + len(names)
+        wrong = [
+            change for i, change in enumerate(guards, first) if values[i] < -ROUNDING * scales[i]
+        ]
+        frictions = [f.name for f in self.frictions]
+        for change in wrong:
+            if change[0] not in frictions and not change[0].startswith("adc"):
+                return change
+        self.fastest = max(self.fastest, *np.abs(self.y[self.n : 2 * self.n]))
+        for name in frictions:
+            now, i = self.mode[name], at[name + ".sliding"]
+            if abs(values[i]) > ROUNDING * self.fastest:  # that leaves no choice
+                if now != np.sign(values[i]):
+                    return name, int(np.sign(values[i]))
+            elif now != 0:  # at rest: does it start to slide that way?
+                i = at[name + ".slipping"]
+                if now * values[i] < -1e-9 * scales[i]:
+                    return name, 0
+            else:
+                for change in wrong:
+                    if change[0] == name:
+                        return change
+        return next((change for change in wrong if change[0].startswith("adc")), None)
 
     def _rest(self):
         """Takes what rounding left of the sliding speeds of stuck frictions."""

@@ -21,7 +21,7 @@ from forceaxis import _core
 sys.path.insert(0, str(Path(__file__).parent))
 from hybrid_reference import Reference
 
-TICKS = 240
+TICKS = 120
 EDGE_LSB = 1e-9
 
 
@@ -236,11 +236,11 @@ class Law:
         self.rate_gain = int(rng.integers(0, 2 * 256))
         self.period = int(rng.integers(17, 60))
         self.jump = int(rng.integers(0, self.top + 1))
-        self.impulse_at = int(rng.integers(20, TICKS)) if rng.random() < 0.4 else -1
+        self.impulse_at = int(rng.integers(10, TICKS)) if rng.random() < 0.4 else -1
         self.impulse = float(rng.uniform(-0.1, 0.1))
         self.coast = range(0)
         if rng.random() < 0.25:
-            at = int(rng.integers(40, TICKS - 20))
+            at = int(rng.integers(20, TICKS - 20))
             self.coast = range(at, at + 20)
         self.last = None
 
