@@ -377,8 +377,8 @@ Experiment load_experiment(const std::filesystem::path &file,
   apply_overrides(table, overrides);
   const std::string name = file.string();
   const Section root(name, table);
-  root.only({"title", "figure", "shows", "model", "duration_s", "set", "firmware", "at", "verdict",
-             "plot"});
+  root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
+             "verdict", "plot"});
   Experiment experiment;
   experiment.file = file;
   experiment.title = root.text("title", true);
@@ -386,6 +386,9 @@ Experiment load_experiment(const std::filesystem::path &file,
   experiment.shows = root.text("shows", false);
   const double duration_s = root.number("duration_s", 1.0 / sim::kTickRateHz, kLongestRun_s);
   experiment.ticks = tick_at(duration_s);
+  const double seed = root.optional_number("seed", 0, 0x7FFFFFFF).value_or(0);
+  if (seed != std::floor(seed)) root.fail("seed", "expected a whole number");
+  experiment.seed = static_cast<std::uint64_t>(seed);
   std::set<std::string> named;
   experiment.model = read_model(root, file, named);
   experiment.initial = read_objects(root.section("firmware"), *experiment.model, named);

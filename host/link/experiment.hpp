@@ -8,6 +8,7 @@
 //   shows    = "what to look for"             optional
 //   model    = "../models/laboratory.toml"    required, relative to the experiment
 //   duration_s = 4.0                          required, one tick to 600; rounds up to a tick
+//   seed     = 0                              of the model's noise, 0 to 2^31 - 1
 //   [set]      b_w = 363.0                    model parameters, SI, or another parameter's name
 //   [firmware] force_gain = 5.0               objects in engineering units, an enum's text, or the name
 //                                             of a model parameter in counts; written before tick 0,
@@ -68,6 +69,7 @@ struct Experiment {
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
+  std::uint64_t seed = 0;
   std::int64_t ticks = 0;  // steps of the plant; the controller is evaluated ticks + 1 times
   std::vector<ObjectWrite> initial;
   std::vector<Action> actions;  // by tick

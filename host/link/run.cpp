@@ -102,8 +102,9 @@ class Ripple {
 }  // namespace
 
 RunResult run(const Experiment &experiment, const RunOptions &options) {
-  sim::Plant plant(experiment.model,
-                   {.audit = options.audit, .listed_events = options.trace ? kListedEvents : 0});
+  sim::Plant plant(experiment.model, {.audit = options.audit,
+                                      .listed_events = options.trace ? kListedEvents : 0,
+                                      .seed = experiment.seed});
   const Axis axis(axis_host_create());
   write_initial(axis, experiment);
 

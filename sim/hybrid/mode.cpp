@@ -275,14 +275,12 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
     truth.row(static_cast<Eigen::Index>(i)) = equations.wires.row(signal_wires[i]);
   put_rows(truth, &mode->truth);
 
+  put_rows(equations.slip, &mode->slip);
+
   ExtendedMatrix sensor = ExtendedMatrix::Zero(2, c);
-  const std::vector<SignalInfo> signals = model.signal_list();
-  for (std::size_t channel = 0; channel < 2; ++channel) {
-    if (!model.adc[channel]) continue;
-    for (std::size_t i = 0; i < signals.size(); ++i)
-      if (signals[i].name == model.adc[channel]->signal)
-        sensor.row(static_cast<Eigen::Index>(channel)) = truth.row(static_cast<Eigen::Index>(i));
-  }
+  for (std::size_t channel = 0; channel < 2; ++channel)
+    if (const int wire = network.adc_wires()[channel]; wire >= 0)
+      sensor.row(static_cast<Eigen::Index>(channel)) = equations.wires.row(wire);
   mode->sensor.assign(2 * mode->columns, 0.0);
   put_block(sensor, 0, 2, &mode->sensor);
   if (mode->grid > 0) add_grid(*mode, b, order, growth, r, bend, sensor);
@@ -347,6 +345,9 @@ std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key
   for (const auto &pair : network.storages()) {
     put_rows(equations.wires.row(pair.first), &audit->store_first);
     put_rows(equations.wires.row(pair.second), &audit->store_second);
+    audit->store_constant.push_back(pair.constant < 0 ? 0.0
+                                                      : static_cast<double>(equations.wires(
+                                                            pair.constant, equations.flow.rows())));
   }
   return audit;
 }

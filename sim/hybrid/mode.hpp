@@ -82,6 +82,8 @@ struct Mode {
   std::size_t grid_dip_stride = 0;
   std::vector<double> grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
 
+  std::vector<double> slip;  ///< ModeEquations::slip by rows, n x n, or empty
+
   std::vector<double> sensor;  ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
   std::vector<double> truth;   ///< all signals of the model, by rows
 };
@@ -94,6 +96,7 @@ struct ModeAudit {
   std::vector<double> second;       ///< second factor
   std::vector<double> store_first;  ///< rows of the storages
   std::vector<double> store_second;
+  std::vector<double> store_constant;  ///< per storage, J
 };
 
 /// Builds modes when first asked for and keeps them. Plants of one model may share a cache, from

@@ -26,6 +26,27 @@ double edge_distance(double y, std::int64_t floor_y) {
 
 constexpr double kFar = 0x1p62;
 
+constexpr std::uint64_t kDacChannel = 2;  // after the two ADCs
+
+// Normal deviate of unit variance from integers alone: the sum of twelve 16-bit ones, whose
+// standard deviation is 2^16 (to 1 part in 2^33), in half steps so that its mean is 0. Counters
+// through splitmix64 (Steele, Lea, Flood 2014): any tick's noise is had without those before it.
+double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
+  const auto mixed = [](std::uint64_t x) {
+    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;
+    x = (x ^ (x >> 27)) * 0x94D049BB133111EBULL;
+    return x ^ (x >> 31);
+  };
+  const std::uint64_t stream = mixed(seed * 4 + channel + 0x9E3779B97F4A7C15ULL);
+  std::int64_t sum = 0;
+  for (std::uint64_t k = 0; k < 3; ++k) {
+    const std::uint64_t count = static_cast<std::uint64_t>(tick) * 3 + k;
+    std::uint64_t bits = mixed(stream + (count + 1) * 0x9E3779B97F4A7C15ULL);
+    for (int i = 0; i < 4; ++i, bits >>= 16) sum += static_cast<std::int64_t>(bits & 0xFFFF);
+  }
+  return static_cast<double>(2 * sum - 12 * 0xFFFF) * 0x1p-17;
+}
+
 }  // namespace
 
 Plant::Plant(std::shared_ptr<const Model> model, PlantOptions options)
@@ -33,6 +54,7 @@ Plant::Plant(std::shared_ptr<const Model> model, PlantOptions options)
 
 Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
     : stepper_(std::move(cache), options.audit, options.listed_events),
+      seed_(options.seed),
       audit_(options.audit),
       edge_margin_(std::numeric_limits<double>::infinity()) {
   const Model &description = model();
@@ -43,12 +65,25 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   dac_offset_ = description.dac.offset;
   lowest_code_ = -(1 << (description.dac.bits - 1));
   highest_code_ = -lowest_code_ - 1;
-  for (std::size_t channel = 0; channel < 2; ++channel)
-    if (description.adc[channel])
-      counts_per_unit_[channel] = 1.0 / description.adc[channel]->per_count;
-  if (description.encoder)
-    encoder_state_ = static_cast<std::size_t>(
-        stepper_.network().bodies()[static_cast<std::size_t>(description.encoder->body)].position);
+  for (std::size_t channel = 0; channel < 2; ++channel) {
+    const auto &adc = description.adc[channel];
+    if (!adc) continue;
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    counts_per_unit_[channel] = 1.0 / adc->per_count;
+    // With a filter between them the sensor's own limit acts ahead of it, in the network.
+    reading_limit_[channel] =
+        smaller(adc->conditioning_limit.value_or(kInfinity),
+                adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity));
+  }
+  if (description.encoder) {
+    const auto position_of = [this](int body) {
+      return static_cast<std::size_t>(
+          stepper_.network().bodies()[static_cast<std::size_t>(body)].position);
+    };
+    encoder_state_ = position_of(description.encoder->body);
+    if (const int reference = description.encoder->reference; reference != kGround)
+      reference_state_ = position_of(reference);
+  }
   if (audit_) initial_energy_ = total_energy();
 }
 
@@ -57,7 +92,10 @@ void Plant::step(int dac_code, bool amp_enable) {
     throw std::invalid_argument("DAC code " + std::to_string(dac_code) + " is outside " +
                                 std::to_string(lowest_code_) + ".." +
                                 std::to_string(highest_code_));
-  stepper_.step(static_cast<double>(dac_code) * volts_per_code_ + dac_offset_, amp_enable);
+  double volts = static_cast<double>(dac_code) * volts_per_code_ + dac_offset_;
+  if (const double noise = model().dac.noise; noise > 0.0)
+    volts += noise * deviate(seed_, kDacChannel, tick());
+  stepper_.step(volts, amp_enable);
 }
 
 void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
@@ -72,7 +110,9 @@ SensorCodes Plant::codes() {
   SensorCodes codes;
   const Model &description = model();
   if (description.encoder) {
-    const double y = stepper_.z()[encoder_state_] * description.encoder->scale + 0.5;
+    double place = stepper_.z()[encoder_state_];
+    if (reference_state_) place -= stepper_.z()[*reference_state_];
+    const double y = place * description.encoder->scale + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError(
           "the encoder's body left all bounds at t = " + std::to_string(time_s()) + " s");
@@ -85,7 +125,11 @@ SensorCodes Plant::codes() {
     if (!adc) continue;
     const int top = (1 << adc->bits) - 1;
     // The code changes where y passes 1, 2, ..., top.
-    const double y = value[channel] * counts_per_unit_[channel] + 0.5;
+    double reading = value[channel];
+    if (reading > reading_limit_[channel]) reading = reading_limit_[channel];
+    if (reading < -reading_limit_[channel]) reading = -reading_limit_[channel];
+    if (adc->noise > 0.0) reading += adc->noise * deviate(seed_, channel, tick());
+    const double y = reading * counts_per_unit_[channel] + 0.5;
     const double low = static_cast<double>(1 - adc->zero_code);
     const double high = static_cast<double>(top - adc->zero_code);
     double margin = 0.0;

@@ -19,6 +19,7 @@
 // doubles in every build of one compiler with -ffp-contract=off.
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -31,20 +32,26 @@ namespace forceaxis::sim {
 struct PlantOptions {
   bool audit = false;                ///< keep the energy balance (about doubles the cost of a tick)
   std::size_t listed_events = 4096;  ///< events kept for events(); further ones are only counted
+  std::uint64_t seed = 0;            ///< of the noise of ADCs and DAC
 };
 
 /// What the axis controller reads, raw. A missing encoder reads 0, a missing ADC 0.
 struct SensorCodes {
   std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps
-  /// clamp(floor(signal * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1)
+  /// clamp(floor(reading * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), the reading as Adc
+  /// says. Noise is a function of seed, channel and tick alone: asking twice gives the same code.
   std::uint16_t adc[2] = {0, 0};
 };
 
 /// One change of one element's discrete state.
 struct Event {
   double time_s = 0.0;
-  std::string element;  ///< a contact's name, drive.preamp, drive.current_feedback, drive.amplifier
-  std::string from;     ///< apart, pressed, overlap | low limit, low outer, inner, linear, ...
+  /// The name of a contact, friction, spring, damper or gravity; NAME.low, NAME.high of a stop;
+  /// drive.preamp, .current_feedback, .amplifier, .force; adc0.sensor
+  std::string element;
+  /// apart, pressed, overlap | backward, stuck, forward | low limit, low outer, inner, linear, ...
+  /// | segment 0, segment 1, ...
+  std::string from;
   std::string to;
   bool jump = false;  ///< the direct consequence of a new DAC code or of an impulse, at a tick
 };
@@ -53,13 +60,13 @@ struct Event {
 /// discarded + residual; the residual is rounding.
 struct EnergyAudit {
   double initial = 0.0;
-  double supplied = 0.0;  ///< work of the drive on body and reaction, and of impulses
+  double supplied = 0.0;  ///< work of the drive on body and reaction, of gravity and impulses
   double impulses = 0.0;  ///< the impulses' part of it
   double kinetic = 0.0;
   double stored = 0.0;     ///< in springs and pressed contacts
   double discarded = 0.0;  ///< left in a contact's spring when it let go while still overlapping
   struct Damper {
-    std::string element;  ///< spring, damper, contact, or "drive" for b_m
+    std::string element;  ///< spring, damper, contact, friction, or "drive" for b_m
     double energy = 0.0;
   };
   std::vector<Damper> dissipated;
@@ -131,7 +138,10 @@ class Plant {
   int lowest_code_ = 0;
   int highest_code_ = 0;
   std::size_t encoder_state_ = 0;
+  std::optional<std::size_t> reference_state_;
   double counts_per_unit_[2] = {0.0, 0.0};
+  double reading_limit_[2] = {0.0, 0.0};
+  std::uint64_t seed_ = 0;
   bool audit_ = false;
   double initial_energy_ = 0.0;
   double edge_margin_ = 0.0;

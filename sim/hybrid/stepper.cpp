@@ -48,6 +48,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   dissipated_.resize(net.dampers().size());
   set_mode(net.home_key(false));
   check_finite();
+  slide(false);
   settle(false);
   discarded_ = {};  // finding the first mode is no change of it
 }
@@ -375,11 +376,20 @@ void Stepper::cross_tick() {
 
 void Stepper::change(std::size_t channel, bool above, double s, bool jump, bool counted) {
   const Channel &crossed = mode_->channel[channel];
-  const int index = crossed.switch_index;
+  switch_to(crossed.switch_index, above ? crossed.state_above : crossed.state_below, s, jump,
+            counted);
+}
+
+void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   const int from = network().state_of(mode_->key, index);
-  const int to = above ? crossed.state_above : crossed.state_below;
   const double before = audit_ ? stored_total() : 0.0;
   set_mode(network().with_state(mode_->key, index, to));
+  // Where a friction begins to stick, its rate is 0 but for the rounding of the instant.
+  const std::size_t n = mode_->states;
+  if (to == network().switches()[static_cast<std::size_t>(index)].stuck) {
+    for (std::size_t i = 0; i < n; ++i) end_[i] = z_[i] - dot(&mode_->slip[i * n], z_.data(), n);
+    std::copy_n(end_.begin(), n, z_.begin());
+  }
   if (audit_) discarded_.add(before - stored_total());
   if (!counted) return;
   const double time_s = (static_cast<double>(tick_) + s) / kTickRateHz;
@@ -407,7 +417,24 @@ void Stepper::kick(std::size_t body, double impulse) {
   velocity += impulse / moved.mass;
   impulse_.add(0.5 * moved.mass * (velocity - before) * (velocity + before));
   sensors_in_result_ = false;
+  slide(true);
   settle(true);
+}
+
+// Velocities have just been given: every friction whose ends have different ones slides.
+void Stepper::slide(bool counted) {
+  constexpr double kSame = 0x1p-36;  // of the velocities: what sticks may differ by rounding
+  for (const Network::FrictionEnds &friction : network().frictions()) {
+    const auto velocity = [&](int state) {
+      return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
+    };
+    const double a = velocity(friction.velocity_a);
+    const double b = velocity(friction.velocity_b);
+    if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) continue;
+    const int state = a > b ? Network::kForward : Network::kBackward;
+    if (network().state_of(mode_->key, friction.switch_index) != state)
+      switch_to(friction.switch_index, state, 0.0, true, counted);
+  }
 }
 
 std::size_t Stepper::count_place(int switch_index, int from, int to) const {
@@ -484,7 +511,8 @@ std::vector<double> Stepper::stored() const {
   const ModeAudit &rows = cache_->audit(mode_->key);
   for (std::size_t i = 0; i < network().storages().size(); ++i)
     energies.push_back(0.5 * dot(&rows.store_first[i * c], z_.data(), c) *
-                       dot(&rows.store_second[i * c], z_.data(), c));
+                           dot(&rows.store_second[i * c], z_.data(), c) +
+                       rows.store_constant[i]);
   return energies;
 }
 
@@ -493,7 +521,8 @@ double Stepper::stored_total() const {
   const std::size_t c = mode_->columns;
   for (std::size_t i = 0; i < network().storages().size(); ++i)
     sum += 0.5 * dot(&audit_mode_->store_first[i * c], z_.data(), c) *
-           dot(&audit_mode_->store_second[i * c], z_.data(), c);
+               dot(&audit_mode_->store_second[i * c], z_.data(), c) +
+           audit_mode_->store_constant[i];
   return sum;
 }
 

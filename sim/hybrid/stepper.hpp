@@ -81,6 +81,8 @@ class Stepper {
                   double *root, bool *above);
   Verdict examine_side(std::size_t channel, double bound, double sign, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
+  void switch_to(int switch_index, int to, double s, bool jump, bool counted);
+  void slide(bool counted);
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_tick();

@@ -56,11 +56,15 @@ constexpr Spelling kSpellings[] = {
     {Dimension::velocity_per_volt, "m/s/V"},
     {Dimension::velocity_per_volt, "m/(s V)"},
     {Dimension::count_per_length, "count/m"},
+    {Dimension::acceleration, "m/s^2"},
+    {Dimension::force_rate, "N/s"},
     {Dimension::force_per_count, "N/count"},
     {Dimension::current_per_count, "A/count"},
     {Dimension::voltage_per_count, "V/count"},
     {Dimension::length_per_count, "m/count"},
     {Dimension::velocity_per_count, "m/s/count"},
+    {Dimension::acceleration_per_count, "m/s^2/count"},
+    {Dimension::force_rate_per_count, "N/s/count"},
 };
 
 // A quoted TOML key or a file name may hold control characters; an error stays one line.
@@ -213,6 +217,9 @@ class Section {
   double value_or(std::string_view key, Dimension dimension, Sign sign, double fallback) {
     return optional_value(key, dimension, sign).value_or(fallback);
   }
+  // A number, or a list of them. Empty if the key is absent.
+  std::vector<double> values(std::string_view key, Dimension dimension, Sign sign);
+  std::vector<double> rising(std::string_view key, Dimension dimension);
   int integer(std::string_view key, int low, int high, std::optional<int> fallback);
   int body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
            std::optional<int> fallback);
@@ -246,10 +253,14 @@ class Loader {
   Section element(const toml::node &node, const std::string &path);
   template <class Visit>
   void each(Section &root, const char *key, Visit visit);
-  void claim_name(const Section &section, const std::string &name);
+  std::string claim_name(Section &section);
+  Slopes slopes(Section &section, const char *key, Dimension dimension, Dimension over);
+  void read_links(Section &root);
+  void read_gravities(Section &root);
   void read_drive(Section &root);
   void read_sensors(Section &root);
   void check_connected() const;
+  void check_frictions() const;
   void check_used() const;
 
   std::string file_;
@@ -306,6 +317,29 @@ std::optional<double> Section::optional_value(std::string_view key, Dimension di
   const toml::node *node = find(key);
   if (node == nullptr) return std::nullopt;
   return loader_.resolve(key_path(key), *node, dimension, sign);
+}
+
+std::vector<double> Section::values(std::string_view key, Dimension dimension, Sign sign) {
+  std::vector<double> list;
+  const toml::node *node = find(key);
+  if (node == nullptr) return list;
+  const toml::array *array = node->as_array();
+  if (array == nullptr) return {loader_.resolve(key_path(key), *node, dimension, sign)};
+  for (std::size_t i = 0; i < array->size(); ++i)
+    list.push_back(loader_.resolve(key_path(key) + "[" + std::to_string(i) + "]", *array->get(i),
+                                   dimension, sign));
+  if (list.empty()) fail(key, "expected at least one value, got an empty list; add values");
+  return list;
+}
+
+std::vector<double> Section::rising(std::string_view key, Dimension dimension) {
+  std::vector<double> list = values(key, dimension, Sign::any);
+  for (std::size_t i = 1; i < list.size(); ++i)
+    if (!(list[i] > list[i - 1]))
+      fail(std::string(key) + "[" + std::to_string(i) + "]",
+           "expected more than the value before, " + number_text(list[i - 1]) + ", got " +
+               number_text(list[i]) + "; put them in rising order");
+  return list;
 }
 
 int Section::integer(std::string_view key, int low, int high, std::optional<int> fallback) {
@@ -551,10 +585,142 @@ void Loader::each(Section &root, const char *key, Visit visit) {
   }
 }
 
-void Loader::claim_name(const Section &section, const std::string &name) {
+std::string Loader::claim_name(Section &section) {
+  std::string name = section.name();
   if (!names_.insert(name).second)
     section.fail("name", "expected a name that no other element has, got " + in_quotes(name) +
                              " again; rename one of them");
+  return name;
+}
+
+// A slope, or several with the breaks between them: values of the argument or, for springs, of the
+// curve (`loads`).
+Slopes Loader::slopes(Section &section, const char *key, Dimension dimension, Dimension over) {
+  Slopes curve;
+  curve.slopes = section.values(key, dimension, Sign::not_negative);
+  if (curve.slopes.empty()) (void)section.value(key, dimension, Sign::not_negative);  // says so
+  const bool loadable = dimension == Dimension::stiffness;
+  const bool by_load = loadable && section.find("loads") != nullptr;
+  curve.breaks = section.rising("breaks", over);
+  if (by_load) {
+    if (!curve.breaks.empty())
+      section.fail("loads", "expected breaks or loads, got both; remove one of them");
+    curve.breaks = section.rising("loads", Dimension::force);
+  }
+  if (curve.breaks.size() + 1 != curve.slopes.size())
+    section.fail(by_load                ? "loads"
+                 : curve.breaks.empty() ? key
+                                        : "breaks",
+                 "expected one value fewer in " +
+                     std::string(loadable ? "breaks or loads" : "breaks") + " than in " + key +
+                     ", got " + std::to_string(curve.breaks.size()) + " and " +
+                     std::to_string(curve.slopes.size()) + "; add or remove values");
+  if (!by_load) return curve;
+
+  // The deflection at a load: every slope's share of the way there from 0.
+  const std::vector<double> loads = curve.breaks;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (double &at : curve.breaks) {
+    const double low = std::min(at, 0.0);
+    const double high = std::max(at, 0.0);
+    double way = 0.0;
+    for (std::size_t k = 0; k < curve.slopes.size(); ++k) {
+      const double from = std::max(low, k == 0 ? -kInfinity : loads[k - 1]);
+      const double to = std::min(high, k == loads.size() ? kInfinity : loads[k]);
+      if (!(curve.slopes[k] > 0.0))
+        section.fail(key, "expected values > 0 beside loads, got " + number_text(curve.slopes[k]) +
+                              "; a spring without stiffness reaches no load");
+      if (to > from) way += (to - from) / curve.slopes[k];
+    }
+    at = at < 0.0 ? -way : way;
+  }
+  return curve;
+}
+
+void Loader::read_links(Section &root) {
+  const auto ends = [this](Section &section) { return section.between(model_.bodies); };
+  each(root, "spring", [&](Section &section) {
+    Spring spring;
+    spring.name = claim_name(section);
+    spring.ends = ends(section);
+    spring.stiffness = slopes(section, "stiffness", Dimension::stiffness, Dimension::length);
+    spring.damping = section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
+    model_.springs.push_back(std::move(spring));
+  });
+  each(root, "damper", [&](Section &section) {
+    Damper damper;
+    damper.name = claim_name(section);
+    damper.ends = ends(section);
+    damper.damping = slopes(section, "damping", Dimension::damping, Dimension::velocity);
+    model_.dampers.push_back(std::move(damper));
+  });
+  each(root, "contact", [&](Section &section) {
+    Contact contact;
+    contact.name = claim_name(section);
+    contact.ends = ends(section);
+    contact.stiffness = section.value("stiffness", Dimension::stiffness, Sign::positive);
+    contact.damping = section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
+    contact.gap = section.value_or("gap", Dimension::length, Sign::any, 0.0);
+    model_.contacts.push_back(std::move(contact));
+  });
+  const auto read_stop = [&](Section &section) {
+    Stop stop;
+    stop.name = claim_name(section);
+    stop.ends = ends(section);
+    stop.stiffness = section.value("stiffness", Dimension::stiffness, Sign::positive);
+    stop.damping = section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
+    return stop;
+  };
+  each(root, "backlash", [&](Section &section) {
+    Stop backlash = read_stop(section);
+    const double width = section.value("width", Dimension::length, Sign::not_negative);
+    backlash.low = -0.5 * width;
+    backlash.high = 0.5 * width;
+    model_.stops.push_back(std::move(backlash));
+  });
+  each(root, "stop", [&](Section &section) {
+    Stop stop = read_stop(section);
+    stop.low = section.optional_value("low", Dimension::length, Sign::any);
+    stop.high = section.optional_value("high", Dimension::length, Sign::any);
+    if (!stop.low && !stop.high)
+      section.fail("low", "expected low or high or both in m, got neither; add one of these keys");
+    if (stop.low && stop.high && !(*stop.low < *stop.high))
+      section.fail("high", "expected more than low, " + number_text(*stop.low) + ", got " +
+                               number_text(*stop.high) + "; exchange or correct them");
+    model_.stops.push_back(std::move(stop));
+  });
+  each(root, "friction", [&](Section &section) {
+    Friction friction;
+    friction.name = claim_name(section);
+    friction.ends = ends(section);
+    friction.coulomb = section.value("coulomb", Dimension::force, Sign::not_negative);
+    friction.stiction =
+        section.value_or("stiction", Dimension::force, Sign::not_negative, friction.coulomb);
+    if (friction.stiction < friction.coulomb)
+      section.fail("stiction", "expected at least coulomb, " + number_text(friction.coulomb) +
+                                   ", got " + number_text(friction.stiction) +
+                                   "; friction at rest is never less than sliding");
+    model_.frictions.push_back(std::move(friction));
+  });
+}
+
+void Loader::read_gravities(Section &root) {
+  each(root, "gravity", [&](Section &section) {
+    Gravity gravity;
+    gravity.name = claim_name(section);
+    gravity.body = section.body("body", model_.bodies, false, std::nullopt);
+    gravity.accelerations = section.values("acceleration", Dimension::acceleration, Sign::any);
+    if (gravity.accelerations.empty())
+      (void)section.value("acceleration", Dimension::acceleration, Sign::any);  // says so
+    gravity.positions = section.rising("positions", Dimension::length);
+    const std::size_t wanted = gravity.accelerations.size() == 1 ? 0 : gravity.accelerations.size();
+    if (gravity.positions.size() != wanted)
+      section.fail("positions", "expected " + std::to_string(wanted) +
+                                    " values, one for each of a list in acceleration, got " +
+                                    std::to_string(gravity.positions.size()) +
+                                    "; add or remove values");
+    model_.gravities.push_back(std::move(gravity));
+  });
 }
 
 void Loader::read_drive(Section &root) {
@@ -606,10 +772,14 @@ void Loader::read_drive(Section &root) {
     simple.a_act = section.value("a_act", Dimension::rate, Sign::positive);
     simple.velocity_per_volt =
         section.value("velocity_per_volt", Dimension::velocity_per_volt, Sign::not_zero);
+    simple.force_limit = section.optional_value("force_limit", Dimension::force, Sign::positive);
     drive.type = simple;
   } else if (type == "perfect") {
-    drive.type =
-        PerfectDrive{section.value("force_per_volt", Dimension::force_per_volt, Sign::not_zero)};
+    PerfectDrive perfect;
+    perfect.force_per_volt =
+        section.value("force_per_volt", Dimension::force_per_volt, Sign::not_zero);
+    perfect.force_limit = section.optional_value("force_limit", Dimension::force, Sign::positive);
+    drive.type = perfect;
   } else {
     section.fail("type",
                  "expected " + kinds + ", got " + in_quotes(type) + "; choose a drive type");
@@ -630,6 +800,10 @@ std::optional<Dimension> per_count(Dimension dimension) {
       return Dimension::length_per_count;
     case Dimension::velocity:
       return Dimension::velocity_per_count;
+    case Dimension::acceleration:
+      return Dimension::acceleration_per_count;
+    case Dimension::force_rate:
+      return Dimension::force_rate_per_count;
     default:
       return std::nullopt;
   }
@@ -640,6 +814,11 @@ void Loader::read_sensors(Section &root) {
     Section section = element(*node, "encoder");
     Encoder encoder;
     encoder.body = section.body("body", model_.bodies, false, std::nullopt);
+    encoder.reference = section.body("reference", model_.bodies, true, kGround);
+    if (encoder.body == encoder.reference)
+      section.fail("reference",
+                   "expected another body than encoder.body or ground, got the same; "
+                   "choose what the encoder counts against");
     encoder.scale = section.value("scale", Dimension::count_per_length, Sign::not_zero);
     section.finish();
     model_.encoder = encoder;
@@ -659,7 +838,12 @@ void Loader::read_sensors(Section &root) {
       section.fail("signal", "expected one of " + joined(names) + ", got " + in_quotes(adc.signal) +
                                  suggestion(adc.signal, names) + "; name a signal of this model");
     const SignalInfo &signal = signals[static_cast<std::size_t>(found - names.begin())];
-    adc.per_count = section.value("per_count", *per_count(signal.dimension), Sign::not_zero);
+    const Dimension unit = signal.dimension;
+    adc.sensor_limit = section.optional_value("sensor_limit", unit, Sign::positive);
+    adc.filter = section.optional_value("filter", Dimension::rate, Sign::positive);
+    adc.conditioning_limit = section.optional_value("conditioning_limit", unit, Sign::positive);
+    adc.noise = section.value_or("noise", unit, Sign::not_negative, 0.0);
+    adc.per_count = section.value("per_count", *per_count(unit), Sign::not_zero);
     adc.bits = section.integer("bits", 8, 16, 8);
     const double zero = section.value_or("zero_code", Dimension::count, Sign::any, 0.0);
     const int top = (1 << adc.bits) - 1;
@@ -675,16 +859,19 @@ void Loader::read_sensors(Section &root) {
     model_.dac.range =
         section.value_or("range", Dimension::voltage, Sign::positive, model_.dac.range);
     model_.dac.offset = section.value_or("offset", Dimension::voltage, Sign::any, 0.0);
+    model_.dac.noise = section.value_or("noise", Dimension::voltage, Sign::not_negative, 0.0);
     section.finish();
   }
 }
 
-// Follows springs, dampers, contacts and the drive from ground; what is not reached floats freely.
+// Follows everything with two ends from ground; what is not reached floats freely.
 void Loader::check_connected() const {
   std::vector<Ends> links;
   for (const Spring &spring : model_.springs) links.push_back(spring.ends);
   for (const Damper &damper : model_.dampers) links.push_back(damper.ends);
   for (const Contact &contact : model_.contacts) links.push_back(contact.ends);
+  for (const Stop &stop : model_.stops) links.push_back(stop.ends);
+  for (const Friction &friction : model_.frictions) links.push_back(friction.ends);
   if (model_.drive) links.push_back({model_.drive->body, model_.drive->reaction});
   std::vector<bool> reached(model_.bodies.size() + 1, false);  // [0] is ground
   reached[0] = true;
@@ -699,8 +886,24 @@ void Loader::check_connected() const {
   for (std::size_t i = 0; i < model_.bodies.size(); ++i)
     if (!reached[i + 1])
       fail("body[" + std::to_string(i) + "].name",
-           "expected a body tied to ground by springs, dampers, contacts or the drive, got " +
+           "expected a body tied to ground by springs, other elements or the drive, got " +
                in_quotes(model_.bodies[i].name) + " disconnected; connect or remove it");
+}
+
+// Each friction may stick, and then its ends move as one; a loop would hold them twice over.
+void Loader::check_frictions() const {
+  std::vector<int> group(model_.bodies.size() + 1);  // [0] is ground
+  for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
+  for (std::size_t i = 0; i < model_.frictions.size(); ++i) {
+    const Friction &friction = model_.frictions[i];
+    const int a = group[static_cast<std::size_t>(friction.ends.a + 1)];
+    const int b = group[static_cast<std::size_t>(friction.ends.b + 1)];
+    if (a == b)
+      fail("friction[" + std::to_string(i) + "].between",
+           "expected frictions that form no loop, got a second way between the ends of " +
+               in_quotes(friction.name) + "; remove one friction of the loop");
+    std::replace(group.begin(), group.end(), a, b);
+  }
 }
 
 void Loader::check_used() const {
@@ -731,52 +934,23 @@ Model Loader::load(std::span<const Override> overrides) {
 
   each(root, "body", [&](Section &section) {
     Body body;
-    body.name = section.name();
-    claim_name(section, body.name);
+    body.name = claim_name(section);
     body.mass = section.value("mass", Dimension::mass, Sign::positive);
     body.position = section.value_or("position", Dimension::length, Sign::any, 0.0);
     body.velocity = section.value_or("velocity", Dimension::velocity, Sign::any, 0.0);
     model_.bodies.push_back(std::move(body));
   });
   constexpr std::size_t kMostBodies = 32;
-  constexpr std::size_t kMostContacts = 24;  // two bits each of the 64 that name a mode
   if (model_.bodies.empty() || model_.bodies.size() > kMostBodies)
     fail("body", "expected 1.." + std::to_string(kMostBodies) + " bodies, got " +
                      std::to_string(model_.bodies.size()) + "; add or remove [[body]] tables");
-  each(root, "spring", [&](Section &section) {
-    Spring spring;
-    spring.name = section.name();
-    claim_name(section, spring.name);
-    spring.ends = section.between(model_.bodies);
-    spring.stiffness = section.value("stiffness", Dimension::stiffness, Sign::not_negative);
-    spring.damping = section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
-    model_.springs.push_back(std::move(spring));
-  });
-  each(root, "damper", [&](Section &section) {
-    Damper damper;
-    damper.name = section.name();
-    claim_name(section, damper.name);
-    damper.ends = section.between(model_.bodies);
-    damper.damping = section.value("damping", Dimension::damping, Sign::not_negative);
-    model_.dampers.push_back(std::move(damper));
-  });
-  each(root, "contact", [&](Section &section) {
-    Contact contact;
-    contact.name = section.name();
-    claim_name(section, contact.name);
-    contact.ends = section.between(model_.bodies);
-    contact.stiffness = section.value("stiffness", Dimension::stiffness, Sign::positive);
-    contact.damping = section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
-    contact.gap = section.value_or("gap", Dimension::length, Sign::any, 0.0);
-    model_.contacts.push_back(std::move(contact));
-  });
-  if (model_.contacts.size() > kMostContacts)
-    fail("contact", "expected at most " + std::to_string(kMostContacts) + " contacts, got " +
-                        std::to_string(model_.contacts.size()) + "; remove some");
+  read_links(root);
+  read_gravities(root);
   read_drive(root);
   read_sensors(root);
   root.finish();
   check_connected();
+  check_frictions();
   check_used();
   return std::move(model_);
 }
@@ -806,15 +980,21 @@ std::vector<SignalInfo> Model::signal_list() const {
   for (const Body &body : bodies) {
     list.push_back({body.name + ".position", Dimension::length});
     list.push_back({body.name + ".velocity", Dimension::velocity});
+    list.push_back({body.name + ".acceleration", Dimension::acceleration});
   }
   const auto add_link = [&list](const std::string &name) {
     list.push_back({name + ".force", Dimension::force});
     list.push_back({name + ".spring_force", Dimension::force});
+    list.push_back({name + ".spring_force_rate", Dimension::force_rate});
     list.push_back({name + ".deflection", Dimension::length});
   };
   for (const Spring &spring : springs) add_link(spring.name);
   for (const Damper &damper : dampers) add_link(damper.name);
   for (const Contact &contact : contacts) add_link(contact.name);
+  for (const Stop &stop : stops) add_link(stop.name);
+  for (const Friction &friction : frictions) add_link(friction.name);
+  for (const Gravity &gravity : gravities)
+    list.push_back({gravity.name + ".force", Dimension::force});
   if (drive) {
     list.push_back({"drive.force", Dimension::force});
     list.push_back({"drive.command", Dimension::voltage});

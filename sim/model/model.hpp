@@ -10,22 +10,36 @@
 //   parameters_file = "thesis.toml"             optional, relative to this file; holds [parameters]
 //   [parameters]                                own entries win over those of parameters_file
 //   m_r = { value = 132.4, unit = "kg", source = "Fig 4.26" }            source is optional
-//   [[body]]    name, mass > 0, position = 0, velocity = 0
-//   [[spring]]  name, between = ["a", "b"], stiffness >= 0, damping = 0
-//   [[damper]]  name, between, damping >= 0
-//   [[contact]] name, between, stiffness > 0, damping = 0, gap = 0
-//   [drive]     type = "dc_motor" | "first_order" | "perfect", body, reaction = "ground", ...
-//   [encoder]   body, scale (count/m)
-//   [[adc]]     channel 0 | 1, signal, per_count (unit of the signal per count, sign allowed),
-//               zero_code = 0 (a whole number), bits = 8 (8..16)
-//   [dac]       bits = 12 (8..16), range = 10 V, offset = 0 V:
-//               volts = code * 2 range / 2^bits + offset
+//   [[body]]     name, mass > 0, position = 0, velocity = 0
+//   [[spring]]   name, between = ["a", "b"], stiffness >= 0, damping = 0; piecewise linear: a list
+//                of stiffnesses with one fewer `breaks` (m) or `loads` (N; all stiffnesses > 0)
+//   [[damper]]   name, between, damping >= 0, or a list of them with one fewer `breaks` (m/s)
+//   [[contact]]  name, between, stiffness > 0, damping = 0, gap = 0
+//   [[backlash]] name, between, stiffness > 0, damping = 0, width >= 0
+//   [[stop]]     name, between, stiffness > 0, damping = 0, low or high or both (m)
+//   [[friction]] name, between, coulomb >= 0, stiction >= coulomb (default: coulomb)
+//   [[gravity]]  name, body, acceleration (m/s^2), or a list of them at as many `positions` (m)
+//   [drive]      type = "dc_motor" | "first_order" | "perfect", body, reaction = "ground", ...
+//   [encoder]    body, reference = "ground", scale (count/m)
+//   [[adc]]      channel 0 | 1, signal, per_count (unit of the signal per count, sign allowed),
+//                zero_code = 0 (a whole number), bits = 8 (8..16); see Adc for limits, filter,
+//                noise
+//   [dac]        bits = 12 (8..16), range = 10 V, offset = 0 V, noise = 0 V rms:
+//                volts = code * 2 range / 2^bits + offset + noise
 //
 // A value is a number (SI), the name of a parameter, or "-name". One end of `between` may be
 // "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a back
-// and b forward. A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. Every body
-// must be tied to ground through springs, dampers, contacts or the drive. A parameter that this
-// file defines must be used by it; parameters_file may hold more than one model needs.
+// and b forward.
+// * Piecewise linear: breaks rise; slope k holds between breaks[k-1] and breaks[k]; the curve is
+//   continuous and 0 at 0. Breaks may be given as `loads`: compliance that depends on the load.
+// * A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. A stop is such a contact on
+//   either side, free while low < d < high; a backlash a stop at -width/2 and +width/2.
+// * Friction opposes sliding with `coulomb`; it sticks at d' = 0 while no more than `stiction` is
+//   needed for that. Frictions must not form a loop: what each would hold were not determined.
+// * Gravity pulls its body with mass * acceleration, toward +x where positive; between positions it
+//   is interpolated, beyond the outer ones it is constant.
+// Every body must be tied to ground through these or the drive. A parameter that this file defines
+// must be used by it; parameters_file may hold more than one model needs.
 //
 // clang-format off
 // Accepted units of parameters, by what they measure (each line: spellings of one dimension):
@@ -41,7 +55,9 @@
 //   rad/s, 1/s                      rate                 N m s/rad, N*m*s/rad        rotary damping
 //   kg m^2, kg*m^2                  inertia              N/V                         drive gain
 //   m/s/V, m/(s V)                  speed per volt       count/m                     encoder scale
+//   m/s^2                           acceleration         N/s                         rate of a force
 //   N/count  A/count  V/count  m/count  m/s/count        ADC scale of such a signal
+//   m/s^2/count  N/s/count
 // clang-format on
 #include <array>
 #include <filesystem>
@@ -89,11 +105,15 @@ enum class Dimension {
   force_per_volt,
   velocity_per_volt,
   count_per_length,
+  acceleration,
+  force_rate,
   force_per_count,
   current_per_count,
   voltage_per_count,
   length_per_count,
   velocity_per_count,
+  acceleration_per_count,
+  force_rate_per_count,
 };
 
 /// The first of the accepted spellings, e.g. "N s/m".
@@ -126,17 +146,24 @@ struct Ends {
   int b = kGround;
 };
 
+/// A continuous piecewise-linear curve through the origin: slopes[k] between breaks[k-1] and
+/// breaks[k]. One slope and no break is a straight line.
+struct Slopes {
+  std::vector<double> slopes;
+  std::vector<double> breaks;  ///< rising
+};
+
 struct Spring {
   std::string name;
   Ends ends;
-  double stiffness = 0.0;  ///< N/m, >= 0
-  double damping = 0.0;    ///< N s/m, >= 0
+  Slopes stiffness;      ///< N/m, >= 0, over m
+  double damping = 0.0;  ///< N s/m, >= 0
 };
 
 struct Damper {
   std::string name;
   Ends ends;
-  double damping = 0.0;  ///< N s/m, >= 0
+  Slopes damping;  ///< N s/m, >= 0, over m/s
 };
 
 struct Contact {
@@ -145,6 +172,30 @@ struct Contact {
   double stiffness = 0.0;  ///< N/m, > 0
   double damping = 0.0;    ///< N s/m, >= 0
   double gap = 0.0;        ///< m; overlap d = x_a - x_b - gap
+};
+
+/// A backlash or limit stops: free while low < d < high, a contact beyond.
+struct Stop {
+  std::string name;
+  Ends ends;
+  double stiffness = 0.0;      ///< N/m, > 0
+  double damping = 0.0;        ///< N s/m, >= 0
+  std::optional<double> low;   ///< m; at least one of the two
+  std::optional<double> high;  ///< m, >= low
+};
+
+struct Friction {
+  std::string name;
+  Ends ends;
+  double coulomb = 0.0;   ///< N, >= 0, while sliding
+  double stiction = 0.0;  ///< N, >= coulomb, what it takes to break loose
+};
+
+struct Gravity {
+  std::string name;
+  int body = kGround;
+  std::vector<double> positions;      ///< m, rising; empty: constant
+  std::vector<double> accelerations;  ///< m/s^2, one a position, or one
 };
 
 /// Current-fed DC motor behind a preamplifier with tachometer feedback (Figs 4.1-4.4):
@@ -175,16 +226,19 @@ struct DcMotor {
   std::optional<double> supply_limit;            ///< V, > 0; none: not limited
 };
 
-/// F' = a_act (k_act (velocity_per_volt u - v) - F), the simple actuator of 2.3. Disabled: F = 0.
+/// F' = a_act (k_act (velocity_per_volt u - v) - F), the simple actuator of 2.3; what acts is
+/// clamp(F, +-force_limit). Disabled: F = 0.
 struct FirstOrderDrive {
-  double k_act = 0.0;              ///< N s/m, > 0
-  double a_act = 0.0;              ///< rad/s, > 0
-  double velocity_per_volt = 0.0;  ///< m/s per V, not 0
+  double k_act = 0.0;                 ///< N s/m, > 0
+  double a_act = 0.0;                 ///< rad/s, > 0
+  double velocity_per_volt = 0.0;     ///< m/s per V, not 0
+  std::optional<double> force_limit;  ///< N, > 0; none: not limited
 };
 
-/// F = force_per_volt u. Disabled: F = 0.
+/// F = clamp(force_per_volt u, +-force_limit). Disabled: F = 0.
 struct PerfectDrive {
-  double force_per_volt = 0.0;  ///< N/V, not 0
+  double force_per_volt = 0.0;        ///< N/V, not 0
+  std::optional<double> force_limit;  ///< N, > 0; none: not limited
 };
 
 struct Drive {
@@ -193,29 +247,41 @@ struct Drive {
   std::variant<DcMotor, FirstOrderDrive, PerfectDrive> type;
 };
 
+/// Counts the body's position against that of the reference: a motor's encoder on a moving base.
 struct Encoder {
   int body = kGround;
+  int reference = kGround;
   double scale = 0.0;  ///< count/m, not 0
 };
 
+/// signal -> clamp(+-sensor_limit) -> first-order low pass -> clamp(+-conditioning_limit) -> noise
+/// -> code. All quantities are in the unit of the signal.
 struct Adc {
   std::string signal;
-  double per_count = 0.0;  ///< unit of the signal per count, not 0
-  int zero_code = 0;       ///< code at signal = 0, 0..2^bits-1
-  int bits = 8;            ///< 8..16
+  std::optional<double> sensor_limit;        ///< > 0: where the sensor itself saturates
+  std::optional<double> filter;              ///< rad/s, > 0: y' = filter (x - y), 0 at the start
+  std::optional<double> conditioning_limit;  ///< > 0: where the analog electronics saturate
+  double noise = 0.0;                        ///< rms, >= 0
+  double per_count = 0.0;                    ///< unit of the signal per count, not 0
+  int zero_code = 0;                         ///< code at signal = 0, 0..2^bits-1
+  int bits = 8;                              ///< 8..16
 };
 
 struct Dac {
   int bits = 12;        ///< 8..16, codes -2^(bits-1)..2^(bits-1)-1
   double range = 10.0;  ///< V at code -2^(bits-1), negated
   double offset = 0.0;  ///< V at code 0
+  double noise = 0.0;   ///< V rms, >= 0
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
 };
 
 /// A named truth signal of a model and what it measures.
-///   BODY.position m, .velocity m/s
-///   SPRING|DAMPER|CONTACT.force N (what pushes a back), .spring_force N (its stiffness part alone;
-///       0 for a damper and out of contact), .deflection m (overlap of a contact, < 0 is a gap)
+///   BODY.position m, .velocity m/s, .acceleration m/s^2 (what an accelerometer on it shows)
+///   LINK.force N (what pushes a back), .spring_force N (its stiffness part alone, which a strain
+///       gauge shows; 0 for a damper, a friction and out of contact), .spring_force_rate N/s (k d',
+///       what a velocity-sensing force sensor shows, 6.2.1), .deflection m (overlap of a contact,
+///       < 0 is a gap; x_a - x_b of a stop); LINK is any element with two ends
+///   GRAVITY.force N
 ///   drive.force N, .command V (held DAC output); dc_motor also .current A, .tach V (unfiltered),
 ///       .tach_filtered V (vf), .current_command V (c), .voltage V (vm; the back EMF when disabled)
 struct SignalInfo {
@@ -232,6 +298,9 @@ struct Model {
   std::vector<Spring> springs;
   std::vector<Damper> dampers;
   std::vector<Contact> contacts;
+  std::vector<Stop> stops;  ///< backlashes too
+  std::vector<Friction> frictions;
+  std::vector<Gravity> gravities;
   std::optional<Drive> drive;
   std::optional<Encoder> encoder;
   std::array<std::optional<Adc>, 2> adc;

@@ -58,7 +58,7 @@ TEST(Model, ReadsWhatItSays) {
   EXPECT_EQ(model.bodies[0].mass, 2.0);
   EXPECT_EQ(model.springs[0].ends.a, 0);
   EXPECT_EQ(model.springs[0].ends.b, kGround);
-  EXPECT_EQ(model.springs[0].stiffness, 100.0);
+  EXPECT_EQ(model.springs[0].stiffness.slopes, std::vector<double>{100.0});
   EXPECT_EQ(model.springs[0].damping, 0.0);
   ASSERT_EQ(model.parameters.size(), 2U);
   EXPECT_FALSE(model.drive.has_value());
@@ -108,8 +108,8 @@ TEST(Model, SharedParameters) {
   const std::string own = with(with(kAxis, "title = \"t\"", "parameters_file = \"shared.toml\""),
                                "k = { value = 100, unit = \"N/m\" }\n", "");
   const Model model = load_model(write_model(own));
-  EXPECT_EQ(model.bodies[0].mass, 2.0);        // its own wins
-  EXPECT_EQ(model.springs[0].stiffness, 7.0);  // from the shared file
+  EXPECT_EQ(model.bodies[0].mass, 2.0);                                    // its own wins
+  EXPECT_EQ(model.springs[0].stiffness.slopes, std::vector<double>{7.0});  // from the shared file
   for (const Parameter &parameter : model.parameters)
     EXPECT_EQ(parameter.used, parameter.name != "spare");
 
@@ -132,7 +132,8 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
   expect_refusal("weight = 1\n" + kAxis,
                  {"weight",
                   "expected one of the keys title, shows, parameters_file, parameters, body, "
-                  "spring, damper, contact, drive, encoder, adc, dac, got \"weight\"; remove or "
+                  "spring, damper, contact, backlash, stop, friction, gravity, drive, encoder, "
+                  "adc, dac, got \"weight\"; remove or "
                   "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
                  {"body[0].mess",
@@ -140,7 +141,8 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "mean mass?; remove or rename this key"});
   expect_refusal(with(kAxis, "stiffness = \"k\"", "stiffness = \"k\"\nstifness = 1"),
                  {"spring[0].stifness",
-                  "expected one of the keys name, between, stiffness, damping, got \"stifness\"; "
+                  "expected one of the keys name, between, stiffness, loads, breaks, damping, got "
+                  "\"stifness\"; "
                   "did you mean stiffness?; remove or rename this key"});
   expect_refusal(with(kAxis, ", source = \"scale\"", ", origin = \"scale\""),
                  {"parameters.m.origin",
@@ -148,11 +150,12 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "this key"});
   expect_refusal(kAxis + "[dac]\nbit = 12\n",
                  {"dac.bit",
-                  "expected one of the keys bits, range, offset, got \"bit\"; did you mean "
+                  "expected one of the keys bits, range, offset, noise, got \"bit\"; did you mean "
                   "bits?; remove or rename this key"});
   expect_refusal(kAxis + "\"two\\nlines\" = 1\n",
                  {"spring[0].two lines",
-                  "expected one of the keys name, between, stiffness, damping, got \"two lines\"; "
+                  "expected one of the keys name, between, stiffness, loads, breaks, damping, got "
+                  "\"two lines\"; "
                   "remove or rename this key"});
 }
 
@@ -220,8 +223,10 @@ TEST(ModelRefuses, UnknownNames) {
                   "define the parameter or correct its name"});
   expect_refusal(kAxis + "[[adc]]\nchannel = 0\nsignal = \"post.farce\"\nper_count = 1\n",
                  {"adc[0].signal",
-                  "expected one of robot.position, robot.velocity, post.force, post.spring_force, "
-                  "post.deflection, got \"post.farce\"; did you mean post.force?; name a signal of "
+                  "expected one of robot.position, robot.velocity, robot.acceleration, post.force, "
+                  "post.spring_force, "
+                  "post.spring_force_rate, post.deflection, got \"post.farce\"; did you mean "
+                  "post.force?; name a signal of "
                   "this model"});
   expect_refusal(kAxis + "[drive]\ntype = \"steam\"\nbody = \"robot\"\n",
                  {"drive.type",
@@ -257,14 +262,14 @@ TEST(ModelRefuses, DisconnectedBodies) {
       "[[body]]\nname = \"a\"\nmass = 1\n[[body]]\nname = \"b\"\nmass = 1\n"
       "[[damper]]\nname = \"d\"\nbetween = [\"a\", \"ground\"]\ndamping = 1\n";
   expect_refusal(two, {"body[1].name",
-                       "expected a body tied to ground by springs, dampers, contacts or the drive, "
+                       "expected a body tied to ground by springs, other elements or the drive, "
                        "got \"b\" disconnected; connect or remove it"});
   // A pair that floats together is no better.
   expect_refusal(two +
                      "[[body]]\nname = \"c\"\nmass = 1\n[[spring]]\nname = \"s\"\n"
                      "between = [\"b\", \"c\"]\nstiffness = 1\n",
                  {"body[1].name",
-                  "expected a body tied to ground by springs, dampers, contacts or the drive, got "
+                  "expected a body tied to ground by springs, other elements or the drive, got "
                   "\"b\" disconnected; connect or remove it"});
   expect_refusal(with(kAxis, "[\"robot\", \"ground\"]", "[\"robot\", \"robot\"]"),
                  {"spring[0].between",

@@ -104,15 +104,16 @@ TEST(Signals, NamesAndValuesAgree) {
       make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = 2\nvelocity = 3\n[[spring]]\n"
                  "name = \"s\"\nbetween = [\"ground\", \"b\"]\nstiffness = 10\n"
                  "damping = 100\n"));
-  const std::vector<std::string> names = {"b.position", "b.velocity", "s.force", "s.spring_force",
+  const std::vector<std::string> names = {"b.position",  "b.velocity",     "b.acceleration",
+                                          "s.force",     "s.spring_force", "s.spring_force_rate",
                                           "s.deflection"};
   EXPECT_EQ(plant.signal_names(), names);
-  std::vector<double> values(5);
+  std::vector<double> values(7);
   plant.signals(values);
-  EXPECT_EQ(values, (std::vector<double>{2, 3, -320, -20, -2}));
+  EXPECT_EQ(values, (std::vector<double>{2, 3, -320, -320, -20, -30, -2}));
   for (std::size_t i = 0; i < names.size(); ++i) EXPECT_EQ(plant.signal(names[i]), values[i]);
   EXPECT_THROW(plant.signal("s.farce"), std::invalid_argument);
-  values.resize(4);
+  values.resize(6);
   EXPECT_THROW(plant.signals(values), std::invalid_argument);
 }
 

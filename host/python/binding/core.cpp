@@ -246,6 +246,7 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly("inputs_hash", [](const Result &r) { return r.experiment.hash; })
+      .def_property_readonly("seed", [](const Result &r) { return r.experiment.seed; })
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
       .def_property_readonly("event_count", [](const Result &r) { return r.run.event_count; })
       .def_property_readonly("refused", &Result::refused,

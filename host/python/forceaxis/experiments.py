@@ -57,7 +57,7 @@ def run(experiment, overrides=()):
         "inputs_hash": result.inputs_hash,
         "firmware_hash": _core.FIRMWARE_HASH,
         "objects_hash": objects.OBJECTS_HASH,
-        "seed": None,
+        "seed": result.seed,
         "command": shlex.join(command),
     }
     plot = tomllib.loads(experiment.read_text(encoding="utf-8-sig")).get("plot", {})
