@@ -1,9 +1,9 @@
 """A second simulator of model files, for checking the first: it shares nothing but the file.
 
-Every element is a few lines of physics with a discrete state of its own. Within one choice of these
-states all rates, signals and guards are affine in (y, u), so they are sampled into matrices, which
-is only for speed. SciPy's DOP853 integrates up to the first guard that turns negative; the element's
-state changes, whoever else that contradicts changes too, and the integration starts again.
+Every element is a few lines of physics with a discrete state of its own. Within one choice of
+these states all rates, signals and guards are affine in (y, u), so they are sampled into matrices,
+which is only for speed. SciPy's DOP853 integrates up to the first guard that turns negative; its
+element changes state, then whichever others that contradicts, and the integration starts again.
 
 Frictions that stick are constraints: their forces are Lagrange multipliers. Noise is not modelled.
 """

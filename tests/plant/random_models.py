@@ -1,4 +1,4 @@
-"""Random plants from generated TOML, each stepped by forceaxis and by tests/plant/hybrid_reference.py.
+"""Random plants from generated TOML, each stepped by forceaxis and by hybrid_reference.py.
 
 python tests/plant/random_models.py [--count 500] [--seed 1000] [--processes 2]
 
@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-
 from forceaxis import _core
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -173,8 +172,9 @@ def add_drive(w, count):
     m = w.reduced(body, drive.get("reaction", "ground"))
     strength = m * w.log(5, 60)  # N at full command
     signals = [(f"{body}.acceleration", 20.0), (f"{body}.velocity", 0.2)]
-    signals += [("contact0.spring_force", strength), ("contact0.force", strength),
-                ("spring0.force", strength), ("spring0.spring_force_rate", 300 * strength)]  # fmt: skip
+    for name in ("contact0.spring_force", "contact0.force", "spring0.force"):
+        signals.append((name, strength))
+    signals.append(("spring0.spring_force_rate", 300 * strength))
     if kind == "dc_motor":
         r = 0.004 * w.log(1, 3)
         i = strength * r / 0.5  # A at full strength
@@ -185,7 +185,8 @@ def add_drive(w, count):
         drive |= {"k_preamp_cmd": w.between(1, 4), "k_preamp_fdbk": w.between(1, 4),
                   "a_preamp_fdbk": w.log(300, 1000), "k_tach": w.log(0.005, 0.04),
                   "k_torque": 0.5, "k_back_emf": w.log(0.05, 0.5), "L": inductance,
-                  "R": resistance, "r_trans": r, "k_current": k_current, "k_amp": k_amp}  # fmt: skip
+                  "R": resistance, "r_trans": r, "k_current": k_current,
+                  "k_amp": k_amp}  # fmt: skip
         if w.chance(0.3):
             drive["b_m"] = m * r**2 * w.log(0.5, 10)
         if w.chance(0.6):
@@ -257,7 +258,6 @@ class Law:
 class Outcome:
     seed: int
     bodies: int
-    elements: dict
     ticks: int = 0
     error: float = 0.0  # largest difference of a signal in units of its own size
     where: str = ""
@@ -265,7 +265,7 @@ class Outcome:
     energy: float = 0.0  # residual per energy turned over
     at_edge: int = -1  # tick where the comparison ended at an edge
     failure: str = ""
-    kinds: dict = field(default_factory=dict)
+    changes: collections.Counter = field(default_factory=collections.Counter)  # by element
 
     def agrees(self):
         return not self.failure and self.error <= 1e-7 and self.energy <= 1e-9
@@ -273,23 +273,23 @@ class Outcome:
     def __str__(self):
         end = f", at an edge in tick {self.at_edge}" if self.at_edge >= 0 else ""
         return (
-            f"seed {self.seed}: {self.bodies} bodies, {self.events} events, {self.ticks} ticks{end}, "
-            f"differs by {self.error:.1e} ({self.where}), energy {self.energy:.1e}"
+            f"seed {self.seed}: {self.bodies} bodies, {self.events} events, {self.ticks} ticks"
+            f"{end}, differs by {self.error:.1e} ({self.where}), energy {self.energy:.1e}"
             + (f"; {self.failure}" if self.failure else "")
         )
 
 
-def compare(seed, ticks=TICKS, folder=None):
+def compare(seed, ticks=TICKS):
     text, w = random_model(seed)
-    out = Outcome(seed, w.elements["body"], dict(w.elements))
-    with tempfile.TemporaryDirectory(dir=folder) as name:
+    out = Outcome(seed, w.elements["body"])
+    with tempfile.TemporaryDirectory() as name:
         file = Path(name) / f"model{seed}.toml"
         file.write_text(text)
         plant = _core.Plant(file, audit=True)
         reference = Reference(file)
     law = Law(seed, reference.model.get("dac", {}).get("bits", 12))
     zero = next((a["zero_code"] for a in reference.adcs if a["channel"] == 0), 0)
-    common = None
+    names = plant.signal_names
     ours, theirs = [], []
     for tick in range(ticks + 1):
         *codes, margin = reference.codes()
@@ -297,15 +297,15 @@ def compare(seed, ticks=TICKS, folder=None):
             out.at_edge = tick
             break
         if tuple(codes) != plant.codes():
-            out.failure = f"codes {plant.codes()} for {tuple(codes)} in tick {tick}, {margin:.1e} LSB from an edge"
+            out.failure = (
+                f"codes {plant.codes()} for {tuple(codes)} in tick {tick}, "
+                f"{margin:.1e} LSB from an edge"
+            )
             break
         if tick > 0:
             values = reference.signals()
-            if common is None:
-                common = [n for n in plant.signal_names if n in values]
-                places = [plant.signal_names.index(n) for n in common]
-            ours.append(plant.signals()[places])
-            theirs.append([values.get(n, np.nan) for n in common])
+            ours.append(plant.signals())
+            theirs.append([values[n] for n in names])
         if tick == ticks:
             break
         if tick == law.impulse_at:
@@ -317,18 +317,18 @@ def compare(seed, ticks=TICKS, folder=None):
         reference.step(code, enable)
         out.ticks = tick + 1
     out.events = len(reference.changes)
-    out.kinds = collections.Counter(
+    out.changes = collections.Counter(
         name.rstrip("0123456789") for _, name, _, _ in reference.changes
     )
     if ours:
         ours, theirs = np.array(ours), np.array(theirs)
-        size = np.nanmax(np.abs(theirs), axis=0)
-        # A signal that is nothing but rounding beside the others of its kind has no size of its own.
-        kind = [n.rsplit(".", 1)[1] for n in common]
+        size = np.abs(theirs).max(axis=0)
+        # A signal that is nothing but rounding beside others of its kind has no size of its own.
+        kind = [n.rsplit(".", 1)[1] for n in names]
         largest = {k: max(s for s, j in zip(size, kind, strict=True) if j == k) for k in kind}
         size = np.maximum(size, [1e-6 * largest[k] for k in kind])
-        errors = np.nanmax(np.abs(ours - theirs), axis=0) / np.where(size > 0, size, 1.0)
-        out.error, out.where = float(errors.max()), common[int(errors.argmax())]
+        errors = np.abs(ours - theirs).max(axis=0) / np.where(size > 0, size, 1.0)
+        out.error, out.where = float(errors.max()), names[int(errors.argmax())]
     energy = plant.energy()
     turned = energy["initial_J"] + sum(energy["dissipated_J"].values()) + abs(energy["supplied_J"])
     out.energy = abs(energy["residual_J"]) / turned
@@ -339,7 +339,7 @@ def compare_safely(seed):
     try:
         return compare(seed)
     except Exception as error:
-        return Outcome(seed, 0, {}, failure=f"{type(error).__name__}: {error}")
+        return Outcome(seed, 0, failure=f"{type(error).__name__}: {error}")
 
 
 def compare_many(seeds, processes):

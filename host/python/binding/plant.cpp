@@ -22,11 +22,13 @@ using forceaxis::sim::SensorCodes;
 namespace {
 
 std::unique_ptr<Plant> make_plant(const std::filesystem::path &model,
-                                  const std::map<std::string, double> &overrides, bool audit) {
+                                  const std::map<std::string, double> &overrides,
+                                  std::uint64_t seed, bool audit) {
   std::vector<Override> changes;
   for (const auto &[name, value] : overrides) changes.push_back({name, value});
   PlantOptions options;
   options.audit = audit;
+  options.seed = seed;
   return std::make_unique<Plant>(
       std::make_shared<const Model>(forceaxis::sim::load_model(model, changes)), options);
 }
@@ -77,9 +79,12 @@ void bind_plant(py::module_ &m) {
                     "\n"
                     "Wrong models raise InputError, plants that cannot be stepped on "
                     "SimulationError.")
-      .def(py::init(&make_plant), py::arg("model"),
-           py::arg("overrides") = std::map<std::string, double>{}, py::arg("audit") = false,
-           "`overrides` replaces parameters of the model file; `audit` keeps the energy balance.")
+      .def(
+          py::init(&make_plant), py::arg("model"),
+          py::arg("overrides") = std::map<std::string, double>{}, py::arg("seed") = 0,
+          py::arg("audit") = false,
+          "`overrides` replaces parameters of the model file, `seed` is that of its noise, `audit` "
+          "keeps the energy balance.")
       .def("step", &Plant::step, py::arg("code"), py::arg("enable") = true,
            "One tick with the DAC code held; a disabled amplifier lets the axis coast.")
       .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
