@@ -25,6 +25,8 @@ using forceaxis::host::ExperimentFile;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
 
+void add_plant(py::module_ &m);  // plant.cpp
+
 namespace {
 
 template <class T, class Rows, class Get>
@@ -363,4 +365,5 @@ PYBIND11_MODULE(_core, m) {
 
   add_linear(m);
   add_bench(m);
+  add_plant(m);
 }

@@ -298,6 +298,7 @@ def boundary_edges(cells, x, y):
         segments.append([(x[j], y[i + 1]), (x[j + 1], y[i + 1])])
     return segments
 
+
 def contact_maps(maps, gains, gaps):
     """Which runs cycle, over the initial gap and the gain as a part of the linear limit."""
     figure, axes = plt.subplots(1, len(maps), sharey=True, figsize=(9.4, 3.6))

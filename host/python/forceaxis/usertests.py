@@ -262,9 +262,7 @@ def read(file, data):
             fail("band", "expected a fraction of the step or { absolute = ... }")
         band, absolute = band["absolute"], True
     return Expectation(
-        wanted={
-            k: v if k in TEXTS else wanted(k, v) for k, v in table.items() if k not in HOW
-        },
+        wanted={k: v if k in TEXTS else wanted(k, v) for k, v in table.items() if k not in HOW},
         signal=table.get("signal"),
         from_s=number("from_s", table.get("from_s", 0), 0.0),
         final_s=number("final_s", table["final_s"], 0.0) if "final_s" in table else None,

@@ -1,0 +1,104 @@
+// The plant alone for Python: codes in, codes and truth out, for laws and checks written there.
+#include "sim/hybrid/plant.hpp"
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace py = pybind11;
+using forceaxis::sim::Event;
+using forceaxis::sim::Model;
+using forceaxis::sim::Override;
+using forceaxis::sim::Plant;
+using forceaxis::sim::PlantOptions;
+using forceaxis::sim::SensorCodes;
+
+namespace {
+
+std::unique_ptr<Plant> make_plant(const std::filesystem::path &model,
+                                  const std::map<std::string, double> &overrides,
+                                  std::uint64_t seed, bool audit) {
+  std::vector<Override> changes;
+  for (const auto &[name, value] : overrides) changes.push_back({name, value});
+  PlantOptions options;
+  options.audit = audit;
+  options.seed = seed;
+  return std::make_unique<Plant>(
+      std::make_shared<const Model>(forceaxis::sim::load_model(model, changes)), options);
+}
+
+py::tuple codes(Plant &plant) {
+  const SensorCodes c = plant.codes();
+  return py::make_tuple(c.encoder, c.adc[0], c.adc[1]);
+}
+
+py::array_t<double> signals(const Plant &plant) {
+  py::array_t<double> values(static_cast<py::ssize_t>(plant.signal_names().size()));
+  plant.signals({values.mutable_data(), plant.signal_names().size()});
+  return values;
+}
+
+py::list events(const Plant &plant) {
+  py::list list;
+  for (const Event &e : plant.events())
+    list.append(py::make_tuple(e.time_s, e.element, e.from, e.to, e.jump));
+  return list;
+}
+
+py::dict energy(const Plant &plant) {
+  const auto e = plant.energy();
+  py::dict dissipated;
+  for (const auto &damper : e.dissipated) dissipated[py::str(damper.element)] = damper.energy;
+  py::dict d;
+  d["initial_J"] = e.initial;
+  d["supplied_J"] = e.supplied;
+  d["dissipated_J"] = dissipated;
+  d["kinetic_J"] = e.kinetic;
+  d["stored_J"] = e.stored;
+  d["discarded_J"] = e.discarded;
+  d["residual_J"] = e.residual;
+  return d;
+}
+
+}  // namespace
+
+void add_plant(py::module_ &m) {
+  py::class_<Plant>(m, "Plant",
+                    "A simulated axis without firmware: give it a DAC code each tick of 1/1500 s.\n"
+                    "\n"
+                    "    plant = Plant('sim/models/axis_contact.toml', {'m_w': 3.3})\n"
+                    "    for _ in range(1500):\n"
+                    "        encoder, adc0, adc1 = plant.codes()\n"
+                    "        plant.step(4 * (158 - adc0))\n"
+                    "\n"
+                    "Wrong models raise InputError, plants that cannot be stepped on "
+                    "SimulationError.")
+      .def(
+          py::init(&make_plant), py::arg("model"),
+          py::arg("overrides") = std::map<std::string, double>{}, py::arg("seed") = 0,
+          py::arg("audit") = false,
+          "`overrides` replaces parameters of the model file, `seed` is that of its noise, `audit` "
+          "keeps the energy balance.")
+      .def("step", &Plant::step, py::arg("code"), py::arg("enable") = true,
+           "One tick with the DAC code held; a disabled amplifier lets the axis coast.")
+      .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
+           "Changes the velocity of a body by impulse / mass, now.")
+      .def("codes", &codes, "(encoder, adc0, adc1), converted now")
+      .def("signals", &signals, "the true signals now, in the order of signal_names")
+      .def("signal", &Plant::signal, py::arg("name"), "one true signal by name")
+      .def("mode", &Plant::mode, "'ELEMENT: STATE' of every switching element")
+      .def("events", &events,
+           "(time_s, element, from, to, jump) of the first 4096 changes; jump: at a tick, with a "
+           "new code or an impulse")
+      .def("energy", &energy, "J; needs audit")
+      .def_property_readonly("signal_names", &Plant::signal_names)
+      .def_property_readonly("edge_margin", &Plant::edge_margin,
+                             "closest approach of a converted value to a code edge so far, LSB")
+      .def_property_readonly("tick", &Plant::tick);
+}

@@ -1,0 +1,54 @@
+"""Fifty random models agree with a second simulator; random_models.py itself runs more."""
+
+import pytest
+import random_models
+from forceaxis import _core
+
+COUNT = 50
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return list(random_models.compare_many(range(COUNT), processes=2))
+
+
+def test_every_model_agrees_with_dop853(outcomes):
+    assert [str(o) for o in outcomes if not o.agrees()] == []
+
+
+def test_they_have_what_they_should(outcomes):
+    assert {o.bodies for o in outcomes} == set(range(3, 13))
+    assert sum(o.ticks for o in outcomes) > 0.9 * COUNT * random_models.TICKS
+    assert sum(o.events for o in outcomes) > 3000
+    changes = sum((o.changes for o in outcomes), start=random_models.collections.Counter())
+    for element in ("contact", "friction", "spring", "damper", "gravity", "drive.amplifier",
+                    "drive.preamp", "drive.current_feedback", "drive.effort"):  # fmt: skip
+        assert changes[element] > 0, element
+    for flank in ("backlash0.low", "backlash0.high", "stop0.low", "stop0.high", "adc0.sensor"):
+        assert changes[flank] > 0, flank
+
+
+def test_a_comparison_can_fail(monkeypatch):
+    """The reference with one spring softer by 1e-6 of itself is found out."""
+    load = random_models.Reference._flank
+
+    def softer(self, name, link, *more):
+        load(self, name, link | {"stiffness": link["stiffness"] * (1 - 1e-6)}, *more)
+
+    monkeypatch.setattr(random_models.Reference, "_flank", softer)
+    assert not random_models.compare(0).agrees()
+
+
+def test_the_plant_refuses_bad_input(tmp_path):
+    model = tmp_path / "m.toml"
+    model.write_text('[[body]]\nname = "a"\nmass = -1\n')
+    with pytest.raises(_core.InputError, match=r"body\[0\]\.mass"):
+        _core.Plant(model)
+    model.write_text(random_models.random_model(0)[0])
+    with pytest.raises(_core.InputError, match=r"parameters\.nosuch"):
+        _core.Plant(model, {"nosuch": 1.0})
+    plant = _core.Plant(model)
+    with pytest.raises(ValueError, match="outside"):
+        plant.step(1 << 20)
+    with pytest.raises(ValueError, match="no body named nobody"):
+        plant.apply_impulse("nobody", 1.0)
