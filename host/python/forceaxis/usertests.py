@@ -6,10 +6,10 @@
     trace_hash = "08b6..."   every code of every tick
     peak_force_N = 69.7      largest force in any contact of the model, at any tick
     final_value = 30.2       mean of `signal` over its last final_s
-    settle_s = 0.81          from from_s to the tick after which `signal` stays within final_value
-                             +- band; "never" when it leaves the band within the last final_s
-    overshoot = 0.12         how far `signal` goes beyond final_value, seen from its value at from_s,
-                             as a fraction of that step; "undefined" when there is no step
+    settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
+                             after the last one outside); "never" if outside in the last final_s
+    overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
+                             from its value at from_s; "undefined" when there is no step
 
     signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
     from_s = 0.0             `signal` is looked at from here on, for instance from a disturbance
@@ -108,7 +108,7 @@ class Check:
         return self.expected == self.obtained
 
     def __str__(self):
-        return f"{self.key}: expected {self.expected}, got {shown(self.obtained)}"
+        return f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,9 @@ class Outcome:
 
 
 def shown(value):
-    """An obtained value for a reader."""
-    return f"{value:.6g}" if isinstance(value, float) else value
+    """A value for a reader; `--json` and --update have all digits."""
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) < 64 else text[:16] + "..."
 
 
 def load(file):
@@ -230,13 +231,13 @@ def read(file, data):
         expected = number(f"{key}.value", given["value"], low)
         if "tolerance" in given and "relative" in given:
             fail(key, "expected tolerance or relative, not both")
-        name, allowed = next(iter((given.items() - {("value", given["value"])})), (None, None))
-        if name is None:
-            name, allowed = next(iter(TOLERANCES[key].items()))
-        number(f"{key}.{name}", allowed, 0.0)
-        if name == "relative" and "relative" in given and expected == 0:
+        if "relative" in given and expected == 0:
             fail(f"{key}.relative", "expected tolerance beside a value of 0, a part of 0 is 0")
-        width = allowed * abs(expected) if name == "relative" else allowed
+        allowed = {n: v for n, v in given.items() if n != "value"} or TOLERANCES[key]
+        ((name, width),) = allowed.items()
+        width = number(f"{key}.{name}", width, 0.0)
+        if name == "relative":
+            width *= abs(expected)
         return Number(expected - width, expected + width, expected)
 
     if not isinstance(table, dict):
@@ -262,9 +263,7 @@ def read(file, data):
             fail("band", "expected a fraction of the step or { absolute = ... }")
         band, absolute = band["absolute"], True
     return Expectation(
-        wanted={
-            k: v if k in TEXTS else wanted(k, v) for k, v in table.items() if k not in HOW
-        },
+        wanted={k: v if k in TEXTS else wanted(k, v) for k, v in table.items() if k not in HOW},
         signal=table.get("signal"),
         from_s=number("from_s", table.get("from_s", 0), 0.0),
         final_s=number("final_s", table["final_s"], 0.0) if "final_s" in table else None,
@@ -274,7 +273,7 @@ def read(file, data):
 
 
 def measure(done, expect, contacts):
-    """What a run gave by the definitions above. Raises InputError where [expect] does not fit it."""
+    """What a run gave by the definitions above. Raises InputError where [expect] is at odds."""
 
     def fail(key, message):
         raise InputError(f"{done.experiment}: expect.{key}: {message}")
@@ -428,14 +427,14 @@ def run_test(file):
     try:
         outcome.examined = examine(file)
         outcome.checks = outcome.examined.checks
-        outcome.status = "failed" if outcome.examined.differences else "passed"
-        if outcome.checks and outcome.status == "passed":
-            outcome.examined = None
         if not outcome.checks:
-            outcome.status = "error"
             outcome.message = (
                 f"{file}: expect: expected something to compare; run `forceaxis test --update`"
             )
+        elif outcome.examined.differences:
+            outcome.status = "failed"
+        else:
+            outcome.status, outcome.examined = "passed", None
     except SimulationError as error:
         outcome.status, outcome.message = "failed", str(error)
     except InputError as error:
@@ -470,10 +469,10 @@ def update(outcome):
     outcome.message = ""
 
 
-def run(targets, *, update_files=False, out=None, threads=None, pattern=None, tell=None):
+def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None):
     """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
 
-    update_files: rewrite [expect] where it differs. out: folder for a plot and a table of each
+    rewrite: rewrite [expect] where it differs. out: folder for a plot and a table of each
     difference. tell: called with each Outcome as soon as those before it are done.
     """
     tests, skipped = find(targets, pattern)
@@ -491,7 +490,7 @@ def run(targets, *, update_files=False, out=None, threads=None, pattern=None, te
             for outcome in pool.map(run_test, tests):
                 if out and outcome.status == "failed" and outcome.examined:
                     write_difference(outcome, out / outcome.file.resolve().relative_to(top))
-                if update_files and outcome.examined:
+                if rewrite and outcome.examined:
                     update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
@@ -516,8 +515,7 @@ def comparison(checks):
     """Expected beside obtained, one row a key."""
     rows = [("", "expected", "obtained", "")]
     rows += [
-        (c.key, str(c.expected), str(shown(c.obtained)), "" if c.passed else "differs")
-        for c in checks
+        (c.key, shown(c.expected), shown(c.obtained), "" if c.passed else "differs") for c in checks
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     return "\n".join(
