@@ -20,8 +20,11 @@ A number is 69.7, { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 
 { min = 60, max = 80 }, one or both. A bare number is met within TOLERANCES.
 """
 
+import difflib
+import json
 import math
 import os
+import re
 import time
 import tomllib
 import xml.etree.ElementTree as ET
@@ -31,8 +34,6 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from forceaxis import _core, experiments, objects, paths
 from forceaxis._core import InputError, SimulationError
@@ -325,42 +326,66 @@ def examine(file, overrides=()):
     return Examined(done, expect, measured, checks)
 
 
-def updated(file, text, examined):
-    """The experiment's text with the failing values of [expect] replaced; an [expect] that asks for
-    nothing gets all but overshoot. Limits are demands, not records: they stay."""
+def filled(text, values):
+    """The experiment's text with all but overshoot put below the line [expect]."""
+    keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
+    lines = [
+        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
+        for key in keys
+        if values[key] is not None
+    ]
+    return re.sub(
+        r"^[ \t]*\[expect\][ \t]*(#.*)?(\n|\Z)",
+        lambda header: header[0].rstrip("\n") + "\n" + "".join(lines),
+        text,
+        count=1,
+        flags=re.M,
+    )
+
+
+def updated(text, examined):
+    """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
+    records: they stay."""
     import tomlkit
 
-    line_end = "\r\n" if "\r\n" in text else "\n"
-    document = tomlkit.parse(text.replace("\r\n", "\n"))
+    document = tomlkit.parse(text)
     table = document["expect"]
-    values = examined.measured.values
-    if not examined.checks:
-        keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
-        for key in keys:
-            if values[key] is not None:
-                table[key] = written(key, values[key], TOLERANCES.get(key, {}))
     for check in examined.differences:
-        if not isinstance(check.expected, Number):
-            table[check.key] = written(check.key, check.obtained, TOLERANCES.get(check.key, {}))
-        elif check.expected.value is not None:
-            entry = table[check.key]
-            if isinstance(entry, dict) and isinstance(check.obtained, float):
-                entry["value"] = written(check.key, check.obtained, entry)
-            else:
-                table[check.key] = written(check.key, check.obtained, TOLERANCES[check.key])
-    new = tomlkit.dumps(document).replace("\n", line_end)
-    before, after = tomllib.loads(text), tomllib.loads(new)
-    if {**before, "expect": 0} != {**after, "expect": 0}:
-        raise InputError(f"{file}: expect: expected a table of its own, write [expect]")
-    return new
+        entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
+        if isinstance(check.expected, Number) and check.expected.value is None:
+            continue
+        if isinstance(entry, dict) and isinstance(check.obtained, float):
+            own = {k: v for k, v in entry.items() if k != "value"}
+            entry["value"] = written(check.obtained, own or allowed)
+        else:
+            table[check.key] = written(check.obtained, allowed)
+    return tomlkit.dumps(document)
 
 
-def written(key, value, allowed):
+def rewritten(file, text, examined):
+    """filled() or updated(), with the text's line ends. Raises InputError rather than touch anything
+    but [expect]."""
+    crlf = text.count("\r\n") == text.count("\n")
+    old = text.replace("\r\n", "\n") if crlf else text
+    new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
+    changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
+    lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
+    before, after = ({**tomllib.loads(t), "expect": None} for t in (old, new))
+    filled_nothing = new == old and not examined.checks
+    if before != after or lost > len(examined.differences) or filled_nothing:
+        raise InputError(
+            f"{file}: expect: expected a table that can be rewritten in place; write [expect] on a "
+            "line of its own, at the end of the file"
+        )
+    return new.replace("\n", "\r\n") if crlf else new
+
+
+def written(value, allowed):
     """A value as it goes into the file: as short as a hundredth of its tolerance lets it be."""
     if not isinstance(value, float):
         return value
     near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100
-    short = (float(f"{value:.{digits}g}") for digits in range(3, 17))
+    short = (round(value, decimals) for decimals in range(17))
     return next((s for s in short if abs(s - value) <= near), value)
 
 
@@ -453,9 +478,9 @@ def update(outcome):
         with file.open(encoding="utf-8", newline="") as stream:
             text = stream.read()
         mark = "\ufeff" if text.startswith("\ufeff") else ""
-        new = updated(file, text.removeprefix("\ufeff"), examined)
-        if mark + new != text:
-            replace(file, mark + new)
+        new = mark + rewritten(file, text.removeprefix("\ufeff"), examined)
+        if new != text:
+            replace(file, new)
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return
@@ -480,12 +505,7 @@ def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None)
         out.mkdir(parents=True, exist_ok=True)
     top = Path(os.path.commonpath([p.resolve().parent for p in tests]))
     outcomes = []
-    console = Console(stderr=True)
-    with (
-        Progress(console=console, disable=not console.is_terminal, transient=True) as bar,
-        ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool,
-    ):
-        task = bar.add_task("tests", total=len(tests))
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         try:
             for outcome in pool.map(run_test, tests):
                 if out and outcome.status == "failed" and outcome.examined:
@@ -494,7 +514,6 @@ def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None)
                     update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
-                bar.advance(task)
                 if tell:
                     tell(outcome)
         finally:
@@ -561,7 +580,7 @@ def write_junit(outcomes, file):
         case = ET.SubElement(
             suite,
             "testcase",
-            classname=printable(".".join(name.parent.parts)),
+            classname=printable(".".join(name.parent.parts).lstrip("/.") or "forceaxis"),
             name=printable(name.stem),
             file=printable(outcome.name),
             time=f"{outcome.seconds:.3f}",
