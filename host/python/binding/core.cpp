@@ -18,14 +18,13 @@ namespace py = pybind11;
 
 void add_bench(py::module_ &m);   // bench.cpp
 void add_linear(py::module_ &m);  // linear.cpp
+void add_plant(py::module_ &m);   // plant.cpp
 
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::ExperimentFile;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
-
-void add_plant(py::module_ &m);  // plant.cpp
 
 namespace {
 

@@ -33,6 +33,13 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
+class File(click.Path):
+    """A file to write."""
+
+    def __init__(self):
+        super().__init__(dir_okay=False, path_type=Path)
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
 threads = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
@@ -290,6 +297,64 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
             click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
     if check and not all(held for _, held in checks):
         sys.exit(1)
+
+
+@cli.command(
+    name="test",
+    cls=Verb,
+    epilog="""forceaxis test axes/ --junit results.xml --out differences
+    forceaxis test axes/contact.toml --update""",
+)
+@click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
+@click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
+@click.option("--junit", type=File(), help="Write the results as JUnit XML.")
+@click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
+@click.option("-k", "pattern", help="Only files with PATTERN in their name (* and ? allowed).")
+@threads
+@as_json
+def test(targets, update, junit, out, pattern, threads, as_json):
+    """Run every experiment with an [expect] table at or below DIR and compare.
+
+    \b
+    [expect]
+    verdict = "stable"        # needs [verdict]
+    fault = "none"
+    peak_force_N = 69.7       # largest contact force of the run
+    final_value = 30.2        # mean of `signal` over its last final_s
+    settle_s = 0.81           # until it stays within +-band; or "never"
+    overshoot = 0.12          # beyond final_value, fraction of the step
+    trace_hash = "08b6..."    # every code of every tick
+    signal = "sensor.force"   # default: the first contact's force, or encoder
+    from_s = 0.0              # look at `signal` from here on
+    final_s = 0.3             # default: a tenth of what follows from_s
+    band = 0.05               # of the step, or { absolute = 1.5 }
+
+    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as { value = 69.7, tolerance =
+    0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 } say. --update rewrites what
+    differs, fills an empty [expect], and leaves limits and the rest of the file as they are.
+
+    Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.
+    """
+    from forceaxis import usertests
+
+    def tell(outcome):
+        if outcome.status == "error":
+            click.echo(f"forceaxis: {outcome.message}", err=True)
+        if not as_json:
+            click.echo(usertests.describe(outcome))
+
+    outcomes = usertests.run(targets, update, out, threads, pattern, tell)
+    if junit:
+        usertests.write_junit(outcomes, junit)
+    number = usertests.counts(outcomes)
+    if as_json:
+        click.echo(json.dumps(number | {"tests": [o.summary() for o in outcomes]}))
+    else:
+        skipped = [o.name for o in outcomes if o.status == "skipped"]
+        if skipped:
+            click.echo(f"without [expect]: {', '.join(skipped)}")
+        click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
+    sys.exit(usertests.status(outcomes))
 
 
 @cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")

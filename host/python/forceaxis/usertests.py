@@ -6,10 +6,10 @@
     trace_hash = "08b6..."   every code of every tick
     peak_force_N = 69.7      largest force in any contact of the model, at any tick
     final_value = 30.2       mean of `signal` over its last final_s
-    settle_s = 0.81          from from_s to the tick after which `signal` stays within final_value
-                             +- band; "never" when it leaves the band within the last final_s
-    overshoot = 0.12         how far `signal` goes beyond final_value, seen from its value at from_s,
-                             as a fraction of that step; "undefined" when there is no step
+    settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
+                             after the last one outside); "never" if outside in the last final_s
+    overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
+                             from its value at from_s; "undefined" when there is no step
 
     signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
     from_s = 0.0             `signal` is looked at from here on, for instance from a disturbance
@@ -20,8 +20,11 @@ A number is 69.7, { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 
 { min = 60, max = 80 }, one or both. A bare number is met within TOLERANCES.
 """
 
+import difflib
+import json
 import math
 import os
+import re
 import time
 import tomllib
 import xml.etree.ElementTree as ET
@@ -31,8 +34,6 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from forceaxis import _core, experiments, objects, paths
 from forceaxis._core import InputError, SimulationError
@@ -108,7 +109,7 @@ class Check:
         return self.expected == self.obtained
 
     def __str__(self):
-        return f"{self.key}: expected {self.expected}, got {shown(self.obtained)}"
+        return f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
 
 
 @dataclass(frozen=True)
@@ -168,8 +169,9 @@ class Outcome:
 
 
 def shown(value):
-    """An obtained value for a reader."""
-    return f"{value:.6g}" if isinstance(value, float) else value
+    """A value for a reader; `--json` and --update have all digits."""
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) < 64 else text[:16] + "..."
 
 
 def load(file):
@@ -230,13 +232,13 @@ def read(file, data):
         expected = number(f"{key}.value", given["value"], low)
         if "tolerance" in given and "relative" in given:
             fail(key, "expected tolerance or relative, not both")
-        name, allowed = next(iter((given.items() - {("value", given["value"])})), (None, None))
-        if name is None:
-            name, allowed = next(iter(TOLERANCES[key].items()))
-        number(f"{key}.{name}", allowed, 0.0)
-        if name == "relative" and "relative" in given and expected == 0:
+        if "relative" in given and expected == 0:
             fail(f"{key}.relative", "expected tolerance beside a value of 0, a part of 0 is 0")
-        width = allowed * abs(expected) if name == "relative" else allowed
+        allowed = {n: v for n, v in given.items() if n != "value"} or TOLERANCES[key]
+        ((name, width),) = allowed.items()
+        width = number(f"{key}.{name}", width, 0.0)
+        if name == "relative":
+            width *= abs(expected)
         return Number(expected - width, expected + width, expected)
 
     if not isinstance(table, dict):
@@ -272,7 +274,7 @@ def read(file, data):
 
 
 def measure(done, expect, contacts):
-    """What a run gave by the definitions above. Raises InputError where [expect] does not fit it."""
+    """What a run gave by the definitions above. Raises InputError where [expect] is at odds."""
 
     def fail(key, message):
         raise InputError(f"{done.experiment}: expect.{key}: {message}")
@@ -324,42 +326,66 @@ def examine(file, overrides=()):
     return Examined(done, expect, measured, checks)
 
 
-def updated(file, text, examined):
-    """The experiment's text with the failing values of [expect] replaced; an [expect] that asks for
-    nothing gets all but overshoot. Limits are demands, not records: they stay."""
+def filled(text, values):
+    """The experiment's text with all but overshoot put below the line [expect]."""
+    keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
+    lines = [
+        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
+        for key in keys
+        if values[key] is not None
+    ]
+    return re.sub(
+        r"^[ \t]*\[expect\][ \t]*(#.*)?(\n|\Z)",
+        lambda header: header[0].rstrip("\n") + "\n" + "".join(lines),
+        text,
+        count=1,
+        flags=re.M,
+    )
+
+
+def updated(text, examined):
+    """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
+    records: they stay."""
     import tomlkit
 
-    line_end = "\r\n" if "\r\n" in text else "\n"
-    document = tomlkit.parse(text.replace("\r\n", "\n"))
+    document = tomlkit.parse(text)
     table = document["expect"]
-    values = examined.measured.values
-    if not examined.checks:
-        keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
-        for key in keys:
-            if values[key] is not None:
-                table[key] = written(key, values[key], TOLERANCES.get(key, {}))
     for check in examined.differences:
-        if not isinstance(check.expected, Number):
-            table[check.key] = written(check.key, check.obtained, TOLERANCES.get(check.key, {}))
-        elif check.expected.value is not None:
-            entry = table[check.key]
-            if isinstance(entry, dict) and isinstance(check.obtained, float):
-                entry["value"] = written(check.key, check.obtained, entry)
-            else:
-                table[check.key] = written(check.key, check.obtained, TOLERANCES[check.key])
-    new = tomlkit.dumps(document).replace("\n", line_end)
-    before, after = tomllib.loads(text), tomllib.loads(new)
-    if {**before, "expect": 0} != {**after, "expect": 0}:
-        raise InputError(f"{file}: expect: expected a table of its own, write [expect]")
-    return new
+        entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
+        if isinstance(check.expected, Number) and check.expected.value is None:
+            continue
+        if isinstance(entry, dict) and isinstance(check.obtained, float):
+            own = {k: v for k, v in entry.items() if k != "value"}
+            entry["value"] = written(check.obtained, own or allowed)
+        else:
+            table[check.key] = written(check.obtained, allowed)
+    return tomlkit.dumps(document)
 
 
-def written(key, value, allowed):
+def rewritten(file, text, examined):
+    """filled() or updated(), with the text's line ends. Raises InputError rather than touch anything
+    but [expect]."""
+    crlf = text.count("\r\n") == text.count("\n")
+    old = text.replace("\r\n", "\n") if crlf else text
+    new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
+    changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
+    lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
+    before, after = ({**tomllib.loads(t), "expect": None} for t in (old, new))
+    filled_nothing = new == old and not examined.checks
+    if before != after or lost > len(examined.differences) or filled_nothing:
+        raise InputError(
+            f"{file}: expect: expected a table that can be rewritten in place; write [expect] on a "
+            "line of its own, at the end of the file"
+        )
+    return new.replace("\n", "\r\n") if crlf else new
+
+
+def written(value, allowed):
     """A value as it goes into the file: as short as a hundredth of its tolerance lets it be."""
     if not isinstance(value, float):
         return value
     near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100
-    short = (float(f"{value:.{digits}g}") for digits in range(3, 17))
+    short = (round(value, decimals) for decimals in range(17))
     return next((s for s in short if abs(s - value) <= near), value)
 
 
@@ -426,14 +452,14 @@ def run_test(file):
     try:
         outcome.examined = examine(file)
         outcome.checks = outcome.examined.checks
-        outcome.status = "failed" if outcome.examined.differences else "passed"
-        if outcome.checks and outcome.status == "passed":
-            outcome.examined = None
         if not outcome.checks:
-            outcome.status = "error"
             outcome.message = (
                 f"{file}: expect: expected something to compare; run `forceaxis test --update`"
             )
+        elif outcome.examined.differences:
+            outcome.status = "failed"
+        else:
+            outcome.status, outcome.examined = "passed", None
     except SimulationError as error:
         outcome.status, outcome.message = "failed", str(error)
     except InputError as error:
@@ -452,9 +478,9 @@ def update(outcome):
         with file.open(encoding="utf-8", newline="") as stream:
             text = stream.read()
         mark = "\ufeff" if text.startswith("\ufeff") else ""
-        new = updated(file, text.removeprefix("\ufeff"), examined)
-        if mark + new != text:
-            replace(file, mark + new)
+        new = mark + rewritten(file, text.removeprefix("\ufeff"), examined)
+        if new != text:
+            replace(file, new)
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return
@@ -468,10 +494,10 @@ def update(outcome):
     outcome.message = ""
 
 
-def run(targets, *, update_files=False, out=None, threads=None, pattern=None, tell=None):
+def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None):
     """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
 
-    update_files: rewrite [expect] where it differs. out: folder for a plot and a table of each
+    rewrite: rewrite [expect] where it differs. out: folder for a plot and a table of each
     difference. tell: called with each Outcome as soon as those before it are done.
     """
     tests, skipped = find(targets, pattern)
@@ -479,21 +505,15 @@ def run(targets, *, update_files=False, out=None, threads=None, pattern=None, te
         out.mkdir(parents=True, exist_ok=True)
     top = Path(os.path.commonpath([p.resolve().parent for p in tests]))
     outcomes = []
-    console = Console(stderr=True)
-    with (
-        Progress(console=console, disable=not console.is_terminal, transient=True) as bar,
-        ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool,
-    ):
-        task = bar.add_task("tests", total=len(tests))
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         try:
             for outcome in pool.map(run_test, tests):
                 if out and outcome.status == "failed" and outcome.examined:
                     write_difference(outcome, out / outcome.file.resolve().relative_to(top))
-                if update_files and outcome.examined:
+                if rewrite and outcome.examined:
                     update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
-                bar.advance(task)
                 if tell:
                     tell(outcome)
         finally:
@@ -514,8 +534,7 @@ def comparison(checks):
     """Expected beside obtained, one row a key."""
     rows = [("", "expected", "obtained", "")]
     rows += [
-        (c.key, str(c.expected), str(shown(c.obtained)), "" if c.passed else "differs")
-        for c in checks
+        (c.key, shown(c.expected), shown(c.obtained), "" if c.passed else "differs") for c in checks
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     return "\n".join(
@@ -561,7 +580,7 @@ def write_junit(outcomes, file):
         case = ET.SubElement(
             suite,
             "testcase",
-            classname=printable(".".join(name.parent.parts)),
+            classname=printable(".".join(name.parent.parts).lstrip("/.") or "forceaxis"),
             name=printable(name.stem),
             file=printable(outcome.name),
             time=f"{outcome.seconds:.3f}",
