@@ -191,7 +191,7 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
     const std::int32_t fault = read(axis, AXIS_OBJ_FAULT);
     if (first_fault == AXIS_FAULT_NONE) first_fault = fault;
     for (const std::size_t i : contact_forces) {
-      metrics.peak_force_N = std::max(metrics.peak_force_N, plant.signal(i));
+      metrics.peak_force_N = std::max(metrics.peak_force_N, plant.signal_at(i));
     }
     if (k > 0 && record.adc0_code != adc0_before) metrics.last_adc_change_tick = k;
     adc0_before = record.adc0_code;
@@ -216,8 +216,8 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   metrics.contact_losses = contact_losses(plant) - losses_before_window;
   metrics.in_contact = !contact_forces.empty() &&
                        std::all_of(contact_forces.begin(), contact_forces.end(),
-                                   [&plant](std::size_t i) { return plant.signal(i) > 0; });
-  if (!contact_forces.empty()) metrics.final_force_N = plant.signal(contact_forces.front());
+                                   [&plant](std::size_t i) { return plant.signal_at(i) > 0; });
+  if (!contact_forces.empty()) metrics.final_force_N = plant.signal_at(contact_forces.front());
 
   result.fault = enum_text(AXIS_OBJ_FAULT, first_fault);
   result.metrics = metrics;

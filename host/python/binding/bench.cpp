@@ -83,7 +83,7 @@ class BenchCase {
     std::int64_t crossings = 0;
     const auto record = [&](std::size_t k, const Plant &plant, int code) {
       const auto state = plant.state();
-      f[k] = plant.signal(force_);
+      f[k] = plant.signal_at(force_);
       xr[k] = state[robot_];
       xw[k] = state[workpiece_];
       i[k] = state[current_];
@@ -173,7 +173,7 @@ class BenchCase {
             int losses_here = 0, last = 0, previous = 0;
             for (int k = 0;; ++k) {
               const int n = plant.codes().adc[0] - zero_;
-              const double f = plant.signal(force_);
+              const double f = plant.signal_at(force_);
               highest = f > highest ? f : highest;
               losses_here += before > 0 && !(f > 0);
               if (k > 0 && n != previous) last = k;
