@@ -363,8 +363,10 @@ def updated(text, examined):
 
 
 def rewritten(file, text, examined):
-    """filled() or updated(), with the text's line ends. Raises InputError rather than touch anything
-    but [expect]."""
+    """filled() or updated(), with the text's line ends.
+
+    Raises InputError rather than touch anything but [expect].
+    """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
     new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
