@@ -348,7 +348,11 @@ def updated(text, examined):
     records: they stay."""
     import tomlkit
 
-    document = tomlkit.parse(text)
+    try:
+        document = tomlkit.parse(text)
+    except tomlkit.exceptions.ParseError as error:  # two readers of TOML may differ
+        file = examined.run.experiment
+        raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
     table = document["expect"]
     for check in examined.differences:
         entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
