@@ -309,7 +309,9 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
 @click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
 @click.option("--junit", type=File(), help="Write the results as JUnit XML.")
 @click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
-@click.option("-k", "pattern", help="Only files with PATTERN in their name (* and ? allowed).")
+@click.option(
+    "-k", "pattern", metavar="PATTERN", help="Only files with PATTERN in their name (*, ? allowed)."
+)
 @threads
 @as_json
 def test(targets, update, junit, out, pattern, threads, as_json):
@@ -329,8 +331,9 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     final_s = 0.3             # default: a tenth of what follows from_s
     band = 0.05               # of the step, or { absolute = 1.5 }
 
-    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as { value = 69.7, tolerance =
-    0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 } say. --update rewrites what
+    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as
+    { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 }
+    say. --update rewrites what
     differs, fills an empty [expect], and leaves limits and the rest of the file as they are.
 
     Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.

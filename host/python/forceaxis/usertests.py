@@ -348,7 +348,11 @@ def updated(text, examined):
     records: they stay."""
     import tomlkit
 
-    document = tomlkit.parse(text)
+    try:
+        document = tomlkit.parse(text)
+    except tomlkit.exceptions.ParseError as error:  # two readers of TOML may differ
+        file = examined.run.experiment
+        raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
     table = document["expect"]
     for check in examined.differences:
         entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
@@ -363,8 +367,10 @@ def updated(text, examined):
 
 
 def rewritten(file, text, examined):
-    """filled() or updated(), with the text's line ends. Raises InputError rather than touch anything
-    but [expect]."""
+    """filled() or updated(), with the text's line ends.
+
+    Raises InputError rather than touch anything but [expect].
+    """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
     new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
