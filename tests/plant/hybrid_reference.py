@@ -331,6 +331,7 @@ class Reference:
             now = self.mode[f.name]
             signals[f.name + ".force"] = hold[f.name] if now == 0 else now * f.coulomb
             signals[f.name + ".deflection"] = x[a] - x[b]
+            signals[f.name + ".spring_force"] = signals[f.name + ".spring_force_rate"] = 0.0
             signals[f.name + ".sliding"] = v[a] - v[b]  # ours alone, as the next one
             signals[f.name + ".slipping"] = acceleration[a] - acceleration[b]
         rates[:n] = y[n : 2 * n]
