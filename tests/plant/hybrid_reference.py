@@ -603,8 +603,9 @@ class Reference:
                 if at_end > -1e-13 * abs(values[i]).max():
                     continue  # a dip of rounding
             if at_end < 0:
-                if values[i, k - 1] <= 0:
-                    return a
+                if values[i, k - 1] <= 0:  # starts on its bound: does it leave that at all?
+                    peak = falls_through_zero(lambda t: slope[i] @ dense(t) + drift[i], a, end)
+                    return falls_through_zero(value, peak, end) if value(peak) > 0 else a
                 return falls_through_zero(value, a, end)
         return None
 
