@@ -5,7 +5,10 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <list>
+#include <mutex>
 #include <set>
+#include <sstream>
 
 #define TOML_EXCEPTIONS 1
 #include <toml++/toml.h>
@@ -304,10 +307,12 @@ toml::table parse(const std::filesystem::path &file) {
   }
 }
 
-std::shared_ptr<const sim::Model> read_model(const Section &root, const std::filesystem::path &file,
+std::filesystem::path model_path(const Section &root, const std::filesystem::path &file) {
+  return (file.parent_path() / root.text("model", true)).lexically_normal();
+}
+
+std::shared_ptr<const sim::Model> read_model(const Section &root, const std::filesystem::path &path,
                                              std::set<std::string> &named) {
-  const std::filesystem::path path =
-      (file.parent_path() / root.text("model", true)).lexically_normal();
   const auto set = root.section("set");
   const auto load = [&](const sim::Model *known) {
     std::vector<sim::Override> overrides;
@@ -371,16 +376,55 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-Experiment load_experiment(const std::filesystem::path &file,
-                           std::span<const std::string> overrides) {
-  toml::table table = parse(file);
+// What [set] makes of the model, and what belongs to that.
+struct ExperimentFile::Variant {
+  std::string key;
+  std::once_flag read;
+  std::shared_ptr<const sim::Model> model;
+  std::shared_ptr<sim::ModeCache> modes;
+  std::set<std::string> named;  // parameters that [set] refers to by name
+};
+
+struct ExperimentFile::Contents {
+  std::filesystem::path file;
+  std::string name;
+  toml::table table;
+  std::mutex mutex;
+  std::list<std::shared_ptr<Variant>> variants;  // the one used last first
+};
+
+ExperimentFile::ExperimentFile(const std::filesystem::path &file)
+    : contents_(std::make_unique<Contents>()) {
+  contents_->file = file;
+  contents_->name = file.string();
+  contents_->table = parse(file);
+}
+
+ExperimentFile::~ExperimentFile() = default;
+
+std::shared_ptr<ExperimentFile::Variant> ExperimentFile::variant(const std::string &key) {
+  const std::lock_guard lock(contents_->mutex);
+  auto &list = contents_->variants;
+  const auto known =
+      std::find_if(list.begin(), list.end(), [&key](const auto &v) { return v->key == key; });
+  if (known != list.end()) {
+    list.splice(list.begin(), list, known);
+  } else {
+    list.push_front(std::make_shared<Variant>());
+    list.front()->key = key;
+    if (list.size() > kKeptModels) list.pop_back();
+  }
+  return list.front();
+}
+
+Experiment ExperimentFile::with(std::span<const std::string> overrides) {
+  toml::table table = contents_->table;
   apply_overrides(table, overrides);
-  const std::string name = file.string();
-  const Section root(name, table);
+  const Section root(contents_->name, table);
   root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
-             "verdict", "plot"});
+             "verdict", "plot", "expect"});
   Experiment experiment;
-  experiment.file = file;
+  experiment.file = contents_->file;
   experiment.title = root.text("title", true);
   experiment.figure = root.text("figure", false);
   experiment.shows = root.text("shows", false);
@@ -389,8 +433,19 @@ Experiment load_experiment(const std::filesystem::path &file,
   const double seed = root.optional_number("seed", 0, 0x7FFFFFFF).value_or(0);
   if (seed != std::floor(seed)) root.fail("seed", "expected a whole number");
   experiment.seed = static_cast<std::uint64_t>(seed);
-  std::set<std::string> named;
-  experiment.model = read_model(root, file, named);
+
+  const std::filesystem::path path = model_path(root, contents_->file);
+  std::ostringstream key;
+  key << path;
+  if (const toml::node *set = table.get("set")) key << '\n' << toml::node_view(*set);
+  const std::shared_ptr<Variant> plant = variant(key.str());
+  std::call_once(plant->read, [&] {
+    plant->model = read_model(root, path, plant->named);
+    plant->modes = std::make_shared<sim::ModeCache>(plant->model);
+  });
+  experiment.model = plant->model;
+  experiment.modes = plant->modes;
+  std::set<std::string> named = plant->named;
   experiment.initial = read_objects(root.section("firmware"), *experiment.model, named);
   check_converters(root, experiment);
   for (const Section &at : root.sections("at")) {
@@ -404,6 +459,12 @@ Experiment load_experiment(const std::filesystem::path &file,
   for (const sim::Parameter &p : experiment.model->parameters) {
     if (p.overridden && !p.used && !named.contains(p.name)) experiment.unused.push_back(p.name);
   }
+  return experiment;
+}
+
+Experiment load_experiment(const std::filesystem::path &file,
+                           std::span<const std::string> overrides) {
+  Experiment experiment = ExperimentFile(file).with(overrides);
   experiment.hash = hash_inputs(file, *experiment.model, overrides);
   return experiment;
 }

@@ -18,6 +18,7 @@
 //              firmware = { force_setpoint = 10.0 }
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     rows = [["sensor.force"], ...], from_s, to_s: for the Python side, not read here
+//   [expect]   for `forceaxis test`, not read here either (host/python/forceaxis/usertests.py)
 // clang-format on
 //
 // Overrides come as text, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2"
@@ -64,11 +65,12 @@ struct Criterion {
 
 struct Experiment {
   std::filesystem::path file;
-  std::string hash;  // SHA-256 over the experiment, its model files and the overrides
+  std::string hash;  // SHA-256 over the experiment, its model files and the overrides; see with()
   std::string title;
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
+  std::shared_ptr<sim::ModeCache> modes;  // of that model
   std::uint64_t seed = 0;
   std::int64_t ticks = 0;  // steps of the plant; the controller is evaluated ticks + 1 times
   std::vector<ObjectWrite> initial;
@@ -77,7 +79,29 @@ struct Experiment {
   std::vector<std::string> unused;  // parameters that [set] moved and nothing refers to
 };
 
-// Throws sim::InputError.
+// An experiment file, read once for many variants. Model and modes of the last kKeptModels
+// different sets of model parameters are kept and shared, so that a variant in the firmware's
+// objects alone costs little more than its run. with() may be called from any number of threads.
+class ExperimentFile {
+ public:
+  static constexpr std::size_t kKeptModels = 64;  // about 1 MB each
+
+  // Throws sim::InputError.
+  explicit ExperimentFile(const std::filesystem::path &file);
+  ~ExperimentFile();
+
+  // The experiment under these overrides, without its hash. Throws sim::InputError.
+  Experiment with(std::span<const std::string> overrides);
+
+ private:
+  struct Variant;
+  struct Contents;
+  std::shared_ptr<Variant> variant(const std::string &key);
+
+  std::unique_ptr<Contents> contents_;
+};
+
+// One experiment of a file, with its hash. Throws sim::InputError.
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {});
 

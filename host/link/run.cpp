@@ -56,29 +56,50 @@ void write_initial(const Axis &axis, const Experiment &experiment) {
   }
 }
 
-// Adds one record, little-endian and unpadded.
-void add(Sha256 &hash, const TickRecord &r) {
-  std::uint8_t bytes[kTickRecordBytes];
-  std::uint8_t *p = bytes;
-  const auto put = [&p](std::uint32_t value, int count) {
-    for (int i = 0; i < count; ++i) *p++ = static_cast<std::uint8_t>(value >> (8 * i));
-  };
-  put(r.tick, 4);
-  put(static_cast<std::uint32_t>(r.encoder_cnt), 4);
-  put(r.adc0_code, 2);
-  put(r.adc1_code, 2);
-  put(r.din, 1);
-  put(static_cast<std::uint16_t>(r.dac_code), 2);
-  put(r.out, 1);
-  hash.update(bytes, sizeof bytes);
-}
+// The trace hash. Records are collected, little-endian and unpadded, and hashed many at a time.
+class TraceHash {
+ public:
+  void add(const TickRecord &r) {
+    if (size_ == sizeof bytes_) flush();
+    put(r.tick, 4);
+    put(static_cast<std::uint32_t>(r.encoder_cnt), 4);
+    put(r.adc0_code, 2);
+    put(r.adc1_code, 2);
+    put(r.din, 1);
+    put(static_cast<std::uint16_t>(r.dac_code), 2);
+    put(r.out, 1);
+  }
+
+  std::string hex() {
+    flush();
+    return hash_.hex();
+  }
+
+ private:
+  void put(std::uint32_t value, int count) {
+    for (int i = 0; i < count; ++i) bytes_[size_++] = static_cast<std::uint8_t>(value >> (8 * i));
+  }
+  void flush() {
+    hash_.update(bytes_, size_);
+    size_ = 0;
+  }
+
+  Sha256 hash_;
+  std::size_t size_ = 0;
+  std::uint8_t bytes_[256 * kTickRecordBytes];
+};
 
 constexpr std::size_t kListedEvents = 100000;
 
+// Contacts that let go; the flanks of a backlash or stop do not count.
 std::int64_t contact_losses(const sim::Plant &plant) {
+  const auto &contacts = plant.model().contacts;
   std::int64_t losses = 0;
   for (const auto &kind : plant.event_counts()) {
-    if (kind.from == "pressed") losses += kind.count;
+    const bool of_contact =
+        std::any_of(contacts.begin(), contacts.end(),
+                    [&kind](const sim::Contact &c) { return c.name == kind.element; });
+    if (of_contact && kind.from == "pressed") losses += kind.count;
   }
   return losses;
 }
@@ -102,17 +123,18 @@ class Ripple {
 }  // namespace
 
 RunResult run(const Experiment &experiment, const RunOptions &options) {
-  sim::Plant plant(experiment.model, {.audit = options.audit,
+  sim::Plant plant(experiment.modes, {.audit = options.audit,
                                       .listed_events = options.trace ? kListedEvents : 0,
                                       .seed = experiment.seed});
   const Axis axis(axis_host_create());
   write_initial(axis, experiment);
 
   RunResult result;
-  result.signal_names = plant.signal_names();
-  const std::size_t width = result.signal_names.size();
+  const std::vector<std::string> &names = plant.signal_names();
+  const std::size_t width = names.size();
   const std::size_t rows = static_cast<std::size_t>(experiment.ticks) + 1;
   if (options.trace) {
+    result.signal_names = names;
     result.records.reserve(rows);
     result.firmware.reserve(rows);
     result.signals.resize(rows * width);
@@ -120,8 +142,7 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   std::vector<std::size_t> contact_forces;
   for (const sim::Contact &contact : experiment.model->contacts) {
     contact_forces.push_back(static_cast<std::size_t>(
-        std::find(result.signal_names.begin(), result.signal_names.end(), contact.name + ".force") -
-        result.signal_names.begin()));
+        std::find(names.begin(), names.end(), contact.name + ".force") - names.begin()));
   }
 
   const Criterion criterion = experiment.criterion.value_or(Criterion{});
@@ -131,8 +152,8 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   Ripple<int> force;
   Ripple<std::int64_t> position;
   Metrics metrics;
-  Sha256 hash;
-  std::vector<double> row(width);
+  TraceHash hash;
+  std::uint16_t adc0_before = 0;
   auto action = experiment.actions.begin();
 
   std::int32_t first_fault = AXIS_FAULT_NONE;
@@ -166,13 +187,14 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
         in.din,
         out.dac_code,
         static_cast<std::uint8_t>((out.amp_enable ? 1 : 0) | (out.brake_release ? 2 : 0))};
-    add(hash, record);
+    hash.add(record);
     const std::int32_t fault = read(axis, AXIS_OBJ_FAULT);
     if (first_fault == AXIS_FAULT_NONE) first_fault = fault;
-    plant.signals(row);
     for (const std::size_t i : contact_forces) {
-      metrics.peak_force_N = std::max(metrics.peak_force_N, row[i]);
+      metrics.peak_force_N = std::max(metrics.peak_force_N, plant.signal(i));
     }
+    if (k > 0 && record.adc0_code != adc0_before) metrics.last_adc_change_tick = k;
+    adc0_before = record.adc0_code;
     if (k == window_start) losses_before_window = contact_losses(plant);
     if (k >= window_start) {
       force.add(record.adc0_code);
@@ -183,9 +205,7 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
       result.records.push_back(record);
       result.firmware.push_back({static_cast<std::uint8_t>(fault),
                                  static_cast<std::uint8_t>(read(axis, AXIS_OBJ_LIMIT_REASON))});
-      std::copy(row.begin(), row.end(),
-                result.signals.begin() +
-                    static_cast<std::ptrdiff_t>(static_cast<std::size_t>(k) * width));
+      plant.signals({&result.signals[static_cast<std::size_t>(k) * width], width});
     }
     if (k < experiment.ticks) plant.step(out.dac_code, out.amp_enable != 0);
   }
@@ -194,10 +214,10 @@ RunResult run(const Experiment &experiment, const RunOptions &options) {
   metrics.force_ripple_count = force.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
   metrics.position_ripple_count = position.peak_to_peak();
   metrics.contact_losses = contact_losses(plant) - losses_before_window;
-  metrics.in_contact =
-      !contact_forces.empty() && std::all_of(contact_forces.begin(), contact_forces.end(),
-                                             [&row](std::size_t i) { return row[i] > 0; });
-  if (!contact_forces.empty()) metrics.final_force_N = row[contact_forces.front()];
+  metrics.in_contact = !contact_forces.empty() &&
+                       std::all_of(contact_forces.begin(), contact_forces.end(),
+                                   [&plant](std::size_t i) { return plant.signal(i) > 0; });
+  if (!contact_forces.empty()) metrics.final_force_N = plant.signal(contact_forces.front());
 
   result.fault = enum_text(AXIS_OBJ_FAULT, first_fault);
   result.metrics = metrics;

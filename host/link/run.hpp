@@ -52,13 +52,14 @@ struct Refusal {
 
 // Over the criterion's window, or the last second without a criterion.
 struct Metrics {
-  double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
-  double position_ripple_count = 0;  // peak to peak of the encoder
-  std::int64_t contact_losses = 0;   // contacts leaving "pressed", located events
-  bool in_contact = false;           // every contact pressed at the end of the run
-  double peak_force_N = 0;           // over the whole run, of all contacts, at ticks
-  double final_force_N = 0;          // at the last tick, of the first contact
-  int saturated_ticks = 0;           // in the window, DAC at a rail
+  double force_ripple_count = 0;          // peak to peak of adc0, scaled to 8-bit counts
+  double position_ripple_count = 0;       // peak to peak of the encoder
+  std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
+  bool in_contact = false;                // every contact pressed at the end of the run
+  double peak_force_N = 0;                // over the whole run, of all contacts, at ticks
+  double final_force_N = 0;               // at the last tick, of the first contact
+  int saturated_ticks = 0;                // in the window, DAC at a rail
+  std::int64_t last_adc_change_tick = 0;  // of adc0's code, over the whole run; 0: it never changed
 };
 
 struct RunResult {

@@ -6,15 +6,25 @@ namespace forceaxis::sim::kernel {
 
 void multiply_base(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y) {
-  blocks<Pair>(m, stride, stride, v, columns, y);
+  blocks<Pair, false>(m, stride, v, columns, y);
+}
+
+bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip) {
+  return quiet<Pair>(test, z, result, dip);
 }
 
 Multiply best_multiply() {
 #if defined(__x86_64__)
-  static const bool wide = __builtin_cpu_supports("avx2") != 0;
-  if (wide) return multiply_wide;
+  if (__builtin_cpu_supports("avx2") != 0) return multiply_wide;
 #endif
   return multiply_base;
+}
+
+Quiet best_quiet() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2") != 0) return quiet_wide;
+#endif
+  return quiet_base;
 }
 
 }  // namespace forceaxis::sim::kernel

@@ -8,8 +8,8 @@
 
 namespace forceaxis::sim::kernel {
 
-/// Rows are padded to an even number; `stride` is that number.
-inline std::size_t padded(std::size_t rows) { return (rows + 1) & ~std::size_t{1}; }
+/// Rows are padded to a multiple of 4; `stride` is that number.
+constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
 
 /// y[0..stride) = M v; at least one column.
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
@@ -24,17 +24,33 @@ void multiply_base(const double *m, std::size_t stride, const double *v, std::si
 void multiply_wide(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y);
 
-/// Whether `count` signals, a and b at the ends of an interval and not more than `dip` off their
-/// chord between, stay within [low, high]. False for values that are not numbers.
-inline bool inside(const double *a, const double *b, const double *dip, const double *low,
-                   const double *high, std::size_t count) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const double least = (b[i] < a[i] ? b[i] : a[i]) - dip[i];
-    const double most = (b[i] < a[i] ? a[i] : b[i]) + dip[i];
-    if (!(least >= low[i])) return false;
-    if (!(most <= high[i])) return false;
-  }
-  return true;
+/// A quiet tick (Mode) to compute and test. All strides are padded.
+struct QuietTest {
+  const double *tick = nullptr;
+  std::size_t tick_stride = 0;
+  const double *curve = nullptr;
+  std::size_t curve_stride = 0;
+  const double *low = nullptr;
+  const double *high = nullptr;
+  std::size_t first = 0;  ///< row of the signals in `tick`, `samples` + 1 times `stride` of them
+  std::size_t stride = 0;
+  std::size_t samples = 0;
+  std::size_t columns = 0;
+};
+
+/// result = tick z, dip = curve |z|; returns whether all signals are inside() on all parts.
+using Quiet = bool (*)(const QuietTest &test, const double *z, double *result, double *dip);
+
+Quiet best_quiet();
+bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip);
+bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip);
+
+/// Whether a signal, a and b at the ends of an interval and not more than `dip` off its chord
+/// between, stays within [low, high]. False for values that are not numbers.
+inline bool inside(double a, double b, double dip, double low, double high) {
+  const double least = (b < a ? b : a) - dip;
+  const double most = (b < a ? a : b) + dip;
+  return (least >= low) & (most <= high);
 }
 
 inline double dot(const double *row, const double *v, std::size_t columns) {

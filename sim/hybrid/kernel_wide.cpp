@@ -6,8 +6,11 @@ namespace forceaxis::sim::kernel {
 
 void multiply_wide(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y) {
-  const std::size_t done = blocks<Quad>(m, stride, stride, v, columns, y);
-  if (done < stride) blocks<Pair>(m + done, stride - done, stride, v, columns, y + done);
+  blocks<Quad, false>(m, stride, v, columns, y);
+}
+
+bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip) {
+  return quiet<Quad>(test, z, result, dip);
 }
 
 }  // namespace forceaxis::sim::kernel

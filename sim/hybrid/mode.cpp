@@ -10,9 +10,11 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr Extended kTick = 1.0L / 1500.0L;
-constexpr int kHighestOrder = 13;        // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;  // per sample of the quiet test
-constexpr std::size_t kMostGrid = 128;   // finer parts are reached by series alone
+constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
+constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
+constexpr std::size_t kMostTested = 128;  // parts of a tick that has a quiet test
+constexpr std::size_t kMostGrid = 64;     // parts of the grid: bits of a word
+constexpr std::size_t kFastGrid = 8;      // the same without a quiet test
 constexpr std::size_t kMostParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
@@ -131,7 +133,7 @@ ExtendedMatrix square_flow(const ModeEquations &equations) {
 
 // The flow at every point of the grid, and from it the quiet test on its coarser samples.
 void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const ExtendedMatrix &growth,
-              const ExtendedMatrix &r, const ExtendedMatrix &bend, const ExtendedMatrix &sensor) {
+              const ExtendedMatrix &a, const ExtendedMatrix &r, const ExtendedMatrix &sensor) {
   const auto n = static_cast<Eigen::Index>(mode.states);
   const auto c = static_cast<Eigen::Index>(mode.columns);
   const std::size_t g = mode.channels;
@@ -140,17 +142,36 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   ExtendedMatrix sample_growth = growth;
   for (std::size_t k = 1; k < kFewestParts; k *= 2)
     sample_growth = product(sample_growth, sample_growth);
-  const auto share = [](std::size_t parts) {
-    return 1 / (8 * static_cast<Extended>(parts) * static_cast<Extended>(parts));
-  };
 
-  const std::size_t first = kernel::padded(mode.states);
+  const std::size_t first = kernel::padded(mode.states + 2);
   const std::size_t stride = kernel::padded(g);
+  const ExtendedMatrix slope = product(r, a);
+  const ExtendedMatrix bend = product(slope, a);
+  const ExtendedMatrix square = product(a, a).topRows(n);
+  const ExtendedMatrix square_size = absolute(square);
+  const Extended part_share = static_cast<Extended>(mode.reach * mode.reach) / 8;
+  const Extended sample_share = part_share * static_cast<Extended>(kFewestParts * kFewestParts);
   mode.channel_stride = stride;
-  mode.tick_stride = first + (mode.samples + 1) * stride + 2;
+  mode.signal_place = first;
+  mode.tick_stride = first + (mode.samples + 1) * stride;
   mode.tick.assign(mode.tick_stride * mode.columns, 0.0);
   mode.curve_stride = mode.samples * stride;
   mode.curve.assign(mode.curve_stride * mode.columns, 0.0);
+  mode.quiet = {mode.tick.data(),
+                mode.tick_stride,
+                mode.curve.data(),
+                mode.curve_stride,
+                mode.low.data(),
+                mode.high.data(),
+                first,
+                stride,
+                mode.samples,
+                mode.columns};
+  mode.calm_stride = kernel::padded(mode.states) + mode.curve_stride;
+  mode.calm_head.assign(mode.calm_stride * mode.columns, 0.0);
+  mode.calm_tail.assign(mode.curve_stride * mode.states, 0.0);
+  mode.calm_doubt.assign(mode.curve_stride, 0.0);
+  if (mode.samples > 0) put_block(square, 0, mode.calm_stride, &mode.calm_head);
   mode.grid_flow.assign(mode.grid * mode.flow_stride * mode.columns, 0.0);
   mode.grid_signal_stride = kernel::padded(mode.grid + 1);
   mode.grid_signal.assign(g * mode.grid_signal_stride * mode.columns, 0.0);
@@ -160,40 +181,55 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
   ExtendedMatrix size = absolute(r);  // |r| |Phi|: what rounding is relative to
-  for (std::size_t k = 0; k <= mode.grid; ++k) {
-    const bool sampled = k % kFewestParts == 0;
+  const std::size_t parts = mode.samples > 0 ? mode.samples * kFewestParts : mode.grid;
+  for (std::size_t k = 0; k <= parts; ++k) {
+    const bool sampled = mode.samples > 0 && k % kFewestParts == 0;
     const std::size_t sample = k / kFewestParts;
-    for (std::size_t i = 0; i < g; ++i)
-      for (Eigen::Index j = 0; j < c; ++j)
-        mode.grid_signal[(i * mode.columns + static_cast<std::size_t>(j)) *
-                             mode.grid_signal_stride +
-                         k] = static_cast<double>(signal(static_cast<Eigen::Index>(i), j));
+    if (k <= mode.grid)
+      for (std::size_t i = 0; i < g; ++i)
+        put_block(signal.row(static_cast<Eigen::Index>(i)), k, mode.grid_signal_stride,
+                  &mode.grid_signal, i * mode.columns * mode.grid_signal_stride);
     if (sampled) put_block(signal, first + sample * stride, mode.tick_stride, &mode.tick);
-    if (k == mode.grid) break;
+    if (k == parts) break;
 
     // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
-    const ExtendedMatrix here = absolute(product(bend, flow));
-    const ExtendedMatrix next = product(part, flow);
-    const ExtendedMatrix next_size = product(absolute(r), absolute(next));
-    const ExtendedMatrix rounding = (size + next_size) * kRounding;
-    const ExtendedMatrix dip = product(here, growth) * share(mode.grid) + rounding;
-    for (std::size_t i = 0; i < g; ++i)
-      for (Eigen::Index j = 0; j < c; ++j)
-        mode.grid_dip[(i * mode.columns + static_cast<std::size_t>(j)) * mode.grid_dip_stride + k] =
-            static_cast<double>(dip(static_cast<Eigen::Index>(i), j));
-    if (sampled)
-      put_block(product(here, sample_growth) * share(mode.samples) +
-                    product(size, sample_growth) * (2 * kRounding),
-                sample * stride, mode.curve_stride, &mode.curve);
-    flow = next;
+    const ExtendedMatrix curvature = product(bend, flow);
+    const ExtendedMatrix here = absolute(curvature);
+    if (sampled) {
+      const ExtendedMatrix rounding = product(size, sample_growth) * (2 * kRounding);
+      put_block(product(here, sample_growth) * sample_share + rounding, sample * stride,
+                mode.curve_stride, &mode.curve);
+      const Extended length = static_cast<Extended>(mode.reach) * kFewestParts;
+      const ExtendedMatrix tail =
+          product(absolute(product(slope, flow)), sample_growth) * (sample_share * length);
+      put_block(curvature * sample_share, kernel::padded(mode.states) + sample * stride,
+                mode.calm_stride, &mode.calm_head);
+      put_block(tail.leftCols(n), sample * stride, mode.curve_stride, &mode.calm_tail);
+      const ExtendedMatrix doubt =
+          rounding +
+          (here * sample_share + product(ExtendedMatrix(tail.leftCols(n)), square_size)) *
+              kRounding;
+      for (std::size_t i = 0; i < g; ++i)
+        mode.calm_doubt[sample * stride + i] =
+            static_cast<double>(doubt.row(static_cast<Eigen::Index>(i)).sum());
+    }
+    flow = product(part, flow);
     signal = product(r, flow);
+    const ExtendedMatrix next_size = product(absolute(r), absolute(flow));
+    if (k < mode.grid) {
+      const ExtendedMatrix dip =
+          product(here, growth) * part_share + (size + next_size) * kRounding;
+      for (std::size_t i = 0; i < g; ++i)
+        put_block(dip.row(static_cast<Eigen::Index>(i)), k, mode.grid_dip_stride, &mode.grid_dip,
+                  i * mode.columns * mode.grid_dip_stride);
+      put_block(flow.topRows(n), 0, mode.flow_stride, &mode.grid_flow,
+                k * mode.flow_stride * mode.columns);
+    }
     size = next_size;
-    put_block(flow.topRows(n), 0, mode.flow_stride, &mode.grid_flow,
-              k * mode.flow_stride * mode.columns);
   }
+  if (mode.samples == 0) return;
   put_block(flow.topRows(n), 0, mode.tick_stride, &mode.tick);
-  put_block(product(sensor, flow), first + (mode.samples + 1) * stride, mode.tick_stride,
-            &mode.tick);
+  put_block(product(sensor, flow), mode.states, mode.tick_stride, &mode.tick);
 }
 
 std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
@@ -227,17 +263,17 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   const ExtendedMatrix b = a / static_cast<Extended>(parts);
   mode->order = static_cast<std::size_t>(std::max(order, 2));
   mode->reach = 1.0 / static_cast<double>(parts);
-  mode->grid = parts <= kMostGrid ? parts : 0;
-  mode->samples = mode->grid / kFewestParts;
+  mode->samples = parts <= kMostTested ? parts / kFewestParts : 0;
+  mode->grid = mode->samples > 0 ? std::min(parts, kMostGrid) : kFastGrid;
 
   ExtendedMatrix r(g, c);
   for (Eigen::Index i = 0; i < g; ++i)
     r.row(i) = equations.wires.row(equations.channels[static_cast<std::size_t>(i)].wire);
-  const ExtendedMatrix bend = product(r, product(a, a));
-
-  mode->flow_stride = (mode->states + 3) / 4 * 4;
+  mode->flow_stride = kernel::padded(mode->states);
   mode->taylor.assign(mode->order * mode->flow_stride * mode->columns, 0.0);
   ExtendedMatrix term = ExtendedMatrix::Identity(c, c);
+  mode->series_stride = kernel::padded(mode->order + 1);
+  mode->series.assign(mode->channels * mode->series_stride * mode->columns, 0.0);
   mode->doubt.resize((mode->order + 1) * mode->channels * mode->columns);
   for (std::size_t k = 0; k <= mode->order; ++k) {
     if (k > 0) {
@@ -245,6 +281,10 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
       put_block(term.topRows(n), (k - 1) * mode->flow_stride, mode->order * mode->flow_stride,
                 &mode->taylor);
     }
+    const ExtendedMatrix rows = product(r, term);
+    for (Eigen::Index i = 0; i < g; ++i)
+      put_block(rows.row(i), k, mode->series_stride, &mode->series,
+                static_cast<std::size_t>(i) * mode->columns * mode->series_stride);
     // From a state known to rounding in the balanced norm: what the others' roundings make of it
     // within a time constant counts as its own.
     ExtendedMatrix doubt = product(absolute(r), absolute(term));
@@ -256,7 +296,6 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   }
   put_rows(r, &mode->signal);
   put_rows(absolute(r), &mode->size);
-  put_rows(product(absolute(bend), growth), &mode->bend);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
   mode->high.assign(kernel::padded(mode->channels), std::numeric_limits<double>::infinity());
@@ -281,9 +320,9 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   for (std::size_t channel = 0; channel < 2; ++channel)
     if (const int wire = network.adc_wires()[channel]; wire >= 0)
       sensor.row(static_cast<Eigen::Index>(channel)) = equations.wires.row(wire);
-  mode->sensor.assign(2 * mode->columns, 0.0);
-  put_block(sensor, 0, 2, &mode->sensor);
-  if (mode->grid > 0) add_grid(*mode, b, order, growth, r, bend, sensor);
+  mode->sensor.assign(kernel::padded(2) * mode->columns, 0.0);
+  put_block(sensor, 0, kernel::padded(2), &mode->sensor);
+  add_grid(*mode, b, order, growth, a, r, sensor);
   return mode;
 }
 

@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "sim/hybrid/kernel.hpp"
 #include "sim/hybrid/network.hpp"
 
 namespace forceaxis::sim {
@@ -24,17 +25,26 @@ struct SimulationError : std::runtime_error {
 
 /// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
-/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state after one tick,
-/// to every channel's signal at the K + 1 ends of the parts and to the ADCs' signals after the
-/// tick; `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
+/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state and the ADCs'
+/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve`
+/// maps |z| to a bound on how far a signal can leave its chord within each part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
 /// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
-/// switch changes within the tick.
+/// switch changes within the tick. The same holds for each channel by itself, and for a tick's time
+/// from any instant.
 ///
-/// Other ticks. The same test on the finer `grid` finds the first part in which something may
-/// happen; the flow to its start is one product, and within `reach` = 1/grid ticks the Taylor
-/// series of order `order` converges to rounding. For modes too fast for a grid (`grid` and
-/// `samples` 0) only the series is left.
+/// In |z| large terms that cancel in the plant do not: two bodies behind a stiff spring, the
+/// current and its command. So what fails is tried once more with
+///     |s''(t)| <= |r A^2 Phi(t_k) z| + (T/K) |r A Phi(t_k)| e^{|A| T/K} |A^2 z|,
+/// the second derivative at the part's start and a bound on the third: `calm_head` maps z to A^2 z
+/// and to the first term, `calm_tail` |A^2 z| to the second (both times (T/K)^2 / 8), and
+/// `calm_doubt` times the largest |z_j| bounds all the rounding. Whatever stands still or moves as
+/// one cancels.
+///
+/// Other ticks. For the channels that fail, the same test on `grid` parts of length `reach` finds
+/// the parts in which something may happen; the flow to the start of one is one product, and within
+/// it the Taylor series of order `order` converges to rounding. `reach` = 1/(8 K) ticks; modes too
+/// fast for a quiet test (`samples` 0) have smaller ones, and the grid covers but the next few.
 ///
 /// Accuracy of the series. The part (`reach`) is halved until the term of order `order` is below
 /// 2^-58 of the influence N = sum over k of (|A| T / s)^k, entry by entry, where s (a power of two,
@@ -58,21 +68,28 @@ struct Mode {
   std::size_t samples = 0;
 
   std::size_t channel_stride = 0;  ///< padded(g)
-  std::size_t tick_stride = 0;     ///< padded(n) + (samples + 1) padded(g) + 2
-  std::vector<double> tick;        ///< by columns: new state, signals at part 0, 1, ..., K, ADCs
-  std::size_t curve_stride = 0;    ///< samples padded(g)
+  std::size_t signal_place = 0;    ///< padded(n + 2)
+  std::size_t tick_stride = 0;     ///< signal_place + (samples + 1) channel_stride
+  std::vector<double> tick;        ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
+  std::size_t curve_stride = 0;    ///< samples channel_stride
   std::vector<double> curve;       ///< by columns
+  kernel::QuietTest quiet;         ///< of these
+  std::size_t calm_stride = 0;     ///< padded(n) + curve_stride
+  std::vector<double> calm_head;   ///< by columns: A^2 z, then the rows of `curve`
+  std::vector<double> calm_tail;   ///< by n columns, the rows of `curve`
+  std::vector<double> calm_doubt;  ///< the rows of `curve`
   std::vector<double> low;         ///< per channel, pulled in by the bounds' own rounding; padded
   std::vector<double> high;
 
   double reach = 1.0;  ///< ticks, 1 / 2^k
   std::size_t order = 0;
-  std::size_t flow_stride = 0;  ///< n padded to a multiple of 4
-  std::vector<double> taylor;   ///< (A T)^k / k!, k = 1..order below each other, by columns
-  std::vector<double> signal;   ///< channel rows r, g x c by rows
-  std::vector<double> size;     ///< |r|
-  std::vector<double> doubt;    ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
-  std::vector<double> bend;     ///< |r (A T)^2| e^{|A| reach T}
+  std::size_t flow_stride = 0;    ///< padded(n)
+  std::vector<double> taylor;     ///< (A T)^k / k!, k = 1..order below each other, by columns
+  std::vector<double> signal;     ///< channel rows r, g x c by rows
+  std::vector<double> size;       ///< |r|
+  std::size_t series_stride = 0;  ///< padded(order + 1)
+  std::vector<double> series;     ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
+  std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
   std::vector<Channel> channel;
 
   std::size_t grid = 0;

@@ -162,9 +162,12 @@ double Plant::signal(std::string_view name) const {
   const auto found = std::find(signal_names_->begin(), signal_names_->end(), name);
   if (found == signal_names_->end())
     throw std::invalid_argument("no signal named " + std::string(name));
-  const auto i = static_cast<std::size_t>(found - signal_names_->begin());
+  return signal(static_cast<std::size_t>(found - signal_names_->begin()));
+}
+
+double Plant::signal(std::size_t place) const {
   const Mode &mode = stepper_.mode();
-  return kernel::dot(&mode.truth[i * mode.columns], stepper_.z().data(), mode.columns);
+  return kernel::dot(&mode.truth[place * mode.columns], stepper_.z().data(), mode.columns);
 }
 
 std::vector<Event> Plant::events() const {

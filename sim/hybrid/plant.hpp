@@ -98,8 +98,10 @@ class Plant {
   /// as many places (std::invalid_argument otherwise).
   const std::vector<std::string> &signal_names() const { return *signal_names_; }
   void signals(std::span<double> values) const;
-  /// One signal by name; std::invalid_argument if there is none.
+  /// One signal by name; std::invalid_argument if there is none. By its place in signal_names():
+  /// one product, for every tick.
   double signal(std::string_view name) const;
+  double signal(std::size_t place) const;
 
   std::int64_t tick() const { return stepper_.tick(); }
   double time_s() const { return static_cast<double>(stepper_.tick()) / kTickRateHz; }

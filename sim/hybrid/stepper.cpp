@@ -1,6 +1,7 @@
 #include "sim/hybrid/stepper.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 #include <utility>
 
@@ -18,6 +19,9 @@ constexpr int kMostChangesPerTick = 5000;
 constexpr int kMostChangesPerInstant = 1000;  // in settle()
 constexpr double kMoment = 0x1p-20;           // of a mode's reach
 constexpr std::size_t kRecentModes = 64;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+double smaller(double a, double b) { return a < b ? a : b; }
 
 // 1 / k, rounded once.
 struct Reciprocals {
@@ -40,7 +44,6 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   z_.push_back(1.0);
   z_.push_back(0.0);
   absolute_.assign(z_.size(), 0.0);
-  end_ = z_;
   for (const Network::Switch &s : net.switches())
     count_stride_ = std::max(count_stride_, s.state_names.size());
   counts_.assign(net.switches().size() * count_stride_ * count_stride_, 0);
@@ -65,18 +68,22 @@ void Stepper::set_mode(ModeKey key) {
     slot.mode = &cache_->mode(key);
     slot.audit = audit_ ? &cache_->audit(key) : nullptr;
     slot.key = key;
+    const Mode &m = *slot.mode;
+    const auto grow = [](auto &buffer, std::size_t size) {
+      if (buffer.size() < size) buffer.resize(size);
+    };
+    grow(result_, m.tick_stride);
+    grow(curve_, m.curve_stride);
+    grow(calm_, m.calm_stride);
+    grow(grid_signal_, m.grid_signal_stride);
+    grow(grid_dip_, m.grid_dip_stride);
+    grow(parts_in_doubt_, m.channels);
+    grow(chain_, (m.order + 1) * m.flow_stride);
+    grow(polynomial_, m.series_stride);
+    grow(increment_, m.flow_stride);
   }
   mode_ = slot.mode;
   audit_mode_ = slot.audit;
-  // Both also serve the grid.
-  const std::size_t points = std::max(mode_->tick_stride, mode_->grid_signal_stride);
-  const std::size_t parts = std::max(mode_->curve_stride, mode_->grid_dip_stride);
-  if (result_.size() < points) result_.resize(points);
-  if (curve_.size() < parts) curve_.resize(parts);
-  const std::size_t chain = (mode_->order + 1) * mode_->flow_stride;
-  if (chain_.size() < chain) chain_.resize(chain);
-  if (polynomial_.size() < mode_->order + 1) polynomial_.resize(mode_->order + 1);
-  if (increment_.size() < mode_->flow_stride) increment_.resize(mode_->flow_stride);
 }
 
 void Stepper::check_finite() const {
@@ -108,8 +115,8 @@ void Stepper::step(double command, bool enable) {
   if (!quiet_tick()) {
     // The new command may have put signals beyond their bounds at once.
     sensors_in_result_ = false;
-    if (!command_jumps() || (settle(true), !quiet_tick())) {
-      cross_tick();
+    const bool quiet = command_jumps() && (settle(true), quiet_tick());
+    if (!quiet && cross_tick()) {
       ++tick_;
       return;
     }
@@ -122,59 +129,52 @@ void Stepper::step(double command, bool enable) {
 }
 
 const double *Stepper::sensors() {
-  if (sensors_in_result_) return result_.data() + mode_->tick_stride - 2;
-  multiply_(mode_->sensor.data(), 2, z_.data(), mode_->columns, sensors_);
+  if (sensors_in_result_) return result_.data() + mode_->states;
+  multiply_(mode_->sensor.data(), kernel::padded(2), z_.data(), mode_->columns, sensors_);
   return sensors_;
 }
 
+// Tests the next tick, from any instant. True: no switch changes, result_ holds its end.
 bool Stepper::quiet_tick() {
+  if (mode_->samples == 0) return false;
+  return quiet_(mode_->quiet, z_.data(), result_.data(), curve_.data()) || calm_tick();
+}
+
+// The second test of Mode, on the signals that the first one has left.
+bool Stepper::calm_tick() {
   const Mode &m = *mode_;
-  if (m.samples == 0) return false;
-  const double *z = z_.data();
-  multiply_(m.tick.data(), m.tick_stride, z, m.columns, result_.data());
-  if (m.channels == 0) return true;
-  for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z[j]);
-  multiply_(m.curve.data(), m.curve_stride, absolute_.data(), m.columns, curve_.data());
-  const double *at = result_.data() + kernel::padded(m.states);
-  const double *dip = curve_.data();
-  const std::size_t stride = m.channel_stride;
-  for (std::size_t k = 0; k < m.samples; ++k, at += stride, dip += stride)
-    if (!kernel::inside(at, at + stride, dip, m.low.data(), m.high.data(), m.channels))
-      return false;
-  return true;
+  const double *signal = result_.data() + m.signal_place;
+  for (std::size_t i = 0; i < m.channels; ++i)
+    if (!(signal[i] >= m.low[i] && signal[i] <= m.high[i])) return false;
+  double largest = 0.0;
+  for (std::size_t j = 0; j < m.columns; ++j)
+    if (const double size = magnitude(z_[j]); !(size <= largest)) largest = size;
+  multiply_(m.calm_head.data(), m.calm_stride, z_.data(), m.columns, calm_.data());
+  for (std::size_t j = 0; j < m.states; ++j) calm_[j] = magnitude(calm_[j]);
+  multiply_(m.calm_tail.data(), m.curve_stride, calm_.data(), m.states, curve_.data());
+  const double *bend = calm_.data() + kernel::padded(m.states);
+  bool calm = true;
+  for (std::size_t k = 0; k < m.samples; ++k) {
+    const std::size_t row = k * m.channel_stride;
+    const double *a = signal + row;
+    const double *b = a + m.channel_stride;
+    for (std::size_t i = 0; i < m.channels; ++i) {
+      double &dip = curve_[row + i];
+      dip += magnitude(bend[row + i]) + m.calm_doubt[row + i] * largest;
+      calm &= kernel::inside(a[i], b[i], dip, m.low[i], m.high[i]);
+    }
+  }
+  return calm;
 }
 
 // After quiet_tick(): is a signal beyond its bound at the start already?
 bool Stepper::command_jumps() const {
   const Mode &m = *mode_;
   if (m.samples == 0) return true;
-  const double *at = result_.data() + kernel::padded(m.states);
+  const double *at = result_.data() + m.signal_place;
   for (std::size_t i = 0; i < m.channels; ++i)
     if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return true;
   return false;
-}
-
-// How many of the next `wanted` parts of the grid certainly see no switch change.
-std::size_t Stepper::clear_parts(std::size_t wanted) {
-  const Mode &m = *mode_;
-  const std::size_t c = m.columns;
-  for (std::size_t j = 0; j < c; ++j) absolute_[j] = magnitude(z_[j]);
-  for (std::size_t i = 0; i < m.channels && wanted > 0; ++i) {
-    multiply_(&m.grid_signal[i * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(), c,
-              result_.data());
-    multiply_(&m.grid_dip[i * c * m.grid_dip_stride], m.grid_dip_stride, absolute_.data(), c,
-              curve_.data());
-    const double low = m.low[i];
-    const double high = m.high[i];
-    for (std::size_t k = 0; k < wanted; ++k) {
-      const double a = result_[k];
-      const double b = result_[k + 1];
-      const double least = (b < a ? b : a) - curve_[k];
-      const double most = (b < a ? a : b) + curve_[k];
-      if (!(least >= low && most <= high)) wanted = k;
-    }
-  }
-  return wanted;
 }
 
 // Moves every switch whose signal lies clearly beyond its bound, in dependency order, until none
@@ -210,25 +210,43 @@ void Stepper::expand() {
             chain_.data() + m.flow_stride);
 }
 
-void Stepper::evaluate(double s, double *x) {
+// After expand(): to the state s ticks later, s <= reach.
+void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
   double power = s;
   for (std::size_t k = 0; k < m.order; ++k, power *= s) powers_[k] = power;
   // The increment first, so that only the last addition rounds at the size of the state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
-  for (std::size_t i = 0; i < m.states; ++i) x[i] = chain_[i] + increment_[i];
+  for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
 }
 
-// g = sign (signal - bound) >= 0 is to hold; finds where on [0, end] it ceases to.
-Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double sign, double end,
+// By series, at most `reach`.
+void Stepper::advance_within_part(double ticks) {
+  expand();
+  if (audit_) audit_part(ticks);
+  evaluate(ticks);
+}
+
+// Whole parts of the grid, and what is left by series.
+void Stepper::advance(double ticks) {
+  const Mode &m = *mode_;
+  const auto parts = static_cast<std::size_t>(ticks / m.reach);
+  if (parts > 0) {
+    if (audit_) audit_grid(parts);
+    multiply_(&m.grid_flow[(parts - 1) * m.flow_stride * m.columns], m.flow_stride, z_.data(),
+              m.columns, increment_.data());
+    for (std::size_t i = 0; i < m.states; ++i) z_[i] = increment_[i];
+  }
+  const double left = ticks - static_cast<double>(parts) * m.reach;
+  if (left > 0.0) advance_within_part(left);
+}
+
+// polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
+Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double end,
                                        double *root) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;
-  double *q = polynomial_.data();
-  const double *row = &m.signal[channel * c];
-  for (std::size_t k = 0; k <= m.order; ++k)
-    q[k] = sign * dot(row, &chain_[k * m.flow_stride], m.states);
-  q[0] = sign * (dot(row, z_.data(), c) - bound);
+  const double *q = polynomial_.data();
 
   // A signal on its bound: the sign of its first Taylor coefficient that is not rounding decides,
   // and the rest is searched with the root at the start divided out. If none differs from rounding
@@ -238,7 +256,7 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double
   const double *doubt = &m.doubt[channel * (m.order + 1) * c];
   for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
     double scale = k == 0 ? magnitude(bound) : 0.0;
-    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * magnitude(z_[j]);
+    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * absolute_[j];
     if (!(magnitude(q[k]) > kRounding * scale)) continue;
     if (q[k] < 0.0) return Verdict::at_once;
     if (k == m.order) return Verdict::none;
@@ -247,21 +265,26 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double
   return Verdict::none;
 }
 
-Stepper::Verdict Stepper::examine(std::size_t channel, bool low_in_doubt, bool high_in_doubt,
-                                  double end, double *root, bool *above) {
-  const Channel &watched = mode_->channel[channel];
+Stepper::Verdict Stepper::examine(std::size_t channel, double end, double *root, bool *above) {
+  const Mode &m = *mode_;
+  const Channel &watched = m.channel[channel];
+  double *q = polynomial_.data();
+  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns,
+            q);
+  const double value = q[0];
   Verdict verdict = Verdict::none;
-  if (low_in_doubt) {
-    verdict = examine_side(channel, watched.low, 1.0, end, root);
+  if (watched.low > -kInfinity) {
+    q[0] = value - watched.low;
+    verdict = examine_side(channel, watched.low, end, root);
     *above = false;
     if (verdict == Verdict::at_once) return verdict;
     if (verdict == Verdict::later) end = *root;
   }
-  if (high_in_doubt) {
-    double other = end;
-    const Verdict upper = examine_side(channel, watched.high, -1.0, end, &other);
+  if (watched.high < kInfinity) {
+    q[0] = watched.high - value;
+    for (std::size_t k = 1; k <= m.order; ++k) q[k] = -q[k];
+    const Verdict upper = examine_side(channel, watched.high, end, root);
     if (upper != Verdict::none) {
-      *root = other;
       *above = true;
       verdict = upper;
     }
@@ -269,108 +292,123 @@ Stepper::Verdict Stepper::examine(std::size_t channel, bool low_in_doubt, bool h
   return verdict;
 }
 
-void Stepper::cross_tick() {
+// After quiet_tick() has failed: the parts of the grid in which a signal may reach a bound.
+std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
+  const Mode &m = *mode_;
+  const std::size_t c = m.columns;
+  const double low = m.low[channel];
+  const double high = m.high[channel];
+  const double *at = result_.data() + m.signal_place + channel;
+  const double *dip = curve_.data() + channel;
+  bool clear = m.samples > 0;
+  for (std::size_t k = 0; k < m.samples; ++k, at += m.channel_stride, dip += m.channel_stride)
+    clear &= kernel::inside(at[0], at[m.channel_stride], dip[0], low, high);
+  if (clear) return 0;
+  multiply_(&m.grid_signal[channel * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(), c,
+            grid_signal_.data());
+  multiply_(&m.grid_dip[channel * c * m.grid_dip_stride], m.grid_dip_stride, absolute_.data(), c,
+            grid_dip_.data());
+  std::uint64_t doubt = 0;
+  for (std::size_t k = 0; k < wanted; ++k)
+    doubt |= static_cast<std::uint64_t>(
+                 !kernel::inside(grid_signal_[k], grid_signal_[k + 1], grid_dip_[k], low, high))
+             << k;
+  return doubt;
+}
+
+// The first change from here on to `end`, within part `part` of the grid, of the channels that are
+// in doubt there.
+bool Stepper::first_change(std::size_t part, double end, Change *found) {
+  for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z_[j]);
+  bool any = false;
+  found->after = end;
+  for (std::size_t i = 0; i < mode_->channels; ++i) {
+    if ((parts_in_doubt_[i] >> part & 1U) == 0) continue;
+    double root = found->after;
+    bool above = false;
+    const Verdict verdict = examine(i, found->after, &root, &above);
+    if (verdict == Verdict::none) continue;
+    if (verdict == Verdict::at_once) root = 0.0;
+    if (any && !(root < found->after)) continue;
+    *found = {i, above, root};
+    any = true;
+    if (verdict == Verdict::at_once) break;
+  }
+  return any;
+}
+
+// After quiet_tick() has failed. False: no switch changes after all, result_ holds the tick's end.
+bool Stepper::cross_tick() {
   check_finite();
   double done = 0.0;  // ticks
+  bool quiet = false;
   int changes = 0;
   int changes_here = 0;
   // More than a cascade through all switches needs, several times over.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
-  while (done < 1.0) {
+  for (;;) {
     const Mode &m = *mode_;
-    const std::size_t n = m.states;
-    const std::size_t c = m.columns;
-
-    // To the end of this part of the grid, or in one go to the first part that is in doubt.
-    double next = 1.0;
-    if (m.grid > 0) {
-      const double place = done * static_cast<double>(m.grid);  // exact
-      auto at = static_cast<std::size_t>(place);
-      if (static_cast<double>(at) == place) {
-        const std::size_t clear = clear_parts(m.grid - at);
-        if (clear > 0) {
-          if (audit_) audit_grid(clear);
-          multiply_(&m.grid_flow[(clear - 1) * m.flow_stride * c], m.flow_stride, z_.data(), c,
-                    increment_.data());
-          for (std::size_t i = 0; i < n; ++i) z_[i] = increment_[i];
-          changes_here = 0;
-          at += clear;
-          done = static_cast<double>(at) * m.reach;
-          if (at == m.grid) return;
-        }
-      }
-      next = static_cast<double>(at + 1) * m.reach;
-    } else if (done + m.reach < 1.0) {
-      next = done + m.reach;
-    }
-    const double part = next - done;
-    expand();
+    const double rest = 1.0 - done;
     if (changes_here >= enough_here) {
       // Signals on their bounds whose deciding coefficients lie at the limit of rounding, on one
       // side of it in one mode and on the other in the next. A moment later, in either mode, they
       // do not: what a wrong mode does until then is far below rounding. States that contradict
       // each other in earnest go on contradicting, and the changes run out.
-      const double moment = part < kMoment * m.reach ? part : kMoment * m.reach;
-      if (audit_) audit_part(moment);
-      evaluate(moment, end_.data());
-      for (std::size_t i = 0; i < n; ++i) z_[i] = end_[i];
-      done = moment < part ? done + moment : next;
+      const double moment = smaller(rest, kMoment * m.reach);
+      advance_within_part(moment);
+      done = moment < rest ? done + moment : 1.0;
       changes_here = 0;
-      continue;
-    }
-    evaluate(part, end_.data());
-    end_[n] = 1.0;
-    end_[n + 1] = z_[n + 1];
-
-    double first = part;
-    std::size_t which = m.channels;
-    bool above = false;
-    for (std::size_t i = 0; i < m.channels; ++i) {
-      const double *row = &m.signal[i * c];
-      const double a = dot(row, z_.data(), c);
-      const double b = dot(row, end_.data(), c);
-      double bend = 0.0;
-      double scale = 0.0;
-      for (std::size_t j = 0; j < c; ++j) {
-        bend += m.bend[i * c + j] * magnitude(z_[j]);
-        scale += m.size[i * c + j] * (magnitude(z_[j]) + magnitude(end_[j]));
+    } else {
+      // The parts of the grid that remain of the tick, the last one cut short.
+      const double places = rest / m.reach;  // exact
+      std::size_t parts = m.grid;
+      if (places < static_cast<double>(parts)) {
+        parts = static_cast<std::size_t>(places);
+        if (static_cast<double>(parts) < places) ++parts;
       }
-      const double dip = 0.125 * part * part * bend + kRounding * scale;
-      const double least = (a < b ? a : b) - dip;
-      const double most = (a < b ? b : a) + dip;
-      const bool low_in_doubt = !(least >= m.low[i]);
-      const bool high_in_doubt = !(most <= m.high[i]);
-      if (!low_in_doubt && !high_in_doubt) continue;
-      double root = first;
-      bool root_above = false;
-      const Verdict verdict = examine(i, low_in_doubt, high_in_doubt, first, &root, &root_above);
-      if (verdict == Verdict::none) continue;
-      if (verdict == Verdict::at_once) root = 0.0;
-      if (which < m.channels && !(root < first)) continue;
-      first = root;
-      which = i;
-      above = root_above;
-      if (verdict == Verdict::at_once) break;
+      const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
+      std::uint64_t doubtful = 0;
+      if (!quiet) {
+        for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z_[j]);
+        for (std::size_t i = 0; i < m.channels; ++i)
+          doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
+        if (doubtful == 0 && m.samples > 0 && covered == 1.0) return false;
+      }
+      // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
+      double passed = 0.0;
+      bool changed = false;
+      Change next;
+      for (; doubtful != 0; doubtful &= doubtful - 1) {
+        const auto part = static_cast<std::size_t>(std::countr_zero(doubtful));
+        const double start = static_cast<double>(part) * m.reach;
+        if (start > passed) advance(start - passed);
+        passed = start;
+        const double end = smaller(m.reach, rest - start);
+        changed = first_change(part, end, &next);
+        if (changed) break;
+        advance_within_part(end);
+        passed = smaller(start + m.reach, rest);
+      }
+      if (!changed) {
+        if (covered > passed) advance(covered - passed);
+        passed = covered;
+      } else if (next.after > 0.0) {
+        advance_within_part(next.after);
+        passed += next.after;
+      }
+      if (passed > 0.0) {
+        done = passed < rest ? done + passed : 1.0;
+        changes_here = 0;
+      }
+      if (changed) {
+        const int switch_index = m.channel[next.channel].switch_index;
+        if (++changes > kMostChangesPerTick) fail_switching(switch_index, done);
+        ++changes_here;
+        change(next.channel, next.above, done, false, true);
+      }
     }
-
-    if (which == m.channels) {
-      if (audit_) audit_part(part);
-      for (std::size_t i = 0; i < n; ++i) z_[i] = end_[i];
-      done = next;
-      changes_here = 0;
-      continue;
-    }
-    const int switch_index = m.channel[which].switch_index;
-    if (++changes > kMostChangesPerTick) fail_switching(switch_index, done);
-    if (first > 0.0) {
-      if (audit_) audit_part(first);
-      evaluate(first, end_.data());
-      for (std::size_t i = 0; i < n; ++i) z_[i] = end_[i];
-      done = first < part ? done + first : next;
-      changes_here = 0;
-    }
-    ++changes_here;
-    change(which, above, done, false, true);
+    if (!(done < 1.0)) return true;
+    quiet = quiet_tick();
   }
 }
 
@@ -387,8 +425,8 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   // Where a friction begins to stick, its rate is 0 but for the rounding of the instant.
   const std::size_t n = mode_->states;
   if (to == network().switches()[static_cast<std::size_t>(index)].stuck) {
-    for (std::size_t i = 0; i < n; ++i) end_[i] = z_[i] - dot(&mode_->slip[i * n], z_.data(), n);
-    std::copy_n(end_.begin(), n, z_.begin());
+    for (std::size_t i = 0; i < n; ++i) calm_[i] = dot(&mode_->slip[i * n], z_.data(), n);
+    for (std::size_t i = 0; i < n; ++i) z_[i] -= calm_[i];
   }
   if (audit_) discarded_.add(before - stored_total());
   if (!counted) return;
@@ -499,8 +537,7 @@ void Stepper::audit_grid(std::size_t parts) {
   for (std::size_t k = 0; k < parts; ++k) {
     expand();
     audit_part(mode_->reach);
-    evaluate(mode_->reach, end_.data());
-    for (std::size_t i = 0; i < mode_->states; ++i) z_[i] = end_[i];
+    evaluate(mode_->reach);
   }
   z_ = start;
 }

@@ -69,17 +69,25 @@ class Stepper {
     double total() const { return value + lost; }
   };
   enum class Verdict { none, at_once, later };
+  struct Change {
+    std::size_t channel = 0;
+    bool above = false;
+    double after = 0.0;  // ticks from now
+  };
 
   bool quiet_tick();
+  bool calm_tick();
   bool command_jumps() const;
-  std::size_t clear_parts(std::size_t wanted);
   void settle(bool count_jumps);
-  void cross_tick();
+  bool cross_tick();
+  std::uint64_t parts_in_doubt(std::size_t channel, std::size_t wanted);
+  bool first_change(std::size_t part, double end, Change *found);
   void expand();
-  void evaluate(double s, double *x);
-  Verdict examine(std::size_t channel, bool low_in_doubt, bool high_in_doubt, double end,
-                  double *root, bool *above);
-  Verdict examine_side(std::size_t channel, double bound, double sign, double end, double *root);
+  void evaluate(double s);
+  void advance_within_part(double ticks);
+  void advance(double ticks);
+  Verdict examine(std::size_t channel, double end, double *root, bool *above);
+  Verdict examine_side(std::size_t channel, double bound, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
   void switch_to(int switch_index, int to, double s, bool jump, bool counted);
   void slide(bool counted);
@@ -94,6 +102,7 @@ class Stepper {
 
   std::shared_ptr<ModeCache> cache_;
   kernel::Multiply multiply_ = kernel::best_multiply();
+  kernel::Quiet quiet_ = kernel::best_quiet();
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
@@ -102,13 +111,16 @@ class Stepper {
   std::vector<double> absolute_;
   std::vector<double> result_;  // of the quiet tick
   std::vector<double> curve_;
-  double sensors_[2] = {0.0, 0.0};
+  std::vector<double> calm_;
+  std::vector<double> grid_signal_;
+  std::vector<double> grid_dip_;
+  std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
+  double sensors_[kernel::padded(2)] = {};
   bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
   std::vector<double> chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
   std::vector<double> polynomial_;
   std::vector<double> increment_;
   double powers_[64];
-  std::vector<double> end_;  // z at the end of a part
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;

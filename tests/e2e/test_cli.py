@@ -199,7 +199,7 @@ def refused(done, *words):
 
 def test_every_verb_has_help_with_an_example():
     listing = forceaxis("--help").stdout
-    for verb in ("run", "tables", "report", "objects"):
+    for verb in ("run", "new", "sweep", "test", "tables", "report", "bench", "objects"):
         assert verb in listing
         assert f"forceaxis {verb}" in forceaxis(verb, "--help").stdout.partition("Example:")[2]
 

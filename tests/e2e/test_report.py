@@ -25,7 +25,7 @@ def page(tmp_path_factory):
 def test_it_is_one_file_that_refers_to_nothing_outside(page):
     _, html, files = page
     assert [f.name for f in files] == ["index.html"]
-    assert not re.findall(r'(?:src|href)="(?!data:)', html)
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', html)
     assert "url(" not in html
 
 
@@ -36,8 +36,20 @@ def test_every_experiment_and_figure_is_in_it(page):
     for name in names:
         assert f"forceaxis run sim/experiments/{name}.toml" in html
     for figure in ("2.41", "2.43", "3.13", "3.14", "4.27", "4.28", "5.1", "5.2", "5.3", "5.8"):
-        assert re.search(rf"<h3>Fig [0-9., ]*{re.escape(figure)}\b", html), figure
-    assert html.count("data:image/png;base64,") == len(names) + 1
+        assert re.search(rf"<h3[^>]*>Fig [0-9a-z., ]*{re.escape(figure)}\b", html), figure
+    assert html.count("data:image/png;base64,") == len(names) + 2  # plateau and contact map
+
+
+def test_models_elements_and_contact_maps_are_in_it(page):
+    _, html, _ = page
+    linked = set(re.findall(r'<a href="#(\w+)">', html))
+    assert linked <= set(re.findall(r'<h3 id="(\w+)">', html))
+    models = ROOT / "sim/models"
+    for path in [*models.glob("fig*.toml"), *models.glob("nl_*.toml")]:
+        assert f"<code>{path.name}</code>" in html
+    assert "<td>66 of 66</td>" in html
+    for words in ("Contact and friction", "widens the stable region", "one by one"):
+        assert words in html
 
 
 def test_every_cell_stands_beside_the_thesis(page):

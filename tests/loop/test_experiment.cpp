@@ -141,6 +141,43 @@ TEST_F(Files, AMissingFileIsNamed) {
   EXPECT_THROW(load_experiment("no/such/experiment.toml"), sim::InputError);
 }
 
+// b_w one rounding apart makes two models; what the firmware is told makes none.
+TEST_F(Files, VariantsShareTheModelThatTheyHaveInCommon) {
+  ExperimentFile file(write(kGood));
+  using Overrides = std::vector<std::string>;
+  const Experiment five = file.with(Overrides{});
+  const Experiment seven = file.with(Overrides{"firmware.force_gain=7"});
+  EXPECT_EQ(seven.initial[0].raw, 1792);
+  EXPECT_EQ(seven.model, five.model);
+  EXPECT_EQ(seven.modes, five.modes);
+  const Experiment other = file.with(Overrides{"b_w=363.00000000000006"});
+  ASSERT_NE(other.model, five.model);
+  const auto b_w = [](const Experiment &e) {
+    for (const auto &p : e.model->parameters)
+      if (p.name == "b_w") return p.value;
+    return 0.0;
+  };
+  EXPECT_EQ(b_w(five), 363.0);
+  EXPECT_EQ(b_w(other), 363.00000000000006);
+  EXPECT_THROW(file.with(Overrides{"m_w=-1"}), sim::InputError);
+  EXPECT_THROW(file.with(Overrides{"m_w=-1"}), sim::InputError);
+  EXPECT_TRUE(file.with(Overrides{"m_b=1"}).unused == Overrides{"m_b"});
+}
+
+TEST_F(Files, OnlyTheModelsMetLastAreKept) {
+  ExperimentFile file(write(kGood));
+  const std::weak_ptr<const sim::Model> first = file.with({}).model;
+  std::vector<std::string> overrides{""};
+  for (std::size_t i = 1; i < ExperimentFile::kKeptModels; ++i) {
+    overrides[0] = "b_w=" + std::to_string(i);
+    file.with(overrides);
+  }
+  EXPECT_FALSE(first.expired());
+  overrides[0] = "b_w=0.5";
+  file.with(overrides);
+  EXPECT_TRUE(first.expired());
+}
+
 // A time that is not a whole number of ticks rounds up; one that is, does not.
 TEST_F(Files, TimesRoundUpToTicks) {
   EXPECT_EQ(load_experiment(write(with("duration_s = 1.0", "duration_s = 0.5667"))).ticks, 851);

@@ -48,6 +48,15 @@ TEST(Run, RecordsEveryTickFromZeroToTheEnd) {
   EXPECT_EQ(r.signals.size(), r.records.size() * r.signal_names.size());
 }
 
+// The reading is 0 until contact, so its last change is found again in the records.
+TEST(Run, TheLastChangeOfTheForceCodeIsInTheTrace) {
+  const RunResult r = run_with(kContact, {"experiment.duration_s=2"});
+  std::size_t last = r.records.size() - 1;
+  while (last > 0 && r.records[last].adc0_code == r.records[last - 1].adc0_code) --last;
+  EXPECT_GT(last, 0U);
+  EXPECT_EQ(r.metrics.last_adc_change_tick, static_cast<std::int64_t>(last));
+}
+
 // Out of contact the first code is k_f f_d exactly: 5 x 30.
 TEST(Run, FirstCodeIsTheLawByHand) {
   const RunResult r = run_with(kContact, {"experiment.duration_s=0.01", "verdict.window_s=0.01"});

@@ -100,7 +100,7 @@ TEST_P(SpringChain, IsCutAsFineAsItsDynamicsAsks) {
     else
       EXPECT_GE(mode.reach * rate, 0.06) << stiffness;
     EXPECT_LE(mode.reach * rate, 0.26) << stiffness;
-    EXPECT_EQ(mode.grid > 0, mode.reach >= 1.0 / 128) << stiffness;
+    EXPECT_EQ(mode.samples > 0, mode.reach >= 1.0 / 128) << stiffness;
   }
 }
 
@@ -228,7 +228,8 @@ TEST_P(TouchingLine, PassesTheBlowOn) {
       ASSERT_NEAR(plant.state()[2 * at + 1], line.v[at], 1e-6) << block << " " << i;
       momentum += plant.state()[2 * at + 1];
     }
-    EXPECT_NEAR(momentum, 1.0, 1e-12);
+    // Places of 8 m, rounded to 1e-15 m, against 1e6 N/m for 12 ms.
+    EXPECT_NEAR(momentum, 1.0, 1e-11);
     const EnergyAudit energy = plant.energy();
     EXPECT_NEAR(energy.kinetic + energy.stored, 0.5, 1e-11);
     EXPECT_LE(std::fabs(energy.residual), 1e-11);

@@ -5,7 +5,9 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <atomic>
+#include <condition_variable>
 #include <exception>
+#include <map>
 #include <mutex>
 #include <thread>
 
@@ -13,12 +15,16 @@
 #include "host/link/run.hpp"
 
 namespace py = pybind11;
+
+void add_bench(py::module_ &m);   // bench.cpp
+void add_linear(py::module_ &m);  // linear.cpp
+void add_plant(py::module_ &m);   // plant.cpp
+
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
+using forceaxis::host::ExperimentFile;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
-
-void bind_plant(py::module_ &m);  // plant.cpp
 
 namespace {
 
@@ -39,6 +45,7 @@ py::dict to_dict(const Metrics &m) {
   d["peak_force_N"] = m.peak_force_N;
   d["final_force_N"] = m.final_force_N;
   d["saturated_ticks"] = m.saturated_ticks;
+  d["last_adc_change_tick"] = m.last_adc_change_tick;
   return d;
 }
 
@@ -162,71 +169,136 @@ std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   return names;
 }
 
-using Job = std::pair<std::filesystem::path, std::vector<std::string>>;
+// What an experiment is, without running it.
+py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
+  const Experiment e = forceaxis::host::load_experiment(file, overrides);
+  py::dict parameters;
+  for (const auto &p : e.model->parameters) {
+    py::dict d;
+    d["value"] = p.value;
+    d["unit"] = p.unit;
+    parameters[py::str(p.name)] = d;
+  }
+  py::dict d;
+  d["title"] = e.title;
+  d["inputs_hash"] = e.hash;
+  d["criterion"] = to_dict(e.criterion);
+  d["parameters"] = parameters;
+  d["unused"] = e.unused;
+  return d;
+}
 
-// Metrics and verdict only. Jobs are independent, so the number of threads changes no result. Once
-// a job has failed no other is begun, and its error is raised.
-py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::object &progress) {
-  struct Outcome {
-    std::optional<Criterion> criterion;
-    std::vector<std::string> overridden;
-    RunResult run;
-  };
+// Experiment files, each read once.
+class Experiments {
+ public:
+  ExperimentFile &operator[](const std::string &file) {
+    auto &entry = files_[file];
+    if (!entry) entry = std::make_unique<ExperimentFile>(file);
+    return *entry;
+  }
+
+ private:
+  std::map<std::string, std::unique_ptr<ExperimentFile>> files_;
+};
+
+using Job = std::pair<std::string, std::vector<std::string>>;
+
+struct Outcome {
+  std::optional<Criterion> criterion;
+  std::vector<std::string> overridden;
+  RunResult run;
+  std::string error;  // of a failed run, whose other members mean nothing
+};
+
+py::dict to_dict(const Outcome &o) {
+  py::dict d;
+  if (!o.error.empty()) {
+    d["error"] = o.error;
+    return d;
+  }
+  d["verdict"] = o.run.verdict;
+  d["fault"] = o.run.fault;
+  d["metrics"] = to_dict(o.run.metrics);
+  d["criterion"] = to_dict(o.criterion);
+  d["overridden"] = o.overridden;
+  d["trace_hash"] = o.run.trace_hash;
+  d["edge_margin"] = o.run.edge_margin;
+  return d;
+}
+
+// Metrics and verdict only. Jobs are independent, so the number of threads changes no result.
+py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::object &progress,
+                  bool keep_going, const py::object &finished, Experiments *experiments) {
+  Experiments own;
+  std::vector<ExperimentFile *> files;
+  for (const Job &job : jobs) files.push_back(&(experiments ? *experiments : own)[job.first]);
   std::vector<Outcome> outcomes(jobs.size());
-  std::exception_ptr failure;
-  std::mutex mutex;
   std::atomic<std::size_t> next{0};
-  std::atomic<std::size_t> finished{0};
   std::atomic<bool> stop{false};
-  const auto work = [&] {
-    for (std::size_t i; !stop && (i = next++) < jobs.size(); ++finished) {
-      try {
-        const Experiment e = forceaxis::host::load_experiment(jobs[i].first, jobs[i].second);
-        outcomes[i] = {e.criterion, overridden(*e.model),
-                       forceaxis::host::run(e, {.trace = false, .audit = false})};
-      } catch (...) {
-        const std::lock_guard lock(mutex);
-        if (!failure) failure = std::current_exception();
-        stop = true;
-      }
+  std::mutex mutex;  // guards the three below
+  std::condition_variable changed;
+  std::exception_ptr failure;
+  std::vector<std::size_t> fresh;  // done and not yet told
+  unsigned working = std::max(1U, std::min(threads, static_cast<unsigned>(jobs.size())));
+
+  const auto run_job = [&](std::size_t i) {
+    try {
+      const Experiment e = files[i]->with(jobs[i].second);
+      outcomes[i] = {e.criterion, overridden(*e.model),
+                     forceaxis::host::run(
+                         e, {.trace = false, .audit = false, .stop = [&] { return stop.load(); }}),
+                     ""};
+    } catch (const forceaxis::host::RunStopped &) {
+      return;
+    } catch (const std::exception &error) {
+      outcomes[i].error = error.what();
+      const std::lock_guard lock(mutex);
+      if (!keep_going && !failure) failure = std::current_exception();
+      if (!keep_going) stop = true;
     }
+    const std::lock_guard lock(mutex);
+    fresh.push_back(i);
+  };
+  const auto work = [&] {
+    for (std::size_t i; !stop && (i = next++) < jobs.size();) run_job(i);
+    const std::lock_guard lock(mutex);
+    if (--working == 0) changed.notify_one();
   };
   std::vector<std::thread> pool;
-  for (unsigned i = 0; i < std::max(1U, threads); ++i) pool.emplace_back(work);
+  for (unsigned i = working; i > 0; --i) pool.emplace_back(work);
+  const auto join = [&] {
+    const py::gil_scoped_release release;
+    for (std::thread &t : pool) t.join();
+  };
+
+  std::vector<py::dict> results(jobs.size());
+  std::size_t told = 0;
   try {
-    while (!stop && finished < jobs.size()) {
+    for (bool over = false; !over;) {
+      std::vector<std::size_t> done;
       {
-        py::gil_scoped_release release;
-        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        const py::gil_scoped_release release;
+        std::unique_lock lock(mutex);
+        over = changed.wait_for(lock, std::chrono::milliseconds(50), [&] { return working == 0; });
+        done.swap(fresh);
       }
       if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-      if (!progress.is_none()) progress(finished.load(), jobs.size());
+      for (const std::size_t i : done) {
+        results[i] = to_dict(outcomes[i]);
+        outcomes[i] = {};
+        if (!finished.is_none()) finished(i, results[i]);
+      }
+      told += done.size();
+      if (!progress.is_none()) progress(told, jobs.size());
     }
   } catch (...) {
     stop = true;
-    py::gil_scoped_release release;
-    for (std::thread &t : pool) t.join();
+    join();
     throw;
   }
-  {
-    py::gil_scoped_release release;
-    for (std::thread &t : pool) t.join();
-  }
+  join();
   if (failure) std::rethrow_exception(failure);
-
-  py::list list;
-  for (const Outcome &o : outcomes) {
-    py::dict d;
-    d["verdict"] = o.run.verdict;
-    d["fault"] = o.run.fault;
-    d["metrics"] = to_dict(o.run.metrics);
-    d["criterion"] = to_dict(o.criterion);
-    d["overridden"] = o.overridden;
-    d["trace_hash"] = o.run.trace_hash;
-    d["edge_margin"] = o.run.edge_margin;
-    list.append(d);
-  }
-  return list;
+  return py::cast(results);
 }
 
 }  // namespace
@@ -235,6 +307,7 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "The firmware's tick around the plant, in process.";
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
+  m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;
   py::register_exception<forceaxis::sim::InputError>(m, "InputError", PyExc_ValueError);
   py::register_exception<forceaxis::sim::SimulationError>(m, "SimulationError", PyExc_RuntimeError);
 
@@ -266,10 +339,20 @@ PYBIND11_MODULE(_core, m) {
 
   m.def("run", &run_one, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         "Run one experiment file with overrides NAME=VALUE. Raises InputError.");
+  m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+        "Read an experiment without running it: title, inputs_hash, criterion, parameters with "
+        "value and unit, and the overrides that change nothing. Raises InputError.");
+  py::class_<Experiments>(m, "Experiments",
+                          "Experiment files as they were first read, with the models and modes "
+                          "met last: for several run_many() calls.")
+      .def(py::init<>());
   m.def("run_many", &run_many, py::arg("jobs"), py::arg("threads") = 1,
-        py::arg("progress") = py::none(),
-        "Run (experiment, overrides) pairs on `threads` threads; progress(done, total) is called "
-        "now and then. Returns verdict, metrics, criterion and hash of each, in order.");
+        py::arg("progress") = py::none(), py::arg("keep_going") = false,
+        py::arg("finished") = py::none(), py::arg("experiments") = nullptr,
+        "Run (experiment, overrides) pairs on `threads` threads. Returns verdict, metrics, "
+        "criterion and hash of each, in order. A job that fails ends all and its error is raised; "
+        "with keep_going it becomes {\"error\": text} instead. Now and then, progress(done, total) "
+        "is called and finished(index, result) for every job done since.");
   m.def(
       "judge",
       [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {
@@ -278,5 +361,8 @@ PYBIND11_MODULE(_core, m) {
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "The verdict that another criterion gives on a finished run's metrics (same window).");
-  bind_plant(m);
+
+  add_linear(m);
+  add_bench(m);
+  add_plant(m);
 }

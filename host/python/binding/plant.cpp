@@ -68,7 +68,7 @@ py::dict energy(const Plant &plant) {
 
 }  // namespace
 
-void bind_plant(py::module_ &m) {
+void add_plant(py::module_ &m) {
   py::class_<Plant>(m, "Plant",
                     "A simulated axis without firmware: give it a DAC code each tick of 1/1500 s.\n"
                     "\n"

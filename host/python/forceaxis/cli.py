@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from forceaxis import experiments, objects, paths, tables
+from forceaxis import experiments, new, objects, paths, sweeps, tables
 from forceaxis._core import InputError, SimulationError
 
 
@@ -31,6 +31,13 @@ class Folder(click.Path):
         if value == "":
             self.fail("expected the name of a folder", param, ctx)
         return super().convert(value, param, ctx)
+
+
+class File(click.Path):
+    """A file to write."""
+
+    def __init__(self):
+        super().__init__(dir_okay=False, path_type=Path)
 
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
@@ -82,6 +89,123 @@ def run(experiment, overrides, out, as_json):
             click.echo(f"files        {paths.display(out)}")
 
 
+@cli.command(
+    name="new",
+    cls=Verb,
+    epilog="""forceaxis new press
+    forceaxis new press --yes --moving-mass-kg 25 --lead-mm-per-rev 5 --force""",
+)
+@click.argument("name", type=Folder())
+@new.options
+@click.option("--yes", is_flag=True, help="Ask nothing: defaults for what is not given.")
+@click.option("--force", is_flag=True, help="Replace the three files if they are there.")
+@as_json
+def new_(name, yes, force, as_json, **given):
+    """Write a model and experiments of your own axis into folder NAME.
+
+    Asks for what the data sheets of motor, amplifier, transmission, sensor and workpiece say, or
+    takes it as options: plain numbers in the unit of the option's name. What nobody gives gets a
+    default that is marked in the model. Asks nothing without a terminal.
+    """
+    new.refuse_existing(name, force)
+    talk = not (yes or as_json) and sys.stdin.isatty()
+    done = new.write(name, *new.collect(given, new.prompt if talk else None), force)
+    click.echo(json.dumps(done) if as_json else new.describe(done))
+
+
+def named(context, option, texts):
+    """NAME=VALUE options as a dict."""
+    given = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"{option.opts[0]}: {text}: expected {option.metavar}")
+        if name in given:
+            raise InputError(f"{option.opts[0]}: {name}: expected each name once")
+        given[name] = value
+    return given
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""# the stability map of the thesis robot over gain and set-point, 1280 runs
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_gain=0.5:20:40 --grid firmware.force_setpoint=2:64:32 --out out/map
+    # its boundary, found by halving
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_setpoint=4:64:16 --bisect firmware.force_gain=3:20:0.05 --out out/edge
+    # how it spreads with sensor and workpiece
+    forceaxis sweep sim/experiments/contact.toml \\
+    --random k_s=5e4:2e5:log --random k_w=2e5:8e5 --count 500 --seed 1 --out out/spread""",
+)
+@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=FROM:TO:COUNT[:log]",
+    callback=named,
+    help="COUNT values from FROM to TO, both included, or NAME=VALUE,VALUE,...; all combinations "
+    "when repeated.",
+)
+@click.option(
+    "--random",
+    multiple=True,
+    metavar="NAME=FROM:TO[:log]",
+    callback=named,
+    help="Draw --count points, uniform in the value or in its logarithm.",
+)
+@click.option("--count", type=int, help="How many random points.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Another seed, other random points."
+)
+@click.option(
+    "--bisect",
+    multiple=True,
+    metavar="NAME=FROM:TO:TOLERANCE",
+    callback=named,
+    help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "
+    "point of --grid or --random.",
+)
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="As for run, for all points."
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    required=True,
+    help="Folder for results.csv, .npz and .parquet, plot.png, sweep.json and journal.jsonl.",
+)
+@threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the workers of this Dask scheduler, tcp://HOST:PORT, instead of on threads. They "
+    "need this forceaxis and the experiment's files at the same path.",
+)
+@as_json
+def sweep(
+    experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, as_json
+):
+    """Run one experiment at many points of any parameters, NAME as in `run --set`.
+
+    Every finished run is kept in the folder's journal: after an interruption, or with more points,
+    the same command runs only what is missing. A run that fails is a row with its error; the exit
+    status is 1 only if all fail. A boundary is the last stable value on the way to the first
+    unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
+    the row says so.
+    """
+    done = sweeps.sweep(
+        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler
+    )
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(sweeps.describe(done))
+        click.echo(f"files        {paths.display(out)}")
+    if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
+        sys.exit(1)
+
+
 @cli.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
 @click.option("--fit", is_flag=True, help="Find the fitted constants again instead of using them.")
 @threads
@@ -126,6 +250,111 @@ def report(out, threads, as_json):
         click.echo(
             f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
         )
+
+
+@cli.command(
+    name="bench",
+    cls=Verb,
+    epilog="""forceaxis bench --case A --tool forceaxis --tool odeint
+    forceaxis bench --check""",
+)
+@click.option(
+    "--case", "cases", multiple=True, type=click.Choice(["A", "B", "full"]), help="Default: all."
+)
+@click.option(
+    "--tool",
+    "tools",
+    multiple=True,
+    type=click.Choice(["forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy"]),
+    help="Default: all that are installed. Repeatable, as --case.",
+)
+@click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
+@click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
+@click.option(
+    "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
+)
+@as_json
+def bench_(cases, tools, repeat, sweeps, check, as_json):
+    """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
+
+    Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
+    the contact force is from an independent extended-precision integration. Run it on an idle
+    machine.
+    """
+    from forceaxis import bench
+
+    if check and (cases or tools):
+        raise click.UsageError("expected --check without --case and --tool; it runs everything")
+    result = bench.run(cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check)
+    if check:
+        checks = bench.check(result)
+        result["checks"] = [{"check": text, "held": held} for text, held in checks]
+    if as_json:
+        click.echo(json.dumps(result, allow_nan=False))
+    else:
+        click.echo(bench.describe(result))
+        for text, held in checks if check else ():
+            click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
+    if check and not all(held for _, held in checks):
+        sys.exit(1)
+
+
+@cli.command(
+    name="test",
+    cls=Verb,
+    epilog="""forceaxis test axes/ --junit results.xml --out differences
+    forceaxis test axes/contact.toml --update""",
+)
+@click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
+@click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
+@click.option("--junit", type=File(), help="Write the results as JUnit XML.")
+@click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
+@click.option("-k", "pattern", help="Only files with PATTERN in their name (* and ? allowed).")
+@threads
+@as_json
+def test(targets, update, junit, out, pattern, threads, as_json):
+    """Run every experiment with an [expect] table at or below DIR and compare.
+
+    \b
+    [expect]
+    verdict = "stable"        # needs [verdict]
+    fault = "none"
+    peak_force_N = 69.7       # largest contact force of the run
+    final_value = 30.2        # mean of `signal` over its last final_s
+    settle_s = 0.81           # until it stays within +-band; or "never"
+    overshoot = 0.12          # beyond final_value, fraction of the step
+    trace_hash = "08b6..."    # every code of every tick
+    signal = "sensor.force"   # default: the first contact's force, or encoder
+    from_s = 0.0              # look at `signal` from here on
+    final_s = 0.3             # default: a tenth of what follows from_s
+    band = 0.05               # of the step, or { absolute = 1.5 }
+
+    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as { value = 69.7, tolerance =
+    0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 } say. --update rewrites what
+    differs, fills an empty [expect], and leaves limits and the rest of the file as they are.
+
+    Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.
+    """
+    from forceaxis import usertests
+
+    def tell(outcome):
+        if outcome.status == "error":
+            click.echo(f"forceaxis: {outcome.message}", err=True)
+        if not as_json:
+            click.echo(usertests.describe(outcome))
+
+    outcomes = usertests.run(targets, update, out, threads, pattern, tell)
+    if junit:
+        usertests.write_junit(outcomes, junit)
+    number = usertests.counts(outcomes)
+    if as_json:
+        click.echo(json.dumps(number | {"tests": [o.summary() for o in outcomes]}))
+    else:
+        skipped = [o.name for o in outcomes if o.status == "skipped"]
+        if skipped:
+            click.echo(f"without [expect]: {', '.join(skipped)}")
+        click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
+    sys.exit(usertests.status(outcomes))
 
 
 @cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")

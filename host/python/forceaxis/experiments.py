@@ -19,6 +19,7 @@ class Run:
     """A finished run: the summary that `--json` prints, and the trace."""
 
     experiment: Path
+    model: Path
     summary: dict
     columns: dict  # name -> array of one value a tick
     events: list  # (time_s, element, from, to)
@@ -60,9 +61,11 @@ def run(experiment, overrides=()):
         "seed": result.seed,
         "command": shlex.join(command),
     }
-    plot = tomllib.loads(experiment.read_text(encoding="utf-8-sig")).get("plot", {})
+    text = tomllib.loads(experiment.read_text(encoding="utf-8-sig"))
+    plot = text.get("plot", {})
     check_plot(experiment, plot, columns)
-    return Run(experiment, summary, columns, result.events, plot, result.shows)
+    model = (experiment.parent / text["model"]).resolve()
+    return Run(experiment, model, summary, columns, result.events, plot, result.shows)
 
 
 def check_plot(experiment, plot, columns):

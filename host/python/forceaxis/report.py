@@ -2,12 +2,15 @@
 
 import base64
 import io
+import os
+import re
+import tomllib
 from datetime import UTC, datetime
 from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, experiments, objects, paths, plots, tables
+from forceaxis import _core, experiments, linear, nonlinear, objects, paths, plots, tables
 
 
 def png(figure):
@@ -25,9 +28,34 @@ def experiment_files():
 
 
 def figure_order(figure):
-    """'3.14, 5.1' -> (3, 14); no figure comes last."""
-    first = figure.split(",")[0].strip()
-    return tuple(int(n) for n in first.split(".")) if first else (99,)
+    """'2.16a, 5.1' -> (2, 16, 'a'); no figure comes last."""
+    found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
+    return (int(found[1]), int(found[2]), found[3]) if found else (99,)
+
+
+def models(runs):
+    """Every model that one of the runs is of, in the order of its figure."""
+    users = {}
+    for r in runs:
+        users.setdefault(r.model, []).append(r)
+    rows = []
+    for path, used_by in users.items():
+        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        figure = re.search(r"Figs? (\S+)", text.get("title", ""))
+        row = {
+            "name": path.stem,
+            "title": text.get("title", path.stem),
+            "shows": text.get("shows", ""),
+            "runs": used_by,
+        }
+        row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
+        try:
+            loop = linear.force_loop(path)
+            row["limits"] = [linear.gain_limit(loop, sampled) for sampled in (False, True)]
+        except KeyError:  # no force loop
+            row["limits"] = None
+        rows.append(row)
+    return sorted(rows, key=lambda r: r["order"])
 
 
 def grid_3_15(cells):
@@ -82,6 +110,11 @@ def write(out, threads=None):
     out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be had fails before the work
     result = tables.run(threads)
     runs = experiment_files()
+    maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
+    friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
+    drawn = {r.experiment.stem: png(plots.trace(r)) for r in runs}
+    elements = [r for r in runs if r.model.stem.startswith("nl_")]
+    thesis = [r for r in runs if not r.model.stem.startswith("nl_")]
     values = tables.parameters()
     constants = [
         {
@@ -122,7 +155,14 @@ def write(out, threads=None):
         sensitivity=tables.criterion_sensitivity(result["cells"], threads),
         readings=found["readings"],
         declared=tables.load().readings,
-        runs=[(r, png(plots.trace(r))) for r in runs],
+        models=models(thesis),
+        runs=thesis,
+        elements=elements,
+        element_models=models(elements),
+        drawn=drawn,
+        maps=maps,
+        maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
+        friction=friction,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
     )

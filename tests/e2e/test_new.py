@@ -1,0 +1,269 @@
+"""`forceaxis new`: from a data sheet to a model and experiments that run as they stand."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from forceaxis import experiments, new
+
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+FILES = ["contact.toml", "model.toml", "step.toml"]
+
+# Options as typed, by what they describe.
+SHEETS = {
+    "small stage": "--moving-mass-kg 2 --lead-mm-per-rev 2 --rotor-inertia-kg-m2 2e-6 "
+    "--torque-constant-n-m-per-a 0.03 --resistance-ohm 2 --inductance-h 0.0005 "
+    "--motor-peak-current-a 5 --supply-v 24 --sensor-full-scale-n 50 "
+    "--sensor-stiffness-n-per-m 2e5 --encoder-counts-per-mm 1000 "
+    "--workpiece-stiffness-n-per-m 5e4 --workpiece-mass-kg 0.1",
+    "thesis robot": "--moving-mass-kg 52.9 --lead-mm-per-rev 25.4 --rotor-inertia-kg-m2 0.0013 "
+    "--torque-constant-n-m-per-a 0.5 --resistance-ohm 4.5 --inductance-h 0.0158 "
+    "--motor-peak-current-a 30 --supply-v 60 --guide-damping-n-s-per-m 500 --efficiency 1 "
+    "--full-scale-speed-m-per-s 0.963 --tachometer-v-s-per-rad 0.039 --velocity-loop-hz 46 "
+    "--velocity-filter-hz 150 --sensor-full-scale-n 320 --sensor-stiffness-n-per-m 110100 "
+    "--sensor-damping-n-s-per-m 16.5 --sensor-bits 8 --workpiece-stiffness-n-per-m 412700 "
+    "--workpiece-mass-kg 6.6 --workpiece-damping-n-s-per-m 8.25",
+    "gantry": "--moving-mass-kg 400 --lead-mm-per-rev 20 --rotor-inertia-kg-m2 0.004 "
+    "--torque-constant-n-m-per-a 1.2 --resistance-ohm 0.6 --inductance-h 0.006 "
+    "--motor-peak-current-a 60 --supply-v 560 --sensor-full-scale-n 5000 "
+    "--sensor-stiffness-n-per-m 1e7 --transmission-stiffness-n-per-m 8e7 --velocity-loop-hz 25",
+    "belt axis": "--moving-mass-kg 6 --pulley-radius-mm 15 --rotor-inertia-kg-m2 8e-5 "
+    "--torque-constant-n-m-per-a 0.2 --resistance-ohm 1.2 --inductance-h 0.003 "
+    "--motor-peak-current-a 12 --supply-v 72 --sensor-full-scale-n 200 "
+    "--transmission-stiffness-n-per-m 3e5 --workpiece-stiffness-n-per-m 1e6 --velocity-loop-hz 20",
+    "worn axis": "--transmission-stiffness-n-per-m 3e7 --backlash-mm 0.02 --guide-coulomb-n 10 "
+    "--sensor-noise-n 0.5",
+    "defaults": "",
+}
+
+
+def forceaxis(folder, *arguments):
+    return subprocess.run(
+        [FORCEAXIS, *map(str, arguments)], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+def made(folder, options):
+    done = forceaxis(folder, "new", "mine", "--json", *options.split())
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def ran(folder, experiment, *options):
+    return experiments.run(folder / "mine" / experiment, options).summary
+
+
+@pytest.mark.parametrize("sheet", SHEETS)
+def test_the_first_verdict_is_stable(tmp_path, sheet):
+    result = made(tmp_path, SHEETS[sheet])
+    assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
+    contact = ran(tmp_path, "contact.toml")
+    assert contact["verdict"] == "stable"
+    # The law has no integral part; what the drive's stiffness leaves of the set-point was promised,
+    # and dry friction takes or adds its own.
+    held = result["held_share"] * result["setpoint_N"]
+    count = result["setpoint_N"] / result["force_setpoint"]
+    dry = 10 if sheet == "worn axis" else 0
+    assert contact["metrics"]["final_force_N"] == pytest.approx(held, abs=count + dry)
+    assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+
+
+# Not the thesis robot: it bounces for ever below its linear limit, as in the laboratory.
+@pytest.mark.parametrize("sheet", ["small stage", "gantry", "belt axis"])
+def test_the_linear_limit_is_where_the_simulated_loop_turns(tmp_path, sheet):
+    limit = made(tmp_path, SHEETS[sheet] + " --approach-mm 0")["force_limit_gain"]
+    verdicts = [
+        ran(tmp_path, "contact.toml", f"firmware.force_gain={limit * factor}")["verdict"]
+        for factor in (0.9, 1.1)
+    ]
+    assert verdicts == ["stable", "unstable"]
+
+
+def test_the_linear_limit_agrees_with_the_published_one():
+    """The benchmark plant: 0.02314 V/N, hold included, which is 9.478 codes per count of 2 N."""
+    sheet = {
+        "motor_damping_n_m_s_per_rad": 0.0, "transmission_stiffness_n_per_m": None,
+        "workpiece_stiffness_n_per_m": 412700.0, "workpiece_mass_kg": 6.6,
+        "sensor_stiffness_n_per_m": 110100.0, "sensor_damping_n_s_per_m": 16.5,
+        "inductance_h": 0.0158, "resistance_ohm": 4.5, "back_emf_v_s_per_rad": 0.5,
+        "command_full_scale_v": 10.0, "sensor_full_scale_n": 256.0,
+    }  # fmt: skip
+    axis = SimpleNamespace(
+        v=sheet, mass=132.4, r_trans=0.004043, b_axis=500.0, b_workpiece=8.25, k_torque=0.5,
+        k_amp=15.0, k_current=1 / 3, k_tach=0.039, k_preamp_fdbk=4.2, k_preamp_cmd=3.9,
+        a_preamp_fdbk=942.0, encoder_scale=1.0,
+    )  # fmt: skip
+    A, b, force, _ = new.linear(axis, pressed=True)
+    force[[3, 5]] = 16.5 / 2, -16.5 / 2  # there the reading includes the sensor's damping
+    limit = new.stability_limit(*new.hold(A, b), force)
+    assert limit == pytest.approx(0.02314 * 2 * 4096 / 20, rel=2e-3)
+
+
+def test_hold_is_the_matrix_exponential():
+    """A rotation at 7 rad/s driven by 1: after one tick sin and 1 - cos of 7/1500."""
+    phi, gamma = new.hold(np.array([[0.0, 1.0], [-49.0, 0.0]]), np.array([0.0, 49.0]))
+    angle = 7 / 1500
+    rotation = [[np.cos(angle), np.sin(angle) / 7], [-7 * np.sin(angle), np.cos(angle)]]
+    assert phi == pytest.approx(np.array(rotation), rel=1e-13)
+    assert gamma == pytest.approx(np.array([1 - np.cos(angle), 7 * np.sin(angle)]), rel=1e-10)
+
+
+def test_the_model_holds_what_the_data_sheet_says(tmp_path):
+    """Values by hand: lead 10 mm, 5e-5 kg m^2, 20 A, 10 V, 500 N over 12 bits."""
+    made(
+        tmp_path,
+        "--lead-mm-per-rev 10 --rotor-inertia-kg-m2 5e-5 --moving-mass-kg 10 --efficiency 0.8 "
+        "--torque-constant-n-m-per-a 0.1 --motor-peak-current-a 30 --amplifier-current-limit-a 20 "
+        "--inductance-h 0.002 --resistance-ohm 1 --current-loop-hz 1000 --sensor-full-scale-n 500 "
+        "--encoder-counts-per-rev 4000 --workpiece-stiffness-n-per-m 4e4 --workpiece-mass-kg 1 "
+        "--workpiece-damping-ratio 0.1",
+    )
+    model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
+    p = {name: entry["value"] for name, entry in model["parameters"].items()}
+    r = 0.010 / (2 * np.pi)
+    assert p["r_trans"] == pytest.approx(r)
+    assert p["m_axis"] == pytest.approx(10 + 5e-5 / r**2)
+    assert p["k_torque"] == pytest.approx(0.08)
+    assert p["k_current"] == pytest.approx(0.5)
+    assert p["k_amp"] == pytest.approx((2 * np.pi * 1000 * 0.002 - 1) / 0.5)
+    assert p["encoder_scale"] == pytest.approx(400_000)
+    assert p["force_per_count"] == pytest.approx(500 / 2048)
+    assert p["b_w"] == pytest.approx(2 * 0.1 * np.sqrt(4e4))
+    # At rest in free motion the axis reaches full speed at full scale with friction and back EMF.
+    current = (p["k_amp"] * (p["k_preamp_cmd"] * 10 - p["k_preamp_fdbk"] * p["k_tach"] * 0.25 / r)
+               - p["k_back_emf"] * 0.25 / r) / (p["R"] + p["k_amp"] * p["k_current"])  # fmt: skip
+    assert p["k_torque"] * current / r == pytest.approx(p["b_axis"] * 0.25, rel=1e-6)
+    sources = {name: entry["source"] for name, entry in model["parameters"].items()}
+    assert sources["R"] == "given"
+    assert sources["k_s"].startswith("default, check: ")
+    assert sources["k_amp"] == "derived"
+
+
+BAD = [
+    ("--moving-mass-kg -1", ["--moving-mass-kg", "0.001", "kg", "-1"]),
+    ("--moving-mass-kg nan", ["--moving-mass-kg"]),
+    ("--lead-mm-per-rev 5mm", ["--lead-mm-per-rev", "plain number", "mm/rev", "5mm"]),
+    ("--inductance-h 15.8", ["--inductance-h", "10 H"]),
+    ("--sensor-bits 9.5", ["--sensor-bits"]),
+    ("--lead-mm-per-rev 5 --pulley-radius-mm 3", ["--pulley-radius-mm", "--lead-mm-per-rev"]),
+    ("--backlash-mm 1", ["--backlash-mm", "--transmission-stiffness-n-per-m"]),
+    ("--workpiece-mass-kg 1", ["--workpiece-mass-kg", "--workpiece-stiffness-n-per-m"]),
+    ("--current-loop-hz 20", ["--current-loop-hz", "79.58 Hz"]),  # 1 ohm / (2 pi 2 mH)
+    ("--velocity-loop-hz 0.2", ["--velocity-loop-hz", "more than"]),
+    # Three poles in a ring: 2 pi 300 is more than 2 pi (30 + 100), so Hurwitz says unstable.
+    (
+        "--velocity-loop-hz 300 --velocity-filter-hz 30 --current-loop-hz 100",
+        ["--velocity-loop-hz", "stable by itself"],
+    ),
+    ("--full-scale-speed-m-per-s 100 --sensor-stiffness-n-per-m 1e9", ["--full-scale-speed"]),
+    ("--nonsense 1", ["--nonsense"]),
+]
+
+
+@pytest.mark.parametrize(("options", "words"), BAD)
+def test_a_bad_value_is_one_line_and_leaves_nothing(tmp_path, options, words):
+    refused(forceaxis(tmp_path, "new", "mine", *options.split()), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["", 'a"b', "a\nb", "\\", "."])
+def test_a_bad_name_is_one_line_and_leaves_nothing(tmp_path, name):
+    refused(forceaxis(tmp_path, "new", name))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_are_replaced_only_with_force(tmp_path):
+    made(tmp_path, "--moving-mass-kg 20")
+    model, other = tmp_path / "mine/model.toml", tmp_path / "mine/other.toml"
+    before = model.read_text()
+    other.write_text("mine")
+    refused(forceaxis(tmp_path, "new", "mine"), "mine", "model.toml", "--force")
+    refused(forceaxis(tmp_path, "new", "mine", "--force", "--supply-v", "x"), "--supply-v")
+    assert model.read_text() == before
+    made(tmp_path, "--force --moving-mass-kg 30")
+    assert model.read_text() != before
+    assert other.read_text() == "mine"
+    assert sorted(os.listdir(tmp_path)) == ["mine"]
+
+
+def test_a_file_in_the_way_is_one_line_and_stays(tmp_path):
+    (tmp_path / "mine").write_text("x")
+    refused(forceaxis(tmp_path, "new", "mine", "--force"), "mine")
+    assert (tmp_path / "mine").read_text() == "x"
+
+
+def test_without_a_terminal_nothing_is_asked(tmp_path):
+    done = subprocess.run(
+        [FORCEAXIS, "new", "mine"], cwd=tmp_path, input="7\n", capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "torque constant" not in done.stdout
+    assert done.stdout.splitlines()[-1].split() == [
+        "next", "forceaxis", "run", "mine/contact.toml",
+    ]  # fmt: skip
+
+
+def converse(folder, answers, *arguments):
+    """Run `forceaxis new` on a terminal; Enter to every question that `answers` does not name."""
+    terminal, inner = pty.openpty()
+    process = subprocess.Popen(
+        [FORCEAXIS, "new", "mine", *arguments], cwd=folder, stdin=inner, stdout=inner, stderr=inner
+    )
+    os.close(inner)
+    shown, asked, answered = "", [], 0
+    while True:
+        try:
+            chunk = os.read(terminal, 4096).decode()
+        except OSError:  # the other side is closed
+            break
+        if not chunk:
+            break
+        shown += chunk
+        if shown.endswith("]: ") and len(shown) > answered:
+            answered = len(shown)
+            name = shown.splitlines()[-1].split()[0]
+            asked.append(name)
+            queue = answers.get(name, [])
+            os.write(terminal, ((queue.pop(0) if queue else "") + "\n").encode())
+    os.close(terminal)
+    return process.wait(timeout=20), shown, asked
+
+
+def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
+    answers = {
+        "lead-mm-per-rev": ["none"],
+        "pulley-radius-mm": ["twelve", "12"],
+        "workpiece-stiffness-n-per-m": ["4e5"],
+    }
+    status, shown, asked = converse(tmp_path, answers, "--moving-mass-kg", "20")
+    assert status == 0, shown
+    assert "moving-mass-kg" not in asked  # given as an option
+    assert asked.count("pulley-radius-mm") == 2  # "twelve" is refused, in one line, and asked again
+    assert "expected a plain number from 0.01 to 10000 mm, got 'twelve'" in shown
+    assert "back-emf-v-s-per-rad [0.1]: " in shown  # the default follows the torque constant
+    assert "backlash-mm" not in asked  # a rigid transmission has none
+    assert "workpiece-mass-kg" in asked  # an elastic workpiece has one
+    model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
+    assert model["parameters"]["r_trans"] == {"value": 0.012, "unit": "m/rad", "source": "given"}
+    assert model["parameters"]["R"]["source"].startswith("default, check")
+    assert ran(tmp_path, "contact.toml")["verdict"] == "stable"
+
+
+def test_yes_asks_nothing_on_a_terminal(tmp_path):
+    status, _, asked = converse(tmp_path, {}, "--yes")
+    assert (status, asked) == (0, [])
+
+
+def refused(done, *words):
+    assert done.returncode == 2, (done.stdout, done.stderr)
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
