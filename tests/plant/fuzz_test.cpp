@@ -306,7 +306,7 @@ class Follower {
     Stepper stepper(cache_, false, 1U << 20);
     std::uniform_real_distribution<double> volts(-10, 10), speed(-0.2, 0.2), chance(0, 1);
     double command = 0.0;
-    largest_.assign(stepper.z().size(), 0.0);
+    largest_.assign(stepper.z().size(), 1e-6);
     stepper.step(0.0, true);  // what enabling changes is not listed
     for (int k = 0; k < ticks && !testing::Test::HasFailure(); ++k) {
       const auto &bodies = stepper.network().bodies();

@@ -331,6 +331,7 @@ class Reference:
             now = self.mode[f.name]
             signals[f.name + ".force"] = hold[f.name] if now == 0 else now * f.coulomb
             signals[f.name + ".deflection"] = x[a] - x[b]
+            signals[f.name + ".spring_force"] = signals[f.name + ".spring_force_rate"] = 0.0
             signals[f.name + ".sliding"] = v[a] - v[b]  # ours alone, as the next one
             signals[f.name + ".slipping"] = acceleration[a] - acceleration[b]
         rates[:n] = y[n : 2 * n]
@@ -602,8 +603,9 @@ class Reference:
                 if at_end > -1e-13 * abs(values[i]).max():
                     continue  # a dip of rounding
             if at_end < 0:
-                if values[i, k - 1] <= 0:
-                    return a
+                if values[i, k - 1] <= 0:  # starts on its bound: does it leave that at all?
+                    peak = falls_through_zero(lambda t: slope[i] @ dense(t) + drift[i], a, end)
+                    return falls_through_zero(value, peak, end) if value(peak) > 0 else a
                 return falls_through_zero(value, a, end)
         return None
 

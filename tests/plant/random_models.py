@@ -20,7 +20,7 @@ from forceaxis import _core
 sys.path.insert(0, str(Path(__file__).parent))
 from hybrid_reference import Reference
 
-TICKS = 120
+TICKS = 80
 EDGE_LSB = 1e-9
 
 
