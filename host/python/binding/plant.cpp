@@ -91,7 +91,8 @@ void add_plant(py::module_ &m) {
            "Changes the velocity of a body by impulse / mass, now.")
       .def("codes", &codes, "(encoder, adc0, adc1), converted now")
       .def("signals", &signals, "the true signals now, in the order of signal_names")
-      .def("signal", &Plant::signal, py::arg("name"), "one true signal by name")
+      .def("signal", py::overload_cast<std::string_view>(&Plant::signal, py::const_),
+           py::arg("name"), "one true signal by name")
       .def("mode", &Plant::mode, "'ELEMENT: STATE' of every switching element")
       .def("events", &events,
            "(time_s, element, from, to, jump) of the first 4096 changes; jump: at a tick, with a "
