@@ -13,4 +13,8 @@ bool quiet_wide(const QuietTest &test, const double *z, double *result, double *
   return quiet<Quad>(test, z, result, dip);
 }
 
+std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip) {
+  return grid<Quad>(test, z, signal, dip);
+}
+
 }  // namespace forceaxis::sim::kernel

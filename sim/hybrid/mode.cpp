@@ -263,6 +263,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
                     static_cast<std::size_t>(j)] = static_cast<double>(doubt(i, j));
   }
   put_rows(r, &mode->signal);
+  for (Eigen::Index i = 0; i < g; ++i)
+    if (r(i, c - 1) != 0) mode->fed.push_back(static_cast<std::size_t>(i));
   put_rows(absolute(r), &mode->size);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());

@@ -78,6 +78,7 @@ struct Mode {
   std::vector<double> series;     ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
   std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
   std::vector<Channel> channel;
+  std::vector<std::size_t> fed;  ///< channels that the command acts on at once
 
   std::size_t grid = 0;
   std::vector<double> grid_flow;  ///< [k]: state after k + 1 parts, by columns of flow_stride

@@ -108,6 +108,10 @@ void Stepper::step(double command, bool enable) {
     z_[n + 1] = command;
     set_mode(network().with_enable(mode_->key, enable));
     settle(false);
+  } else if (sensors_in_result_ && command_jumps_ahead(command - z_[n + 1])) {
+    // Only spares the quiet test: it is settle() that decides, now or after the test.
+    z_[n + 1] = command;
+    settle(true);
   }
   z_[n + 1] = command;
   if (!quiet_tick()) {
@@ -135,6 +139,17 @@ const double *Stepper::sensors() {
 // Tests the next tick, from any instant. True: no switch changes, result_ holds its end.
 bool Stepper::quiet_tick() {
   return mode_->samples > 0 && quiet_(mode_->quiet, z_.data(), result_.data(), curve_.data());
+}
+
+// After a quiet tick: will this step of the command put a signal beyond its bound?
+bool Stepper::command_jumps_ahead(double change) const {
+  const Mode &m = *mode_;
+  const double *at = result_.data() + m.signal_place + m.samples * m.channel_stride;
+  for (const std::size_t i : m.fed) {
+    const double value = at[i] + m.signal[(i + 1) * m.columns - 1] * change;
+    if (!(value >= m.low[i] && value <= m.high[i])) return true;
+  }
+  return false;
 }
 
 // After quiet_tick(): is a signal beyond its bound at the start already?
@@ -274,16 +289,14 @@ std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
   for (std::size_t k = 0; k < m.samples; ++k, at += m.channel_stride, dip += m.channel_stride)
     clear &= kernel::inside(at[0], at[m.channel_stride], dip[0], low, high);
   if (clear) return 0;
-  multiply_(&m.grid_signal[channel * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(), c,
-            grid_signal_.data());
-  multiply_(&m.grid_dip[channel * c * m.grid_dip_stride], m.grid_dip_stride, absolute_.data(), c,
-            grid_dip_.data());
-  std::uint64_t doubt = 0;
-  for (std::size_t k = 0; k < wanted; ++k)
-    doubt |= static_cast<std::uint64_t>(
-                 !kernel::inside(grid_signal_[k], grid_signal_[k + 1], grid_dip_[k], low, high))
-             << k;
-  return doubt;
+  const kernel::GridTest test{&m.grid_signal[channel * c * m.grid_signal_stride],
+                              &m.grid_dip[channel * c * m.grid_dip_stride],
+                              m.grid,
+                              c,
+                              low,
+                              high};
+  const std::uint64_t doubt = grid_(test, z_.data(), grid_signal_.data(), grid_dip_.data());
+  return doubt & (~std::uint64_t{0} >> (64 - wanted));
 }
 
 // The first change from here on to `end`, within part `part` of the grid, of the channels that are in
@@ -339,7 +352,6 @@ bool Stepper::cross_tick() {
       const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
       std::uint64_t doubtful = 0;
       if (!quiet) {
-        for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z_[j]);
         for (std::size_t i = 0; i < m.channels; ++i)
           doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
         if (doubtful == 0 && m.samples > 0 && covered == 1.0) return false;

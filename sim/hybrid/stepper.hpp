@@ -77,6 +77,7 @@ class Stepper {
 
   bool quiet_tick();
   bool command_jumps() const;
+  bool command_jumps_ahead(double change) const;
   void settle(bool count_jumps);
   bool cross_tick();
   std::uint64_t parts_in_doubt(std::size_t channel, std::size_t wanted);
@@ -100,6 +101,7 @@ class Stepper {
   std::shared_ptr<ModeCache> cache_;
   kernel::Multiply multiply_ = kernel::best_multiply();
   kernel::Quiet quiet_ = kernel::best_quiet();
+  kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
