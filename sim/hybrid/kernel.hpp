@@ -6,11 +6,29 @@
 // neighbouring rows (build with -ffp-contract=off).
 #include <cstddef>
 #include <cstdint>
+#include <new>
+#include <vector>
 
 namespace forceaxis::sim::kernel {
 
 /// Rows are padded to a multiple of 4; `stride` is that number.
 constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
+
+/// Starts on a cache line, so that no vector of rows lies across two: faster, and as fast wherever
+/// the heap puts it.
+template <class Value>
+struct Aligned {
+  using value_type = Value;
+  Aligned() = default;
+  template <class Other>
+  explicit Aligned(const Aligned<Other> &) {}
+  Value *allocate(std::size_t count) {
+    return static_cast<Value *>(::operator new(count * sizeof(Value), std::align_val_t{64}));
+  }
+  void deallocate(Value *p, std::size_t) { ::operator delete(p, std::align_val_t{64}); }
+  bool operator==(const Aligned &) const = default;
+};
+using Vector = std::vector<double, Aligned<double>>;
 
 /// y[0..stride) = M v; at least one column.
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,

@@ -117,7 +117,7 @@ void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
 
 // Writes rows into a matrix stored by columns, from row `first` on.
 void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
-               std::vector<double> *out, std::size_t offset = 0) {
+               kernel::Vector *out, std::size_t offset = 0) {
   for (Eigen::Index j = 0; j < rows.cols(); ++j)
     for (Eigen::Index i = 0; i < rows.rows(); ++i)
       (*out)[offset + static_cast<std::size_t>(j) * stride + first + static_cast<std::size_t>(i)] =

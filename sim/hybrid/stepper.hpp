@@ -108,16 +108,16 @@ class Stepper {
   std::int64_t tick_ = 0;
   std::vector<double> z_;
   std::vector<double> absolute_;
-  std::vector<double> result_;  // of the quiet tick
-  std::vector<double> curve_;
-  std::vector<double> grid_signal_;
-  std::vector<double> grid_dip_;
+  kernel::Vector result_;  // of the quiet tick
+  kernel::Vector curve_;
+  kernel::Vector grid_signal_;
+  kernel::Vector grid_dip_;
   std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
   double sensors_[kernel::padded(2)] = {};
   bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
-  std::vector<double> chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
-  std::vector<double> polynomial_;
-  std::vector<double> increment_;
+  kernel::Vector chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
+  kernel::Vector polynomial_;
+  kernel::Vector increment_;
   double powers_[64];
 
   std::size_t listed_events_ = 0;
