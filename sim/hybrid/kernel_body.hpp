@@ -25,17 +25,13 @@ template <class Lanes, bool kAbsolute, std::size_t... kIndex>
 inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
                      const double *v, std::size_t columns, double *y) {
   typedef typename Lanes::Memory Memory;
-  const double first = kAbsolute ? __builtin_fabs(v[0]) : v[0];
-  typename Lanes::Value sum[] = {reinterpret_cast<const Memory *>(m)[kIndex] * first...};
-  const auto add = [&](const double *column, double value) {
-    const double factor = kAbsolute ? __builtin_fabs(value) : value;
-    ((sum[kIndex] += reinterpret_cast<const Memory *>(column)[kIndex] * factor), ...);
-  };
+  const auto factor = [](double value) { return kAbsolute ? __builtin_fabs(value) : value; };
   const double *end = v + columns;
-  if (columns % 2 == 0) add(m += stride, *++v);
-  for (++v, m += stride; v < end; v += 2, m += 2 * stride) {
-    add(m, v[0]);
-    add(m + stride, v[1]);
+  typename Lanes::Value sum[] = {reinterpret_cast<const Memory *>(m)[kIndex] * factor(*v)...};
+  while (++v < end) {
+    m += stride;
+    const double by = factor(*v);
+    ((sum[kIndex] += reinterpret_cast<const Memory *>(m)[kIndex] * by), ...);
   }
   ((reinterpret_cast<Memory *>(y)[kIndex] = sum[kIndex]), ...);
 }
