@@ -131,7 +131,17 @@ class Plant {
   int lowest_code_ = 0;
   int highest_code_ = 0;
   std::size_t encoder_state_ = 0;
-  double counts_per_unit_[2] = {0.0, 0.0};
+  double encoder_scale_ = 0.0;
+  bool has_encoder_ = false;
+  struct Converter {
+    bool present = false;
+    int top = 0;
+    int zero_code = 0;
+    double counts_per_unit = 0.0;
+    double low = 0.0;  // of signal counts + 1/2, where the code leaves 0
+    double high = 0.0;
+  };
+  Converter converters_[2];
   bool audit_ = false;
   double initial_energy_ = 0.0;
   double edge_margin_ = 0.0;
