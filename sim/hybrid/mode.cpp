@@ -342,17 +342,26 @@ std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key
   const ExtendedMatrix a = square_flow(equations);
   auto audit = std::make_unique<ModeAudit>();
   const Gram gram(a);
-  const auto add = [&](const Network::Product &pair, std::vector<double> *out) {
+  const auto c = static_cast<std::size_t>(a.cols());
+  audit->form_stride = kernel::padded(network.supplies().size() + network.dampers().size());
+  audit->forms.assign(audit->form_stride * c * c, 0.0);
+  std::size_t place = 0;
+  const auto add = [&](const Network::Product &pair) {
     const ExtendedMatrix first = equations.wires.row(pair.first);
     const ExtendedMatrix second = equations.wires.row(pair.second);
     const ExtendedMatrix outer = product(first.transpose(), second);
     const ExtendedMatrix mirrored = outer.transpose();
-    put_rows(gram((outer + mirrored) / 2), out);
+    const ExtendedMatrix form = gram((outer + mirrored) / 2);
+    for (std::size_t j = 0; j < c; ++j)
+      for (std::size_t i = 0; i < c; ++i)
+        audit->forms[(j * c + i) * audit->form_stride + place] = static_cast<double>(
+            form(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
+    ++place;
     put_rows(first, &audit->first);
     put_rows(second, &audit->second);
   };
-  for (const auto &pair : network.supplies()) add(pair, &audit->supply);
-  for (const auto &pair : network.dampers()) add(pair, &audit->damper);
+  for (const auto &pair : network.supplies()) add(pair);
+  for (const auto &pair : network.dampers()) add(pair);
   for (const auto &pair : network.storages()) {
     put_rows(equations.wires.row(pair.first), &audit->store_first);
     put_rows(equations.wires.row(pair.second), &audit->store_second);

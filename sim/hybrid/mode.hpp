@@ -93,8 +93,8 @@ struct Mode {
 
 /// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.
 struct ModeAudit {
-  std::vector<double> supply;       ///< per supply: c x c, J
-  std::vector<double> damper;       ///< per damper: c x c, J
+  std::size_t form_stride = 0;      ///< padded(supplies + dampers)
+  kernel::Vector forms;             ///< [column j][row i][supplies then dampers]: J
   std::vector<double> first;        ///< rows of supplies then dampers, first factor
   std::vector<double> second;       ///< second factor
   std::vector<double> store_first;  ///< rows of the storages

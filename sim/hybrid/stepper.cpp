@@ -79,6 +79,10 @@ void Stepper::set_mode(ModeKey key) {
     grow(chain_, (m.order + 1) * m.flow_stride);
     grow(polynomial_, m.series_stride);
     grow(increment_, m.flow_stride);
+    if (audit_) {
+      grow(forms_, slot.audit->form_stride * m.columns);
+      grow(integrals_, slot.audit->form_stride);
+    }
   }
   mode_ = slot.mode;
   audit_mode_ = slot.audit;
@@ -198,8 +202,9 @@ void Stepper::expand() {
 // After expand(): to the state s ticks later, s <= reach.
 void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
-  double power = s;
-  for (std::size_t k = 0; k < m.order; ++k, power *= s) powers_[k] = power;
+  // s^k by way of s^(k/2): the products do not wait for each other.
+  powers_[0] = s;
+  for (std::size_t k = 2; k <= m.order; ++k) powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
   // The increment first, so that only the last addition rounds at the size of the state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
@@ -444,17 +449,19 @@ std::int64_t Stepper::count(int switch_index, int from, int to) const {
 // ---- energy -----------------------------------------------------------------------------------
 
 void Stepper::audit_tick() {
-  const std::size_t c = mode_->columns;
-  const double *z = z_.data();
-  const auto integral = [&](const double *form) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < c; ++i) sum += z[i] * dot(form + i * c, z, c);
-    return sum;
-  };
-  for (std::size_t i = 0; i < supplied_.size(); ++i)
-    supplied_[i].add(integral(&audit_mode_->supply[i * c * c]));
-  for (std::size_t i = 0; i < dissipated_.size(); ++i)
-    dissipated_[i].add(integral(&audit_mode_->damper[i * c * c]));
+  const Mode &m = *mode_;
+  const std::size_t stride = audit_mode_->form_stride;
+  // All forms times z, column by column, is again a matrix by columns: its product with z are the
+  // integrals.
+  multiply_(audit_mode_->forms.data(), stride * m.columns, z_.data(), m.columns, forms_.data());
+  multiply_(forms_.data(), stride, z_.data(), m.columns, integrals_.data());
+  add_integrals();
+}
+
+void Stepper::add_integrals() {
+  const double *value = integrals_.data();
+  for (Sum &sum : supplied_) sum.add(*value++);
+  for (Sum &sum : dissipated_) sum.add(*value++);
 }
 
 // Products of two polynomials, integrated term by term over s ticks of the expansion at hand.

@@ -92,6 +92,7 @@ class Stepper {
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_tick();
+  void add_integrals();
   void audit_part(double s);
   void audit_grid(std::size_t parts);
   double stored_total() const;
@@ -137,6 +138,8 @@ class Stepper {
   };
   std::vector<Recent> recent_;
 
+  kernel::Vector forms_;
+  kernel::Vector integrals_;  // of supplies, then dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;
