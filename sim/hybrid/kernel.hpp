@@ -23,9 +23,9 @@ struct Aligned {
   template <class Other>
   explicit Aligned(const Aligned<Other> &) {}
   Value *allocate(std::size_t count) {
-    return static_cast<Value *>(::operator new(count * sizeof(Value), std::align_val_t{64}));
+    return static_cast<Value *>(::operator new (count * sizeof(Value), std::align_val_t{64}));
   }
-  void deallocate(Value *p, std::size_t) { ::operator delete(p, std::align_val_t{64}); }
+  void deallocate(Value *p, std::size_t) { ::operator delete (p, std::align_val_t{64}); }
   bool operator==(const Aligned &) const = default;
 };
 using Vector = std::vector<double, Aligned<double>>;

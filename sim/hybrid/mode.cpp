@@ -10,11 +10,11 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr Extended kTick = 1.0L / 1500.0L;
-constexpr int kHighestOrder = 13;        // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;  // per sample of the quiet test
+constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
+constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
 constexpr std::size_t kMostTested = 128;  // parts of a tick that has a quiet test
-constexpr std::size_t kMostGrid = 64;    // parts of the grid: bits of a word
-constexpr std::size_t kFastGrid = 8;     // the same without a quiet test
+constexpr std::size_t kMostGrid = 64;     // parts of the grid: bits of a word
+constexpr std::size_t kFastGrid = 8;      // the same without a quiet test
 constexpr std::size_t kMostParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
@@ -153,9 +153,16 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   mode.tick.assign(mode.tick_stride * mode.columns, 0.0);
   mode.curve_stride = mode.samples * stride;
   mode.curve.assign(mode.curve_stride * mode.columns, 0.0);
-  mode.quiet = {mode.tick.data(), mode.tick_stride, mode.curve.data(), mode.curve_stride,
-                mode.low.data(),  mode.high.data(), first,             stride,
-                mode.samples,     mode.columns};
+  mode.quiet = {mode.tick.data(),
+                mode.tick_stride,
+                mode.curve.data(),
+                mode.curve_stride,
+                mode.low.data(),
+                mode.high.data(),
+                first,
+                stride,
+                mode.samples,
+                mode.columns};
   mode.grid_flow.assign(mode.grid * mode.flow_stride * mode.columns, 0.0);
   mode.grid_signal_stride = kernel::padded(mode.grid + 1);
   mode.grid_signal.assign(g * mode.grid_signal_stride * mode.columns, 0.0);
@@ -186,7 +193,8 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
     signal = product(r, flow);
     const ExtendedMatrix next_size = product(absolute(r), absolute(flow));
     if (k < mode.grid) {
-      const ExtendedMatrix dip = product(here, growth) * part_share + (size + next_size) * kRounding;
+      const ExtendedMatrix dip =
+          product(here, growth) * part_share + (size + next_size) * kRounding;
       for (std::size_t i = 0; i < g; ++i)
         put_block(dip.row(static_cast<Eigen::Index>(i)), k, mode.grid_dip_stride, &mode.grid_dip,
                   i * mode.columns * mode.grid_dip_stride);
@@ -354,8 +362,8 @@ std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key
     const ExtendedMatrix form = gram((outer + mirrored) / 2);
     for (std::size_t j = 0; j < c; ++j)
       for (std::size_t i = 0; i < c; ++i)
-        audit->forms[(j * c + i) * audit->form_stride + place] = static_cast<double>(
-            form(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
+        audit->forms[(j * c + i) * audit->form_stride + place] =
+            static_cast<double>(form(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
     ++place;
     put_rows(first, &audit->first);
     put_rows(second, &audit->second);

@@ -26,7 +26,8 @@ struct SimulationError : std::runtime_error {
 /// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
 /// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state and the ADCs'
-/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve` maps |z| to a bound on how far a signal can leave its chord within each part,
+/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve`
+/// maps |z| to a bound on how far a signal can leave its chord within each part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
 /// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
 /// switch changes within the tick. The same holds for each channel by itself, and for a tick's time
@@ -61,21 +62,21 @@ struct Mode {
   std::size_t channel_stride = 0;  ///< padded(g)
   std::size_t signal_place = 0;    ///< padded(n + 2)
   std::size_t tick_stride = 0;     ///< signal_place + (samples + 1) channel_stride
-  kernel::Vector tick;        ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
+  kernel::Vector tick;             ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
   std::size_t curve_stride = 0;    ///< samples channel_stride
-  kernel::Vector curve;       ///< by columns
+  kernel::Vector curve;            ///< by columns
   kernel::QuietTest quiet;         ///< of these
-  kernel::Vector low;         ///< per channel, pulled in by the bounds' own rounding; padded
+  kernel::Vector low;              ///< per channel, pulled in by the bounds' own rounding; padded
   kernel::Vector high;
 
   double reach = 1.0;  ///< ticks, 1 / 2^k
   std::size_t order = 0;
   std::size_t flow_stride = 0;    ///< padded(n)
-  kernel::Vector taylor;     ///< (A T)^k / k!, k = 1..order below each other, by columns
+  kernel::Vector taylor;          ///< (A T)^k / k!, k = 1..order below each other, by columns
   std::vector<double> signal;     ///< channel rows r, g x c by rows
   std::vector<double> size;       ///< |r|
   std::size_t series_stride = 0;  ///< padded(order + 1)
-  kernel::Vector series;     ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
+  kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
   std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
   std::vector<Channel> channel;
   std::vector<std::size_t> fed;  ///< channels that the command acts on at once
@@ -87,8 +88,8 @@ struct Mode {
   std::size_t grid_dip_stride = 0;
   kernel::Vector grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
 
-  kernel::Vector sensor;  ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
-  std::vector<double> truth;   ///< all signals of the model, by rows
+  kernel::Vector sensor;      ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
+  std::vector<double> truth;  ///< all signals of the model, by rows
 };
 
 /// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.

@@ -204,7 +204,8 @@ void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
   // s^k by way of s^(k/2): the products do not wait for each other.
   powers_[0] = s;
-  for (std::size_t k = 2; k <= m.order; ++k) powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
+  for (std::size_t k = 2; k <= m.order; ++k)
+    powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
   // The increment first, so that only the last addition rounds at the size of the state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
@@ -232,8 +233,8 @@ void Stepper::advance(double ticks) {
 }
 
 // polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
-Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound,
-                                       double end, double *root) {
+Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double end,
+                                       double *root) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;
   const double *q = polynomial_.data();
@@ -255,12 +256,12 @@ Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound,
   return Verdict::none;
 }
 
-Stepper::Verdict Stepper::examine(std::size_t channel, double end,
-                                  double *root, bool *above) {
+Stepper::Verdict Stepper::examine(std::size_t channel, double end, double *root, bool *above) {
   const Mode &m = *mode_;
   const Channel &watched = m.channel[channel];
   double *q = polynomial_.data();
-  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns, q);
+  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns,
+            q);
   const double value = q[0];
   Verdict verdict = Verdict::none;
   if (watched.low > -kInfinity) {
@@ -304,8 +305,8 @@ std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
   return doubt & (~std::uint64_t{0} >> (64 - wanted));
 }
 
-// The first change from here on to `end`, within part `part` of the grid, of the channels that are in
-// doubt there.
+// The first change from here on to `end`, within part `part` of the grid, of the channels that are
+// in doubt there.
 bool Stepper::first_change(std::size_t part, double end, Change *found) {
   for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z_[j]);
   bool any = false;

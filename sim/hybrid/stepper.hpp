@@ -116,7 +116,7 @@ class Stepper {
   std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
   double sensors_[kernel::padded(2)] = {};
   bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
-  kernel::Vector chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
+  kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
   kernel::Vector polynomial_;
   kernel::Vector increment_;
   double powers_[64];

@@ -69,9 +69,9 @@ TEST(Kernel, TheQuietTestIsProductBoundAndComparison) {
     bool expected = true;
     for (std::size_t k = 0; k < kSamples; ++k)
       for (std::size_t i = 0; i < kChannels; ++i)
-        expected = expected && kernel::inside(at[kFirst + k * kStride + i],
-                                              at[kFirst + (k + 1) * kStride + i],
-                                              dip[k * kStride + i], low[i], high[i]);
+        expected = expected &&
+                   kernel::inside(at[kFirst + k * kStride + i], at[kFirst + (k + 1) * kStride + i],
+                                  dip[k * kStride + i], low[i], high[i]);
     quiet += expected ? 1 : 0;
     for (const kernel::Quiet variant : {kernel::quiet_base, kernel::best_quiet()}) {
       std::vector<double> result(kRows);
