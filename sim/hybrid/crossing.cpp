@@ -7,10 +7,12 @@ namespace {
 
 using kernel::magnitude;
 
+// On [0, 1].
 struct Polynomial {
   const double *q;
   std::size_t degree;
-  double noise;  // rounding of a value on the whole interval
+  double noise;       // rounding of a value on the whole interval
+  double whole_bend;  // bend(1)
 
   double value(double s) const {
     double sum = q[degree];
@@ -29,6 +31,7 @@ struct Polynomial {
   }
   // Largest |g''| on [0, s].
   double bend(double s) const {
+    if (s == 1.0) return whole_bend;
     double sum = 0.0;
     for (std::size_t k = degree; k >= 2; --k)
       sum = sum * s + static_cast<double>(k * (k - 1)) * magnitude(q[k]);
@@ -36,8 +39,8 @@ struct Polynomial {
   }
 };
 
-// One sign change of a falling g on [a, b], g(a) >= 0 > g(b).
-double refine(const Polynomial &g, double a, double ga, double b, double gb) {
+// One sign change of a falling g on [a, b], g(a) >= 0 > g(b); bend >= |g''| there.
+double refine(const Polynomial &g, double a, double ga, double b, double gb, double bend) {
   double s = a + (b - a) * (ga / (ga - gb));
   double last_width = b - a;
   for (int step = 0; step < 200; ++step) {
@@ -54,7 +57,11 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb) {
     }
     double next = slope < 0.0 ? s - value / slope : a + 0.5 * (b - a);
     const double move = magnitude(next - s);
-    if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise) {
+    // A Newton step leaves 2 bend move^2 / |slope| at most (the root is within 2 |move| as long as
+    // bend |move| <= |slope| / 4): less than the rounding of s?
+    const double rest = 2.0 * bend * move * move;
+    if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise ||
+        (next > a && next < b && rest <= -0x1p-54 * slope * s)) {
       if (next > a && next < b) s = next;
       return s;
     }
@@ -84,7 +91,7 @@ bool search(const Polynomial &g, double a, double ga, double b, double gb, doubl
   const double gm = g.value_and_slope(middle, &slope);
   if (magnitude(slope) > 0.5 * width * bend) {
     if (gb >= 0.0) return false;
-    *root = refine(g, a, ga, b, gb);
+    *root = refine(g, a, ga, b, gb, bend);
     return true;
   }
   if (search(g, a, ga, middle, gm, root)) return true;
@@ -94,15 +101,25 @@ bool search(const Polynomial &g, double a, double ga, double b, double gb, doubl
 }  // namespace
 
 bool first_crossing(const double *q, std::size_t degree, double end, double *root) {
-  // Terms that cannot matter on (0, end] only cost time.
-  double size[64];
+  double scaled[64];
   double sum = 0.0;
+  double bend = 0.0;
   double power = 1.0;
-  for (std::size_t k = 0; k <= degree; ++k, power *= end) sum += size[k] = magnitude(q[k]) * power;
-  double dropped = size[degree];
-  while (degree > 2 && dropped * 0x1p58 < sum) dropped += size[--degree];
-  const Polynomial g{q, degree, 0x1p-50 * sum};
-  return search(g, 0.0, q[0], end, g.value(end), root);
+  double index = 0.0;
+  for (std::size_t k = 0; k <= degree; ++k, power *= end, index += 1.0) {
+    scaled[k] = q[k] * power;
+    const double size = magnitude(scaled[k]);
+    sum += size;
+    bend += index * (index - 1.0) * size;
+  }
+  if (scaled[0] >= sum - scaled[0]) return false;  // more than all other terms together
+  // Terms that cannot matter only cost time.
+  double dropped = magnitude(scaled[degree]);
+  while (degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(scaled[--degree]);
+  const Polynomial g{scaled, degree, 0x1p-50 * sum, bend};
+  if (!search(g, 0.0, scaled[0], 1.0, g.value(1.0), root)) return false;
+  *root *= end;
+  return true;
 }
 
 }  // namespace forceaxis::sim

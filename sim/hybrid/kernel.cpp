@@ -13,6 +13,10 @@ bool quiet_base(const QuietTest &test, const double *z, double *result, double *
   return quiet<Pair>(test, z, result, dip);
 }
 
+std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, double *dip) {
+  return grid<Pair>(test, z, signal, dip);
+}
+
 Multiply best_multiply() {
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("avx2") != 0) return multiply_wide;
@@ -25,6 +29,13 @@ Quiet best_quiet() {
   if (__builtin_cpu_supports("avx2") != 0) return quiet_wide;
 #endif
   return quiet_base;
+}
+
+Grid best_grid() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2") != 0) return grid_wide;
+#endif
+  return grid_base;
 }
 
 }  // namespace forceaxis::sim::kernel

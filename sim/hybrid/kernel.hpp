@@ -5,11 +5,30 @@
 // the machine's vectors, so a result does not depend on optimisation level, processor, alignment or
 // neighbouring rows (build with -ffp-contract=off).
 #include <cstddef>
+#include <cstdint>
+#include <new>
+#include <vector>
 
 namespace forceaxis::sim::kernel {
 
 /// Rows are padded to a multiple of 4; `stride` is that number.
 constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
+
+/// Starts on a cache line, so that no vector of rows lies across two: faster, and as fast wherever
+/// the heap puts it.
+template <class Value>
+struct Aligned {
+  using value_type = Value;
+  Aligned() = default;
+  template <class Other>
+  explicit Aligned(const Aligned<Other> &) {}
+  Value *allocate(std::size_t count) {
+    return static_cast<Value *>(::operator new (count * sizeof(Value), std::align_val_t{64}));
+  }
+  void deallocate(Value *p, std::size_t) { ::operator delete (p, std::align_val_t{64}); }
+  bool operator==(const Aligned &) const = default;
+};
+using Vector = std::vector<double, Aligned<double>>;
 
 /// y[0..stride) = M v; at least one column.
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
@@ -44,6 +63,23 @@ using Quiet = bool (*)(const QuietTest &test, const double *z, double *result, d
 Quiet best_quiet();
 bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip);
 bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip);
+
+/// The same test of one signal on a grid of `parts` <= 64 parts, a multiple of 4: signal = M z at
+/// their ends, by columns of padded(parts + 1), and dip = D |z| in them. Returns one bit for each
+/// part in which the signal is not inside() [low, high].
+struct GridTest {
+  const double *signal;
+  const double *dip;
+  std::size_t parts;
+  std::size_t columns;
+  double low;
+  double high;
+};
+using Grid = std::uint64_t (*)(const GridTest &test, const double *z, double *signal, double *dip);
+
+Grid best_grid();
+std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, double *dip);
+std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip);
 
 /// Whether a signal, a and b at the ends of an interval and not more than `dip` off its chord
 /// between, stays within [low, high]. False for values that are not numbers.

@@ -25,56 +25,55 @@ template <class Lanes, bool kAbsolute, std::size_t... kIndex>
 inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
                      const double *v, std::size_t columns, double *y) {
   typedef typename Lanes::Memory Memory;
-  const double first = kAbsolute ? __builtin_fabs(v[0]) : v[0];
-  typename Lanes::Value sum[] = {reinterpret_cast<const Memory *>(m)[kIndex] * first...};
-  for (std::size_t j = 1; j < columns; ++j) {
+  const auto factor = [](double value) { return kAbsolute ? __builtin_fabs(value) : value; };
+  const double *end = v + columns;
+  typename Lanes::Value sum[] = {reinterpret_cast<const Memory *>(m)[kIndex] * factor(*v)...};
+  while (++v < end) {
     m += stride;
-    const double factor = kAbsolute ? __builtin_fabs(v[j]) : v[j];
-    ((sum[kIndex] += reinterpret_cast<const Memory *>(m)[kIndex] * factor), ...);
+    const double by = factor(*v);
+    ((sum[kIndex] += reinterpret_cast<const Memory *>(m)[kIndex] * by), ...);
   }
   ((reinterpret_cast<Memory *>(y)[kIndex] = sum[kIndex]), ...);
 }
 
+// A matrix of so many vectors of rows; its stride is known to the compiler.
 template <class Lanes, bool kAbsolute, std::size_t kCount>
-inline void block(const double *m, std::size_t stride, const double *v, std::size_t columns,
-                  double *y) {
-  unrolled<Lanes, kAbsolute>(std::make_index_sequence<kCount>(), m, stride, v, columns, y);
+inline void block(const double *m, const double *v, std::size_t columns, double *y) {
+  unrolled<Lanes, kAbsolute>(std::make_index_sequence<kCount>(), m, kCount * Lanes::kWidth, v,
+                             columns, y);
 }
 
 template <class Lanes, bool kAbsolute>
 inline void blocks(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y) {
   constexpr std::size_t kWidth = Lanes::kWidth;
-  std::size_t row = 0;
-  for (; row + 8 * kWidth <= stride; row += 8 * kWidth)
-    block<Lanes, kAbsolute, 8>(m + row, stride, v, columns, y + row);
-  m += row;
-  y += row;
-  switch ((stride - row) / kWidth) {
+  switch (stride / kWidth) {
+    case 0:
+      return;
     case 1:
-      block<Lanes, kAbsolute, 1>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 1>(m, v, columns, y);
     case 2:
-      block<Lanes, kAbsolute, 2>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 2>(m, v, columns, y);
     case 3:
-      block<Lanes, kAbsolute, 3>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 3>(m, v, columns, y);
     case 4:
-      block<Lanes, kAbsolute, 4>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 4>(m, v, columns, y);
     case 5:
-      block<Lanes, kAbsolute, 5>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 5>(m, v, columns, y);
     case 6:
-      block<Lanes, kAbsolute, 6>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 6>(m, v, columns, y);
     case 7:
-      block<Lanes, kAbsolute, 7>(m, stride, v, columns, y);
-      break;
+      return block<Lanes, kAbsolute, 7>(m, v, columns, y);
     default:
       break;
   }
+  std::size_t row = 0;
+  for (; row + 8 * kWidth <= stride; row += 8 * kWidth)
+    unrolled<Lanes, kAbsolute>(std::make_index_sequence<8>(), m + row, stride, v, columns, y + row);
+  for (; row + 2 * kWidth <= stride; row += 2 * kWidth)
+    unrolled<Lanes, kAbsolute>(std::make_index_sequence<2>(), m + row, stride, v, columns, y + row);
+  for (; row < stride; row += kWidth)
+    unrolled<Lanes, kAbsolute>(std::make_index_sequence<1>(), m + row, stride, v, columns, y + row);
 }
 
 template <class Lanes>
@@ -98,6 +97,28 @@ inline bool quiet(const forceaxis::sim::kernel::QuietTest &test, const double *z
   bool all = true;
   for (std::size_t i = 0; i < Lanes::kWidth; ++i) all &= good[i] != 0;
   return all;
+}
+
+template <class Lanes>
+inline std::uint64_t grid(const forceaxis::sim::kernel::GridTest &test, const double *z,
+                          double *signal, double *dip) {
+  typedef typename Lanes::Memory Memory;
+  typedef typename Lanes::Value Value;
+  blocks<Lanes, false>(test.signal, (test.parts / 4 + 1) * 4, z, test.columns, signal);
+  blocks<Lanes, true>(test.dip, test.parts, z, test.columns, dip);
+  const auto at = [](const double *p) -> Value { return *reinterpret_cast<const Memory *>(p); };
+  const Value low = Value{} + test.low;
+  const Value high = Value{} + test.high;
+  std::uint64_t doubt = 0;
+  for (std::size_t k = 0; k < test.parts; k += Lanes::kWidth) {
+    const Value a = at(signal + k);
+    const Value b = at(signal + k + 1);
+    const Value room = at(dip + k);
+    const auto good = ((b < a ? b : a) - room >= low) & ((b < a ? a : b) + room <= high);
+    for (std::size_t i = 0; i < Lanes::kWidth; ++i)
+      doubt |= static_cast<std::uint64_t>(good[i] == 0) << (k + i);
+  }
+  return doubt;
 }
 
 }  // namespace

@@ -117,7 +117,7 @@ void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
 
 // Writes rows into a matrix stored by columns, from row `first` on.
 void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
-               std::vector<double> *out, std::size_t offset = 0) {
+               kernel::Vector *out, std::size_t offset = 0) {
   for (Eigen::Index j = 0; j < rows.cols(); ++j)
     for (Eigen::Index i = 0; i < rows.rows(); ++i)
       (*out)[offset + static_cast<std::size_t>(j) * stride + first + static_cast<std::size_t>(i)] =
@@ -295,6 +295,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
                     static_cast<std::size_t>(j)] = static_cast<double>(doubt(i, j));
   }
   put_rows(r, &mode->signal);
+  for (Eigen::Index i = 0; i < g; ++i)
+    if (r(i, c - 1) != 0) mode->fed.push_back(static_cast<std::size_t>(i));
   put_rows(absolute(r), &mode->size);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
@@ -370,17 +372,26 @@ std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key
   const ExtendedMatrix a = square_flow(equations);
   auto audit = std::make_unique<ModeAudit>();
   const Gram gram(a);
-  const auto add = [&](const Network::Product &pair, std::vector<double> *out) {
+  const auto c = static_cast<std::size_t>(a.cols());
+  audit->form_stride = kernel::padded(network.supplies().size() + network.dampers().size());
+  audit->forms.assign(audit->form_stride * c * c, 0.0);
+  std::size_t place = 0;
+  const auto add = [&](const Network::Product &pair) {
     const ExtendedMatrix first = equations.wires.row(pair.first);
     const ExtendedMatrix second = equations.wires.row(pair.second);
     const ExtendedMatrix outer = product(first.transpose(), second);
     const ExtendedMatrix mirrored = outer.transpose();
-    put_rows(gram((outer + mirrored) / 2), out);
+    const ExtendedMatrix form = gram((outer + mirrored) / 2);
+    for (std::size_t j = 0; j < c; ++j)
+      for (std::size_t i = 0; i < c; ++i)
+        audit->forms[(j * c + i) * audit->form_stride + place] =
+            static_cast<double>(form(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
+    ++place;
     put_rows(first, &audit->first);
     put_rows(second, &audit->second);
   };
-  for (const auto &pair : network.supplies()) add(pair, &audit->supply);
-  for (const auto &pair : network.dampers()) add(pair, &audit->damper);
+  for (const auto &pair : network.supplies()) add(pair);
+  for (const auto &pair : network.dampers()) add(pair);
   for (const auto &pair : network.storages()) {
     put_rows(equations.wires.row(pair.first), &audit->store_first);
     put_rows(equations.wires.row(pair.second), &audit->store_second);

@@ -70,45 +70,46 @@ struct Mode {
   std::size_t channel_stride = 0;  ///< padded(g)
   std::size_t signal_place = 0;    ///< padded(n + 2)
   std::size_t tick_stride = 0;     ///< signal_place + (samples + 1) channel_stride
-  std::vector<double> tick;        ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
+  kernel::Vector tick;             ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
   std::size_t curve_stride = 0;    ///< samples channel_stride
-  std::vector<double> curve;       ///< by columns
+  kernel::Vector curve;            ///< by columns
   kernel::QuietTest quiet;         ///< of these
   std::size_t calm_stride = 0;     ///< padded(n) + curve_stride
-  std::vector<double> calm_head;   ///< by columns: A^2 z, then the rows of `curve`
-  std::vector<double> calm_tail;   ///< by n columns, the rows of `curve`
-  std::vector<double> calm_doubt;  ///< the rows of `curve`
-  std::vector<double> low;         ///< per channel, pulled in by the bounds' own rounding; padded
-  std::vector<double> high;
+  kernel::Vector calm_head;        ///< by columns: A^2 z, then the rows of `curve`
+  kernel::Vector calm_tail;        ///< by n columns, the rows of `curve`
+  kernel::Vector calm_doubt;       ///< the rows of `curve`
+  kernel::Vector low;              ///< per channel, pulled in by the bounds' own rounding; padded
+  kernel::Vector high;
 
   double reach = 1.0;  ///< ticks, 1 / 2^k
   std::size_t order = 0;
   std::size_t flow_stride = 0;    ///< padded(n)
-  std::vector<double> taylor;     ///< (A T)^k / k!, k = 1..order below each other, by columns
+  kernel::Vector taylor;          ///< (A T)^k / k!, k = 1..order below each other, by columns
   std::vector<double> signal;     ///< channel rows r, g x c by rows
   std::vector<double> size;       ///< |r|
   std::size_t series_stride = 0;  ///< padded(order + 1)
-  std::vector<double> series;     ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
+  kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
   std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
   std::vector<Channel> channel;
+  std::vector<std::size_t> fed;  ///< channels that the command acts on at once
 
   std::size_t grid = 0;
-  std::vector<double> grid_flow;  ///< [k]: state after k + 1 parts, by columns of flow_stride
+  kernel::Vector grid_flow;  ///< [k]: state after k + 1 parts, by columns of flow_stride
   std::size_t grid_signal_stride = 0;
-  std::vector<double> grid_signal;  ///< [channel]: signal at part 0..grid, by columns
+  kernel::Vector grid_signal;  ///< [channel]: signal at part 0..grid, by columns
   std::size_t grid_dip_stride = 0;
-  std::vector<double> grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
+  kernel::Vector grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
 
   std::vector<double> slip;  ///< ModeEquations::slip by rows, n x n, or empty
 
-  std::vector<double> sensor;  ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
-  std::vector<double> truth;   ///< all signals of the model, by rows
+  kernel::Vector sensor;      ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
+  std::vector<double> truth;  ///< all signals of the model, by rows
 };
 
 /// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.
 struct ModeAudit {
-  std::vector<double> supply;       ///< per supply: c x c, J
-  std::vector<double> damper;       ///< per damper: c x c, J
+  std::size_t form_stride = 0;      ///< padded(supplies + dampers)
+  kernel::Vector forms;             ///< [column j][row i][supplies then dampers]: J
   std::vector<double> first;        ///< rows of supplies then dampers, first factor
   std::vector<double> second;       ///< second factor
   std::vector<double> store_first;  ///< rows of the storages

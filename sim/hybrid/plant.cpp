@@ -65,21 +65,28 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   dac_offset_ = description.dac.offset;
   lowest_code_ = -(1 << (description.dac.bits - 1));
   highest_code_ = -lowest_code_ - 1;
-  for (std::size_t channel = 0; channel < 2; ++channel) {
-    const auto &adc = description.adc[channel];
-    if (!adc) continue;
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    counts_per_unit_[channel] = 1.0 / adc->per_count;
-    // With a filter between them the sensor's own limit acts ahead of it, in the network.
-    reading_limit_[channel] =
-        smaller(adc->conditioning_limit.value_or(kInfinity),
-                adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity));
-  }
-  if (description.encoder) {
+  for (std::size_t channel = 0; channel < 2; ++channel)
+    if (const auto &adc = description.adc[channel]) {
+      constexpr double kInfinity = std::numeric_limits<double>::infinity();
+      const int top = (1 << adc->bits) - 1;
+      // With a filter between them the sensor's own limit acts ahead of it, in the network.
+      const double sensor_limit = adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity);
+      converters_[channel] = {true,
+                              top,
+                              adc->zero_code,
+                              smaller(adc->conditioning_limit.value_or(kInfinity), sensor_limit),
+                              adc->noise,
+                              1.0 / adc->per_count,
+                              static_cast<double>(1 - adc->zero_code),
+                              static_cast<double>(top - adc->zero_code)};
+    }
+  has_encoder_ = description.encoder.has_value();
+  if (has_encoder_) {
     const auto position_of = [this](int body) {
       return static_cast<std::size_t>(
           stepper_.network().bodies()[static_cast<std::size_t>(body)].position);
     };
+    encoder_scale_ = description.encoder->scale;
     encoder_state_ = position_of(description.encoder->body);
     if (const int reference = description.encoder->reference; reference != kGround)
       reference_state_ = position_of(reference);
@@ -108,45 +115,43 @@ void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
 SensorCodes Plant::codes() {
   const double *value = stepper_.sensors();
   SensorCodes codes;
-  const Model &description = model();
-  if (description.encoder) {
+  double margin = edge_margin_;
+  if (has_encoder_) {
     double place = stepper_.z()[encoder_state_];
     if (reference_state_) place -= stepper_.z()[*reference_state_];
-    const double y = place * description.encoder->scale + 0.5;
+    const double y = place * encoder_scale_ + 0.5;
     if (!(kernel::magnitude(y) < kFar))
       throw SimulationError(
           "the encoder's body left all bounds at t = " + std::to_string(time_s()) + " s");
     const std::int64_t count = floor_integer(y);
     codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
-    edge_margin_ = smaller(edge_margin_, edge_distance(y, count));
+    margin = smaller(margin, edge_distance(y, count));
   }
   for (std::size_t channel = 0; channel < 2; ++channel) {
-    const auto &adc = description.adc[channel];
-    if (!adc) continue;
-    const int top = (1 << adc->bits) - 1;
+    const Converter &adc = converters_[channel];
+    if (!adc.present) continue;
     // The code changes where y passes 1, 2, ..., top.
     double reading = value[channel];
-    if (reading > reading_limit_[channel]) reading = reading_limit_[channel];
-    if (reading < -reading_limit_[channel]) reading = -reading_limit_[channel];
-    if (adc->noise > 0.0) reading += adc->noise * deviate(seed_, channel, tick());
-    const double y = reading * counts_per_unit_[channel] + 0.5;
-    const double low = static_cast<double>(1 - adc->zero_code);
-    const double high = static_cast<double>(top - adc->zero_code);
-    double margin = 0.0;
+    if (reading > adc.limit) reading = adc.limit;
+    if (reading < -adc.limit) reading = -adc.limit;
+    if (adc.noise > 0.0) reading += adc.noise * deviate(seed_, channel, tick());
+    const double y = reading * adc.counts_per_unit + 0.5;
+    double distance = 0.0;
     int code = 0;
-    if (!(y >= low)) {
-      margin = low - y;
-    } else if (y >= high) {
-      code = top;
-      margin = y - high;
+    if (!(y >= adc.low)) {
+      distance = adc.low - y;
+    } else if (y >= adc.high) {
+      code = adc.top;
+      distance = y - adc.high;
     } else {
       const std::int64_t step = floor_integer(y);
-      code = static_cast<int>(step) + adc->zero_code;
-      margin = edge_distance(y, step);
+      code = static_cast<int>(step) + adc.zero_code;
+      distance = edge_distance(y, step);
     }
     codes.adc[channel] = static_cast<std::uint16_t>(code);
-    edge_margin_ = smaller(edge_margin_, margin);
+    margin = smaller(margin, distance);
   }
+  edge_margin_ = margin;
   return codes;
 }
 

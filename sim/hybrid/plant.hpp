@@ -141,8 +141,19 @@ class Plant {
   int highest_code_ = 0;
   std::size_t encoder_state_ = 0;
   std::optional<std::size_t> reference_state_;
-  double counts_per_unit_[2] = {0.0, 0.0};
-  double reading_limit_[2] = {0.0, 0.0};
+  double encoder_scale_ = 0.0;
+  bool has_encoder_ = false;
+  struct Converter {
+    bool present = false;
+    int top = 0;
+    int zero_code = 0;
+    double limit = 0.0;  // of the reading
+    double noise = 0.0;
+    double counts_per_unit = 0.0;
+    double low = 0.0;  // of signal counts + 1/2, where the code leaves 0
+    double high = 0.0;
+  };
+  Converter converters_[2];
   std::uint64_t seed_ = 0;
   bool audit_ = false;
   double initial_energy_ = 0.0;

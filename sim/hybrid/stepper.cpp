@@ -81,6 +81,10 @@ void Stepper::set_mode(ModeKey key) {
     grow(chain_, (m.order + 1) * m.flow_stride);
     grow(polynomial_, m.series_stride);
     grow(increment_, m.flow_stride);
+    if (audit_) {
+      grow(forms_, slot.audit->form_stride * m.columns);
+      grow(integrals_, slot.audit->form_stride);
+    }
   }
   mode_ = slot.mode;
   audit_mode_ = slot.audit;
@@ -110,6 +114,10 @@ void Stepper::step(double command, bool enable) {
     z_[n + 1] = command;
     set_mode(network().with_enable(mode_->key, enable));
     settle(false);
+  } else if (sensors_in_result_ && command_jumps_ahead(command - z_[n + 1])) {
+    // Only spares the quiet test: it is settle() that decides, now or after the test.
+    z_[n + 1] = command;
+    settle(true);
   }
   z_[n + 1] = command;
   if (!quiet_tick()) {
@@ -167,6 +175,17 @@ bool Stepper::calm_tick() {
   return calm;
 }
 
+// After a quiet tick: will this step of the command put a signal beyond its bound?
+bool Stepper::command_jumps_ahead(double change) const {
+  const Mode &m = *mode_;
+  const double *at = result_.data() + m.signal_place + m.samples * m.channel_stride;
+  for (const std::size_t i : m.fed) {
+    const double value = at[i] + m.signal[(i + 1) * m.columns - 1] * change;
+    if (!(value >= m.low[i] && value <= m.high[i])) return true;
+  }
+  return false;
+}
+
 // After quiet_tick(): is a signal beyond its bound at the start already?
 bool Stepper::command_jumps() const {
   const Mode &m = *mode_;
@@ -213,8 +232,10 @@ void Stepper::expand() {
 // After expand(): to the state s ticks later, s <= reach.
 void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
-  double power = s;
-  for (std::size_t k = 0; k < m.order; ++k, power *= s) powers_[k] = power;
+  // s^k by way of s^(k/2): the products do not wait for each other.
+  powers_[0] = s;
+  for (std::size_t k = 2; k <= m.order; ++k)
+    powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
   // The increment first, so that only the last addition rounds at the size of the state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
@@ -304,16 +325,14 @@ std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
   for (std::size_t k = 0; k < m.samples; ++k, at += m.channel_stride, dip += m.channel_stride)
     clear &= kernel::inside(at[0], at[m.channel_stride], dip[0], low, high);
   if (clear) return 0;
-  multiply_(&m.grid_signal[channel * c * m.grid_signal_stride], m.grid_signal_stride, z_.data(), c,
-            grid_signal_.data());
-  multiply_(&m.grid_dip[channel * c * m.grid_dip_stride], m.grid_dip_stride, absolute_.data(), c,
-            grid_dip_.data());
-  std::uint64_t doubt = 0;
-  for (std::size_t k = 0; k < wanted; ++k)
-    doubt |= static_cast<std::uint64_t>(
-                 !kernel::inside(grid_signal_[k], grid_signal_[k + 1], grid_dip_[k], low, high))
-             << k;
-  return doubt;
+  const kernel::GridTest test{&m.grid_signal[channel * c * m.grid_signal_stride],
+                              &m.grid_dip[channel * c * m.grid_dip_stride],
+                              m.grid,
+                              c,
+                              low,
+                              high};
+  const std::uint64_t doubt = grid_(test, z_.data(), grid_signal_.data(), grid_dip_.data());
+  return doubt & (~std::uint64_t{0} >> (64 - wanted));
 }
 
 // The first change from here on to `end`, within part `part` of the grid, of the channels that are
@@ -369,7 +388,6 @@ bool Stepper::cross_tick() {
       const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
       std::uint64_t doubtful = 0;
       if (!quiet) {
-        for (std::size_t j = 0; j < m.columns; ++j) absolute_[j] = magnitude(z_[j]);
         for (std::size_t i = 0; i < m.channels; ++i)
           doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
         if (doubtful == 0 && m.samples > 0 && covered == 1.0) return false;
@@ -488,17 +506,19 @@ std::int64_t Stepper::count(int switch_index, int from, int to) const {
 // ---- energy -----------------------------------------------------------------------------------
 
 void Stepper::audit_tick() {
-  const std::size_t c = mode_->columns;
-  const double *z = z_.data();
-  const auto integral = [&](const double *form) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < c; ++i) sum += z[i] * dot(form + i * c, z, c);
-    return sum;
-  };
-  for (std::size_t i = 0; i < supplied_.size(); ++i)
-    supplied_[i].add(integral(&audit_mode_->supply[i * c * c]));
-  for (std::size_t i = 0; i < dissipated_.size(); ++i)
-    dissipated_[i].add(integral(&audit_mode_->damper[i * c * c]));
+  const Mode &m = *mode_;
+  const std::size_t stride = audit_mode_->form_stride;
+  // All forms times z, column by column, is again a matrix by columns: its product with z are the
+  // integrals.
+  multiply_(audit_mode_->forms.data(), stride * m.columns, z_.data(), m.columns, forms_.data());
+  multiply_(forms_.data(), stride, z_.data(), m.columns, integrals_.data());
+  add_integrals();
+}
+
+void Stepper::add_integrals() {
+  const double *value = integrals_.data();
+  for (Sum &sum : supplied_) sum.add(*value++);
+  for (Sum &sum : dissipated_) sum.add(*value++);
 }
 
 // Products of two polynomials, integrated term by term over s ticks of the expansion at hand.

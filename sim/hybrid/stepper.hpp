@@ -78,6 +78,7 @@ class Stepper {
   bool quiet_tick();
   bool calm_tick();
   bool command_jumps() const;
+  bool command_jumps_ahead(double change) const;
   void settle(bool count_jumps);
   bool cross_tick();
   std::uint64_t parts_in_doubt(std::size_t channel, std::size_t wanted);
@@ -94,6 +95,7 @@ class Stepper {
   void set_mode(ModeKey key);
   void check_finite() const;
   void audit_tick();
+  void add_integrals();
   void audit_part(double s);
   void audit_grid(std::size_t parts);
   double stored_total() const;
@@ -103,23 +105,24 @@ class Stepper {
   std::shared_ptr<ModeCache> cache_;
   kernel::Multiply multiply_ = kernel::best_multiply();
   kernel::Quiet quiet_ = kernel::best_quiet();
+  kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
   std::int64_t tick_ = 0;
   std::vector<double> z_;
   std::vector<double> absolute_;
-  std::vector<double> result_;  // of the quiet tick
-  std::vector<double> curve_;
-  std::vector<double> calm_;
-  std::vector<double> grid_signal_;
-  std::vector<double> grid_dip_;
+  kernel::Vector result_;  // of the quiet tick
+  kernel::Vector curve_;
+  kernel::Vector calm_;
+  kernel::Vector grid_signal_;
+  kernel::Vector grid_dip_;
   std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
   double sensors_[kernel::padded(2)] = {};
   bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
-  std::vector<double> chain_;       // Taylor coefficients of x, order + 1 blocks of flow_stride
-  std::vector<double> polynomial_;
-  std::vector<double> increment_;
+  kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
+  kernel::Vector polynomial_;
+  kernel::Vector increment_;
   double powers_[64];
 
   std::size_t listed_events_ = 0;
@@ -139,6 +142,8 @@ class Stepper {
   };
   std::vector<Recent> recent_;
 
+  kernel::Vector forms_;
+  kernel::Vector integrals_;  // of supplies, then dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;
