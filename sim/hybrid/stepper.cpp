@@ -19,6 +19,7 @@ constexpr int kMostChangesPerTick = 5000;
 constexpr int kMostChangesPerInstant = 1000;  // in settle()
 constexpr double kMoment = 0x1p-20;           // of a mode's reach
 constexpr std::size_t kRecentModes = 64;
+constexpr int kCalmTicks = 15;  // that the second test comes first; costs speed only
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double smaller(double a, double b) { return a < b ? a : b; }
@@ -144,16 +145,26 @@ const double *Stepper::sensors() {
 
 // Tests the next tick, from any instant. True: no switch changes, result_ holds its end.
 bool Stepper::quiet_tick() {
-  if (mode_->samples == 0) return false;
-  return quiet_(mode_->quiet, z_.data(), result_.data(), curve_.data()) || calm_tick();
+  const Mode &m = *mode_;
+  if (m.samples == 0) return false;
+  // Where the second test was the one that passed it comes first for a while.
+  if (mode_ == calm_mode_ && calm_left_ > 0) {
+    --calm_left_;
+    multiply_(m.tick.data(), m.tick_stride, z_.data(), m.columns, result_.data());
+    if (calm_tick()) return true;
+    calm_left_ = 0;
+  }
+  return quiet_(m.quiet, z_.data(), result_.data(), curve_.data());
 }
 
-// The second test of Mode, on the signals that the first one has left.
+// The second test of Mode, on the signals that the first one has left in result_.
 bool Stepper::calm_tick() {
   const Mode &m = *mode_;
   const double *signal = result_.data() + m.signal_place;
-  for (std::size_t i = 0; i < m.channels; ++i)
-    if (!(signal[i] >= m.low[i] && signal[i] <= m.high[i])) return false;
+  const double *at = signal;
+  for (std::size_t k = 0; k <= m.samples; ++k, at += m.channel_stride)
+    for (std::size_t i = 0; i < m.channels; ++i)
+      if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return false;
   double largest = 0.0;
   for (std::size_t j = 0; j < m.columns; ++j)
     if (const double size = magnitude(z_[j]); !(size <= largest)) largest = size;
@@ -390,7 +401,14 @@ bool Stepper::cross_tick() {
       if (!quiet) {
         for (std::size_t i = 0; i < m.channels; ++i)
           doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
-        if (doubtful == 0 && m.samples > 0 && covered == 1.0) return false;
+        if (m.samples > 0 && covered == 1.0) {
+          if (doubtful == 0) return false;
+          if (calm_tick()) {
+            calm_mode_ = mode_;
+            calm_left_ = kCalmTicks;
+            return false;
+          }
+        }
       }
       // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
       double passed = 0.0;

@@ -107,6 +107,8 @@ class Stepper {
   kernel::Quiet quiet_ = kernel::best_quiet();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
+  const Mode *calm_mode_ = nullptr;  // where the second test passed after the first had failed
+  int calm_left_ = 0;
   const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
   std::int64_t tick_ = 0;
