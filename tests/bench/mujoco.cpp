@@ -104,9 +104,7 @@ long run(Simulation &simulation, bool full, int gain, int setpoint_N, int ticks,
   mjData *d = simulation.data;
   mjcb_passive = full ? full_forces : axis_forces;
   mjcb_act_dyn = full ? full_motor : axis_motor;
-  // One step per tick; the full axis's current loop, 8.4 rates per tick, is stable from four on.
-  const int steps = full ? 4 : 1;
-  simulation.model->opt.timestep = 1 / kRate / steps;
+  simulation.model->opt.timestep = 1 / kRate;
   mj_resetData(m, d);
   const int behind = full ? 4 : 1;  // bodies on the robot's side
   for (int i = 0; i < behind; ++i) d->qpos[i] = -0.005;
@@ -125,7 +123,7 @@ long run(Simulation &simulation, bool full, int gain, int setpoint_N, int ticks,
     record.count[at] = n;
     if (k == ticks) return -1;
     d->ctrl[0] = volts<double>(law(n, gain, setpoint_N));
-    for (int i = 0; i < steps; ++i) mj_step(m, d);
+    mj_step(m, d);
   }
 }
 
