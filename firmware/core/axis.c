@@ -23,13 +23,16 @@ static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs)
                                      params->force_sign, params->adc_bits, params->force_tare);
 }
 
-/* The set-point of this tick; the profile follows the position outside position mode. */
+/* The set-point of this tick. The profile follows the position until position mode is active: also
+ * into the tick that enters it, which may be the first of all or the first one with a valid count.
+ */
 static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
-  if (mode != AXIS_MODE_POSITION) {
+  if (mode != AXIS_MODE_POSITION || signals->active_mode != AXIS_MODE_POSITION) {
     profile_set(&axis->profile, signals->position);
-  } else {
+  }
+  if (mode == AXIS_MODE_POSITION) {
     if (signals->active_mode != AXIS_MODE_POSITION) {
       if (axis->setpoint_new == 0) {
         params->position_setpoint = signals->position;

@@ -626,6 +626,33 @@ TEST_F(PositionEntry, ProfileStartsAtThePresentPosition) {
   EXPECT_EQ(Read(AXIS_OBJ_PROFILE_VELOCITY), 0);
 }
 
+TEST_F(PositionEntry, ProfileStartsThereInTheFirstTickOfAll) {
+  Set(AXIS_OBJ_PROFILE_ENABLE, AXIS_PROFILE_ENABLE_TRAPEZOID);
+  Set(AXIS_OBJ_PROFILE_VELOCITY_MAX, 2 * 65536);
+  Set(AXIS_OBJ_PROFILE_ACCELERATION_MAX, 65536);
+  Set(AXIS_OBJ_POSITION_SETPOINT, -790);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_POSITION);
+  for (int position : {-799, -797}) {
+    TickPosition(-800);
+    EXPECT_EQ(Read(AXIS_OBJ_PROFILE_POSITION), position);
+    EXPECT_EQ(outputs_.dac_code, position + 800);
+  }
+}
+
+TEST_F(PositionEntry, ProfileStartsThereAfterCountsThatWereNotValid) {
+  Set(AXIS_OBJ_PROFILE_ENABLE, AXIS_PROFILE_ENABLE_TRAPEZOID);
+  Set(AXIS_OBJ_PROFILE_VELOCITY_MAX, 2 * 65536);
+  Set(AXIS_OBJ_PROFILE_ACCELERATION_MAX, 65536);
+  TickPosition(0);
+  inputs_.sensor_valid = 0;
+  TickPosition(900);
+  inputs_.sensor_valid = 1;
+  Set(AXIS_OBJ_FAULT_RESET, 1);
+  Set(AXIS_OBJ_POSITION_SETPOINT, 910);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_POSITION);
+  EXPECT_EQ(TickPosition(900), 1);
+}
+
 TEST_F(PositionEntry, ProfileSwitchedOnLaterStartsAtTheSetpoint) {
   Set(AXIS_OBJ_POSITION_SETPOINT, 50);
   Set(AXIS_OBJ_MODE, AXIS_MODE_POSITION);

@@ -26,6 +26,20 @@ using forceaxis::host::ExperimentFile;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
 
+py::dict energy_dict(const forceaxis::sim::EnergyAudit &e) {
+  py::dict dissipated;
+  for (const auto &damper : e.dissipated) dissipated[py::str(damper.element)] = damper.energy;
+  py::dict d;
+  d["initial_J"] = e.initial;
+  d["supplied_J"] = e.supplied;
+  d["dissipated_J"] = dissipated;
+  d["kinetic_J"] = e.kinetic;
+  d["stored_J"] = e.stored;
+  d["discarded_J"] = e.discarded;
+  d["residual_J"] = e.residual;
+  return d;
+}
+
 namespace {
 
 template <class T, class Rows, class Get>
@@ -100,21 +114,6 @@ struct Result {
       for (std::size_t k = 0; k < records.size(); ++k) out[k] = run.signals[k * width + j];
       d[py::str(run.signal_names[j])] = values;
     }
-    return d;
-  }
-
-  py::dict energy() const {
-    const auto &e = run.energy;
-    py::dict dissipated;
-    for (const auto &damper : e.dissipated) dissipated[py::str(damper.element)] = damper.energy;
-    py::dict d;
-    d["initial_J"] = e.initial;
-    d["supplied_J"] = e.supplied;
-    d["dissipated_J"] = dissipated;
-    d["kinetic_J"] = e.kinetic;
-    d["stored_J"] = e.stored;
-    d["discarded_J"] = e.discarded;
-    d["residual_J"] = e.residual;
     return d;
   }
 
@@ -325,7 +324,9 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("refused", &Result::refused,
                              "writes of [[at]] that the firmware refused: tick, object, reason")
       .def_property_readonly("events", &Result::events, "(time_s, element, from, to), located")
-      .def_property_readonly("energy", &Result::energy, "J; mechanical energy audit")
+      .def_property_readonly(
+          "energy", [](const Result &r) { return energy_dict(r.run.energy); },
+          "J; mechanical energy audit")
       .def_property_readonly("metrics", [](const Result &r) { return to_dict(r.run.metrics); })
       .def_property_readonly("criterion",
                              [](const Result &r) { return to_dict(r.experiment.criterion); })

@@ -19,6 +19,8 @@ using forceaxis::sim::Plant;
 using forceaxis::sim::PlantOptions;
 using forceaxis::sim::SensorCodes;
 
+py::dict energy_dict(const forceaxis::sim::EnergyAudit &e);  // core.cpp
+
 namespace {
 
 std::unique_ptr<Plant> make_plant(const std::filesystem::path &model,
@@ -49,21 +51,6 @@ py::list events(const Plant &plant) {
   for (const Event &e : plant.events())
     list.append(py::make_tuple(e.time_s, e.element, e.from, e.to, e.jump));
   return list;
-}
-
-py::dict energy(const Plant &plant) {
-  const auto e = plant.energy();
-  py::dict dissipated;
-  for (const auto &damper : e.dissipated) dissipated[py::str(damper.element)] = damper.energy;
-  py::dict d;
-  d["initial_J"] = e.initial;
-  d["supplied_J"] = e.supplied;
-  d["dissipated_J"] = dissipated;
-  d["kinetic_J"] = e.kinetic;
-  d["stored_J"] = e.stored;
-  d["discarded_J"] = e.discarded;
-  d["residual_J"] = e.residual;
-  return d;
 }
 
 }  // namespace
@@ -97,7 +84,9 @@ void add_plant(py::module_ &m) {
       .def("events", &events,
            "(time_s, element, from, to, jump) of the first 4096 changes; jump: at a tick, with a "
            "new code or an impulse")
-      .def("energy", &energy, "J; needs audit")
+      .def(
+          "energy", [](const Plant &plant) { return energy_dict(plant.energy()); },
+          "J; needs audit")
       .def_property_readonly("signal_names", &Plant::signal_names)
       .def_property_readonly("edge_margin", &Plant::edge_margin,
                              "closest approach of a converted value to a code edge so far, LSB")
