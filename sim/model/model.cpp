@@ -841,6 +841,10 @@ void Loader::read_sensors(Section &root) {
     const Dimension unit = signal.dimension;
     adc.sensor_limit = section.optional_value("sensor_limit", unit, Sign::positive);
     adc.filter = section.optional_value("filter", Dimension::rate, Sign::positive);
+    constexpr double kFastestFilter = 1e6;
+    if (adc.filter && *adc.filter > kFastestFilter)
+      section.fail("filter", "expected at most 1e6 rad/s, got " + number_text(*adc.filter) +
+                                 "; leave out a filter that no tick can tell from none");
     adc.conditioning_limit = section.optional_value("conditioning_limit", unit, Sign::positive);
     adc.noise = section.value_or("noise", unit, Sign::not_negative, 0.0);
     adc.per_count = section.value("per_count", *per_count(unit), Sign::not_zero);

@@ -258,8 +258,8 @@ struct Encoder {
 /// -> code. All quantities are in the unit of the signal.
 struct Adc {
   std::string signal;
-  std::optional<double> sensor_limit;        ///< > 0: where the sensor itself saturates
-  std::optional<double> filter;              ///< rad/s, > 0: y' = filter (x - y), 0 at the start
+  std::optional<double> sensor_limit;  ///< > 0: where the sensor itself saturates
+  std::optional<double> filter;  ///< rad/s, > 0, at most 1e6: y' = filter (x - y), 0 at the start
   std::optional<double> conditioning_limit;  ///< > 0: where the analog electronics saturate
   double noise = 0.0;                        ///< rms, >= 0
   double per_count = 0.0;                    ///< unit of the signal per count, not 0

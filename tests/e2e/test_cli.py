@@ -209,3 +209,24 @@ def test_objects_lists_the_table():
     (row,) = json.loads(done.stdout)
     assert row["name"] == "force_gain"
     assert row["scale"] == 1 / 256
+
+
+@pytest.mark.parametrize(
+    ("overrides", "because"),
+    [
+        (["firmware.force_gain=0.5", "firmware.force_setpoint=2"], ["never in contact"]),
+        (
+            ["firmware.force_gain=15", "firmware.force_setpoint=30"],
+            ["contact lost", "force ripple"],
+        ),
+        ([], []),
+    ],
+)
+def test_an_unstable_verdict_says_why(overrides, because):
+    sets = [word for text in overrides for word in ("--set", text)]
+    done = forceaxis("run", "sim/experiments/contact.toml", *sets, "--json")
+    result = json.loads(done.stdout)
+    assert (result["verdict"] == "unstable") == bool(because)
+    assert len(result["because"]) == len(because)
+    for said, expected in zip(result["because"], because, strict=True):
+        assert said.startswith(expected)

@@ -163,6 +163,7 @@ BAD = [
         ["--velocity-loop-hz", "stable by itself"],
     ),
     ("--full-scale-speed-m-per-s 100 --sensor-stiffness-n-per-m 1e9", ["--full-scale-speed"]),
+    ("--encoder-counts-per-rev 1e9", ["--encoder-counts-per-rev", "2^31 counts"]),
     ("--nonsense 1", ["--nonsense"]),
 ]
 

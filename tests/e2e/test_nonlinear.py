@@ -146,3 +146,16 @@ def test_velocity_sensing_force_sensor_and_accelerometers():
     for body in ("robot", "tip"):
         slope = np.gradient(trace[f"{body}.velocity"], trace["time_s"])[held]
         assert slope == pytest.approx(trace[f"{body}.acceleration"][held], abs=0.05)
+
+
+def test_stiction_cycles_in_the_force_loop_where_friction_alone_settles():
+    file = EXPERIMENTS / "nl_stiction_unstable.toml"
+    sticking = experiments.run(file)
+    assert sticking.summary["verdict"] == "unstable"
+    # It goes on: the last second has the ripple of the five before, and both ends are stuck.
+    force = sticking.columns["sensor.force"]
+    assert np.ptp(force[-1500:]) == pytest.approx(np.ptp(force[-9000:-1500]), rel=1e-3)
+    assert np.ptp(force[-1500:]) > 40
+    pulls = np.abs(sticking.columns["rail.force"][-1500:])
+    assert 55 < pulls.max() <= 60
+    assert experiments.run(file, ["stiction=20"]).summary["verdict"] == "stable"

@@ -375,6 +375,10 @@ GAIN = "firmware.force_gain"
         (["--bisect", f"{GAIN}=1:2:.1", "--bisect", "k_s=1:2:.1"], ["--bisect", "one parameter"]),
         (["--grid", f"{GAIN}=1:2:2", "--set", "m_w=0"], ["m_w"]),
         (["--grid", f"{GAIN}=1:2:2", "--scheduler", "nowhere"], ["--scheduler", "tcp://HOST:PORT"]),
+        (
+            ["--grid", f"{GAIN}=1:2:2", "--scheduler", "foo://a:1"],
+            ["--scheduler", "tcp://HOST:PORT"],
+        ),
     ],
 )
 def test_a_mistake_in_the_command_is_one_line_before_anything_runs(tmp_path, arguments, words):

@@ -289,6 +289,11 @@ TEST(Sensor, FilterFollowsWhatTheSensorLets) {
   }
 }
 
+TEST(Sensor, AFilterThatNoTickCanTellFromNoneIsRefused) {
+  EXPECT_NO_THROW(Plant(make_model(gauge("filter = 1e6\n"))).step(0, false));
+  EXPECT_THROW(make_model(gauge("filter = 1.1e6\n")), InputError);
+}
+
 TEST(Sensor, NoiseHasItsVarianceAndIsOfSeedAndTickAlone) {
   const auto model = make_model(gauge("noise = 0.05\n"));
   Plant plant(model, {false, 10, 7});

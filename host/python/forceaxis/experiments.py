@@ -47,6 +47,9 @@ def run(experiment, overrides=()):
         "title": result.title,
         "figure": result.figure,
         "verdict": result.verdict or None,
+        "because": reasons(result.criterion, result.metrics, result.fault)
+        if result.verdict == "unstable"
+        else [],
         "fault": result.fault,
         "refused": result.refused,
         "trace_hash": result.trace_hash,
@@ -92,12 +95,30 @@ def check_plot(experiment, plot, columns):
             fail("plot.rows", f"expected columns of the trace ({', '.join(columns)}), got {name!r}")
 
 
+def reasons(criterion, metrics, fault):
+    """Why a run is unstable: every limit of its [verdict] that it breaks, in words."""
+    found = [] if fault == "none" else [f"fault {fault}"]
+    if criterion["contact_held"]:
+        if metrics["peak_force_N"] == 0:
+            found.append("never in contact")
+        elif metrics["contact_losses"]:
+            found.append(f"contact lost {metrics['contact_losses']} times in the window")
+        elif not metrics["in_contact"]:
+            found.append("not in contact at the end")
+    for what in ("force", "position"):
+        ripple, limit = metrics[f"{what}_ripple_count"], criterion[f"{what}_ripple_max_count"]
+        if limit is not None and ripple > limit:
+            found.append(f"{what} ripple {ripple:.3g} above {limit:.3g} counts")
+    return found
+
+
 def describe(summary):
     """The summary for a terminal."""
     energy, metrics, margin = summary["energy"], summary["metrics"], summary["edge_margin"]
+    verdict, because = summary["verdict"] or "none asked for", summary["because"]
     lines = [
         ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
-        ("verdict", summary["verdict"] or "none asked for"),
+        ("verdict", ": ".join([verdict, *([", ".join(because)] if because else [])])),
         ("fault", summary["fault"]),
         ("force", f"peak {metrics['peak_force_N']:.4g} N, end {metrics['final_force_N']:.4g} N"),
         (

@@ -13,7 +13,7 @@ import click
 import jinja2
 import numpy as np
 
-from forceaxis import _core, paths
+from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
 
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
@@ -151,7 +151,7 @@ FIELDS = (
     Field("amplifier", "velocity_filter_hz", "Hz", 0.1, 1e5, default_filter,
           "six times the velocity loop, more if the rotor is light against the load",
           "low pass on the measured velocity, in the amplifier's set-up"),
-    Field("amplifier", "current_loop_hz", "Hz", 1, 1e6, default_current_loop,
+    Field("amplifier", "current_loop_hz", "Hz", 1, 2e4, default_current_loop,
           "1 kHz, or more to leave the velocity loop in charge",
           "bandwidth of the current loop: amplifier data sheet"),
     Field("amplifier", "tachometer_v_s_per_rad", "V s/rad", 1e-6, 1e3, None,
@@ -323,6 +323,12 @@ def derive(v):
         1e3 * v["encoder_counts_per_mm"] if per_rev is None else per_rev / (2 * math.pi * r),
         v["sensor_full_scale_n"] / half, 1.25 * current / half,
     )  # fmt: skip
+
+
+def within(name, value):
+    """A value of a firmware object, not beyond what the object takes."""
+    taken = next(o for o in objects.OBJECTS if o.name == name)
+    return min(max(value, taken.min * taken.scale), taken.max * taken.scale)
 
 
 def fail(name, expected, remedy):
@@ -497,13 +503,18 @@ def texts(title, axis, first, sources):
         return f"# {BY_NAME[name].ask}\n{entry(key, v[name] * scale, unit, sources[name])}"
 
     count = axis.encoder_scale
+    target = round((-v["approach_mm"] / 1e3 - first.distance_m) * count)
+    if abs(target) >= 2**31:
+        name = "encoder_counts_per_rev" if v["encoder_counts_per_rev"] else "encoder_counts_per_mm"
+        fail(name, "a move of less than 2^31 counts", "give a coarser encoder")
     context = dict(
         title=title, a=axis, f=first, v=v, src=sources, entry=entry, given=given, exact=repr,
         bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
         back_emf_speed=back_emf_speed(v), count_N=v["sensor_full_scale_n"] / 128,
-        target=round((-v["approach_mm"] / 1e3 - first.distance_m) * count),
-        speed=first.speed_m_per_s * count * TICK_S,
-        acceleration=first.acceleration_m_per_s2 * count * TICK_S**2,
+        target=target,
+        speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
+        acceleration=within("profile_acceleration_max",
+                            first.acceleration_m_per_s2 * count * TICK_S**2),
         ripple=max(10.0, math.ceil(2e-5 * count)),
     )  # fmt: skip
     folder = resources.files("forceaxis")

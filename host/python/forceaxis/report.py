@@ -10,7 +10,17 @@ from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, experiments, linear, nonlinear, objects, paths, plots, tables
+from forceaxis import (
+    _core,
+    experiments,
+    linear,
+    nonlinear,
+    objects,
+    paths,
+    plots,
+    sweeps,
+    tables,
+)
 
 
 def png(figure):
@@ -112,6 +122,11 @@ def write(out, threads=None):
     runs = experiment_files()
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
     friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
+    stability_map = sweeps.sweep(
+        paths.EXPERIMENTS / "contact.toml",
+        grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
+        threads=threads,
+    )
     drawn = {r.experiment.stem: png(plots.trace(r)) for r in runs}
     elements = [r for r in runs if r.model.stem.startswith("nl_")]
     thesis = [r for r in runs if not r.model.stem.startswith("nl_")]
@@ -160,6 +175,7 @@ def write(out, threads=None):
         elements=elements,
         element_models=models(elements),
         drawn=drawn,
+        stability_map=png(plots.sweep(stability_map)),
         maps=maps,
         maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
         friction=friction,

@@ -509,7 +509,7 @@ class Cluster:
                 f"tcp://HOST:PORT; {error}"
             ) from None
 
-        if not re.fullmatch(r"\w+://.+:\d+", address):
+        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
             fail("start one with `dask scheduler`")
         self.distributed = distributed
         self.address = address
