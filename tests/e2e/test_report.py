@@ -37,7 +37,9 @@ def test_every_experiment_and_figure_is_in_it(page):
         assert f"forceaxis run sim/experiments/{name}.toml" in html
     for figure in ("2.41", "2.43", "3.13", "3.14", "4.27", "4.28", "5.1", "5.2", "5.3", "5.8"):
         assert re.search(rf"<h3[^>]*>Fig [0-9a-z., ]*{re.escape(figure)}\b", html), figure
-    assert html.count("data:image/png;base64,") == len(names) + 3  # plateau, stability and contact maps
+    assert (
+        html.count("data:image/png;base64,") == len(names) + 3
+    )  # plateau, stability and contact maps
 
 
 def test_models_elements_and_contact_maps_are_in_it(page):
