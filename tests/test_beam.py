@@ -1,5 +1,7 @@
 """Beams and the two-link arm against classical constants and closed forms."""
 
+import itertools
+
 import numpy as np
 import pytest
 from forceaxis import beam
@@ -65,12 +67,12 @@ def test_damping_ratio_of_a_mode():
 
 
 def test_form_of_the_thesis():
-    """S and C of 2.4.4 with the missing 1 / sqrt(E I rho A) and 6 C^2 in the colocated numerator."""
+    """S and C of 2.4.4 with the missing 1 / sqrt(E I rho A), and 6 C^2 for the printed 2 C^2."""
     part = BEAM
-    EI, rhoA, l = part.bending_stiffness_Nm2, part.mass_per_length_kg_per_m, part.length_m
+    EI, rhoA = part.bending_stiffness_Nm2, part.mass_per_length_kg_per_m
     for s in [3.0, 40 + 2000j, 5j, 700j, 9000j, -20 + 300j, 1e5j]:
         p = s / np.sqrt(EI / rhoA)
-        root = np.sqrt(l * l / 2 * p + 0j)
+        root = np.sqrt(part.length_m**2 / 2 * p + 0j)
         S, C = np.exp(-root) * np.sin(root), np.exp(-root) * np.cos(root)
         E = S * S + C * C
         D = E * E - 4 * C * S - 1
@@ -101,10 +103,9 @@ def test_low_frequency_is_the_rigid_mass_and_high_frequency_stays_finite():
         assert BEAM.actuator(s) == pytest.approx(1 / (BEAM.mass_kg * s), rel=1e-6)
         assert BEAM.tip(s) == pytest.approx(1 / (BEAM.mass_kg * s), rel=1e-6)
     s = 2j * np.pi * np.geomspace(1e3, 1e15, 40)
-    # A long beam is a semi-infinite one at its driven end: |V / F| falls with the root of frequency.
     assert np.isfinite(BEAM.actuator(s)).all()
     assert np.isfinite(BEAM.tip(s)).all()
-    # Off the imaginary axis the reflected wave dies out and V / F is that of the half-infinite beam.
+    # Off the imaginary axis no wave comes back from the tip: V / F of a half-infinite beam.
     s = 1e8 * np.exp(0.7j)
     EI, rhoA = BEAM.bending_stiffness_Nm2, BEAM.mass_per_length_kg_per_m
     b = np.sqrt(s * np.sqrt(rhoA / EI) / 2)
@@ -121,7 +122,7 @@ def test_polynomial_approximation():
     # Each further mode helps; the rest of the products falls as n^-4 and n^-3.
     for output, power in (("actuator", 4), ("tip", 3)):
         errors = [row[output] for row in table.values()]
-        assert all(b < a for a, b in zip(errors, errors[1:], strict=False))
+        assert all(b < a for a, b in itertools.pairwise(errors))
         assert errors[16] / errors[-1] == pytest.approx(2**power, rel=0.15)  # n = 20 and 40
     # The error does not depend on the beam.
     other = beam.Beam(7.0, 0.1, 3.0)
@@ -143,10 +144,10 @@ def test_polynomial_as_a_transfer_function():
 
 
 def test_lumped_beam_of_the_figure():
-    """Fig 2.25: alternating pairs at the actuator, one real pair at the tip, iff e (l/2) m2 > J2."""
-    EI, l, m1, m2, J2 = 4000.0, 0.6, 3.0, 2.0, 0.02
+    """Fig 2.25: alternating at the actuator, one real pair at the tip iff e (l/2) m2 > J2."""
+    EI, length, m1, m2, J2 = 4000.0, 0.6, 3.0, 2.0, 0.02
     for e in (0.2, 0.0):
-        model = beam.LumpedBeam.figure_2_24(EI, l, m1, m2, J2, e)
+        model = beam.LumpedBeam.figure_2_24(EI, length, m1, m2, J2, e)
         assert model.nonminimum_phase() == (e == 0.2)
         system = model.system()
         poles = np.sort(abs(system.poles().imag))[2::2]
@@ -154,12 +155,12 @@ def test_lumped_beam_of_the_figure():
         zeros = np.sort(zeros.imag[zeros.imag > 1])
         assert poles[0] < poles[1]
         # Clamped at the sliding mass: the classical cantilever with a mass and an inertia.
-        k = EI / l**3
-        cantilever = np.linalg.eigvals(np.diag([1 / m2, 1 / J2]) @ (k * np.array([[12, -6 * l], [-6 * l, 4 * l * l]])))
+        k = EI / length**3 * np.array([[12, -6 * length], [-6 * length, 4 * length**2]])
+        cantilever = np.linalg.eigvals(np.diag([1 / m2, 1 / J2]) @ k)
         assert zeros == pytest.approx(np.sort(np.sqrt(cantilever.real)), rel=1e-9)
         assert zeros[0] < poles[0] < zeros[1] < poles[1]
         tip = system.select(["force"], ["tip"]).zeros()
-        square = EI / (l * (e * l / 2 * m2 - J2))
+        square = EI / (length * (e * length / 2 * m2 - J2))
         pair = tip[abs(tip) > 1]
         assert pair**2 == pytest.approx([square, square], rel=1e-9)
         assert (abs(pair.imag).max() < 1e-6 * abs(pair).max()) == (e == 0.2)
@@ -183,7 +184,7 @@ def test_lumped_beam_tends_to_the_distributed_one():
 
 
 def test_two_link_arm_zeros():
-    """The endpoint's zero crosses to the right when link 2's centre of percussion passes the endpoint."""
+    """A zero comes to the right when link 2's centre of percussion lies before the endpoint."""
     l2, c2, m2 = 0.5, 0.2, 5.0
     border = m2 * c2 * (l2 - c2)
     for factor in (0.5, 0.9, 1.1, 2.0):
@@ -204,8 +205,9 @@ def test_two_link_arm_zeros():
 
 def test_two_link_arm_matrices():
     """Mass matrix and Jacobian against velocities of many point masses by differences."""
-    arm = beam.TwoLinkArm(l1=0.7, l2=0.4, angle1_rad=0.3, angle2_rad=1.1, c1=0.35, c2=0.2, m1=4.0, m2=3.0,
-                          I1=4 * 0.7**2 / 12, I2=3 * 0.4**2 / 12)  # fmt: skip
+    lengths = {"l1": 0.7, "l2": 0.4, "c1": 0.35, "c2": 0.2}
+    mass = {"m1": 4.0, "m2": 3.0, "I1": 4 * 0.7**2 / 12, "I2": 3 * 0.4**2 / 12}
+    arm = beam.TwoLinkArm(**lengths, **mass, angle1_rad=0.3, angle2_rad=1.1)
 
     def points(q, n=400):
         u = (np.arange(n) + 0.5) / n

@@ -1,10 +1,10 @@
-"""Models whose transfer functions have real zeros: beams in bending (2.4.4), the two-link arm (6.2.3).
+"""Beams in bending (2.4.4) and the two-link arm (6.2.3): their transfer functions have real zeros.
 
 They are linear only; none of them has a time simulation. Positive displacement and force point the
 same way; transfer functions are of velocity over the actuator force, in m/s per N.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -15,7 +15,7 @@ from forceaxis._core import InputError
 
 @dataclass(frozen=True)
 class Factored:
-    """gain s^order prod(1 - s / zero) / prod(1 - s / pole): a rational transfer function in factors.
+    """gain s^order prod(1 - s / zero) / prod(1 - s / pole): a rational function in factors.
 
     Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
     there); so `gain` is the low-frequency gain and no coefficient can overflow.
@@ -60,8 +60,8 @@ class Factored:
             num, den = gain * np.real(np.poly(zeros)), np.real(np.poly(poles))
         if not (np.isfinite(num).all() and np.isfinite(den).all()):
             raise InputError(
-                f"transfer function: expected coefficients below 1e308, got {len(poles)} poles up to "
-                f"{np.abs(poles).max():.3g} 1/s; use fewer modes or the factors (zpk)"
+                f"transfer function: expected coefficients below 1e308, got {len(poles)} poles "
+                f"up to {np.abs(poles).max():.3g} 1/s; use fewer modes or the factors (zpk)"
             )
         return control.TransferFunction(num, den)
 
@@ -139,7 +139,7 @@ class Beam:
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count):
-        """1/s: `count` pairs of V_act / F_a, where the beam vibrates with its sliding end at rest."""
+        """1/s: `count` pairs of V_act / F_a; there the beam vibrates with its sliding end held."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
     def tip_zeros(self, count):
@@ -280,17 +280,19 @@ class LumpedBeam:
     def matrices(self):
         """(M, K) of q = (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
-        M = np.diag([self.masses_kg[0], *np.ravel(list(zip(self.masses_kg[1:], self.inertias_kgm2)))])
+        M = np.zeros(2 * n + 1)
+        M[[0, *range(1, 2 * n, 2)]] = self.masses_kg
+        M[2::2] = self.inertias_kgm2
+        M = np.diag(M)
         whole = np.zeros((2 * n + 2, 2 * n + 2))  # with the angle of the sliding mass
-        for i, l in enumerate(self.lengths_m):
-            element = np.array(
-                [[12, 6 * l, -12, 6 * l],
-                 [6 * l, 4 * l * l, -6 * l, 2 * l * l],
-                 [-12, -6 * l, 12, -6 * l],
-                 [6 * l, 2 * l * l, -6 * l, 4 * l * l]]
-            )  # fmt: skip
+        # Of (x, angle length) at both ends of an element without mass.
+        bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+        for i, length in enumerate(self.lengths_m):
+            scale = np.array([1, length, 1, length])
             span = slice(2 * i, 2 * i + 4)
-            whole[span, span] += self.bending_stiffness_Nm2 / l**3 * element
+            whole[span, span] += (
+                self.bending_stiffness_Nm2 / length**3 * np.outer(scale, scale) * bending
+            )
         keep = np.delete(np.arange(2 * n + 2), 1)
         return M, whole[np.ix_(keep, keep)]
 
@@ -299,9 +301,13 @@ class LumpedBeam:
         M, K = self.matrices()
         tip = np.zeros(len(M))
         tip[-2:] = 1.0, self.tip_offset_m
-        names = ["x1"] + [f"{q}{i}" for i in range(2, len(self.masses_kg) + 1) for q in ("x", "angle")]
+        names = ["x1"] + [
+            f"{q}{i}" for i in range(2, len(self.masses_kg) + 1) for q in ("x", "angle")
+        ]
         first = np.eye(len(M))[0]
-        return _mechanical(M, 0 * K, K, first[:, None], [first, tip], names, ["force"], ["actuator", "tip"])
+        return _mechanical(
+            M, 0 * K, K, first[:, None], [first, tip], names, ["force"], ["actuator", "tip"]
+        )
 
     def nonminimum_phase(self):
         """Of Figure 2.24 (one element): the tip has a real +- pair of zeros iff e (l/2) m2 > J2.
@@ -317,9 +323,10 @@ class LumpedBeam:
 class TwoLinkArm:
     """Rigid two-link arm of Figure 6.3 in a horizontal plane, linearised at rest.
 
-    Motor 1 turns link 1 against ground, motor 2 link 2 against link 1. A joint that is not driven is
-    held by its servo's stiffness k (N m/rad) and damping d (N m s/rad). Lengths l, distances c of the
-    centres of mass from their joints (m), masses m (kg), inertias I about those centres (kg m^2).
+    Motor 1 turns link 1 against ground, motor 2 link 2 against link 1. A joint that is not driven
+    is held by its servo's stiffness k (N m/rad) and damping d (N m s/rad). Lengths l, distances c
+    of the centres of mass from their joints (m), masses m (kg), inertias I about those centres
+    (kg m^2). The defaults are chosen: two uniform links.
     """
 
     l1: float = 0.5
@@ -335,7 +342,7 @@ class TwoLinkArm:
     d1: float = 0.0
     d2: float = 0.0
     angle1_rad: float = 0.0
-    angle2_rad: float = field(default=0.0)  # between the links, 0: stretched
+    angle2_rad: float = 0.0  # between the links, 0: stretched
 
     def __post_init__(self):
         for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
@@ -362,7 +369,7 @@ class TwoLinkArm:
         return np.array([x, y, normal])
 
     def system(self):
-        """Torques of joint 1 and 2 (N m) to angles (rad) and endpoint x, y, normal (m), small motion."""
+        """Torques 1 and 2 (N m) to both angles (rad) and the endpoint's x, y and normal (m)."""
         outputs = ["joint1", "joint2", "x", "y", "normal"]
         names = ["joint1", "joint2"]
         rows = np.vstack([np.eye(2), self.jacobian()])
@@ -374,9 +381,9 @@ class TwoLinkArm:
     def nonminimum_phase(self):
         """Torque 1 to the endpoint's normal, joint 2 held with k2 > 0: has it a real zero > 0?
 
-        The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2 is
-        l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)), so for an angle below 90 degrees one zero is positive
-        iff I2 < m2 c2 (l2 - c2): link 2's centre of percussion lies before the endpoint.
+        The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
+        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)), so for an angle below 90 degrees one zero is
+        positive iff I2 < m2 c2 (l2 - c2): link 2's centre of percussion lies before the endpoint.
         """
         j1, j2 = self.jacobian()[2]
         M = self.mass_matrix()
