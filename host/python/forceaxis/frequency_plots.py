@@ -1,0 +1,768 @@
+"""Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes, in the thesis's form.
+
+Every plot is made of data that can be looked at without drawing: `Curve`, `Locus`, `Array`. The
+verbs print them with --json; `thesis_figures` lists what the text defines.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.lines import Line2D
+
+from forceaxis import beam, linear, loops
+from forceaxis._core import InputError
+from forceaxis.plots import GOT, INK, style
+
+COLORS = [INK, GOT, "#3f7f5f", "#8a5fa8", "#b08a00", "#5d6874"]
+DASHES = ["-", "--", "-.", (0, (1, 1.5)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2))]
+FAINT = "#8a95a0"
+SUFFIXES = (".png", ".svg", ".pdf")
+
+
+def save(figure, path):
+    """Write a figure as .png, .svg or .pdf, by the name of `path`."""
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(f"--out: {path}: expected the folder {path.parent} to exist; make it first")
+    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
+    figure.savefig(path, dpi=130, metadata=metadata)
+
+
+# --- frequency responses -------------------------------------------------------------------------
+
+
+def phase_deg(frequency_hz, response):
+    """Phase in degrees without jumps of 360, starting where the low-frequency slope puts it.
+
+    A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
+    integrator at -90, one that rises with the frequency at +90.
+    """
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    if len(phase) < 2:
+        return phase
+    size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
+    slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
+    turns = (90 * round(slope) - phase[0]) / 360
+    return phase + 360 * np.ceil(turns - 0.51)  # a tie, a negative gain, counts as lag
+
+
+def grid_hz(low_hz, high_hz, roots=(), points=400):
+    """Frequencies, Hz: evenly in the logarithm, and closer together beside lightly damped roots.
+
+    roots: poles and zeros in 1/s. The refinement is in units of each root's own width, so that
+    neither a peak nor a turn of the phase falls between two frequencies.
+    """
+    grid = [np.geomspace(low_hz, high_hz, points)]
+    widths = np.concatenate([[0.0], np.geomspace(0.1, 60, 32)])
+    widths = np.concatenate([-widths[::-1], widths])
+    for root in roots:
+        natural, width = abs(root.imag) / (2 * np.pi), max(abs(root.real), 1e-6 * abs(root))
+        if low_hz < natural < high_hz and width < 0.3 * abs(root):
+            grid.append(natural + widths * width / (2 * np.pi))
+    every = np.unique(np.concatenate(grid))
+    return every[(every >= low_hz) & (every <= high_hz)]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A frequency response: complex `response` at `frequency_hz`."""
+
+    label: str
+    frequency_hz: np.ndarray
+    response: np.ndarray
+    unit: str = ""  # of the response
+
+    @property
+    def magnitude(self):
+        """Amplitude ratio, in `unit`."""
+        return np.abs(self.response)
+
+    @property
+    def phase_deg(self):
+        """Unwrapped phase; see `phase_deg`."""
+        return phase_deg(self.frequency_hz, self.response)
+
+    def summary(self):
+        """What --json prints."""
+        return {
+            "label": self.label,
+            "unit": self.unit,
+            "frequency_hz": self.frequency_hz.tolist(),
+            "magnitude": self.magnitude.tolist(),
+            "phase_deg": self.phase_deg.tolist(),
+        }
+
+
+def curve(system, label, span_hz, unit="", points=400):
+    """The response of a one-input, one-output System over span_hz = (low, high)."""
+    low, high = span_hz
+    if system.dt is not None:
+        high = min(high, 0.5 / system.dt)
+    roots = system.poles_s()
+    if system.has_path():
+        zeros = system.zeros()
+        if system.dt is not None:
+            with np.errstate(divide="ignore"):
+                zeros = np.log(zeros.astype(complex)) / system.dt
+        roots = np.concatenate([roots, zeros])
+    roots = roots[np.isfinite(roots)]
+    frequency = grid_hz(low, high, roots, points)
+    return Curve(label, frequency, system.response(frequency), unit)
+
+
+def model_curve(
+    model, label, output="reading", input="drive.command", span_hz=(0.5, 500.0), settings=None,
+    timing="continuous", drive=True, free=False, modes=None,
+):  # fmt: skip
+    """A model's open-loop response from an input to an output, in SI units, as a Curve."""
+    input = "drive.force" if not drive and input == "drive.command" else input
+    system = linear.linearise(model, (input,), (output,), settings, modes, free, drive)
+    if not system.has_path():
+        raise InputError(
+            f"{linear.find_model(model)}: expected a path from {input} to {output}; there is none"
+        )
+    if timing != "continuous":
+        system = system.sampled(loops.delay_ticks(timing))
+    return curve(system, label, span_hz, unit_of(model, input, output, settings))
+
+
+def unit_of(model, input, output, settings=None):
+    """Unit of output over input, "N/V"."""
+    facts = linear.facts(model, settings)
+    if output == "reading":
+        output = facts["reading"]["signal"]
+    above = facts["signals"].get(output, "count")  # else an ADC or the encoder
+    below = "V" if input in ("drive.command", "drive.tach") else "N"
+    return "" if above == below else f"{above}/{below}"
+
+
+def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)):
+    """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude."""
+    rows = 1 if phase_only else 2
+    figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
+    for i, c in enumerate(curves):
+        look = {"color": COLORS[i % 6], "linestyle": DASHES[i % 6], "linewidth": 1.1}
+        if not phase_only:
+            axes[0, 0].loglog(c.frequency_hz, c.magnitude, label=c.label, **look)
+        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, label=c.label, **look)
+    for ax in axes[:, 0]:
+        style(ax)
+        ax.margins(x=0)
+    phase = axes[-1, 0]
+    low, high = phase.get_ylim()
+    step = next(s for s in (15, 30, 45, 90, 180, 360, 720) if (high - low) / s <= 7 or s == 720)
+    phase.set_yticks(np.arange(np.floor(low / step), np.ceil(high / step) + 1) * step)
+    phase.axhline(-180, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
+    phase.set_ylabel("phase, degrees", fontsize=8)
+    phase.set_xlabel("frequency, Hz", fontsize=8)
+    phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if not phase_only:
+        axes[0, 0].set_ylabel(f"{ylabel}, {curves[0].unit}".rstrip(", "), fontsize=8)
+    if len(curves) > 1:
+        axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
+    finish(figure, axes[0, 0], title)
+    return figure
+
+
+def finish(figure, ax, title):
+    """Title, layout; the figure leaves pyplot's list."""
+    ax.set_title(title, fontsize=9, loc="left", color=INK)
+    figure.tight_layout()
+    plt.close(figure)
+
+
+def nyquist(system, gain, title="", label="", size=(4.8, 4.6)):
+    """Figure of gain x the open loop, both signs of frequency, around the point -1.
+
+    system: the loop's `open`; gain in its unit. The frame shows the unit circle and as much of the
+    curve as fits within 4.
+    """
+    plot = curve(system, label, (0.05, 2000.0), points=1200)
+    values = gain * plot.response
+    figure, ax = plt.subplots(figsize=size)
+    style(ax)
+    turn = np.linspace(0, 2 * np.pi, 200)
+    ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
+    ax.plot(values.real, values.imag, color=INK, linewidth=1.1, label="f > 0")
+    ax.plot(values.real, -values.imag, color=INK, linewidth=0.7, linestyle="--", label="f < 0")
+    ax.plot([-1], [0], marker="+", color=GOT, markersize=10, markeredgewidth=1.6)
+    ax.annotate("-1", (-1, 0), (-4, 5), textcoords="offset points", fontsize=8, color=GOT, ha="right")
+    span = min(max(1.6, 1.1 * np.abs(values).max()), 4.0)
+    for hz in decades(plot.frequency_hz, values, span):
+        at = int(np.argmin(np.abs(plot.frequency_hz - hz)))
+        point = values[at]
+        ax.plot(point.real, point.imag, "o", color=INK, markersize=2.5)
+        out = point / abs(point) * 9
+        ax.annotate(
+            f"{hz:g} Hz", (point.real, point.imag), (out.real, out.imag),
+            textcoords="offset points", fontsize=7, color=INK, ha="center", va="center",
+        )  # fmt: skip
+    ax.set_xlim(-span, span)
+    ax.set_ylim(-span, span)
+    ax.set_aspect("equal")
+    ax.set_xlabel("real part", fontsize=8)
+    ax.set_ylabel("imaginary part", fontsize=8)
+    ax.legend(fontsize=7, frameon=False, loc="upper left")
+    finish(figure, ax, title)
+    return figure
+
+
+def decades(frequency_hz, values, span):
+    """Frequencies to write beside a Nyquist curve: round ones, inside the frame, apart."""
+    shown = []
+    for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
+        if not frequency_hz[0] < hz < frequency_hz[-1]:
+            continue
+        value = np.interp(hz, frequency_hz, values.real) + 1j * np.interp(
+            hz, frequency_hz, values.imag
+        )
+        far = all(abs(value - other) > 0.16 * span for _, other in shown)
+        if 0.08 * span < abs(value) and max(abs(value.real), abs(value.imag)) < 0.92 * span and far:
+            shown.append((hz, value))
+    return [hz for hz, _ in shown]
+
+
+# --- root loci and pole-zero arrays --------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Array:
+    """Poles and zeros, 1/s, of one transfer function."""
+
+    label: str
+    poles: np.ndarray
+    zeros: np.ndarray
+
+    def summary(self):
+        """What --json prints: 1/s."""
+        return {
+            "label": self.label,
+            "poles": [[p.real, p.imag] for p in self.poles],
+            "zeros": [[z.real, z.imag] for z in self.zeros],
+        }
+
+
+def array(system, label=""):
+    """Poles and zeros of a one-input, one-output System, in 1/s."""
+    zeros = system.zeros().astype(complex)
+    if system.dt is not None:
+        zeros = logarithm(zeros, system.dt)
+    poles = system.poles_s()
+    return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
+
+
+def logarithm(z, dt):
+    """log(z) / dt; -inf for z = 0."""
+    with np.errstate(divide="ignore"):
+        return np.log(z.astype(complex)) / dt
+
+
+@dataclass(frozen=True)
+class Locus:
+    """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and where they cross."""
+
+    label: str
+    gains: np.ndarray
+    branches: np.ndarray
+    ends: Array  # open-loop poles and zeros
+    crossings: list  # loops.Crossing of every gain at which a pole is on the boundary
+    limit: object  # loops.Limit
+    unit: str  # of the gain
+    codes: float | None  # firmware gain of one unit
+    span_hz: float
+
+    def summary(self):
+        """What --json prints."""
+        return {
+            "label": self.label,
+            "unit": self.unit,
+            "gains": self.gains.tolist(),
+            "branches": [[[s.real, s.imag] for s in row] for row in self.branches.T.tolist()],
+            **{k: v for k, v in self.ends.summary().items() if k != "label"},
+            "critical_gain": self.limit.gain,
+            "frequency_hz": self.limit.frequency_hz,
+            "crossings": [
+                {"gain": c.gain, "frequency_hz": c.frequency_hz, "direction": c.direction}
+                for c in self.crossings
+            ],
+        }
+
+
+def span_of(ends, critical_hz):
+    """Half-width, Hz, of a frame that accentuates the structural dynamics.
+
+    It holds the crossing and the lightly damped (below .3) poles and zeros up to three times its
+    frequency; the motor's electrical poles are beyond it, as in 4.3.
+    """
+    roots = np.concatenate([ends.poles, ends.zeros])
+    light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
+    natural = np.abs(light) / (2 * np.pi)
+    if critical_hz:
+        return 1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]])
+    natural = natural if len(natural) else np.abs(roots) / (2 * np.pi)
+    return 1.35 * float(natural.max(initial=1.0))
+
+
+def locus(loop, label="", span_hz=None):
+    """The root locus of a `loops.Loop`, drawn finely inside a frame of span_hz (default: span_of)."""
+    ends = array(loop.open, label)
+    limit, crossings = loop.limit(), loop.crossings()
+    span = span_hz or span_of(ends, limit.frequency_hz)
+    # Inside the frame the largest gain is that of the frame's edge: 1 / |L| on it.
+    edge = 2 * np.pi * span
+    side = np.linspace(0, 1, 24)
+    around = np.concatenate(
+        [edge * (0.5 + 1j * side), edge * (-1 + 1j * side), edge * (-1 + 1.5 * side + 1j)]
+    )
+    at = around if loop.open.dt is None else np.exp(around * loop.open.dt)
+    with np.errstate(divide="ignore"):
+        needed = 1 / np.abs(loop.open.at(at))
+    high = 1.5 * float(np.sort(needed[np.isfinite(needed)])[-3])
+    high = max(high, 3 * (limit.gain or 0))
+    gains = np.concatenate([[0.0], np.geomspace(1e-5 * high, high, 150)])
+    for _ in range(4):  # finer where a branch moves far
+        branches = loop.locus(gains)
+        inside = np.abs(branches) < 1.6 * edge
+        moved = np.abs(np.diff(branches, axis=0))
+        far = (moved > edge / 45) & (inside[1:] | inside[:-1])
+        rough = np.flatnonzero(far.any(axis=1))
+        if not len(rough) or len(gains) > 1500:
+            break
+        middle = (gains[rough] + gains[rough + 1]) / 2
+        gains = np.sort(np.concatenate([gains, middle]))
+    branches = loop.locus(gains)
+    codes = loop.firmware_gain(1.0)
+    return Locus(label, gains, branches, ends, crossings, limit, loop.unit, codes, span)
+
+
+def hz(roots):
+    """Real and imaginary part over 2 pi."""
+    roots = np.asarray(roots) / (2 * np.pi)
+    return roots.real, roots.imag
+
+
+def mark(ax, ends, size=5.5):
+    """x at the poles and o at the zeros."""
+    ax.plot(*hz(ends.poles), "x", color=INK, markersize=size, markeredgewidth=1.3, zorder=4)
+    ax.plot(
+        *hz(ends.zeros), "o", color=GOT, markersize=size, markerfacecolor="none",
+        markeredgewidth=1.2, zorder=4,
+    )  # fmt: skip
+
+
+def rlocus(loci, title="", height=3.9):
+    """Figure of root loci side by side, upper half-planes in Hz; the critical gain is marked."""
+    span = max(locus.span_hz for locus in loci)
+    figure, axes = plt.subplots(
+        1, len(loci), sharey=True, figsize=(0.9 + 3.3 * len(loci), height), squeeze=False
+    )
+    for ax, one in zip(axes[0], loci, strict=True):
+        style(ax)
+        ax.axvline(0, color=FAINT, linewidth=0.8)
+        ax.axhline(0, color=FAINT, linewidth=0.8)
+        x, y = hz(one.branches)
+        ax.plot(x, y, color="#3f7f5f", linewidth=1.1)
+        mark(ax, one.ends)
+        ax.set_xlim(-0.62 * span, 0.38 * span)
+        ax.set_ylim(-0.05 * span, span)
+        ax.set_aspect("equal")
+        ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
+        label_crossings(ax, one, span)
+        if len(loci) > 1:
+            ax.set_title(one.label, fontsize=8, color=INK)
+    axes[0, 0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
+    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left")
+    figure.tight_layout()
+    plt.close(figure)
+    return figure
+
+
+def gain_text(gain, one):
+    """A gain with its unit, and the firmware's number for it where it has one."""
+    text = f"k = {gain:.3g} {one.unit}".rstrip()
+    return text + (f"\n(k_f = {gain * one.codes:.3g})" if one.codes else "")
+
+
+def label_crossings(ax, one, span):
+    """Marks where branches leave the stable region, the first with its gain and frequency."""
+    taken = []
+    for crossing in sorted(one.crossings, key=lambda c: c.gain != one.limit.gain):
+        if not crossing.frequency_hz < span:
+            continue
+        first = crossing.gain == one.limit.gain
+        face = GOT if first else "white"
+        ax.plot(0, crossing.frequency_hz, "D", color=GOT, markerfacecolor=face, markersize=5, zorder=5)
+        text = f"{gain_text(crossing.gain, one)}\n{crossing.frequency_hz:.3g} Hz"
+        if not first:
+            text = f"{crossing.gain:.3g}, {crossing.frequency_hz:.3g} Hz"
+        high = crossing.frequency_hz
+        while any(abs(high - other) < (0.2 if first or t else 0.08) * span for other, t in taken):
+            high -= 0.02 * span
+        if high < 0:
+            continue
+        taken.append((high, first))
+        ax.annotate(
+            text, (0, crossing.frequency_hz), (0.05 * span, high), fontsize=7, color=GOT, va="center",
+            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5}, zorder=6,
+            arrowprops={"arrowstyle": "-", "color": GOT, "linewidth": 0.6, "shrinkB": 3},
+        )  # fmt: skip
+    if one.limit.gain is None:
+        ax.text(
+            0.97, 0.97, "stable for\nall gains", transform=ax.transAxes, fontsize=7, color="#3f7f5f",
+            ha="right", va="top",
+        )  # fmt: skip
+
+
+def pole_zero(arrays, title="", span_hz=None, height=3.9):
+    """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
+
+    span_hz: half-width of the frame; by default all roots but those more than six times as far out
+    as the next are inside, and the others are counted below.
+    """
+    figure, axes = plt.subplots(
+        1, len(arrays), figsize=(0.7 + 3.5 * len(arrays), height), squeeze=False
+    )
+    for ax, one in zip(axes[0], arrays, strict=True):
+        style(ax)
+        roots = np.concatenate([one.poles, one.zeros])
+        span = 2 * np.pi * span_hz if span_hz else frame(np.abs(roots))
+        ax.axvline(0, color=FAINT, linewidth=0.8)
+        ax.axhline(0, color=FAINT, linewidth=0.8)
+        mark(ax, one)
+        ax.set_xlim(-span / (2 * np.pi), span / (2 * np.pi))
+        ax.set_ylim(-span / (2 * np.pi), span / (2 * np.pi))
+        ax.set_aspect("equal")
+        beyond = [
+            f"{count} {name}" + "s" * (count > 1)
+            for name, some in (("pole", one.poles), ("zero", one.zeros))
+            if (count := int((np.maximum(np.abs(some.real), np.abs(some.imag)) > span).sum()))
+        ]
+        note = f"; beyond: {', '.join(beyond)}" if beyond else ""
+        ax.set_xlabel(f"real part / 2\u03c0, Hz{note}", fontsize=8)
+        ax.set_title(one.label, fontsize=8, color=INK)
+    axes[0, 0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
+    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left")
+    figure.tight_layout()
+    plt.close(figure)
+    return figure
+
+
+def frame(sizes):
+    """A frame, 1/s, around all roots, without the outer half's six times farther out than the next."""
+    ordered = np.sort(sizes[sizes > 0])
+    if not len(ordered):
+        return 2 * np.pi
+    gaps = np.flatnonzero(ordered[1:] > 6 * ordered[:-1])
+    gaps = gaps[gaps >= len(ordered) // 2]
+    return 1.18 * float(ordered[gaps[0]] if len(gaps) else ordered[-1])
+
+
+# --- modes ---------------------------------------------------------------------------------------
+
+
+def mode_shapes(result, title=""):
+    """Figure of `modes.modes()`: a row a mode, each body at rest (dashed) and displaced.
+
+    Bodies stand in the model's order, one beside the other; displacements are along the axis, the
+    largest of a mode drawn equally long in each.
+    """
+    rows = result["modes"]
+    bodies = list(rows[0]["shape"]) if rows else []
+    figure, ax = plt.subplots(figsize=(2.6 + 1.15 * len(bodies), 0.8 + 0.72 * len(rows)))
+    ax.set_axis_off()
+    wide, tall, reach = 0.3, 0.4, 0.33
+    for row, mode in enumerate(rows):
+        y = -row
+        ax.plot([-0.5, len(bodies) - 0.5], [y, y], color="#d8dee4", linewidth=0.8, zorder=0)
+        for x, body in enumerate(bodies):
+            moved = x + reach * mode["shape"][body]
+            box = {"width": wide, "height": tall, "linewidth": 0.9}
+            ax.add_patch(
+                plt.Rectangle((x - wide / 2, y - tall / 2), **box, fill=False, edgecolor=FAINT,
+                              linestyle=":")
+            )  # fmt: skip
+            ax.add_patch(
+                plt.Rectangle((moved - wide / 2, y - tall / 2), **box, facecolor="#c9d6e3",
+                              edgecolor=INK, alpha=0.85)
+            )  # fmt: skip
+            ax.annotate(
+                f"{mode['shape'][body]:+.2f}", (moved, y), fontsize=6, color=INK, ha="center",
+                va="center",
+            )  # fmt: skip
+        zeta = mode["damping_ratio"]
+        head = f"{mode['frequency_hz']:.3g} Hz" + ("" if zeta is None else f", \u03b6 {zeta:.2g}")
+        label = mode["label"] + (", the reference" if mode["reference"] else "")
+        ax.text(-0.65, y + 0.13, head, fontsize=8, color=INK, ha="right", va="center")
+        colour = GOT if mode["label"] == "noncolocated" else "#3f7f5f"
+        ax.text(-0.65, y - 0.17, label, fontsize=7, color=colour, ha="right", va="center")
+    for x, body in enumerate(bodies):
+        ax.text(x, 0.5, body.replace("_", " "), fontsize=8, color=INK, ha="center", va="bottom")
+    ax.set_xlim(-2.35, len(bodies) - 0.4)
+    ax.set_ylim(-len(rows) + 0.5, 0.85)
+    finish(figure, ax, title)
+    return figure
+
+
+# --- what the thesis shows -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ThesisFigure:
+    """A bode plot, root locus or pole-zero array of the thesis, with its own parameters.
+
+    figure: its number. see: what to look for. source() gives the Curves, Loci or Arrays that draw()
+    shows.
+    """
+
+    figure: str
+    kind: str  # "bode", "rlocus" or "poles"
+    title: str
+    see: str
+    source: object  # a function without arguments
+    options: tuple = ()  # of the drawing, (name, value)
+
+    def data(self):
+        """A list of Curve, Locus or Array."""
+        return self.source()
+
+    def draw(self, data=None):
+        """The matplotlib figure."""
+        drawing = {"bode": bode, "rlocus": rlocus, "poles": pole_zero}[self.kind]
+        title = f"Fig {self.figure}: {self.title}"
+        return drawing(self.source() if data is None else data, title, **dict(self.options))
+
+
+def responses(*runs, span_hz=(0.5, 200.0), **common):
+    """A source of Curves: (model, label, settings or None) each, `common` as for model_curve."""
+
+    def source():
+        return [
+            model_curve(m, label, settings=settings, span_hz=span_hz, **common)
+            for m, label, settings in runs
+        ]
+
+    return source
+
+
+def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
+    """A source of Curves of one model to several outputs, {output: label}."""
+
+    def source():
+        return [
+            model_curve(model, label, output, span_hz=span_hz, settings=settings, **common)
+            for output, label in names.items()
+        ]
+
+    return source
+
+
+def loci(*runs, span_hz=None):
+    """A source of Loci of force loops in continuous time, (model, label, settings or None)."""
+
+    def source():
+        return [
+            locus(loops.force_loop(model, timing="continuous", overrides=settings), label, span_hz)
+            for model, label, settings in runs
+        ]
+
+    return source
+
+
+def damped(model, parameter, values, unit):
+    """Runs of one model under several values of a parameter."""
+    return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
+
+
+LOCKED = {"rotor_mass": 1e9}  # kg: the motor shaft held still
+FAST = {"k_amp": 582.0}  # the slope of Fig 4.3 that gives the current loop of Fig 3.8
+BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # sample parameters: 17.9 kg, first mode at 103 Hz
+LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
+ARM = beam.TwoLinkArm()
+
+
+def beam_curves():
+    """Fig 2.22: both velocity responses of the distributed beam, exact."""
+    natural = BEAM.natural_frequencies(4)
+    roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
+    frequency = grid_hz(0.05 * natural[0] / (2 * np.pi), 1.6 * natural[3] / (2 * np.pi), roots, 800)
+    s = 2j * np.pi * frequency * (1 - 1e-3j)  # a damping ratio of .001: the beam itself has none
+    return [
+        Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
+        Curve("tip (noncolocated)", frequency, BEAM.tip(s), "(m/s)/N"),
+    ]
+
+
+def beam_arrays():
+    """Fig 2.23: both pole-zero arrays through the fourth mode."""
+    poles = BEAM.poles(4)
+    return [
+        Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
+        Array("tip (noncolocated)", poles, BEAM.tip_zeros(4)),
+    ]
+
+
+def arrays(system, names, input=None):
+    """A source of Arrays of one System to several outputs, {output: label}."""
+
+    def source():
+        inputs = (input,) if input else None
+        return [array(system.select(inputs, (o,)), label) for o, label in names.items()]
+
+    return source
+
+
+def current_loop():
+    """Fig 3.8: current feedback per current command, shaft locked, on both slopes of Fig 4.3."""
+    curves = []
+    for k_amp in (15.0, 582.0):
+        settings = LOCKED | {"k_amp": k_amp}
+        over = linear.linearise(
+            "fig4_5", outputs=("drive.current", "drive.current_command"), overrides=settings
+        )
+        frequency = np.geomspace(10, 1e4, 300)
+        values = over.response(frequency)[:, :, 0]
+        feedback = linear.facts("fig4_5")["parameters"]["k_current"][0]
+        curves.append(
+            Curve(
+                f"k_amp = {k_amp:g}", frequency, feedback * values[:, 0] / values[:, 1], "V/V"
+            )
+        )
+    return curves
+
+
+def three_problems():
+    """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
+    hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
+    return [
+        model_curve("fig4_14", "with base and arm", settings=hard, span_hz=(1, 100)),
+        model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
+    ]
+
+
+def thesis_figures():
+    """Every bode plot, root locus and pole-zero array that the text defines: [ThesisFigure]."""
+    both = {"robot.position": "actuator x_r1", "tip.position": "endpoint x_r2"}
+    base = (2000.0, 9500.0, 38000.0)
+    work = (("fig2_26", "b_w = 8.25", None), ("fig2_26", "b_w = 363", {"b_w": 363.0}),
+            ("fig2_26", "k_w x 4", {"k_w": 1650800.0}))  # fmt: skip
+    force = {"drive": False, "output": "reading"}  # a perfect actuator: force per force
+    grips = (("fig2_35", "soft, 25 kN/m", None), ("fig2_35", "stiff, 10 MN/m", {"k_g": 1e7}))
+    coupled = tuple(("fig2_35_coupled", label, settings) for _, label, settings in grips)
+    sensed = (("ylabel", "F_s / F_a"),)
+    volts = (("ylabel", "F_s / V_cmd"),)
+    phase = (("phase_only", True), ("size", (5.6, 2.8)))
+    return [
+        ThesisFigure("2.4", "bode", "rigid robot", "1 at 0 Hz; amplitude and phase roll off",
+                     responses(("fig2_3", "F_s / F_a", None), **force), sensed),
+        ThesisFigure("2.5", "rlocus", "rigid robot", "straight up: stable at every gain",
+                     loci(("fig2_3", "", None), span_hz=15)),
+        ThesisFigure("2.9", "bode", "rigid robot, simple actuator", "the actuator's lag",
+                     responses(("fig2_8", "", None)), volts),
+        ThesisFigure("2.10", "rlocus", "rigid robot, simple actuator", "now unstable at high gain",
+                     loci(("fig2_8", "", None))),
+        ThesisFigure("2.12", "bode", "link flexibility", "the phase drops below -180 degrees",
+                     responses(("fig2_11", "F_s / F_a", None), **force), sensed),
+        ThesisFigure("2.13", "rlocus", "link flexibility", "roots cross into the right half",
+                     loci(("fig2_11", "", None))),
+        ThesisFigure("2.14", "bode", "link flexibility, actuator and endpoint",
+                     "above the arm's mode the two move opposite",
+                     outputs("fig2_11", both, drive=False), phase),
+        ThesisFigure("2.17", "bode", "base A", "a sharp lag and lead; damping spreads it",
+                     responses(*damped("fig2_16a", "b_b", base, "N s/m"), **force), sensed),
+        ThesisFigure("2.18", "rlocus", "base A", "poles beside zeros, colocated",
+                     loci(*damped("fig2_16a", "b_b", base, "N s/m"), span_hz=20)),
+        ThesisFigure("2.19", "bode", "base B", "the workpiece on the base: less lag",
+                     responses(*damped("fig2_16b", "b_b", base, "N s/m"), **force), sensed),
+        ThesisFigure("2.20", "rlocus", "base B", "poles beside zeros, colocated",
+                     loci(*damped("fig2_16b", "b_b", base, "N s/m"), span_hz=20)),
+        ThesisFigure("2.22", "bode", "distributed beam", "colocated: zeros between the poles",
+                     beam_curves, (("ylabel", "v / F_a"),)),
+        ThesisFigure("2.23", "poles", "distributed beam through its fourth mode",
+                     "colocated: alternating; tip: zeros in real +- pairs", beam_arrays),
+        ThesisFigure("2.25", "poles", "lumped bending beam", "tip: one real +- pair of zeros",
+                     arrays(LUMPED.system(), {"actuator": "actuator (colocated)",
+                                              "tip": "tip (noncolocated)"})),
+        ThesisFigure("2.27", "bode", "workpiece", "a dip of the phase, less with damping",
+                     responses(*work, **force), sensed),
+        ThesisFigure("2.28", "rlocus", "workpiece", "no gain limit with any workpiece",
+                     loci(*work, span_hz=100)),
+        ThesisFigure("2.30", "rlocus", "workpiece and link flexibility", "the arm still limits",
+                     loci(("fig2_29", "", None))),
+        ThesisFigure("2.31", "rlocus", "workpiece mode at the arm's crossover",
+                     "its zeros hold the roots back: a higher limit",
+                     loci(("fig2_29", "k_w = 412700", None),
+                          ("fig2_29", "k_w = 234500", {"k_w": 234500.0}))),
+        ThesisFigure("2.33", "rlocus", "workpiece and simple actuator", "poles and zeros in pairs",
+                     loci(("fig2_32", "", None))),
+        ThesisFigure("2.34", "rlocus", "damped workpiece at the actuator's crossover",
+                     "its zeros hold the roots back: a higher limit",
+                     loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
+        ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
+                     responses(*grips, **force), sensed),
+        ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: no gain limit",
+                     loci(*grips, span_hz=200)),
+        ThesisFigure("2.38", "bode", "grip, simple actuator", "the actuator's lag is added",
+                     responses(*coupled), volts),
+        ThesisFigure("2.39", "rlocus", "grip, simple actuator",
+                     "soft: the limit moves to the sensor's mode", loci(*coupled, span_hz=200)),
+        ThesisFigure("3.6", "bode", "preamplifier, command to current command (model)", "flat",
+                     responses(("fig4_5", "", LOCKED), output="drive.current_command",
+                               span_hz=(10, 2000)), (("ylabel", "V_ic / V_cmd"),)),
+        ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
+                     "inverting, first order at 150 Hz",
+                     responses(("fig4_5", "", LOCKED), input="drive.tach",
+                               output="drive.current_command", span_hz=(10, 2000)),
+                     (("ylabel", "V_ic / V_tach"),)),
+        ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
+                     "measured: 1 up to 2000 Hz, which wants k_amp = 582", current_loop,
+                     (("ylabel", "V_if / V_ic"),)),
+        ThesisFigure("3.9", "bode", "motor velocity, no load (model)",
+                     "measured: .85 at DC, 46 Hz",
+                     responses(("fig4_5", "k_amp = 15", None), ("fig4_5", "k_amp = 582", FAST),
+                               output="drive.tach", span_hz=(0.5, 500)),
+                     (("ylabel", "V_tach / V_cmd"),)),
+        ThesisFigure("3.10", "bode", "motor acceleration, apart (model)",
+                     "colocated: the arm's zeros before its poles",
+                     outputs("fig4_14", {"robot.acceleration": "motor"}, free=True),
+                     (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("3.11", "bode", "tip acceleration, apart (model)",
+                     "noncolocated: the phase falls by 180 degrees at the arm's mode",
+                     outputs("fig4_14", {"tip.acceleration": "tip", "robot.acceleration": "motor"},
+                             free=True), (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("3.12", "bode", "contact force (model)", "poles moved by the contact",
+                     responses(("laboratory", "arm and workpiece", None),
+                               ("fig4_19", "rigid robot, workpiece", None)), volts),
+        ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
+                     responses(("fig4_5", "", None), output="drive.tach", span_hz=(0.5, 500)),
+                     (("ylabel", "V_tach / V_cmd"),)),
+        ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
+                     responses(("fig4_11", "", None)), volts),
+        ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",
+                     loci(("fig4_11", "", None))),
+        ThesisFigure("4.16", "rlocus", "arm flexibility", "noncolocated: a lower limit",
+                     loci(("fig4_15", "", None))),
+        ThesisFigure("4.18", "rlocus", "base flexibility", "poles beside zeros at 12 Hz",
+                     loci(("fig4_17", "", None))),
+        ThesisFigure("4.20", "rlocus", "workpiece", "the workpiece's poles cross",
+                     loci(("fig4_19", "", None), span_hz=70)),
+        ThesisFigure("4.21", "rlocus", "workpiece four times stiffer", "hardly another limit",
+                     loci(("fig4_21", "", None), span_hz=110)),
+        ThesisFigure("4.22", "rlocus", "workpiece four times softer", "a slow mode that rings",
+                     loci(("fig4_22", "", None), span_hz=70)),
+        ThesisFigure("4.24", "rlocus", "stiff grip", "as without a grip",
+                     loci(("fig4_24", "", None), span_hz=70)),
+        ThesisFigure("4.25", "rlocus", "soft grip", "the sensor's mode limits, far out",
+                     loci(("fig4_25", "", None), span_hz=200)),
+        ThesisFigure("5.4", "rlocus", "original workpiece damping", "as Fig 4.20",
+                     loci(("fig4_19", "b_w = 8.25", None), span_hz=70)),
+        ThesisFigure("5.5", "rlocus", "workpiece damping x 20", "crosses at a higher gain",
+                     loci(("fig5_5", "b_w = 165", None), span_hz=70)),
+        ThesisFigure("6.1", "bode", "three dynamic problems", "actuator lag, a colocated mode's dip "
+                     "at 12 Hz, 180 degrees lost at the arm's mode", three_problems, phase),
+        ThesisFigure("6.3", "poles", "two-link arm, torque 1", "endpoint: a zero on the right",
+                     arrays(ARM.system(), {"joint1": "joint 1", "normal": "endpoint"}, "torque1")),
+    ]  # fmt: skip
