@@ -18,14 +18,15 @@ firmware's velocity, lead is transformed bilinearly, derivative samples its sens
 the tick of its reading on (zoh), or one tick later (zoh+1, firmware.latency_ticks = 1).
 """
 
+import itertools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg, optimize
 
-from forceaxis import _core
+from forceaxis import _core, paths
 from forceaxis.linear import TICK_S, System, facts, find_model, linearise
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
@@ -341,18 +342,17 @@ class Loop:
         return firmware_gain / self.firmware_gain(1.0)
 
     def closed(self, gain):
-        """From set-point to the signal (and the command in V) with the loop closed."""
+        """From the set-point (in what is fed back: N) to the signal, with the loop closed."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        fed, direct = C[:1], D[0, 0]
-        share = gain / (1 + gain * direct)  # u = gain (r - fed x - direct u)
+        share = gain / (1 + gain * D[0, 0])  # of the set-point less C x in gain (r - C x - D u)
         return replace(
             self.whole,
-            A=A - share * B @ fed,
+            A=A - share * B @ C[:1],
             B=share * B,
-            C=np.vstack([C[1:] - share * D[1:] @ fed, -share * fed]),
-            D=np.vstack([share * D[1:], [[share]]]),
+            C=C[1:] - share * D[1:] @ C[:1],
+            D=share * D[1:],
             inputs=("set-point",),
-            outputs=(self.whole.outputs[1], "error times gain"),
+            outputs=self.whole.outputs[1:],
         )
 
     def closed_poles(self, gain):
@@ -522,3 +522,236 @@ class Loop:
             return Limit(None, None, crossings, ranges, "stable at every gain")
         first = next(c for c in crossings if c.gain == ranges[0][1])
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
+
+    def margins(self, gain):
+        """Margins of the loop at a gain that it is stable at."""
+        gains = [c.gain for c in self._crossings]
+        above = min((g for g in gains if g > gain), default=None)
+        below = max((g for g in gains if g < gain), default=None)
+        A, B, C, D = self._plane
+        # Zeros of 1 - k^2 G(s) G(-s): poles of that product with its output fed back.
+        share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
+        product = np.block(
+            [
+                [A + share * D * B @ C, -share * B @ C],
+                [B @ C + share * D**2 * B @ C, -A - share * D * B @ C],
+            ]
+        )
+        grid = self._marks(linalg.eigvals(product))
+
+        def size(w):
+            return np.log(gain * np.abs(self._at(w)))
+
+        values = size(grid)
+        crossovers = []
+        for i in np.flatnonzero(values[:-1] * values[1:] < 0):
+            w = optimize.brentq(size, grid[i], grid[i + 1], xtol=1e-300, rtol=1e-15)
+            phase = float(np.degrees(np.angle(-self._at(w))))
+            crossovers.append((self._hz(w), phase))
+        crossover, phase = min(crossovers, key=lambda c: abs(c[1]), default=(None, None))
+        return Margins(above and above / gain, below and below / gain, phase, crossover, crossovers)
+
+    def step(self, gain, duration_s):
+        """(time_s, signal): from rest, after a unit step of the set-point, every 1/1500 s or tick.
+
+        The set-point is f_d; of stiffness K_fs x_d, of damping K_fd v_d. Exact at these times."""
+        closed = self.closed(gain)
+        if self.dt is None:
+            closed = closed.sampled()
+        time_s = np.arange(math.floor(duration_s / closed.dt) + 1) * closed.dt
+        x, y = np.zeros(len(closed.A)), np.empty(len(time_s))
+        for i in range(len(time_s)):
+            y[i] = closed.C[0] @ x + closed.D[0, 0]
+            x = closed.A @ x + closed.B[:, 0]
+        return time_s, y
+
+    def locus(self, gains, plane="s"):
+        """Closed-loop poles at rising gains, (len(gains), poles), each column one branch.
+
+        1/s, or z of a sampled loop with plane "z". A branch that leaves z = 0 starts at -inf in s.
+        """
+
+        def poles(gain):
+            return self.closed(gain).poles().astype(complex)
+
+        def follow(before, low, high, depth):
+            after = poles(high)
+            move = np.abs(before[:, None] - after)
+            after = after[optimize.linear_sum_assignment(move)[1]]
+            apart = np.abs(before[:, None] - before) + np.diag(np.full(len(before), np.inf))
+            if not depth or np.all(
+                np.abs(after - before) < 0.3 * apart.min(axis=1, initial=np.inf)
+            ):
+                return after
+            middle = (low + high) / 2
+            return follow(follow(before, low, middle, depth - 1), middle, high, depth - 1)
+
+        rows = [poles(gains[0])]
+        for low, high in itertools.pairwise(gains):
+            rows.append(follow(rows[-1], low, high, 8))
+        rows = np.array(rows)
+        if self.dt is None or plane == "z":
+            return rows
+        with np.errstate(divide="ignore"):
+            return np.log(rows) / self.dt
+
+
+def largest_firmware_gain(loop, limit):
+    """The largest force_gain that the firmware can be set to below the limit; None: there is none
+    (or no reading)."""
+    if loop.codes_per_gain is None or limit.gain == 0:
+        return None
+    if limit.gain is None:
+        return FIRMWARE_HIGHEST
+    steps = math.ceil(loop.firmware_gain(limit.gain) / FIRMWARE_STEP) - 1
+    return min(steps * FIRMWARE_STEP, FIRMWARE_HIGHEST) if steps > 0 else None
+
+
+def describe_loop(loop):
+    """What was analysed, as both verbs report it."""
+    return {
+        "model": paths.display(loop.model),
+        "law": loop.law,
+        "parameters": loop.parameters,
+        "timing": loop.timing,
+        "output": loop.signal,
+    }
+
+
+def limit_summary(loop, gain=None):
+    """What `forceaxis limit` prints as JSON; with a gain also the margins there."""
+    limit = loop.limit()
+    reading = loop.codes_per_gain is not None
+    summary = {
+        "critical_gain": limit.gain,
+        "unit": loop.unit,
+        "frequency_hz": limit.frequency_hz,
+        "crossings": [asdict(c) for c in limit.crossings],
+        "stable_ranges": limit.stable_ranges,
+        "reason": limit.reason or None,
+        **describe_loop(loop),
+        "firmware_gain": loop.firmware_gain(limit.gain) if reading and limit.gain else None,
+        "largest_firmware_gain": largest_firmware_gain(loop, limit),
+    }
+    if gain is not None:
+        margins = asdict(loop.margins(gain))
+        margins["crossovers"] = [
+            {"frequency_hz": hz, "phase_margin_deg": phase} for hz, phase in margins["crossovers"]
+        ]
+        summary["at"] = {
+            "gain": gain,
+            "firmware_gain": loop.firmware_gain(gain) if reading else None,
+            "stable": loop.stable(gain),
+            **margins,
+        }
+    return summary
+
+
+def _hz_text(hz):
+    return "at infinite frequency" if hz is None else f"at {hz:.4g} Hz"
+
+
+def describe_limit(summary):
+    """The same for people."""
+    unit = summary["unit"]
+    lines = [f"loop         {summary['law']}, {summary['timing']}, {summary['output']}"]
+    if summary["critical_gain"]:
+        hz = _hz_text(summary["frequency_hz"])
+        lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
+    else:
+        lines.append(f"limit        none: {summary['reason']}")
+    if summary["firmware_gain"]:
+        largest = summary["largest_firmware_gain"]
+        below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
+        lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
+    turns = {1: "leaves", -1: "returns", 0: "touches"}
+    for c in summary["crossings"]:
+        lines.append(
+            f"crossing     {c['gain']:.6g} {unit} {_hz_text(c['frequency_hz'])}, a pole "
+            f"{turns[c['direction']]}"
+        )
+    at = summary.get("at")
+    if at:
+        own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
+        lines.append(
+            f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
+        )
+        factor, phase = at["gain_margin"], at["phase_margin_deg"]
+        lines.append(
+            f"gain margin  {f'factor {factor:.4g}' if factor else 'none, no crossing above'}"
+        )
+        if at["gain_reduction"]:
+            lines.append(f"             factor {at['gain_reduction']:.4g} down")
+        lines.append(
+            "phase margin "
+            + (
+                "none, |L| is nowhere 1"
+                if phase is None
+                else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
+            )
+        )
+    return "\n".join(lines)
+
+
+def _root(value, dt, damping=True):
+    """One pole or zero for JSON; what is not finite is null."""
+
+    def number(x):
+        return float(x) if np.isfinite(x) else None
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = complex(value) if dt is None else complex(np.log(complex(value)) / dt)
+        size = abs(s)
+        root = {
+            "re_per_s": number(s.real),
+            "im_per_s": number(s.imag),
+            "hz": number(size / (2 * math.pi)),
+        }
+    if damping:
+        root["damping_ratio"] = number(-s.real / size) if size and np.isfinite(size) else None
+    if dt is not None:
+        root |= {"re_z": float(value.real), "im_z": float(value.imag)}
+    return root
+
+
+def poles_summary(system, described):
+    """What `forceaxis poles` prints as JSON: of a System with one input and output."""
+
+    def ordered(values):
+        return sorted(
+            values.astype(complex), key=lambda v: (abs(v - (system.dt is not None)), v.imag)
+        )
+
+    numerator, denominator = system.transfer_function()
+    return {
+        **described,
+        "input": system.inputs[0],
+        "output": system.outputs[0],
+        "stable": system.stable(),
+        "poles": [_root(p, system.dt) for p in ordered(system.poles())],
+        "zeros": [_root(z, system.dt) for z in ordered(system.zeros())],
+        "gain": float(system.gain()),
+        "numerator": numerator.tolist(),
+        "denominator": denominator.tolist(),
+    }
+
+
+def describe_poles(summary):
+    """The same for people."""
+
+    def lines(kind):
+        for root in summary[kind]:
+            s = [root["re_per_s"], root["im_per_s"]]
+            text = "at -infinity" if None in s else f"{s[0]:12.6g} {s[1]:+12.6g}j 1/s"
+            if None not in s and root.get("damping_ratio") is not None:
+                text += f"  {root['hz']:9.5g} Hz  damping {root['damping_ratio']:.5g}"
+            elif None not in s:
+                text += f"  {root['hz']:9.5g} Hz"
+            if "re_z" in root:
+                text += f"  z {root['re_z']:+.6f} {root['im_z']:+.6f}j"
+            yield f"{kind[:-1]:12} {text}"
+
+    head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
+    if summary.get("gain_of_loop") is not None:
+        head += f", closed with {summary['law']} at {summary['gain_of_loop']:.6g} {summary['unit']}"
+    return "\n".join([head, *lines("poles"), *lines("zeros")])
