@@ -126,7 +126,7 @@ def model_curve(
             f"{linear.find_model(model)}: expected a path from {input} to {output}; there is none"
         )
     if timing != "continuous":
-        system = system.sampled(loops.delay_ticks(timing))
+        system = system.sampled(loops.TIMINGS.index(timing) - 1)
     return curve(system, label, span_hz, unit_of(model, input, output, settings))
 
 
@@ -164,7 +164,10 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
         axes[0, 0].set_ylabel(f"{ylabel}, {curves[0].unit}".rstrip(", "), fontsize=8)
     if len(curves) > 1:
         axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
-    finish(figure, axes[0, 0], title)
+    axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK)
+    tall = size[1]
+    figure.subplots_adjust(0.125, 0.46 / tall, 0.975, 1 - 0.3 / tall, hspace=0.12)
+    plt.close(figure)
     return figure
 
 
@@ -335,8 +338,9 @@ def locus(loop, label="", span_hz=None):
         middle = (gains[rough] + gains[rough + 1]) / 2
         gains = np.sort(np.concatenate([gains, middle]))
     branches = loop.locus(gains)
-    codes = loop.firmware_gain(1.0)
-    return Locus(label, gains, branches, ends, crossings, limit, loop.unit, codes, span)
+    return Locus(
+        label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span
+    )
 
 
 def hz(roots):
@@ -354,30 +358,46 @@ def mark(ax, ends, size=5.5):
     )  # fmt: skip
 
 
-def rlocus(loci, title="", height=3.9):
-    """Figure of root loci side by side, upper half-planes in Hz; the critical gain is marked."""
-    span = max(locus.span_hz for locus in loci)
-    figure, axes = plt.subplots(
-        1, len(loci), sharey=True, figsize=(0.9 + 3.3 * len(loci), height), squeeze=False
-    )
-    for ax, one in zip(axes[0], loci, strict=True):
+def panels(count, wide, tall):
+    """A figure and `count` axes side by side, each wide x tall inches."""
+    left, right, gap, low, high = 0.62, 0.15, 0.35, 0.48, 0.55
+    size = left + count * wide + (count - 1) * gap + right, low + tall + high
+    figure = plt.figure(figsize=size)
+    axes = [
+        figure.add_axes(
+            ((left + i * (wide + gap)) / size[0], low / size[1], wide / size[0], tall / size[1])
+        )
+        for i in range(count)
+    ]
+    for ax in axes:
         style(ax)
         ax.axvline(0, color=FAINT, linewidth=0.8)
         ax.axhline(0, color=FAINT, linewidth=0.8)
-        x, y = hz(one.branches)
+    axes[0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
+    return figure, axes
+
+
+def headline(figure, title):
+    """The title above panels; the figure leaves pyplot's list."""
+    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left", va="top", y=0.985)
+    plt.close(figure)
+
+
+def rlocus(loci, title="", wide=2.7):
+    """Figure of root loci side by side, upper half-planes in Hz; the critical gain is marked."""
+    span = max(one.span_hz for one in loci)
+    figure, axes = panels(len(loci), wide, 1.05 * wide)  # equal scales on both axes
+    for ax, one in zip(axes, loci, strict=True):
+        x, y = hz(np.where(one.branches.imag >= 0, one.branches, np.nan))
         ax.plot(x, y, color="#3f7f5f", linewidth=1.1)
-        mark(ax, one.ends)
-        ax.set_xlim(-0.62 * span, 0.38 * span)
+        upper = [roots[roots.imag > -1e-6 * 2 * np.pi * span] for roots in (one.ends.poles, one.ends.zeros)]
+        mark(ax, Array("", *upper))
+        ax.set_xlim(-0.57 * span, 0.43 * span)
         ax.set_ylim(-0.05 * span, span)
-        ax.set_aspect("equal")
         ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
         label_crossings(ax, one, span)
-        if len(loci) > 1:
-            ax.set_title(one.label, fontsize=8, color=INK)
-    axes[0, 0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
-    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left")
-    figure.tight_layout()
-    plt.close(figure)
+        ax.set_title(one.label, fontsize=8, color=INK)
+    headline(figure, title)
     return figure
 
 
@@ -388,66 +408,59 @@ def gain_text(gain, one):
 
 
 def label_crossings(ax, one, span):
-    """Marks where branches leave the stable region, the first with its gain and frequency."""
-    taken = []
-    for crossing in sorted(one.crossings, key=lambda c: c.gain != one.limit.gain):
-        if not crossing.frequency_hz < span:
-            continue
+    """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
+    if one.limit.gain is None:
+        ax.text(
+            0.97, 0.97, "stable at\nevery gain", transform=ax.transAxes, fontsize=7,
+            color="#3f7f5f", ha="right", va="top",
+        )  # fmt: skip
+    taken = []  # (height, half of it)
+    own = one.limit.frequency_hz or 0.0
+    inside = [c for c in one.crossings if c.frequency_hz is not None and c.frequency_hz < span]
+    for crossing in sorted(inside, key=lambda c: abs(c.frequency_hz - own)):
+        height = crossing.frequency_hz
         first = crossing.gain == one.limit.gain
         face = GOT if first else "white"
-        ax.plot(0, crossing.frequency_hz, "D", color=GOT, markerfacecolor=face, markersize=5, zorder=5)
-        text = f"{gain_text(crossing.gain, one)}\n{crossing.frequency_hz:.3g} Hz"
+        ax.plot(0, height, "D", color=GOT, markerfacecolor=face, markersize=4.5, zorder=5)
+        text = f"{gain_text(crossing.gain, one)}\n{height:.3g} Hz"
         if not first:
-            text = f"{crossing.gain:.3g}, {crossing.frequency_hz:.3g} Hz"
-        high = crossing.frequency_hz
-        while any(abs(high - other) < (0.2 if first or t else 0.08) * span for other, t in taken):
-            high -= 0.02 * span
-        if high < 0:
+            text = f"{'back ' * (crossing.direction < 0)}{crossing.gain:.3g}, {height:.3g} Hz"
+        half = (0.09 if first else 0.03) * span
+        up = 1 if height >= own else -1
+        at = height
+        while any(abs(at - other) < half + room for other, room in taken):
+            at += up * 0.01 * span
+        if not 0 < at < span:
             continue
-        taken.append((high, first))
+        taken.append((at, half))
         ax.annotate(
-            text, (0, crossing.frequency_hz), (0.05 * span, high), fontsize=7, color=GOT, va="center",
+            text, (0, height), (0.05 * span, at), fontsize=7, color=GOT, va="center",
             bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5}, zorder=6,
             arrowprops={"arrowstyle": "-", "color": GOT, "linewidth": 0.6, "shrinkB": 3},
         )  # fmt: skip
-    if one.limit.gain is None:
-        ax.text(
-            0.97, 0.97, "stable for\nall gains", transform=ax.transAxes, fontsize=7, color="#3f7f5f",
-            ha="right", va="top",
-        )  # fmt: skip
 
 
-def pole_zero(arrays, title="", span_hz=None, height=3.9):
+def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
 
-    span_hz: half-width of the frame; by default all roots but those more than six times as far out
-    as the next are inside, and the others are counted below.
+    span_hz: half-width of the frame; by default that of `frame`. What is beyond it is counted below.
     """
-    figure, axes = plt.subplots(
-        1, len(arrays), figsize=(0.7 + 3.5 * len(arrays), height), squeeze=False
-    )
-    for ax, one in zip(axes[0], arrays, strict=True):
-        style(ax)
+    figure, axes = panels(len(arrays), wide, wide)
+    for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        span = 2 * np.pi * span_hz if span_hz else frame(np.abs(roots))
-        ax.axvline(0, color=FAINT, linewidth=0.8)
-        ax.axhline(0, color=FAINT, linewidth=0.8)
+        span = span_hz or frame(np.abs(roots)) / (2 * np.pi)
         mark(ax, one)
-        ax.set_xlim(-span / (2 * np.pi), span / (2 * np.pi))
-        ax.set_ylim(-span / (2 * np.pi), span / (2 * np.pi))
-        ax.set_aspect("equal")
+        ax.set_xlim(-span, span)
+        ax.set_ylim(-span, span)
         beyond = [
             f"{count} {name}" + "s" * (count > 1)
             for name, some in (("pole", one.poles), ("zero", one.zeros))
-            if (count := int((np.maximum(np.abs(some.real), np.abs(some.imag)) > span).sum()))
+            if (count := int((np.max(np.abs(hz(some)), axis=0) > span).sum()))
         ]
         note = f"; beyond: {', '.join(beyond)}" if beyond else ""
         ax.set_xlabel(f"real part / 2\u03c0, Hz{note}", fontsize=8)
         ax.set_title(one.label, fontsize=8, color=INK)
-    axes[0, 0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
-    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left")
-    figure.tight_layout()
-    plt.close(figure)
+    headline(figure, title)
     return figure
 
 
@@ -634,6 +647,14 @@ def current_loop():
     return curves
 
 
+def tachometer_path():
+    """Fig 3.7: current command per tachometer voltage, with no velocity command."""
+    frequency = np.geomspace(10, 2000, 300)
+    system = linear.linearise("fig4_5", ("drive.force",), ("drive.current_command", "drive.tach"))
+    values = system.response(frequency)[:, :, 0]
+    return [Curve("", frequency, values[:, 0] / values[:, 1], "V/V")]
+
+
 def three_problems():
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
@@ -695,7 +716,8 @@ def thesis_figures():
         ThesisFigure("2.31", "rlocus", "workpiece mode at the arm's crossover",
                      "its zeros hold the roots back: a higher limit",
                      loci(("fig2_29", "k_w = 412700", None),
-                          ("fig2_29", "k_w = 234500", {"k_w": 234500.0}))),
+                          ("fig2_29", "k_w = 300000, b_w = 363",
+                           {"k_w": 300000.0, "b_w": 363.0}))),
         ThesisFigure("2.33", "rlocus", "workpiece and simple actuator", "poles and zeros in pairs",
                      loci(("fig2_32", "", None))),
         ThesisFigure("2.34", "rlocus", "damped workpiece at the actuator's crossover",
@@ -714,9 +736,7 @@ def thesis_figures():
                                span_hz=(10, 2000)), (("ylabel", "V_ic / V_cmd"),)),
         ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
                      "inverting, first order at 150 Hz",
-                     responses(("fig4_5", "", LOCKED), input="drive.tach",
-                               output="drive.current_command", span_hz=(10, 2000)),
-                     (("ylabel", "V_ic / V_tach"),)),
+                     tachometer_path, (("ylabel", "V_ic / V_tach"),)),
         ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
                      "measured: 1 up to 2000 Hz, which wants k_amp = 582", current_loop,
                      (("ylabel", "V_if / V_ic"),)),
