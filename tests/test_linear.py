@@ -95,7 +95,7 @@ def test_any_input_and_output_is_the_mechanics(tmp_path):
                 1000 * x[0],
                 [2.0, 0, 0, 0],
                 x[1] - x[2],
-            ]  # fmt: skip
+            ]
         )
         found = plant.response(f)
         scale = abs(expected).max(axis=1, keepdims=True)
