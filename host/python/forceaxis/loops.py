@@ -182,7 +182,7 @@ def force_loop(
     if not plant.select(outputs=names[:1]).has_path():
         raise _core.InputError(
             f"{where}: output: expected a path from drive.command to {signal}, it does not answer "
-            "in this mode; choose another output or mode"
+            "in this mode; choose another output or another mode of the elements"
         )
 
     def row(matrix, name):
@@ -490,11 +490,12 @@ class Loop:
                 crossings.append(Crossing(float(-1 / G), self._hz(w), direction))
         # The ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
         A, _, _, D = self._plane
+        least = -1e-11 * np.median(np.abs(self._at(grid)))  # less is a zero there
         if np.abs(self._poles).min() > 1e-13 * len(A) * np.linalg.norm(A):
-            G = self._at(0.0).real
-            if G < 0:
-                crossings.append(Crossing(float(-1 / G), 0.0, int(np.sign(values[0]))))
-        if D[0, 0] < 0:
+            rest = self._at(0.0).real
+            if rest < least:
+                crossings.append(Crossing(float(-1 / rest), 0.0, int(np.sign(values[0]))))
+        if D[0, 0] < least:
             end = None if self.dt is None else 0.5 / self.dt
             crossings.append(Crossing(float(-1 / D[0, 0]), end, -int(np.sign(values[-1]))))
         return sorted(crossings, key=lambda c: c.gain)
