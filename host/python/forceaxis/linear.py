@@ -81,13 +81,13 @@ class System:
             return 0, self.D[0, 0], np.zeros((0, len(A)))
         row, bound, rows = C, abs(C), []
         for degree in range(1, len(A) + 1):
+            if not row.any():
+                break
             rows.append(row[0] / np.linalg.norm(row))
             value, size = (row @ B).item(), (bound @ abs(B)).item()
             if abs(value) > 1e-11 * size:  # what is less is rounding: structural zeros are exact
                 return degree, value, np.array(rows)
             row, bound = row @ A, bound @ abs(A)
-            if not row.any():
-                break
         return len(A) + 1, 0.0, np.array(rows)  # no path
 
     def has_path(self):
