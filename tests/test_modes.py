@@ -163,6 +163,22 @@ def test_friction_that_sticks_takes_its_motion_away():
     assert [m["label"] for m in sliding["modes"]] == ["colocated", "noncolocated"]
 
 
+def test_states_of_elements():
+    """The drive's change the driven poles alone; a contact that is apart changes the output."""
+    plain = modes.modes("laboratory")
+    outer = modes.modes("laboratory", states={"drive.amplifier": "high outer"})
+    assert [m["frequency_hz"] for m in plain["modes"]] == [
+        m["frequency_hz"] for m in outer["modes"]
+    ]
+    assert plain["other_poles"] != outer["other_poles"]
+    free = modes.modes("fig4_15", free=True)
+    assert modes.modes("fig4_15", states={"sensor": "apart"}) == free
+    assert free["output"] == "tip.position"
+    assert modes.modes("fig4_15", output="reading")["output"] == "sensor.spring_force"
+    with pytest.raises(InputError, match=r"drive\.amplifier"):
+        modes.modes("laboratory", states={"drive.amplifier": "x"})
+
+
 def test_command_line():
     def call(*arguments):
         return CliRunner().invoke(cli.cli, ["modes", *arguments])

@@ -324,8 +324,8 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
 )
 @click.option(
     "--output",
-    help="A signal (tip.acceleration). Default: what the force reading shows; with --free the "
-    "position of the body that would touch.",
+    help="A signal (tip.acceleration). Default: what the force reading shows; apart, the position "
+    "of the body that would touch.",
 )
 @as_json
 def modes_(model, overrides, states, free, input_, output, as_json):
@@ -344,7 +344,7 @@ def modes_(model, overrides, states, free, input_, output, as_json):
      "modes": [                          ascending
        {"frequency_hz": 44.84, "damping_ratio": 0.0067,        null at 0 Hz
         "shape": {"robot": -0.0106, "workpiece": 1.0},         largest is 1
-        "residue": 178.1,                unit of the output per N s^2
+        "residue": 178.1,                unit of the output / (N s^2)
         "label": "colocated",            or "noncolocated", "neither"
         "against_lowest": "colocated", "against_below": "colocated",
         "reference": false,              true: the mode that the others are compared with
