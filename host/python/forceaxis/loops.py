@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg, optimize
 
-from forceaxis import _core, paths
+from forceaxis import _core, linear, paths
 from forceaxis.linear import TICK_S, System, facts, find_model, linearise
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
@@ -101,6 +101,11 @@ def _compensator(law, p, dt):
     return _first_order(-bp / ap, 1, (bz - az * bp / ap) / ap, az / ap)
 
 
+def option(name):
+    """A law parameter as the command line spells it."""
+    return "--" + name.replace("_", "-").lower()
+
+
 def _check(law, timing, given):
     if law not in LAWS:
         raise _core.InputError(f"law: expected one of {', '.join(LAWS)}, got {law}")
@@ -109,14 +114,16 @@ def _check(law, timing, given):
     inner = () if law in ("damping", "impedance") else (INNER,)
     for name, value in given.items():
         if name not in (*LAWS[law], *inner):
-            raise _core.InputError(f"{name}: expected for another law, {law} does not use it")
+            raise _core.InputError(
+                f"{option(name)}: expected for another law, {law} has no use for it"
+            )
         least = name == INNER or name in ("stiffness_N_per_m", "damping_Ns_per_m")
         if not (math.isfinite(value) and (value >= 0 if least else value > 0)):
             wanted = ">= 0" if least else "> 0"
-            raise _core.InputError(f"{name}: expected a number {wanted}, got {value:g}")
+            raise _core.InputError(f"{option(name)}: expected a number {wanted}, got {value:g}")
     for name in LAWS[law]:
         if name not in given:
-            raise _core.InputError(f"{name}: expected with law {law}")
+            raise _core.InputError(f"{option(name)}: expected with law {law}")
 
 
 def force_loop(
@@ -145,9 +152,7 @@ def force_loop(
     if known["drive"] is None:
         raise _core.InputError(f"{where}: drive: expected a model with a drive, there is none")
     if output == "reading" and known["reading"] is None:
-        raise _core.InputError(
-            f"{where}: adc: expected an ADC on channel 0, there is none; say --output SIGNAL"
-        )
+        raise _no_reading(where)
     signal = known["reading"]["signal"] if output == "reading" else output
     unit = known["signals"].get(signal, "count")
     if unit != "N" and law in ("stiffness", "damping", "impedance"):
@@ -177,7 +182,7 @@ def force_loop(
     if not plant.select(outputs=names[:1]).has_path():
         raise _core.InputError(
             f"{where}: output: expected a path from drive.command to {signal}, it does not answer "
-            "in this mode; choose another output or mode"
+            "in this mode; choose another output or another mode of the elements"
         )
 
     def row(matrix, name):
@@ -263,6 +268,12 @@ def force_loop(
         unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
         codes_per_gain=None if per_count is None else abs(per_count) / known["volts_per_code"],
         parameters=given,
+    )
+
+
+def _no_reading(where):
+    return _core.InputError(
+        f"{where}: adc: expected an ADC on channel 0, there is none; choose another output"
     )
 
 
@@ -479,11 +490,12 @@ class Loop:
                 crossings.append(Crossing(float(-1 / G), self._hz(w), direction))
         # The ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
         A, _, _, D = self._plane
+        least = -1e-11 * np.median(np.abs(self._at(grid)))  # less is a zero there
         if np.abs(self._poles).min() > 1e-13 * len(A) * np.linalg.norm(A):
-            G = self._at(0.0).real
-            if G < 0:
-                crossings.append(Crossing(float(-1 / G), 0.0, int(np.sign(values[0]))))
-        if D[0, 0] < 0:
+            rest = self._at(0.0).real
+            if rest < least:
+                crossings.append(Crossing(float(-1 / rest), 0.0, int(np.sign(values[0]))))
+        if D[0, 0] < least:
             end = None if self.dt is None else 0.5 / self.dt
             crossings.append(Crossing(float(-1 / D[0, 0]), end, -int(np.sign(values[-1]))))
         return sorted(crossings, key=lambda c: c.gain)
@@ -594,6 +606,46 @@ class Loop:
             return rows
         with np.errstate(divide="ignore"):
             return np.log(rows) / self.dt
+
+
+# The command line's options, {option: parameter}: click writes names in lower case.
+OPTIONS = {
+    name.lower(): name for name in (*dict.fromkeys(n for law in LAWS.values() for n in law), INNER)
+}
+
+
+def _parsed(model, overrides, modes):
+    """--set and --mode as dicts; a --set must act on something."""
+    overrides = linear.overrides(overrides)
+    known = facts(model, overrides)["parameters"]
+    for name in overrides:
+        if name not in known:
+            raise _core.InputError(
+                f"--set: {name}: expected a parameter that the model uses ({', '.join(known)})"
+            )
+    return overrides, linear.states(modes)
+
+
+def _law_parameters(given):
+    return {OPTIONS[name]: value for name, value in given.items() if value is not None}
+
+
+def from_options(model, overrides, modes, law, timing, output, free=False, **given):
+    """The loop that the options of `forceaxis limit` describe."""
+    overrides, modes = _parsed(model, overrides, modes)
+    given = _law_parameters(given)
+    return force_loop(model, law, timing, overrides, modes, output, free, **given)
+
+
+def one_gain(loop, gain, firmware_gain):
+    """k of --gain or --firmware-gain, or None."""
+    if gain is not None and firmware_gain is not None:
+        raise _core.InputError("--gain: expected either --gain or --firmware-gain, got both")
+    if firmware_gain is not None:
+        gain = loop.gain_of(firmware_gain)
+    if gain is not None and not (math.isfinite(gain) and gain > 0):
+        raise _core.InputError(f"--gain: expected a number > 0, got {gain:g}")
+    return gain
 
 
 def largest_firmware_gain(loop, limit):
@@ -736,6 +788,41 @@ def poles_summary(system, described):
     }
 
 
+def poles_of(
+    model, gain, firmware_gain, input_, overrides, modes, law, timing, free, output, **given
+):
+    """What `forceaxis poles` shows, from its options."""
+    if gain is None and firmware_gain is None:
+        if law != "p" or _law_parameters(given):
+            raise _core.InputError("--law: expected with --gain or --firmware-gain, which close it")
+        overrides, modes = _parsed(model, overrides, modes)
+        output = output or "reading"
+        if output == "reading" and facts(model, overrides)["reading"] is None:
+            raise _no_reading(find_model(model))
+        plant = linearise(model, (input_ or "drive.command",), (output,), overrides, modes, free)
+        if not plant.has_path():
+            raise _core.InputError(
+                f"{find_model(model)}: output: expected a path from {plant.inputs[0]} to {output}, "
+                "it does not answer in this mode; choose another output or mode"
+            )
+        timing = timing or "continuous"
+        if timing != "continuous":
+            plant = plant.sampled(delay_ticks=TIMINGS.index(timing) - 1)
+        described = {"model": paths.display(find_model(model)), "timing": timing}
+        return poles_summary(plant, described)
+    if input_ is not None:
+        raise _core.InputError("--input: expected without a gain; a loop starts at its set-point")
+    loop = from_options(
+        model, overrides, modes, law, timing or "zoh", output or "reading", free=free, **given
+    )
+    gain = one_gain(loop, gain, firmware_gain)
+    own = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
+    described = describe_loop(loop) | {
+        "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": own}
+    }
+    return poles_summary(loop.closed(gain), described)
+
+
 def describe_poles(summary):
     """The same for people."""
 
@@ -752,6 +839,7 @@ def describe_poles(summary):
             yield f"{kind[:-1]:12} {text}"
 
     head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
-    if summary.get("gain_of_loop") is not None:
-        head += f", closed with {summary['law']} at {summary['gain_of_loop']:.6g} {summary['unit']}"
+    if "closed" in summary:
+        closed = summary["closed"]
+        head += f", closed with {summary['law']} at {closed['gain']:.6g} {closed['unit']}"
     return "\n".join([head, *lines("poles"), *lines("zeros")])

@@ -97,13 +97,13 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
     return Mechanics(bodies, root**2, w, shapes, zeta, push, system.C[0, x] @ shapes)
 
 
-def default_output(model, overrides=None, free=False):
-    """What the force loop sees: the reading's signal; while apart the position of what touches."""
-    facts = linear.facts(model, overrides)
-    if free:
-        text = tomllib.loads(linear.find_model(model).read_text())
-        for contact in text.get("contact", ()):
-            return next(end for end in contact["between"] if end != "ground") + ".position"
+def default_output(facts, apart):
+    """What the force loop sees: the reading's signal, or the position of the body that would touch.
+
+    facts: as of linear.facts; apart: the model's [[contact]] tables if none of them is pressed.
+    """
+    for contact in apart:
+        return next(end for end in contact["between"] if end != "ground") + ".position"
     reading = facts["reading"]
     if reading and not reading["signal"].startswith("drive."):
         return reading["signal"]
@@ -129,20 +129,29 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
 
     model, overrides, states (there: modes), free: as for linear.linearise. input: drive.force or
     BODY.force; output: a signal, by default that of the reading, or the endpoint's position if
-    `free`. A rate stands for its position. Raises InputError as linear.linearise does, and where an
-    input or output that was named has no path to the other.
+    nothing touches. A rate stands for its position. Raises InputError as linear.linearise does, and
+    where an input or output that was named has no path to the other.
     """
     path = linear.find_model(model)
-    named = output is not None or input != "drive.force"
-    output = as_positions(output or default_output(path, overrides, free))
-    m = mechanics(path, input, output, overrides, states, free)
+    facts = linear.facts(path, overrides)
+    states = states or {}
+    contacts = tomllib.loads(path.read_text()).get("contact", [])
+    otherwise = "apart" if free else "pressed"
+    pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
+    named = output is not None or input not in ("drive.force", "drive.command")
+    if input == "drive.command":
+        input = "drive.force"  # which is what the command comes to
+    if output in ("reading", "adc0") and facts["reading"]:
+        output = facts["reading"]["signal"]  # before any filter
+    output = as_positions(output or default_output(facts, [] if pressed else contacts))
+    of_mechanics = {k: v for k, v in states.items() if not k.startswith("drive.")}
+    m = mechanics(path, input, output, overrides, of_mechanics, free)
     residues = m.drive * m.output
     total = np.abs(residues).sum()
     seen = np.abs(residues) > NO_RESIDUE * total if total > 0 else np.zeros(len(residues), bool)
 
-    facts = linear.facts(path, overrides)
-    options = {"overrides": overrides, "modes": states, "free": free}
-    bare = linear.linearise(path, [input], [output], drive=False, **options)
+    options = {"overrides": overrides, "free": free}
+    bare = linear.linearise(path, [input], [output], drive=False, modes=of_mechanics, **options)
     damped = _damped_residues(m, bare)
     has_path = bool(seen.any() or damped.any())
     if named and not has_path:
@@ -150,7 +159,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
             f"{path}: expected an output that the input moves, got no path from {input} to "
             f"{output} in this mode; name others, or another --mode ELEMENT=STATE"
         )
-    driven = linear.linearise(path, [input], [output], **options)
+    driven = linear.linearise(path, [input], [output], modes=states, **options)
     matched, others = match(m, driven)
 
     rows, reference, below = [], None, None
@@ -182,7 +191,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     return {
         "model": path.stem,
         "title": facts["title"],
-        "contact": ("apart" if free else "pressed") if facts["contacts"] else None,
+        "contact": ("pressed" if pressed else "apart") if contacts else None,
         "input": input,
         "output": output,
         "path": has_path,
