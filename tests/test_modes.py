@@ -115,6 +115,9 @@ def test_a_mode_that_only_dampers_couple():
     assert mode["residue"] == 0.0
     assert mode["label"] == "colocated"
     assert mode["shape"] == {"robot": 0.0, "base": 1.0}
+    # A robot that floats free (a double pole at 0) does not hide what a damper couples.
+    undamped = {"b_r": 1e-3, "b_b": 0.0}
+    assert modes.modes("fig4_17", free=True, overrides=undamped)["modes"][1]["label"] == "colocated"
     alone = modes.modes("fig2_16a", overrides={"b_r": 0.0})["modes"][1]
     assert alone["label"] == "neither"
 

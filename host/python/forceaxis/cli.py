@@ -227,6 +227,24 @@ def tables_(fit, threads, as_json):
         sys.exit(1)
 
 
+@cli.command(
+    name="check-thesis", cls=Verb, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
+)
+@as_json
+def check_thesis(as_json):
+    """Set the numbers that the thesis quotes beside what its models give.
+
+    Frequencies, crossovers, damping ratios, improvements; where ours differ, a line says why. Exit
+    status 1 if one differs without a reason.
+    """
+    from forceaxis import thesis
+
+    result = thesis.check()
+    click.echo(json.dumps(result, allow_nan=False) if as_json else thesis.describe(result))
+    if result["unexplained"]:
+        sys.exit(1)
+
+
 @cli.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
 @click.option(
     "--out",

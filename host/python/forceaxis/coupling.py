@@ -33,7 +33,7 @@ def actuator(model, overrides=None):
         sign, name = (-1, given[1:]) if given.startswith("-") else (1, given)
         return sign * facts["parameters"][name][0]
 
-    drive = tomllib.loads(path.read_text())["drive"]
+    drive = tomllib.loads(path.read_text("utf-8"))["drive"]
     if drive["type"] == "perfect":
         return control.tf(value("force_per_volt"), 1), control.tf(0, 1)
     if drive["type"] == "first_order":

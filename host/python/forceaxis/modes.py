@@ -135,7 +135,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
     states = states or {}
-    contacts = tomllib.loads(path.read_text()).get("contact", [])
+    contacts = tomllib.loads(path.read_text("utf-8")).get("contact", [])
     otherwise = "apart" if free else "pressed"
     pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
@@ -236,7 +236,8 @@ def _damped_residues(m, system):
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    residues = np.where(np.isfinite(residues), residues, 0.0)  # a double pole at 0: a free body
+    # A free body without damping has a double pole at 0, and that no residue.
+    residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])
     sizes = np.array([residues[keep[pairs[i]]] if i in pairs else 0.0 for i in range(len(m.w))])
