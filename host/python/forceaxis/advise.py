@@ -3,22 +3,22 @@
 For the explicit force law (p) around a model, its present design and one change at a time:
 
 * critical gain, V/N and DAC codes per 8-bit count: `loops.Loop.limit`.
-* loop gain: critical gain times the loop's gain at 0 Hz, without unit. The steady-state error at the
-  limit is 1 / (1 + loop gain) of the step.
-* loop gain at the present crossover: the same at the frequency that the present design crosses over
-  at. A softer sensor, pad or workpiece raises the critical gain because it lowers the gain of the
-  plant (5.1.3). At 0 Hz that does not show in these models, where a given voltage stalls the drive at
-  a given force however soft the contact is; here it does.
+* loop gain: critical gain times the loop's gain at 0 Hz, without unit. The steady-state error at
+  the limit is 1 / (1 + loop gain) of the step.
+* loop gain at the present crossover: the same at the frequency that the present design crosses
+  over at. A softer sensor, pad or workpiece raises the critical gain because it lowers the gain of
+  the plant (5.1.3). At 0 Hz that does not show in these models, where a voltage stalls the drive at
+  a force however soft the contact is; here it does.
 * crossover: the lowest frequency at which |L| is 1 with the gain at the critical gain over
   GAIN_MARGIN, what a designer would set. It stands for the closed loop's bandwidth, and rows are
   ranked by it. None if that gain leaves |L| below 1 at 0 Hz.
 
-The limiting mode is the one whose poles cross: the branch of the root locus that is on the boundary
-at the critical gain, followed back to gain 0. If that branch starts at the rigid body or the drive,
-it is the lowest noncolocated mode below LAG times the crossing, whose lag turns it (6.1.3); if there
-is none, the lag of drive and sampling alone limits.
+The limiting mode is the one whose poles cross: the branch of the root locus that is on the
+boundary at the critical gain, followed back to gain 0. If that branch starts at the rigid body or
+the drive, it is the lowest noncolocated mode below LAG times the crossing, whose lag turns it
+(6.1.3); if there is none, the lag of drive and sampling alone limits.
 
-What is linear here is simulated by `simulated_limit`: firmware, quantisation and loss of contact.
+What is linear here is simulated by `simulated_limit`: firmware, quantisation, loss of contact.
 """
 
 import contextlib
@@ -268,7 +268,11 @@ def pads(design):
             return []
         rows = [(SOFT_PAD, "add", "5.1"), (HARD_PAD, "add", "5.1.2")]
     elif any(s["name"] == sensor for s in design.table.get("spring", ())):
-        rows = [(SOFT_PAD, "exchange", "5.1"), (HARD_PAD, "exchange", "5.1.2"), (NO_PAD, "none", "")]
+        rows = [
+            (SOFT_PAD, "exchange", "5.1"),
+            (HARD_PAD, "exchange", "5.1.2"),
+            (NO_PAD, "none", ""),
+        ]
     else:
         return []
     return [
@@ -317,7 +321,7 @@ def together(one, other):
                 change.edit(document)
 
     return Change(
-        f"both: {one.name}, {other.name}", "grip", one.overrides | other.overrides,
+        f"both: {one.name}, {other.name.partition(' -> ')[0].rpartition(' ')[0]}", "grip", one.overrides | other.overrides,
         edit if one.edit or other.edit else None, thesis="5.1, 5.2",
     )  # fmt: skip
 
@@ -441,7 +445,8 @@ def changes(design, frequency_hz, factor=FACTOR):
 
 
 def performance(loop, reference_hz=None):
-    """{critical_gain, frequency_hz, firmware_gain, loop_gain, loop_gain_at, crossover_hz} of a Loop.
+    """Of a loops.Loop: critical_gain, frequency_hz, firmware_gain, loop_gain, loop_gain_at,
+    crossover_hz.
 
     loop_gain_at is that at reference_hz, by default the loop's own crossover. critical_gain None:
     stable at every gain; then there is no crossover either.
@@ -523,14 +528,19 @@ def limiting_mode(design, loop):
         )  # fmt: skip
     mode = crossing or flexible
     if mode is None:
-        return {"name": "none", "how": "no mode: the lag of drive and sampling turns the rigid body"}
+        return {
+            "name": "none",
+            "how": "no mode: the lag of drive and sampling turns the rigid body",
+        }
     body = max(mode["shape"], key=lambda b: abs(mode["shape"][b]))
     element = strain(design.model, design.overrides, mode["shape"])
     return {
         "name": f"{element} ({body})" if element else body,
         "element": element,
         "body": body,
-        **{k: mode[k] for k in ("frequency_hz", "damping_ratio", "label", "against_below", "shape")},
+        **{
+            k: mode[k] for k in ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
+        },
         "how": "its poles cross" if crossing else "its lag turns the rigid body's poles",
     }
 
@@ -558,19 +568,21 @@ def rank(row):
     return (-(row["crossover_hz"] or 0.0), -(row["loop_gain"] or 0.0))
 
 
-def advise(text, overrides=None, timing=None, factor=FACTOR, simulate=0, threads=None):
+def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", threads=None):
     """The advice as `forceaxis advise --json` prints it.
 
-    text: MODEL or EXPERIMENT; overrides {parameter: value}; timing: one of loops.TIMINGS, by default
-    that of the experiment's firmware, else zoh. simulate: how many of the first rows are run with
-    the firmware; None: not even the present design. Raises InputError.
+    text: MODEL or EXPERIMENT; overrides {parameter: value}; timing: one of loops.TIMINGS, by
+    default that of the experiment's firmware, else zoh. runs: what is simulated with the firmware:
+    "none", "present" (the present design and the finer ADC, which linear analysis does not see) or
+    "all" that the firmware can run. Raises InputError.
     """
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"--factor: expected a number above 1, got {factor:g}")
     with Design(text, overrides, timing) as design:
         if design.facts["reading"] is None:
             raise InputError(
-                f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is none"
+                f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
+                "none"
             )
         loop = design.loop()
         base = performance(loop)
@@ -596,12 +608,13 @@ def advise(text, overrides=None, timing=None, factor=FACTOR, simulate=0, threads
             "present_gain": design.present_gain,
             "rows": [row for row, _ in rows],
         }
-        if simulate is not None and design.timing != "continuous":
+        if runs != "none" and design.timing != "continuous":
             base["simulated"] = simulated_limit(design, None, base, threads)
             quiet = (base["simulated"]["stable_gain"] or 0) / GAIN_MARGIN
-            for row, change in rows[:simulate]:
+            for row, change in rows:
+                wanted = change.simulated and (runs == "all" or change.kind == "converter")
                 row["simulated"] = (
-                    simulated_limit(design, change, row, threads, quiet) if change.simulated else None
+                    simulated_limit(design, change, row, threads, quiet) if wanted else None
                 )
         return result
 
@@ -667,7 +680,9 @@ def describe(result):
         return "-" if value is None else f"{value:.{digits}g}"
 
     def columns(row):
-        ratio = row.get("ratio") or dict.fromkeys(("critical_gain", "loop_gain_at", "crossover_hz"), 1)
+        ratio = row.get("ratio") or dict.fromkeys(
+            ("critical_gain", "loop_gain_at", "crossover_hz"), 1
+        )
         none = row["critical_gain"] is None
         return [
             "no limit" if none else f"{row['critical_gain']:.4f}",
@@ -722,8 +737,8 @@ def describe(result):
     if with_runs and base["simulated"]["of_limit"]:
         found = base["simulated"]
         lines.append(
-            f"simulated    stable up to k_f {found['stable_gain']:.4g}, {found['of_limit']:.2f} of the "
-            f"linear limit, with the firmware and loss of contact ({found['runs']} runs)"
+            f"simulated    stable up to k_f {found['stable_gain']:.4g}, {found['of_limit']:.2f} of "
+            f"the linear limit, with the firmware and loss of contact ({found['runs']} runs)"
         )
     head = ["V/N" if result["unit"] == "V/N" else result["unit"], "k_f", "x", "at Hz"]
     hz = number(result["reference_hz"])
@@ -737,8 +752,9 @@ def describe(result):
         cells = [r[0].ljust(wide[0]), *(c.rjust(w) for c, w in zip(r[1:], wide[1:], strict=True))]
         lines.append("  ".join(cells).rstrip())
     lines.append(
-        f"k_f: DAC codes per 8-bit count; x: against the present design; x at {hz} Hz: loop gain there at "
-        f"the limit; crossover: |L| = 1 with the gain at the limit / {result['gain_margin']:g}"
-        + ("; run k_f, ripple: simulated with the firmware" if with_runs else "")
+        f"k_f: DAC codes per 8-bit count; x: against the present design; x at {hz} Hz: loop gain "
+        f"there at the limit; crossover: |L| = 1 with the gain at the limit / "
+        f"{result['gain_margin']:g}"
+        + ("; run k_f: simulated; ripple: its counts at half the present one" if with_runs else "")
     )
     return "\n".join(lines)

@@ -18,18 +18,22 @@ from forceaxis.plots import GOT, INK, style
 COLORS = [INK, GOT, "#3f7f5f", "#8a5fa8", "#b08a00", "#5d6874"]
 DASHES = ["-", "--", "-.", (0, (1, 1.5)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2))]
 FAINT = "#8a95a0"
+NYQUIST_HZ = (0.05, 2000.0)
 SUFFIXES = (".png", ".svg", ".pdf")
 
 
-def save(figure, path):
-    """Write a figure as .png, .svg or .pdf, by the name of `path`."""
-    path = Path(path)
-    if path.suffix not in SUFFIXES:
+def check_name(path):
+    """Refuse a file that no figure can be written to, before the work."""
+    if path is not None and Path(path).suffix not in SUFFIXES:
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(f"--out: {path}: expected the folder {path.parent} to exist; make it first")
-    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    figure.savefig(path, dpi=130, metadata=metadata)
+
+
+def save(figure, path):
+    """Write a figure as .png, .svg or .pdf, by the name of `path`; the same one, the same bytes."""
+    check_name(path)
+    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(Path(path).suffix)
+    with plt.rc_context({"svg.hashsalt": "forceaxis"}):
+        figure.savefig(path, dpi=130, metadata=metadata)
 
 
 # --- frequency responses -------------------------------------------------------------------------
@@ -161,7 +165,8 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
     phase.set_xlabel("frequency, Hz", fontsize=8)
     phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     if not phase_only:
-        axes[0, 0].set_ylabel(f"{ylabel}, {curves[0].unit}".rstrip(", "), fontsize=8)
+        units = dict.fromkeys(c.unit for c in curves)
+        axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "), fontsize=8)
     if len(curves) > 1:
         axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
     axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK)
@@ -182,9 +187,9 @@ def nyquist(system, gain, title="", label="", size=(4.8, 4.6)):
     """Figure of gain x the open loop, both signs of frequency, around the point -1.
 
     system: the loop's `open`; gain in its unit. The frame shows the unit circle and as much of the
-    curve as fits within 4.
+    curve as fits within 2.5.
     """
-    plot = curve(system, label, (0.05, 2000.0), points=1200)
+    plot = curve(system, label, NYQUIST_HZ, points=1200)
     values = gain * plot.response
     figure, ax = plt.subplots(figsize=size)
     style(ax)
@@ -193,8 +198,10 @@ def nyquist(system, gain, title="", label="", size=(4.8, 4.6)):
     ax.plot(values.real, values.imag, color=INK, linewidth=1.1, label="f > 0")
     ax.plot(values.real, -values.imag, color=INK, linewidth=0.7, linestyle="--", label="f < 0")
     ax.plot([-1], [0], marker="+", color=GOT, markersize=10, markeredgewidth=1.6)
-    ax.annotate("-1", (-1, 0), (-4, 5), textcoords="offset points", fontsize=8, color=GOT, ha="right")
-    span = min(max(1.6, 1.1 * np.abs(values).max()), 4.0)
+    ax.annotate(
+        "-1", (-1, 0), (-4, 5), textcoords="offset points", fontsize=8, color=GOT, ha="right"
+    )
+    span = min(max(1.6, 1.1 * np.abs(values).max()), 2.5)
     for hz in decades(plot.frequency_hz, values, span):
         at = int(np.argmin(np.abs(plot.frequency_hz - hz)))
         point = values[at]
@@ -244,9 +251,14 @@ class Array:
         """What --json prints: 1/s."""
         return {
             "label": self.label,
-            "poles": [[p.real, p.imag] for p in self.poles],
-            "zeros": [[z.real, z.imag] for z in self.zeros],
+            "poles": pairs(self.poles),
+            "zeros": pairs(self.zeros),
         }
+
+
+def pairs(roots):
+    """Roots as [real, imaginary] for JSON, null for one at infinity."""
+    return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
 
 
 def array(system, label=""):
@@ -277,14 +289,15 @@ class Locus:
     unit: str  # of the gain
     codes: float | None  # firmware gain of one unit
     span_hz: float
+    at_gain: np.ndarray = ()  # closed-loop poles at a gain asked for, 1/s
 
     def summary(self):
-        """What --json prints."""
+        """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
         return {
             "label": self.label,
             "unit": self.unit,
             "gains": self.gains.tolist(),
-            "branches": [[[s.real, s.imag] for s in row] for row in self.branches.T.tolist()],
+            "branches": [pairs(branch) for branch in self.branches.T],
             **{k: v for k, v in self.ends.summary().items() if k != "label"},
             "critical_gain": self.limit.gain,
             "frequency_hz": self.limit.frequency_hz,
@@ -310,8 +323,13 @@ def span_of(ends, critical_hz):
     return 1.35 * float(natural.max(initial=1.0))
 
 
-def locus(loop, label="", span_hz=None):
-    """The root locus of a `loops.Loop`, drawn finely inside a frame of span_hz (default: span_of)."""
+def locus(loop, label="", span_hz=None, gain=None):
+    """The root locus of a `loops.Loop`, drawn finely inside a frame of span_hz (default: span_of).
+
+    gain: where to mark the closed-loop poles, in the loop's unit.
+    """
+    if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
+        raise InputError(f"--span-hz: expected a number > 0, got {span_hz:g}")
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
@@ -338,8 +356,9 @@ def locus(loop, label="", span_hz=None):
         middle = (gains[rough] + gains[rough + 1]) / 2
         gains = np.sort(np.concatenate([gains, middle]))
     branches = loop.locus(gains)
+    marked = loop.closed_poles(gain) if gain is not None else np.zeros(0)
     return Locus(
-        label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span
+        label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span, marked
     )
 
 
@@ -390,9 +409,15 @@ def rlocus(loci, title="", wide=2.7):
     for ax, one in zip(axes, loci, strict=True):
         x, y = hz(np.where(one.branches.imag >= 0, one.branches, np.nan))
         ax.plot(x, y, color="#3f7f5f", linewidth=1.1)
-        upper = [roots[roots.imag > -1e-6 * 2 * np.pi * span] for roots in (one.ends.poles, one.ends.zeros)]
+        upper = [
+            roots[roots.imag > -1e-6 * 2 * np.pi * span]
+            for roots in (one.ends.poles, one.ends.zeros)
+        ]
         mark(ax, Array("", *upper))
-        ax.set_xlim(-0.57 * span, 0.43 * span)
+        if len(one.at_gain):
+            closed = one.at_gain[one.at_gain.imag > -1e-6]
+            ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # what lies beyond is not drawn
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
         label_crossings(ax, one, span)
@@ -443,7 +468,7 @@ def label_crossings(ax, one, span):
 def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
 
-    span_hz: half-width of the frame; by default that of `frame`. What is beyond it is counted below.
+    span_hz: half-width of the frame; by default that of `frame`. What is beyond is counted below.
     """
     figure, axes = panels(len(arrays), wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
@@ -465,7 +490,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
 
 
 def frame(sizes):
-    """A frame, 1/s, around all roots, without the outer half's six times farther out than the next."""
+    """A frame, 1/s, around all roots but those of the outer half that a gap of six sets apart."""
     ordered = np.sort(sizes[sizes > 0])
     if not len(ordered):
         return 2 * np.pi
@@ -492,7 +517,8 @@ def mode_shapes(result, title=""):
         y = -row
         ax.plot([-0.5, len(bodies) - 0.5], [y, y], color="#d8dee4", linewidth=0.8, zorder=0)
         for x, body in enumerate(bodies):
-            moved = x + reach * mode["shape"][body]
+            value = mode["shape"][body]
+            moved = x + reach * value
             box = {"width": wide, "height": tall, "linewidth": 0.9}
             ax.add_patch(
                 plt.Rectangle((x - wide / 2, y - tall / 2), **box, fill=False, edgecolor=FAINT,
@@ -503,7 +529,7 @@ def mode_shapes(result, title=""):
                               edgecolor=INK, alpha=0.85)
             )  # fmt: skip
             ax.annotate(
-                f"{mode['shape'][body]:+.2f}", (moved, y), fontsize=6, color=INK, ha="center",
+                f"{value:+.2f}" if abs(value) >= 0.005 else "0", (moved, y), fontsize=6, color=INK, ha="center",
                 va="center",
             )  # fmt: skip
         zeta = mode["damping_ratio"]
@@ -518,6 +544,184 @@ def mode_shapes(result, title=""):
     ax.set_ylim(-len(rows) + 0.5, 0.85)
     finish(figure, ax, title)
     return figure
+
+
+# --- design advice -------------------------------------------------------------------------------
+
+
+def advice(result, most=28):
+    """Figure of `advise.advise()`: what each change makes of critical gain and crossover."""
+    rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]][:most]
+    figure, ax = plt.subplots(figsize=(7.6, 0.9 + 0.21 * len(rows)))
+    style(ax)
+    ax.axvline(1, color=FAINT, linewidth=0.9)
+    for y, row in enumerate(rows):
+        gain, crossover = row["ratio"]["critical_gain"], row["ratio"]["crossover_hz"]
+        if crossover:
+            ax.plot([gain, crossover], [y, y], color="#d8dee4", linewidth=1.2, zorder=1)
+            ax.plot(crossover, y, "o", color=INK, markersize=4.5)
+        ax.plot(gain, y, "D", color=GOT, markersize=4, markerfacecolor="none")
+    names = [r["change"] + (f" [{r['thesis']}]" if r["thesis"] else "") for r in rows]
+    ax.set_yticks(range(len(rows)), names, fontsize=7)
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_xscale("log")
+    ticks = [0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 10, 20, 50]
+    low, high = ax.get_xlim()
+    ax.set_xticks([x for x in ticks if low <= x <= high])
+    ax.minorticks_off()
+    ax.xaxis.set_major_formatter(lambda value, _: f"x {value:g}")
+    ax.set_xlabel("against the present design", fontsize=8)
+    shown = [
+        Line2D([], [], color=INK, marker="o", linestyle="", markersize=4.5,
+               label=f"crossover at limit / {result['gain_margin']:g}"),
+        Line2D([], [], color=GOT, marker="D", linestyle="", markersize=4, markerfacecolor="none",
+               label="critical gain"),
+    ]  # fmt: skip
+    ax.legend(handles=shown, fontsize=7, frameon=False, loc="lower right")
+    mode = result["limiting_mode"]
+    note = (
+        f" - limited by {mode['name']}, {mode['label']}" if mode and mode["name"] != "none" else ""
+    )
+    figure.tight_layout(rect=(0, 0, 1, 1 - 0.3 / figure.get_figheight()))
+    headline(figure, f"{Path(result['model']).stem}, {result['timing']}{note}")
+    return figure
+
+
+# --- the verbs -----------------------------------------------------------------------------------
+
+
+def varied(overrides, vary):
+    """[(label, {parameter: value})] of --set and --vary NAME=VALUE,VALUE,..."""
+    common = linear.overrides(overrides)
+    runs = [("", common)]
+    for text in vary:
+        name, _, values = text.partition("=")
+        settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+        runs = [
+            (f"{label}, {name} = {s[name]:g}".removeprefix(", "), given | s)
+            for label, given in runs
+            for s in settings
+        ]
+    return runs
+
+
+def loop_note(model, timing, law="p"):
+    """What a figure of a loop is of, for its title."""
+    return f"{Path(linear.find_model(model)).stem}, {law}, {timing}"
+
+
+def bode_verb(model, overrides, vary, modes, free, input, outputs, timing, low_hz, high_hz):
+    """(figure, summary) of `forceaxis bode`."""
+    if not (0 < low_hz < high_hz < np.inf):
+        raise InputError(f"--from-hz: expected 0 < FROM < TO, got {low_hz:g} and {high_hz:g}")
+    states = linear.states(modes)
+    curves = []
+    for label, settings in varied(overrides, vary):
+        for output in outputs:
+            name = ", ".join(filter(None, [label, output if len(outputs) > 1 else ""]))
+            curves.append(
+                model_curve(
+                    model,
+                    name,
+                    output,
+                    input,
+                    (low_hz, high_hz),
+                    settings,
+                    timing,
+                    True,
+                    free,
+                    states,
+                )
+            )
+    path = linear.find_model(model)
+    summary = {"model": str(path), "input": input, "timing": timing}
+    for c, output in zip(curves, list(outputs) * len(curves), strict=False):
+        summary.setdefault("curves", []).append({"output": output} | c.summary())
+    label = outputs[0] if len(outputs) == 1 else "amplitude"
+    figure = bode(curves, f"{path.stem}: {input} to {', '.join(outputs)}, {timing}", label)
+    return figure, summary
+
+
+def describe_bode(summary):
+    """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
+    lines = []
+    for c in summary["curves"]:
+        frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
+        lines.append(f"{c['output']:12} {c['label']}".rstrip())
+        for i in (0, -1):
+            lines.append(
+                f"{'':12} {c['magnitude'][i]:.4g} {c['unit']}, {phase[i]:.4g} degrees at "
+                f"{frequency[i]:.4g} Hz"
+            )
+        for i in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
+            share = (phase[i] + 180) / (phase[i] - phase[i + 1])
+            at = frequency[i] + share * (frequency[i + 1] - frequency[i])
+            size = np.interp(at, frequency, c["magnitude"])
+            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g} {c['unit']}")
+    return "\n".join(lines)
+
+
+def loop_of(model, settings, modes, law, timing, output, free, given):
+    """The loop of the options that `forceaxis limit` has, with `settings` for its --set."""
+    texts = [f"{name}={value!r}" for name, value in settings.items()]
+    return loops.from_options(model, texts, modes, law, timing, output, free, **given)
+
+
+def rlocus_verb(
+    model, overrides, vary, modes, free, law, timing, output, span_hz, gain, firmware_gain, **given
+):
+    """(figure, summary) of `forceaxis rlocus`."""
+    every = []
+    for label, settings in varied(overrides, vary):
+        loop = loop_of(model, settings, modes, law, timing, output, free, given)
+        every.append(locus(loop, label, span_hz, loops.one_gain(loop, gain, firmware_gain)))
+    figure = rlocus(every, loop_note(model, timing, law))
+    summary = loops.describe_loop(loop) | {"loci": [one.summary() for one in every]}
+    return figure, summary
+
+
+def describe_rlocus(summary):
+    """The text of `forceaxis rlocus`: the limit of each locus."""
+    lines = []
+    for one in summary["loci"]:
+        limit = one["critical_gain"]
+        text = "stable at every gain" if limit is None else f"limit {limit:.6g} {one['unit']}"
+        if one["frequency_hz"] is not None:
+            text += f" at {one['frequency_hz']:.4g} Hz"
+        lines.append(f"{one['label'] or summary['law']:12} {text}")
+    return "\n".join(lines)
+
+
+def nyquist_verb(model, overrides, modes, free, law, timing, output, gain, firmware_gain, **given):
+    """(figure, summary) of `forceaxis nyquist`; without a gain at half the critical one, or 1."""
+    loop = loop_of(model, linear.overrides(overrides), modes, law, timing, output, free, given)
+    gain = loops.one_gain(loop, gain, firmware_gain)
+    if gain is None:
+        gain = (loop.limit().gain or 2.0) / 2
+    own = f" (k_f = {gain * loop.codes_per_gain:.3g})" if loop.codes_per_gain else ""
+    title = f"{loop_note(model, timing, law)}, k = {gain:.3g} {loop.unit}{own}"
+    figure = nyquist(loop.open, gain, title)
+    c = curve(loop.open, "", NYQUIST_HZ, points=1200)
+    summary = loops.limit_summary(loop, gain) | {
+        "frequency_hz_of_curve": c.frequency_hz.tolist(),
+        "real": (gain * c.response.real).tolist(),
+        "imag": (gain * c.response.imag).tolist(),
+        "magnitude": (gain * c.magnitude).tolist(),
+        "phase_deg": c.phase_deg.tolist(),
+    }
+    return figure, summary
+
+
+def poles_figure(summary, span_hz=None):
+    """Figure of what `forceaxis poles --json` prints."""
+
+    def roots(kind):
+        found = [r for r in summary[kind] if r["re_per_s"] is not None]
+        return np.array([complex(r["re_per_s"], r["im_per_s"] or 0.0) for r in found], complex)
+
+    stem = Path(summary["model"]).stem
+    title = f"{stem}: {summary['input']} to {summary['output']}, {summary['timing']}"
+    return pole_zero([Array("", roots("poles"), roots("zeros"))], title, span_hz)
 
 
 # --- what the thesis shows -----------------------------------------------------------------------
@@ -640,9 +844,7 @@ def current_loop():
         values = over.response(frequency)[:, :, 0]
         feedback = linear.facts("fig4_5")["parameters"]["k_current"][0]
         curves.append(
-            Curve(
-                f"k_amp = {k_amp:g}", frequency, feedback * values[:, 0] / values[:, 1], "V/V"
-            )
+            Curve(f"k_amp = {k_amp:g}", frequency, feedback * values[:, 0] / values[:, 1], "V/V")
         )
     return curves
 
@@ -781,8 +983,8 @@ def thesis_figures():
                      loci(("fig4_19", "b_w = 8.25", None), span_hz=70)),
         ThesisFigure("5.5", "rlocus", "workpiece damping x 20", "crosses at a higher gain",
                      loci(("fig5_5", "b_w = 165", None), span_hz=70)),
-        ThesisFigure("6.1", "bode", "three dynamic problems", "actuator lag, a colocated mode's dip "
-                     "at 12 Hz, 180 degrees lost at the arm's mode", three_problems, phase),
+        ThesisFigure("6.1", "bode", "three dynamic problems", "actuator lag, a colocated mode's "
+                     "dip at 12 Hz, 180 degrees lost at the arm's mode", three_problems, phase),
         ThesisFigure("6.3", "poles", "two-link arm, torque 1", "endpoint: a zero on the right",
                      arrays(ARM.system(), {"joint1": "joint 1", "normal": "endpoint"}, "torque1")),
     ]  # fmt: skip
