@@ -321,7 +321,7 @@ def together(one, other):
                 change.edit(document)
 
     return Change(
-        f"both: {one.name}, {other.name.partition(' -> ')[0].rpartition(' ')[0]}", "grip", one.overrides | other.overrides,
+        "both improvements: soft pad, damped workpiece", "grip", one.overrides | other.overrides,
         edit if one.edit or other.edit else None, thesis="5.1, 5.2",
     )  # fmt: skip
 

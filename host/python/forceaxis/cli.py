@@ -288,11 +288,12 @@ def report(out, threads, as_json):
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
 @click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
+@click.option("--linear", is_flag=True, help="Also frequency responses, critical gains, advice.")
 @click.option(
     "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
 )
 @as_json
-def bench_(cases, tools, repeat, sweeps, check, as_json):
+def bench_(cases, tools, repeat, sweeps, linear, check, as_json):
     """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
 
     Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
@@ -303,7 +304,9 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
 
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
-    result = bench.run(cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check)
+    result = bench.run(
+        cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, linear or check
+    )
     if check:
         checks = bench.check(result)
         result["checks"] = [{"check": text, "held": held} for text, held in checks]

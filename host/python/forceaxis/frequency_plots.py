@@ -51,7 +51,7 @@ def phase_deg(frequency_hz, response):
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    return phase + 360 * np.ceil(turns - 0.51)  # a tie, a negative gain, counts as lag
+    return phase + 360 * np.ceil(turns - 0.55)  # a negative gain, nearly a tie, counts as lag
 
 
 def grid_hz(low_hz, high_hz, roots=(), points=400):
@@ -158,20 +158,30 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
         ax.margins(x=0)
     phase = axes[-1, 0]
     low, high = phase.get_ylim()
-    step = next(s for s in (15, 30, 45, 90, 180, 360, 720) if (high - low) / s <= 7 or s == 720)
-    phase.set_yticks(np.arange(np.floor(low / step), np.ceil(high / step) + 1) * step)
-    phase.axhline(-180, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
+    middle, reach = (low + high) / 2, max(high - low, 60.0) / 2
+    low, high = middle - reach, middle + reach
+    step = next(s for s in (15, 30, 45, 90, 180, 360, 720) if 2 * reach / s <= 7 or s == 720)
+    ticks = np.arange(np.floor(low / step), np.ceil(high / step) + 1) * step
+    phase.set_yticks(ticks)
+    phase.set_ylim(ticks[0], ticks[-1])
+    if ticks[0] < -180 < ticks[-1]:
+        phase.axhline(-180, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     phase.set_ylabel("phase, degrees", fontsize=8)
     phase.set_xlabel("frequency, Hz", fontsize=8)
     phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     if not phase_only:
+        low, high = axes[0, 0].get_ylim()
+        if high < 10 * low:  # a decade at least, so that what is flat looks flat
+            wider = np.sqrt(10 * low / high)
+            axes[0, 0].set_ylim(low / wider, high * wider)
+        axes[0, 0].yaxis.set_minor_formatter(plt.NullFormatter())
         units = dict.fromkeys(c.unit for c in curves)
         axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "), fontsize=8)
     if len(curves) > 1:
         axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
     axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK)
     tall = size[1]
-    figure.subplots_adjust(0.125, 0.46 / tall, 0.975, 1 - 0.3 / tall, hspace=0.12)
+    figure.subplots_adjust(0.125, 0.46 / tall, 0.965, 1 - 0.3 / tall, hspace=0.12)
     plt.close(figure)
     return figure
 
@@ -529,8 +539,8 @@ def mode_shapes(result, title=""):
                               edgecolor=INK, alpha=0.85)
             )  # fmt: skip
             ax.annotate(
-                f"{value:+.2f}" if abs(value) >= 0.005 else "0", (moved, y), fontsize=6, color=INK, ha="center",
-                va="center",
+                f"{value:+.2f}" if abs(value) >= 0.005 else "0", (moved, y), fontsize=6,
+                color=INK, ha="center", va="center",
             )  # fmt: skip
         zeta = mode["damping_ratio"]
         head = f"{mode['frequency_hz']:.3g} Hz" + ("" if zeta is None else f", \u03b6 {zeta:.2g}")
@@ -805,7 +815,9 @@ def beam_curves():
     """Fig 2.22: both velocity responses of the distributed beam, exact."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    frequency = grid_hz(0.05 * natural[0] / (2 * np.pi), 1.6 * natural[3] / (2 * np.pi), roots, 800)
+    frequency = grid_hz(
+        0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
+    )
     s = 2j * np.pi * frequency * (1 - 1e-3j)  # a damping ratio of .001: the beam itself has none
     return [
         Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
@@ -922,7 +934,7 @@ def thesis_figures():
                            {"k_w": 300000.0, "b_w": 363.0}))),
         ThesisFigure("2.33", "rlocus", "workpiece and simple actuator", "poles and zeros in pairs",
                      loci(("fig2_32", "", None))),
-        ThesisFigure("2.34", "rlocus", "damped workpiece at the actuator's crossover",
+        ThesisFigure("2.34", "rlocus", "damped workpiece at the crossover",
                      "its zeros hold the roots back: a higher limit",
                      loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
         ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
