@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from forceaxis import beam, linear, loops
+from forceaxis import beam, linear, loops, resonance
 from forceaxis._core import InputError
 from forceaxis.plots import GOT, INK, style
 
@@ -869,6 +869,34 @@ def tachometer_path():
     return [Curve("", frequency, values[:, 0] / values[:, 1], "V/V")]
 
 
+def fitted_resonances():
+    """Frequencies, tip acceleration of Fig 4.14 apart, the rigid body's System, its fit (4.2)."""
+    frequency = np.geomspace(1, 200, 1500)
+    tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
+    rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
+    data = tip.response(frequency)
+    return frequency, data, rigid, resonance.fit(frequency, data, rigid.response(frequency))
+
+
+def resonance_curves():
+    """Fig 4.8: the polynomial model beside the response that it was fitted to."""
+    frequency, data, rigid, fit = fitted_resonances()
+    unit = unit_of("fig4_14", "drive.command", "tip.acceleration")
+    model = fit.response(frequency, rigid.response(frequency))
+    return [
+        Curve("lumped model of Fig 4.14, apart", frequency, data, unit),
+        Curve("rigid body times resonances", frequency, model, unit),
+    ]
+
+
+def resonance_array():
+    """Fig 4.9: poles and zeros of the polynomial model."""
+    _, _, rigid, fit = fitted_resonances()
+    own = array(rigid)
+    zeros, poles, _ = fit.cascade().zpk()
+    return [Array("", np.append(own.poles, poles), np.append(own.zeros, zeros))]
+
+
 def three_problems():
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
@@ -973,6 +1001,11 @@ def thesis_figures():
         ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
                      responses(("fig4_5", "", None), output="drive.tach", span_hz=(0.5, 500)),
                      (("ylabel", "V_tach / V_cmd"),)),
+        ThesisFigure("4.8", "bode", "polynomial resonance model", "five steps fit the magnitude",
+                     resonance_curves, (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("4.9", "poles", "polynomial resonance model",
+                     "the rigid body's, and a pair of poles and of zeros for each resonance",
+                     resonance_array),
         ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
                      responses(("fig4_11", "", None)), volts),
         ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",
