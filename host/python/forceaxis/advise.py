@@ -260,7 +260,10 @@ def pads(design):
                 old["name"], old["between"] = "pad", ["sensor_mass", far]
             old["stiffness"], old["damping"] = stiffness, PAD_DAMPING
 
-        return edit
+        names = [contact.get(key) for key in ("stiffness", "damping")]
+        if sensor != contact["name"] and all(isinstance(name, str) for name in names):
+            return {"overrides": dict(zip(names, (stiffness, PAD_DAMPING), strict=True))}
+        return {"edit": edit}
 
     if sensor == contact["name"]:
         names = [e["name"] for kind in ("spring", "damper") for e in design.table.get(kind, ())]
@@ -278,7 +281,7 @@ def pads(design):
     return [
         Change(
             "no grip pad (10 MN/m)" if how == "none" else f"grip pad of {stiffness:,.0f} N/m",
-            "grip", edit=pad(stiffness), thesis=thesis,
+            "grip", **pad(stiffness), thesis=thesis,
         )
         for stiffness, how, thesis in rows
     ]  # fmt: skip
@@ -361,22 +364,28 @@ def converter(design, bits=12):
     if design.facts["reading"]["bits"] >= bits:
         return []
     shift = 2 ** (bits - design.facts["reading"]["bits"])
+    overrides, literal, zero = {}, {}, 0
+    for adc in design.table["adc"]:
+        for key in ("per_count", "zero_code"):
+            old = adc.get(key, 0)
+            new = value_of(design, old) * (1 / shift if key == "per_count" else shift)
+            if isinstance(old, str):
+                overrides[old] = new
+            else:
+                literal[adc["channel"], key] = new if key == "per_count" else int(new)
+            if key == "zero_code" and adc["channel"] == 0:
+                zero = int(new)
 
     def edit(document):
-        adc = next(a for a in document["adc"] if a["channel"] == 0)
-        adc["per_count"] = value_of(design, adc["per_count"]) / shift
-        adc["zero_code"] = int(value_of(design, adc.get("zero_code", 0))) * shift
-        for other in document["adc"]:
-            if other["channel"] != 0:
-                other["per_count"] = value_of(design, other["per_count"]) / shift
-                other["zero_code"] = int(value_of(design, other.get("zero_code", 0))) * shift
-            other["bits"] = bits
+        for adc in document["adc"]:
+            adc["bits"] = bits
+            for (channel, key), value in literal.items():
+                if channel == adc["channel"]:
+                    adc[key] = value
 
-    adc = next(a for a in design.table["adc"] if a["channel"] == 0)
-    zero = int(value_of(design, adc.get("zero_code", 0)) or 0) * shift
     return [
         Change(
-            f"ADC of {bits} bits", "converter", edit=edit,
+            f"ADC of {bits} bits", "converter", overrides, edit,
             firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
         )
     ]  # fmt: skip
@@ -623,9 +632,9 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
     """Largest firmware gain up to which every run tried has the verdict stable, by halving.
 
     A row of gains up to 1.3 times the linear limit finds the first unstable one; two finer rows
-    narrow it to half a percent. Contact and limit cycle exist side by side below the linear limit,
+    narrow it to a percent. Contact and limit cycle exist side by side below the linear limit,
     so the result holds for the experiment's own approach. Returns {"stable_gain" (None: unstable at
-    a twentieth of the limit), "unstable_gain" (None: nowhere up to there), "of_limit", "runs",
+    a hundredth of that), "unstable_gain" (None: nowhere up to there), "of_limit", "runs",
     "ripple_count": force ripple, 8-bit counts, at quiet_gain or half the stable gain}.
     """
     top = linear_figures["firmware_gain"]
@@ -647,7 +656,7 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
             verdicts.append(outcome["verdict"])
         return next((i for i, v in enumerate(verdicts) if v != "stable"), None)
 
-    gains = top * np.geomspace(0.05 / 1.3, 1.0, 16)
+    gains = top * np.geomspace(0.01, 1.0, 20)
     first = first_unstable(gains)
     if first == 0:
         return {"stable_gain": None, "unstable_gain": float(gains[0]), "of_limit": None,

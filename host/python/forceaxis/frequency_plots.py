@@ -444,10 +444,10 @@ def gain_text(gain, one):
 
 def label_crossings(ax, one, span):
     """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
-    if one.limit.gain is None:
+    if not one.limit.gain:
         ax.text(
-            0.97, 0.97, "stable at\nevery gain", transform=ax.transAxes, fontsize=7,
-            color="#3f7f5f", ha="right", va="top",
+            0.97, 0.97, one.limit.reason.replace(" at ", "\nat "), transform=ax.transAxes,
+            fontsize=7, color="#3f7f5f" if one.limit.gain is None else GOT, ha="right", va="top",
         )  # fmt: skip
     taken = []  # (height, half of it)
     own = one.limit.frequency_hz or 0.0
@@ -1005,7 +1005,7 @@ def thesis_figures():
                      resonance_curves, (("ylabel", "acceleration / V_cmd"),)),
         ThesisFigure("4.9", "poles", "polynomial resonance model",
                      "the rigid body's, and a pair of poles and of zeros for each resonance",
-                     resonance_array),
+                     resonance_array, (("span_hz", 60),)),
         ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
                      responses(("fig4_11", "", None)), volts),
         ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",
