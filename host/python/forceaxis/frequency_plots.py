@@ -389,7 +389,7 @@ def mark(ax, ends, size=5.5):
 
 def panels(count, wide, tall):
     """A figure and `count` axes side by side, each wide x tall inches."""
-    left, right, gap, low, high = 0.62, 0.15, 0.35, 0.48, 0.55
+    left, right, gap, low, high = 0.74, 0.15, 0.4, 0.48, 0.55
     size = left + count * wide + (count - 1) * gap + right, low + tall + high
     figure = plt.figure(figsize=size)
     axes = [
@@ -444,11 +444,18 @@ def gain_text(gain, one):
 
 def label_crossings(ax, one, span):
     """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
-    if not one.limit.gain:
-        ax.text(
-            0.97, 0.97, one.limit.reason.replace(" at ", "\nat "), transform=ax.transAxes,
-            fontsize=7, color="#3f7f5f" if one.limit.gain is None else GOT, ha="right", va="top",
-        )  # fmt: skip
+    limit = one.limit
+    if not limit.gain:
+        note = limit.reason.replace(" at ", "\nat ")
+    elif limit.frequency_hz is None or limit.frequency_hz > span:
+        where = "infinite" if limit.frequency_hz is None else f"{limit.frequency_hz:.3g}"
+        note = f"{gain_text(limit.gain, one)}\nat {where} Hz, beyond"
+    else:
+        note = ""
+    ax.text(
+        0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
+        color="#3f7f5f" if limit.gain is None else GOT,
+    )  # fmt: skip
     taken = []  # (height, half of it)
     own = one.limit.frequency_hz or 0.0
     inside = [c for c in one.crossings if c.frequency_hz is not None and c.frequency_hz < span]
@@ -815,10 +822,11 @@ def beam_curves():
     """Fig 2.22: both velocity responses of the distributed beam, exact."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
+    roots = roots - 1e-3 * np.abs(roots)  # damping ratio .001: the beam itself has none
     frequency = grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
     )
-    s = 2j * np.pi * frequency * (1 - 1e-3j)  # a damping ratio of .001: the beam itself has none
+    s = 2j * np.pi * frequency * (1 - 1e-3j)
     return [
         Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
         Curve("tip (noncolocated)", frequency, BEAM.tip(s), "(m/s)/N"),
@@ -967,7 +975,7 @@ def thesis_figures():
                      loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
         ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
                      responses(*grips, **force), sensed),
-        ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: no gain limit",
+        ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: only huge gains cross",
                      loci(*grips, span_hz=200)),
         ThesisFigure("2.38", "bode", "grip, simple actuator", "the actuator's lag is added",
                      responses(*coupled), volts),
