@@ -562,12 +562,13 @@ def next_crossing(loop):
     return {"gain": above[0].gain, "frequency_hz": above[0].frequency_hz} if above else None
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
 def branch_start(loop, limit):
     """The open-loop pole, 1/s, from which the branch on the boundary at the limit starts."""
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
     branches = loop.locus(gains)
     target = 2j * math.pi * limit.frequency_hz
-    return branches[0, int(np.argmin(np.abs(branches[-1] - target)))]
+    return branches[0, int(np.nanargmin(np.abs(branches[-1] - target)))]
 
 
 def rank(row):

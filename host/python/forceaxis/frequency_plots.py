@@ -106,12 +106,11 @@ def curve(system, label, span_hz, unit="", points=400):
     low, high = span_hz
     if system.dt is not None:
         high = min(high, 0.5 / system.dt)
-    roots = system.poles_s()
+    roots = poles_s(system)
     if system.has_path():
         zeros = system.zeros()
         if system.dt is not None:
-            with np.errstate(divide="ignore"):
-                zeros = np.log(zeros.astype(complex)) / system.dt
+            zeros = logarithm(zeros, system.dt)
         roots = np.concatenate([roots, zeros])
     roots = roots[np.isfinite(roots)]
     frequency = grid_hz(low, high, roots, points)
@@ -276,14 +275,19 @@ def array(system, label=""):
     zeros = system.zeros().astype(complex)
     if system.dt is not None:
         zeros = logarithm(zeros, system.dt)
-    poles = system.poles_s()
+    poles = poles_s(system)
     return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
 
 
 def logarithm(z, dt):
-    """log(z) / dt; -inf for z = 0."""
-    with np.errstate(divide="ignore"):
+    """log(z) / dt, 1/s; not finite for z = 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
         return np.log(z.astype(complex)) / dt
+
+
+def poles_s(system):
+    """Poles in 1/s; of z = 0 not finite."""
+    return system.poles() if system.dt is None else logarithm(system.poles(), system.dt)
 
 
 @dataclass(frozen=True)
@@ -333,6 +337,7 @@ def span_of(ends, critical_hz):
     return 1.35 * float(natural.max(initial=1.0))
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
 def locus(loop, label="", span_hz=None, gain=None):
     """The root locus of a `loops.Loop`, drawn finely inside a frame of span_hz (default: span_of).
 
