@@ -83,6 +83,8 @@ class Plant {
   /// the code does not fit the DAC, SimulationError if the plant cannot be stepped on (the plant is
   /// then of no further use).
   void step(int dac_code, bool amp_enable);
+  /// step() with volts from wherever.
+  void step_volts(double volts, bool amp_enable) { stepper_.step(volts, amp_enable); }
   /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
   /// body or an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);
