@@ -259,8 +259,8 @@ CLAIMS = [
     ),
     Claim(
         "4.3.4", "arm flexibility: crossover", 20, "Hz", lambda: crossing_hz("fig4_15"), 0.1,
-        "the numbers of Fig 4.26 give 26 Hz (24 with tick and delay, 30 with a steeper amplifier): a "
-        "softer arm must have been plotted",
+        "the numbers of Fig 4.26 give 26 Hz (24 with tick and delay, 30 with a steeper "
+        "amplifier): a softer arm must have been plotted",
     ),
     Claim(
         "4.3.6, Fig 4.20", "workpiece: crossing root over that of the rigid robot", "above", "",
@@ -315,8 +315,8 @@ CLAIMS = [
     Claim(
         "5.2.1", "higher gains with the damped workpiece, disturbance", 40, "%",
         lambda: higher_gains_percent("disturbance"), 0.5,
-        "whole steps of gain: the thesis's own table goes from 5 to 8, 60 %; in ours 9 is stable too "
-        "(a cell that differs)",
+        "whole steps of gain: the thesis's own table goes from 5 to 8, 60 %; in ours 9 is stable "
+        "too (a cell that differs)",
     ),
     Claim("5.1.2, Fig 5.3", "gain 10, set-point 15 on the soft pad", "stable", "",
           lambda: cell("5.3")),
