@@ -1,6 +1,5 @@
 """Bode plots, root loci, pole-zero arrays, mode shapes: their data, their figures, their verbs."""
 
-import io
 import json
 import sys
 
@@ -90,10 +89,8 @@ def test_a_figure_of_the_thesis_draws_and_is_readable(figure):
                 wanted += f" {one.unit}"
                 assert "beyond" in shown
             assert wanted in shown, (wanted, shown)
-    if f.kind == "rlocus":  # what is seen is small
-        buffer = io.BytesIO()
-        drawn.savefig(buffer, format="png", dpi=80)
-        assert len(buffer.getvalue()) < 60_000
+    picture = plots.small_png(drawn)
+    assert picture[:4] == b"\x89PNG" and len(picture) < 30_000
 
 
 @pytest.mark.parametrize(

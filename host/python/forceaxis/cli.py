@@ -1,8 +1,12 @@
 """The command line. Exit status: 0 done, 1 the run or check failed, 2 wrong usage or input."""
 
 import json
+import os
 import sys
 from pathlib import Path
+
+# Matrices here are small: threads of a BLAS would only wait for each other. Read when NumPy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
 

@@ -4,6 +4,7 @@ Every plot is made of data that can be looked at without drawing: `Curve`, `Locu
 verbs print them with --json; `thesis_figures` lists what the text defines.
 """
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,17 @@ def save(figure, path):
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(Path(path).suffix)
     with plt.rc_context({"svg.hashsalt": "forceaxis"}):
         figure.savefig(path, dpi=130, metadata=metadata)
+
+
+def small_png(figure, dpi=85):
+    """The figure as the bytes of a PNG with a palette of 48 colours: a few kB."""
+    from PIL import Image
+
+    full, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(full, format="png", dpi=dpi)
+    image = Image.open(full).convert("RGB")
+    image.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
+    return small.getvalue()
 
 
 # --- frequency responses -------------------------------------------------------------------------
