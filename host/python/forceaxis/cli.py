@@ -227,6 +227,24 @@ def tables_(fit, threads, as_json):
         sys.exit(1)
 
 
+@cli.command(
+    name="check-thesis", cls=Verb, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
+)
+@as_json
+def check_thesis(as_json):
+    """Set the numbers that the thesis quotes beside what its models give.
+
+    Frequencies, crossovers, damping ratios, improvements; where ours differ, a line says why. Exit
+    status 1 if one differs without a reason.
+    """
+    from forceaxis import thesis
+
+    result = thesis.check()
+    click.echo(json.dumps(result, allow_nan=False) if as_json else thesis.describe(result))
+    if result["unexplained"]:
+        sys.exit(1)
+
+
 @cli.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
 @click.option(
     "--out",
@@ -297,6 +315,67 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
             click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
     if check and not all(held for _, held in checks):
         sys.exit(1)
+
+
+@cli.command(
+    name="modes",
+    cls=Verb,
+    epilog="""forceaxis modes fig4_19 --set b_w=363
+    forceaxis modes fig4_15 --free --json""",
+)
+@click.argument("model")
+@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option("--free", is_flag=True, help="Contacts apart. Default: pressed.")
+@click.option(
+    "--mode",
+    "states",
+    multiple=True,
+    metavar="ELEMENT=STATE",
+    help="State of an element that switches (slide=forward), as in events.csv.",
+)
+@click.option(
+    "--input",
+    "input_",
+    default="drive.force",
+    show_default=True,
+    help="drive.force, the drive's pair of forces, or BODY.force.",
+)
+@click.option(
+    "--output",
+    help="A signal (tip.acceleration). Default: what the force reading shows; apart, the position "
+    "of the body that would touch.",
+)
+@as_json
+def modes_(model, overrides, states, free, input_, output, as_json):
+    """Modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
+
+    MODEL is a file or the stem of one in sim/models. Modes are those of the undamped mechanics with
+    the drive removed. The label compares the sign of a mode's residue, from input to output, with
+    that of the lowest mode; the comparison with the mode below is printed where it differs. A mode
+    of residue 0 is colocated if dampers couple it (its poles and zeros lie side by side), else
+    neither. Beside each mode stands the pole of the whole damped system, drive included, that it
+    becomes.
+
+    \b
+    --json: {"model": "fig4_19", "title": ..., "contact": "pressed" | "apart" | null (has none),
+     "input": "drive.force", "output": "sensor.spring_force", "path": true, "criterion": ...,
+     "modes": [                          ascending
+       {"frequency_hz": 44.84, "damping_ratio": 0.0067,        null at 0 Hz
+        "shape": {"robot": -0.0106, "workpiece": 1.0},         largest is 1
+        "residue": 178.1,                unit of the output / (N s^2)
+        "label": "colocated",            or "noncolocated", "neither"
+        "against_lowest": "colocated", "against_below": "colocated",
+        "reference": false,              true: the mode that the others are compared with
+        "driven": {"frequency_hz": 44.85, "damping_ratio": 0.007,
+                   "real": -1.97, "imag": 281.8}}],            1/s, or null
+     "other_poles": [{...}]}             of the whole system, matched by no mode, as "driven"
+    """
+    from forceaxis import linear, modes
+
+    result = modes.modes(
+        model, input_, output, linear.overrides(overrides), linear.states(states), free
+    )
+    click.echo(json.dumps(result, allow_nan=False) if as_json else modes.describe(result))
 
 
 @cli.command(
