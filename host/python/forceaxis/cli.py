@@ -637,22 +637,27 @@ loop_output = click.option(
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
+@click.option("--gain", type=float, help="Margins of a force loop with this gain (V/N).")
+@click.option("--firmware-gain", type=float, help="The same as firmware.force_gain.")
 @drawn
 @as_json
 def bode(
-    model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, out, as_json
-):
+    model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
+    firmware_gain, out, as_json,
+):  # fmt: skip
     """Open-loop frequency response of MODEL: amplitude and phase, several curves over each other.
 
     The phase is unwrapped from 0 at the lowest frequency. JSON: curves, each with output, unit,
-    frequency_hz, magnitude, phase_deg.
+    frequency_hz, magnitude, phase_deg and, from drive.command, loop: as `forceaxis limit`, with
+    the margins at --gain under "at".
     """
     from forceaxis import frequency_plots
 
     check_drawing(out)
     figure, summary = frequency_plots.bode_verb(
-        model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz
-    )
+        model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
+        firmware_gain,
+    )  # fmt: skip
     draw(out, lambda plots: figure)
     show(summary, as_json, frequency_plots.describe_bode, out)
 

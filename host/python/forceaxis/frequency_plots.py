@@ -44,7 +44,9 @@ def small_png(figure, dpi=85):
     full, small = io.BytesIO(), io.BytesIO()
     figure.savefig(full, format="png", dpi=dpi)
     image = Image.open(full).convert("RGB")
-    image.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
+    image.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        small, "PNG", optimize=True
+    )
     return small.getvalue()
 
 
@@ -644,12 +646,28 @@ def loop_note(model, timing, law="p"):
     return f"{Path(linear.find_model(model)).stem}, {law}, {timing}"
 
 
-def bode_verb(model, overrides, vary, modes, free, input, outputs, timing, low_hz, high_hz):
+def bode_verb(
+    model,
+    overrides,
+    vary,
+    modes,
+    free,
+    input,
+    outputs,
+    timing,
+    low_hz,
+    high_hz,
+    gain,
+    firmware_gain,
+):
     """(figure, summary) of `forceaxis bode`."""
+    asked = gain is not None or firmware_gain is not None
+    if asked and input != "drive.command":
+        raise InputError("--gain: expected with --input drive.command, a loop acts there")
     if not (0 < low_hz < high_hz < np.inf):
         raise InputError(f"--from-hz: expected 0 < FROM < TO, got {low_hz:g} and {high_hz:g}")
     states = linear.states(modes)
-    curves = []
+    curves, details = [], []
     for label, settings in varied(overrides, vary):
         for output in outputs:
             name = ", ".join(filter(None, [label, output if len(outputs) > 1 else ""]))
@@ -667,10 +685,14 @@ def bode_verb(model, overrides, vary, modes, free, input, outputs, timing, low_h
                     states,
                 )
             )
+            detail = {"output": output} | curves[-1].summary()
+            if input == "drive.command":  # where a force loop would act
+                loop = loops.force_loop(model, "p", timing, settings, states, output, free)
+                k = loops.one_gain(loop, gain, firmware_gain)
+                detail["loop"] = loops.limit_summary(loop, k)
+            details.append(detail)
     path = linear.find_model(model)
-    summary = {"model": str(path), "input": input, "timing": timing}
-    for c, output in zip(curves, list(outputs) * len(curves), strict=False):
-        summary.setdefault("curves", []).append({"output": output} | c.summary())
+    summary = {"model": str(path), "input": input, "timing": timing, "curves": details}
     label = outputs[0] if len(outputs) == 1 else "amplitude"
     figure = bode(curves, f"{path.stem}: {input} to {', '.join(outputs)}, {timing}", label)
     return figure, summary
@@ -692,6 +714,9 @@ def describe_bode(summary):
             at = frequency[i] + share * (frequency[i + 1] - frequency[i])
             size = np.interp(at, frequency, c["magnitude"])
             lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g} {c['unit']}")
+        if c.get("loop", {}).get("at"):
+            text = loops.describe_limit(c["loop"]).splitlines()
+            lines += [line for line in text if line.startswith(("at ", "gain ", "phase "))]
     return "\n".join(lines)
 
 
