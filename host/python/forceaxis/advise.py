@@ -23,6 +23,7 @@ What is linear here is simulated by `simulated_limit`: firmware, quantisation, l
 
 import contextlib
 import math
+import os
 import tempfile
 import tomllib
 from dataclasses import dataclass, field
@@ -83,9 +84,9 @@ class Design:
             own = {name: values[name]["value"] for name in table.get("set", {})}
             self.overrides = own | self.overrides
         else:
-            self.model = path
+            self.model = path.resolve()
             own = paths.EXPERIMENTS / f"{path.stem}.toml"
-            if own.exists() and (own.parent / read(own)["model"]).resolve() == path.resolve():
+            if own.exists() and (own.parent / read(own)["model"]).resolve() == self.model:
                 self.experiment = own
         settings = read(self.experiment).get("firmware", {}) if self.experiment else {}
         self.timing = timing or ("zoh+1" if settings.get("latency_ticks") == 1 else "zoh")
@@ -630,16 +631,17 @@ def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", thr
 
 
 def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=None):
-    """Largest firmware gain up to which every run tried has the verdict stable, by halving.
+    """Largest firmware gain up to which the verdict of the runs is stable.
 
-    A row of gains up to 1.3 times the linear limit finds the first unstable one; two finer rows
-    narrow it to a percent. Contact and limit cycle exist side by side below the linear limit,
-    so the result holds for the experiment's own approach. Returns {"stable_gain" (None: unstable at
-    a hundredth of that), "unstable_gain" (None: nowhere up to there), "of_limit", "runs",
+    Of a row of gains up to 1.3 times the linear limit, the smallest stable one and the next that is
+    not (smaller ones are passed over: so slow an approach does not settle in time); two finer rows
+    between narrow it to a percent. Contact and limit cycle exist side by side below the linear
+    limit, so the result holds for the experiment's own approach. Returns {"stable_gain" (None: no
+    run is stable), "unstable_gain" (None: stable up to the end of the row), "of_limit", "runs",
     "ripple_count": force ripple, 8-bit counts, at quiet_gain or half the stable gain}.
     """
-    top = linear_figures["firmware_gain"]
-    top = min(1.3 * top if top else HIGHEST_GAIN, HIGHEST_GAIN)
+    limit = linear_figures["firmware_gain"]
+    top = min(1.3 * limit if limit else HIGHEST_GAIN, HIGHEST_GAIN)
     shared = _core.Experiments()
     runs = 0
 
@@ -647,37 +649,36 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
         nonlocal runs
         runs += len(gains)
         jobs = [design.job(change, force_gain=float(g)) for g in gains]
-        return _core.run_many(jobs, threads or 2, None, True, None, shared)
-
-    def first_unstable(gains):
-        verdicts = []
-        for outcome in run(gains):
+        outcomes = _core.run_many(jobs, threads or os.cpu_count() or 1, None, True, None, shared)
+        for outcome in outcomes:
             if "error" in outcome:
                 raise _core.SimulationError(outcome["error"])
-            verdicts.append(outcome["verdict"])
-        return next((i for i, v in enumerate(verdicts) if v != "stable"), None)
+        return outcomes
+
+    def stable(gains):
+        return [outcome["verdict"] == "stable" for outcome in run(gains)]
 
     gains = top * np.geomspace(0.01, 1.0, 20)
-    first = first_unstable(gains)
-    if first == 0:
-        return {"stable_gain": None, "unstable_gain": float(gains[0]), "of_limit": None,
-                "runs": runs, "ripple_count": None}  # fmt: skip
-    low, high = gains[-1 if first is None else first - 1], None
-    if first is not None:
-        high = gains[first]
+    verdicts = stable(gains)
+    if True not in verdicts:
+        return dict.fromkeys(("stable_gain", "unstable_gain", "of_limit", "ripple_count")) | {
+            "runs": runs
+        }
+    start = verdicts.index(True)
+    if False not in verdicts[start:]:
+        low, high = gains[-1], None
+    else:
+        first = verdicts.index(False, start)
+        low, high = gains[first - 1], gains[first]
         for _ in range(2):
-            inner = np.linspace(low, high, 8)[1:-1]
-            first = first_unstable(inner)
-            edges = [low, *inner, high]
-            first = len(inner) if first is None else first
+            edges = np.linspace(low, high, 8)
+            first = [*stable(edges[1:-1]), False].index(False)
             low, high = edges[first], edges[first + 1]
-    quiet = run([quiet_gain or low / GAIN_MARGIN])[0]
+    (quiet,) = run([quiet_gain or low / GAIN_MARGIN])
     return {
         "stable_gain": float(low),
         "unstable_gain": None if high is None else float(high),
-        "of_limit": float(low / linear_figures["firmware_gain"])
-        if linear_figures["firmware_gain"]
-        else None,
+        "of_limit": float(low / limit) if limit else None,
         "runs": runs,
         "ripple_count": float(quiet["metrics"]["force_ripple_count"]),
     }
@@ -712,7 +713,7 @@ def describe(result):
         if found is None:
             return ["", ""]
         if found["stable_gain"] is None:
-            return [f"< {found['unstable_gain']:.3g}", ""]
+            return ["none", ""]
         more = "> " if found["unstable_gain"] is None else ""
         return [f"{more}{found['stable_gain']:.3g}", number(found["ripple_count"])]
 
