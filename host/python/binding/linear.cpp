@@ -1,97 +1,116 @@
-// The linear plant of one mode: x' = A x + B u + c, signals = C x + D u + d, u the drive's command.
+// State space of a plant in one mode, and frequency responses, for forceaxis.linear.
+#include "sim/linear/linear.hpp"
+
+#include <pybind11/complex.h>
+#include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
-#include <algorithm>
+#include <complex>
 #include <map>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "sim/hybrid/network.hpp"
-
 namespace py = pybind11;
+using forceaxis::sim::kGround;
+using forceaxis::sim::LinearMode;
+using forceaxis::sim::Model;
 
 void add_linear(py::module_ &m);
-
-using forceaxis::sim::Extended;
-using forceaxis::sim::ExtendedMatrix;
-using forceaxis::sim::ModeKey;
-using forceaxis::sim::Network;
 
 namespace {
 
 using Overrides = std::map<std::string, double>;
-using Modes = std::map<std::string, std::string>;
 
-py::array_t<double> part(const ExtendedMatrix &m, Eigen::Index first, Eigen::Index count) {
-  py::array_t<double> values({m.rows(), count});
-  for (Eigen::Index i = 0; i < m.rows(); ++i)
-    for (Eigen::Index j = 0; j < count; ++j)
-      values.mutable_at(i, j) = static_cast<double>(m(i, first + j));
-  return values;
-}
-
-// Contacts touch, everything else is as in the middle of its range, unless `modes` says otherwise.
-ModeKey key_of(const Network &network, const forceaxis::sim::Model &model, Modes modes) {
-  for (const auto &contact : model.contacts) modes.try_emplace(contact.name, "pressed");
-  ModeKey key = network.home_key(true);
-  for (const auto &[element, state] : modes) {
-    const auto &switches = network.switches();
-    const auto found = std::find_if(switches.begin(), switches.end(),
-                                    [&](const auto &s) { return s.element == element; });
-    if (found == switches.end())
-      throw std::invalid_argument("no switching element named " + element);
-    const auto &names = found->state_names;
-    const auto at = std::find(names.begin(), names.end(), state);
-    if (at == names.end()) throw std::invalid_argument(element + " has no state " + state);
-    key = network.with_state(key, static_cast<int>(found - switches.begin()),
-                             static_cast<int>(at - names.begin()));
-  }
-  return key;
-}
-
-py::dict linear(const std::filesystem::path &file, const Overrides &overrides, const Modes &modes) {
+Model load(const std::filesystem::path &file, const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});
-  const forceaxis::sim::Model model = forceaxis::sim::load_model(file, values);
-  const Network network(model);
-  const auto equations = network.equations(key_of(network, model, modes));
-  const auto &wires = network.signal_wires();
-  ExtendedMatrix signals(wires.size(), network.columns());
-  for (std::size_t i = 0; i < wires.size(); ++i)
-    signals.row(static_cast<Eigen::Index>(i)) = equations.wires.row(wires[i]);
-  py::list names;
-  for (const auto &signal : model.signal_list()) names.append(signal.name);
+  return forceaxis::sim::load_model(file, values);
+}
 
-  const int n = network.states();
+py::dict linear(const std::filesystem::path &file, const std::vector<std::string> &inputs,
+                const std::vector<std::string> &outputs, const Overrides &overrides,
+                const std::map<std::string, std::string> &modes, bool free, bool drive) {
+  const Model model = load(file, overrides);
+  auto result = forceaxis::sim::linearise(model, {modes, free, drive}, inputs, outputs);
   py::dict d;
-  d["signals"] = names;
-  d["A"] = part(equations.flow, 0, n);
-  d["c"] = part(equations.flow, n, 1);
-  d["B"] = part(equations.flow, n + 1, 1);
-  d["C"] = part(signals, 0, n);
-  d["d"] = part(signals, n, 1);
-  d["D"] = part(signals, n + 1, 1);
-  // What closes the loop: what ADC channel 0 converts and the converter of the drive's command.
-  if (const auto &force = model.adc[0]) {
-    const ExtendedMatrix reading = equations.wires.row(network.adc_wires()[0]) /
-                                   static_cast<Extended>(force->per_count) /
-                                   static_cast<Extended>(1 << (force->bits - 8));
-    d["reading"] = part(reading, 0, n);
+  d["A"] = std::move(result.A);
+  d["B"] = std::move(result.B);
+  d["C"] = std::move(result.C);
+  d["D"] = std::move(result.D);
+  d["states"] = std::move(result.states);
+  return d;
+}
+
+// What an analysis asks of a model besides its equations.
+py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
+  const Model model = load(file, overrides);
+  const auto name = [&](int body) {
+    return body == kGround ? std::string("ground")
+                           : model.bodies[static_cast<std::size_t>(body)].name;
+  };
+  py::dict masses;
+  for (const auto &body : model.bodies) masses[py::str(body.name)] = body.mass;
+  py::list signals;
+  py::dict units;
+  for (const auto &signal : model.signal_list())
+    units[py::str(signal.name)] = forceaxis::sim::unit_of(signal.dimension);
+  py::dict parameters;
+  for (const auto &p : model.parameters)
+    if (p.used) parameters[py::str(p.name)] = py::make_tuple(p.value, p.unit);
+  py::dict d;
+  d["title"] = model.title;
+  d["masses_kg"] = masses;
+  d["signals"] = units;
+  d["parameters"] = parameters;
+  d["contacts"] = static_cast<int>(model.contacts.size());
+  d["drive"] = py::none();
+  if (model.drive) {
+    static const char *const kTypes[] = {"dc_motor", "first_order", "perfect"};
+    d["drive"] = py::dict(py::arg("type") = kTypes[model.drive->type.index()],
+                          py::arg("body") = name(model.drive->body),
+                          py::arg("reaction") = name(model.drive->reaction));
   }
+  d["reading"] = py::none();
+  if (const auto &adc = model.adc[0])
+    d["reading"] = py::dict(py::arg("signal") = adc->signal,
+                            py::arg("per_count") = adc->per_count * (1 << (adc->bits - 8)),
+                            py::arg("bits") = adc->bits);
+  d["encoder"] = py::none();
+  if (const auto &encoder = model.encoder)
+    d["encoder"] = py::dict(py::arg("body") = name(encoder->body),
+                            py::arg("reference") = name(encoder->reference),
+                            py::arg("scale") = encoder->scale);
   d["volts_per_code"] = model.dac.volts_per_code();
   return d;
+}
+
+using Points = py::array_t<std::complex<double>, py::array::c_style | py::array::forcecast>;
+
+py::array_t<std::complex<double>> response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
+                                           const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
+                                           const Points &points) {
+  const auto count = static_cast<std::size_t>(points.size());
+  py::array_t<std::complex<double>> values(
+      {points.size(), static_cast<py::ssize_t>(C.rows()), static_cast<py::ssize_t>(B.cols())});
+  forceaxis::sim::hessenberg_response(
+      H, B, C, D, {points.data(), count},
+      {values.mutable_data(), static_cast<std::size_t>(values.size())});
+  return values;
 }
 
 }  // namespace
 
 void add_linear(py::module_ &m) {
-  m.def("linear", &linear, py::arg("model"), py::arg("overrides") = Overrides{},
-        py::arg("modes") = Modes{},
-        "x' = A x + B u + c and signals = C x + D u + d of a model while its contacts touch and "
-        "everything else is at home; `modes` names other states, element -> state. u: V at the "
-        "drive, volts_per_code of it a code; reading x: what ADC 0 converts, in 8-bit counts.");
+  m.def("linear", &linear, py::arg("model"), py::arg("inputs"), py::arg("outputs"),
+        py::arg("overrides") = Overrides{}, py::arg("modes") = std::map<std::string, std::string>{},
+        py::arg("free") = false, py::arg("drive") = true,
+        "A, B, C, D and the names of the states in one mode: forceaxis.linear.linearise");
+  m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
+        "masses, signals with units, used parameters (value, unit), drive, reading (per_count: its "
+        "unit per 8-bit count), encoder, volts_per_code of a model");
+  m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
+        py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");
 }

@@ -1,57 +1,298 @@
-"""The force loop of a model as a linear one: matrices, sampled with hold, and the gain limit."""
+"""The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
 
-from dataclasses import dataclass
+Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
+control loops around it, `modes` looks at the mechanics alone.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+from scipy import linalg
 
-from forceaxis import _core
+from forceaxis import _core, paths
+
+TICK_S = 1 / _core.TICKS_PER_SECOND
 
 
-@dataclass
-class ForceLoop:
-    """x' = A x + B code, reading = C x in 8-bit counts; `tick` and `held` are its sampled A and B.
+@dataclass(frozen=True)
+class System:
+    """x' = A x + B u, or x(k+1) = A x(k) + B u(k) every `dt` seconds; y = C x + D u.
 
-    The law is code = -k_f reading, computed in the tick of the reading.
+    A (n, n), B (n, m), C (p, n), D (p, m): float arrays in SI units; `states`, `inputs`, `outputs`
+    name their rows and columns. What treats the system as one transfer function (`zeros`,
+    `transfer_function`) wants one input and one output; `select` picks them.
     """
 
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
-    tick: np.ndarray
-    held: np.ndarray
+    D: np.ndarray
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    dt: float | None = None
+
+    def select(self, inputs=None, outputs=None):
+        """The same with these inputs and outputs only."""
+        columns = [self.inputs.index(name) for name in inputs or self.inputs]
+        rows = [self.outputs.index(name) for name in outputs or self.outputs]
+        return replace(
+            self,
+            B=self.B[:, columns],
+            C=self.C[rows],
+            D=self.D[np.ix_(rows, columns)],
+            inputs=tuple(self.inputs[i] for i in columns),
+            outputs=tuple(self.outputs[i] for i in rows),
+        )
+
+    @cached_property
+    def balanced(self):
+        """(A, B, C) in units in which A's rows and columns weigh the same."""
+        if not len(self.A):
+            return self.A, self.B, self.C
+        A, (scale, _) = linalg.matrix_balance(self.A, permute=False, separate=True)
+        return A, self.B / scale[:, None], self.C * scale
+
+    def poles(self):
+        """Eigenvalues of A: 1/s, or z of a sampled system."""
+        return linalg.eigvals(self.balanced[0]) if len(self.A) else np.zeros(0, complex)
+
+    def poles_s(self):
+        """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
+        poles = self.poles().astype(complex)
+        if self.dt is None:
+            return poles
+        with np.errstate(divide="ignore"):
+            return np.log(poles) / self.dt
+
+    def stable(self):
+        """All poles inside the stable region."""
+        poles = self.poles()
+        return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
+
+    def _markov(self):
+        """Relative degree r, C A^(r-1) B (D for r = 0), and the rows C A^k, k < r, balanced."""
+        if self.B.shape[1] != 1 or self.C.shape[0] != 1:
+            raise ValueError("expected one input and one output")
+        A, B, C = self.balanced
+        if self.D[0, 0] != 0:
+            return 0, self.D[0, 0], np.zeros((0, len(A)))
+        row, bound, rows = C, abs(C), []
+        for degree in range(1, len(A) + 1):
+            rows.append(row[0] / np.linalg.norm(row))
+            value, size = (row @ B).item(), (bound @ abs(B)).item()
+            if abs(value) > 1e-11 * size:  # what is less is rounding: structural zeros are exact
+                return degree, value, np.array(rows)
+            row, bound = row @ A, bound @ abs(A)
+            if not row.any():
+                break
+        return len(A) + 1, 0.0, np.array(rows)  # no path
+
+    def has_path(self):
+        """Whether the input acts on the output at all."""
+        return self._markov()[1] != 0.0
+
+    def zeros(self):
+        """Zeros of the transfer function, 1/s or z, with those that cancel poles.
+
+        They are the poles of the system that is driven so that its output stays 0: of A with the
+        output's first nonzero derivative fed back, on the states that leave the output and its
+        lower derivatives 0.
+        """
+        degree, value, rows = self._markov()
+        if value == 0.0:
+            raise ValueError(f"expected a path from {self.inputs[0]} to {self.outputs[0]}")
+        A, B, C = self.balanced
+        top = C.copy()
+        for _ in range(degree):
+            top = top @ A
+        held = A - B @ top / value
+        if degree:
+            basis = linalg.qr(rows.T)[0][:, degree:]
+            held = basis.T @ held @ basis
+        return linalg.eigvals(held) if len(held) else np.zeros(0, complex)
+
+    def gain(self):
+        """What multiplies the product of (s - zeros) / (s - poles)."""
+        return self._markov()[1]
+
+    def transfer_function(self):
+        """(numerator, denominator) coefficients, highest power first, denominator monic."""
+        value = self.gain()
+        if value == 0.0:
+            return np.zeros(1), np.real(np.poly(self.poles()))
+        return np.real(value * np.poly(self.zeros())), np.real(np.poly(self.poles()))
+
+    @cached_property
+    def _hessenberg(self):
+        A, B, C = self.balanced
+        H, Q = linalg.hessenberg(A, calc_q=True) if len(A) else (A, A)
+        return np.asfortranarray(H), Q.T @ B, C @ Q
+
+    def at(self, points):
+        """Transfer function at complex points s (or z): like `points` in shape; with several inputs
+        or outputs followed by (p, m)."""
+        points = np.asarray(points, complex)
+        H, B, C = self._hessenberg
+        values = _core.hessenberg_response(H, B, C, self.D, points.ravel())
+        if values.shape[1:] == (1, 1):
+            return values.reshape(points.shape)
+        return values.reshape(points.shape + values.shape[1:])
+
+    def response(self, frequency_hz):
+        """Frequency response, as `at`."""
+        s = 2j * np.pi * np.asarray(frequency_hz, float)
+        return self.at(s if self.dt is None else np.exp(s * self.dt))
+
+    def sampled(self, delay_ticks=0, dt=TICK_S):
+        """Behind a zero-order hold, read every `dt` s; inputs act `delay_ticks` samples later."""
+        if self.dt is not None:
+            raise ValueError("expected a continuous system")
+        n, m = self.B.shape
+        whole = np.zeros((n + m, n + m))
+        whole[:n, :n], whole[:n, n:] = self.A, self.B
+        step = linalg.expm(whole * dt)
+        system = replace(self, A=step[:n, :n], B=step[:n, n:], dt=dt)
+        for _ in range(delay_ticks):
+            system = system.delayed()
+        return system
+
+    def delayed(self):
+        """A sampled system whose inputs act one sample later."""
+        n, m = self.B.shape
+        A = np.zeros((n + m, n + m))
+        A[:n, :n], A[:n, n:] = self.A, self.B
+        waiting = tuple(
+            f"{name} held {sum(name in s for s in self.states)}" for name in self.inputs
+        )
+        return replace(
+            self,
+            A=A,
+            B=np.vstack([np.zeros((n, m)), np.eye(m)]),
+            C=np.hstack([self.C, self.D]),
+            D=np.zeros_like(self.D),
+            states=self.states + waiting,
+        )
+
+    def state_space(self):
+        """As `control.StateSpace`, with the names (python-control wants _ for each dot)."""
+        import control
+
+        def plain(names):
+            return [name.replace(".", "_") for name in names]
+
+        return control.ss(
+            *(self.A, self.B, self.C, self.D),
+            self.dt or 0,
+            states=plain(self.states),
+            inputs=plain(self.inputs),
+            outputs=plain(self.outputs),
+            remove_useless_states=False,
+        )
+
+
+def find_model(text):
+    """The path of a model given as a path or as the stem of a file of sim/models (fig4_19)."""
+    path = Path(text)
+    if path.suffix == ".toml" or path.parent != Path():
+        return path
+    known = paths.MODELS / f"{text}.toml"
+    if not known.exists():
+        raise _core.InputError(
+            f"MODEL: {text}: expected a path ending in .toml or one of "
+            + ", ".join(sorted(p.stem for p in paths.MODELS.glob("*.toml")))
+        )
+    return known
+
+
+def overrides(texts):
+    """NAME=VALUE texts of `--set` as {name: value}."""
+    values = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            values[name] = float(value)
+        except ValueError:
+            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER") from None
+        if not name or not np.isfinite(values[name]):
+            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER, a finite one")
+    return values
+
+
+def states(texts):
+    """ELEMENT=STATE texts of `--mode` as {element: state}."""
+    for text in texts:
+        if not all(text.partition("=")):
+            raise _core.InputError(f"--mode: {text}: expected ELEMENT=STATE")
+    return {t.partition("=")[0]: t.partition("=")[2] for t in texts}
+
+
+def facts(model, overrides=None):
+    """Masses, signals and units, drive, reading, encoder of a model: `_core.facts`."""
+    return _core.facts(str(find_model(model)), overrides or {})
+
+
+def linearise(
+    model,
+    inputs=("drive.command",),
+    outputs=("reading",),
+    overrides=None,
+    modes=None,
+    free=False,
+    drive=True,
+):
+    """One mode of a model as a System, from the equations that the stepper integrates.
+
+    model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
+    pressed (apart if `free`), everything else is in the middle of its range, unless `modes`,
+    {element: state}, says otherwise ({"drive.amplifier": "high outer"}; states as in events.csv).
+    inputs: drive.command (V), drive.force (N, on the drive's body and against its reaction, besides
+    what the drive gives), BODY.force (N, from outside). outputs: any signal of the model, reading
+    (what ADC 0 converts, in its own unit), adc0 and adc1 (8-bit counts), encoder (counts).
+    `drive` False takes the drive off: the load of 2.3.2, with input drive.force.
+
+    Raises InputError for a model, parameter, name or state that is not there.
+    """
+    if not drive:
+        inputs = ["drive.force" if name == "drive.command" else name for name in inputs]
+    m = _core.linear(
+        str(find_model(model)),
+        list(inputs),
+        list(outputs),
+        overrides or {},
+        modes or {},
+        free,
+        drive,
+    )
+    return System(
+        m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
+    )  # fmt: skip
+
+
+@dataclass
+class ForceLoop:
+    """The loop from code to ADC 0 in 8-bit counts; the law is code = -k_f reading."""
+
+    plant: System
+    held: System
 
     def poles(self, gain=0.0):
         """Poles in 1/s with the loop closed in continuous time (0: open loop)."""
-        return np.linalg.eigvals(self.A - gain * self.B @ self.C)
+        return np.linalg.eigvals(self.plant.A - gain * self.plant.B @ self.plant.C)
 
     def sampled_poles(self, gain):
         """Poles in 1/s of the sampled loop with hold."""
-        z = np.linalg.eigvals(self.tick - gain * self.held @ self.C)
+        z = np.linalg.eigvals(self.held.A - gain * self.held.B @ self.held.C)
         return np.log(z.astype(complex)) * _core.TICKS_PER_SECOND
 
 
 def force_loop(model, overrides=None, modes=None):
     """The loop from code to force reading while the contacts touch (or in the modes named)."""
-    m = _core.linear(str(model), overrides or {}, modes or {})
-    A, B = m["A"], m["B"] * m["volts_per_code"]
-    n = len(A)
-    whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n:] = A, B
-    step = exponential(whole / _core.TICKS_PER_SECOND)
-    return ForceLoop(A, B, m["reading"], step[:n, :n], step[:n, n:])
-
-
-def exponential(matrix):
-    """e^matrix by its series on a small enough part, squared."""
-    halvings = max(0, int(np.ceil(np.log2(np.linalg.norm(matrix, 1) + 1e-300))) + 1)
-    part = matrix / 2.0**halvings
-    term = total = np.eye(len(matrix))
-    for k in range(1, 20):
-        term = term @ part / k
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return total
+    plant = linearise(model, outputs=("adc0",), overrides=overrides, modes=modes)
+    plant = replace(plant, B=plant.B * facts(model, overrides)["volts_per_code"])
+    return ForceLoop(plant, plant.sampled())
 
 
 def gain_limit(loop, sampled=True, highest=1e4):

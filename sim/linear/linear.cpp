@@ -1,0 +1,250 @@
+#include "sim/linear/linear.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include "sim/hybrid/network.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+using std::string;
+
+string listed(const std::vector<string> &names) {
+  string text;
+  for (const string &name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+ModeKey key_of(const Network &network, const Model &model, const LinearMode &mode) {
+  auto states = mode.states;
+  if (!mode.free)
+    for (const Contact &contact : model.contacts) states.try_emplace(contact.name, "pressed");
+  ModeKey key = network.home_key(true);
+  const auto &switches = network.switches();
+  for (const auto &[element, state] : states) {
+    const auto found = std::find_if(switches.begin(), switches.end(),
+                                    [&](const auto &s) { return s.element == element; });
+    if (found == switches.end()) {
+      std::vector<string> elements;
+      for (const auto &s : switches) elements.push_back(s.element);
+      throw InputError(model.file, element,
+                       "expected an element that switches (" + listed(elements) + "), got this");
+    }
+    const auto &names = found->state_names;
+    const auto at = std::find(names.begin(), names.end(), state);
+    if (at == names.end())
+      throw InputError(model.file, element,
+                       "expected one of its states (" + listed(names) + "), got " + state);
+    key = network.with_state(key, static_cast<int>(found - switches.begin()),
+                             static_cast<int>(at - names.begin()));
+  }
+  return key;
+}
+
+// The drive taken off: its force is the command. What only the drive shows is gone with it.
+Model without_drive(Model model) {
+  if (!model.drive) return model;
+  model.drive->type = PerfectDrive{1.0, std::nullopt};
+  const auto signals = model.signal_list();
+  for (auto &adc : model.adc)
+    if (adc && std::none_of(signals.begin(), signals.end(),
+                            [&](const SignalInfo &s) { return s.name == adc->signal; }))
+      adc.reset();
+  return model;
+}
+
+// A constant force on a body, in the guise of gravity: what it adds to the constant column is how
+// the plant answers, whatever sticks.
+Model pushed(Model model, int body, double force_N) {
+  if (body == kGround) return model;
+  const double mass = model.bodies[static_cast<std::size_t>(body)].mass;
+  model.gravities.push_back({"applied force", body, {}, {force_N / mass}});
+  return model;
+}
+
+std::vector<string> state_names(const Model &model) {
+  std::vector<string> names;
+  for (const Body &body : model.bodies) {
+    names.push_back(body.name + ".position");
+    names.push_back(body.name + ".velocity");
+  }
+  if (model.drive && std::holds_alternative<DcMotor>(model.drive->type))
+    names.insert(names.end(), {"drive.current", "drive.tach_filtered"});
+  if (model.drive && std::holds_alternative<FirstOrderDrive>(model.drive->type))
+    names.emplace_back("drive.force");
+  for (std::size_t i = 0; i < 2; ++i)
+    if (model.adc[i] && model.adc[i]->filter)
+      names.push_back("adc" + std::to_string(i) + ".filtered");
+  return names;
+}
+
+using RowVector = Eigen::Matrix<Extended, 1, Eigen::Dynamic>;
+
+// Row of an output over (x, 1, u), or nothing if there is none of that name.
+std::optional<RowVector> output_row(const Model &model, const Network &network,
+                                    const ModeEquations &equations, const string &name) {
+  const auto adc = [&](std::size_t channel) -> std::optional<RowVector> {
+    if (!model.adc[channel]) return std::nullopt;
+    return equations.wires.row(network.adc_wires()[channel]);
+  };
+  if (name == "reading") return adc(0);
+  if (name == "adc0" || name == "adc1") {
+    const std::size_t channel = name == "adc1";
+    auto row = adc(channel);
+    if (row)
+      *row /= static_cast<Extended>(model.adc[channel]->per_count) *
+              static_cast<Extended>(1 << (model.adc[channel]->bits - 8));
+    return row;
+  }
+  if (name == "encoder") {
+    if (!model.encoder) return std::nullopt;
+    RowVector row = RowVector::Zero(network.columns());
+    const auto add = [&](int body, Extended factor) {
+      if (body != kGround) row(network.bodies()[static_cast<std::size_t>(body)].position) += factor;
+    };
+    add(model.encoder->body, model.encoder->scale);
+    add(model.encoder->reference, -static_cast<Extended>(model.encoder->scale));
+    return row;
+  }
+  const auto signals = model.signal_list();
+  const auto found = std::find_if(signals.begin(), signals.end(),
+                                  [&](const SignalInfo &s) { return s.name == name; });
+  if (found == signals.end()) return std::nullopt;
+  return equations.wires.row(
+      network.signal_wires()[static_cast<std::size_t>(found - signals.begin())]);
+}
+
+[[noreturn]] void refuse_output(const Model &model, const string &name) {
+  std::vector<string> names;
+  for (const SignalInfo &signal : model.signal_list()) names.push_back(signal.name);
+  for (std::size_t i = 0; i < 2; ++i)
+    if (model.adc[i]) names.push_back("adc" + std::to_string(i));
+  if (model.adc[0]) names.emplace_back("reading");
+  if (model.encoder) names.emplace_back("encoder");
+  throw InputError(model.file, "output", "expected one of " + listed(names) + ", got " + name);
+}
+
+[[noreturn]] void refuse_input(const Model &model, const string &name) {
+  std::vector<string> names;
+  if (model.drive) names = {"drive.command", "drive.force"};
+  for (const Body &body : model.bodies) names.push_back(body.name + ".force");
+  throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
+}
+
+}  // namespace
+
+Linear linearise(const Model &given, const LinearMode &mode, std::span<const string> inputs,
+                 std::span<const string> outputs) {
+  const Model model = mode.drive ? given : without_drive(given);
+  const Network network(model);
+  const ModeKey key = key_of(network, model, mode);
+  const ModeEquations equations = network.equations(key);
+  const Eigen::Index n = network.states();
+  const auto width = static_cast<Eigen::Index>(outputs.size());
+
+  // Rows of the outputs; columns of x' and y by one input.
+  const auto outputs_of = [&](const Model &of, const Network &with, const ModeEquations &e) {
+    ExtendedMatrix rows(width, with.columns());
+    for (Eigen::Index i = 0; i < width; ++i) {
+      const auto row = output_row(of, with, e, outputs[static_cast<std::size_t>(i)]);
+      if (!row) refuse_output(of, outputs[static_cast<std::size_t>(i)]);
+      rows.row(i) = *row;
+    }
+    return rows;
+  };
+  const ExtendedMatrix rows = outputs_of(model, network, equations);
+
+  Linear linear;
+  linear.states = state_names(model);
+  linear.A = equations.flow.leftCols(n).cast<double>();
+  linear.C = rows.leftCols(n).cast<double>();
+  linear.B.resize(n, static_cast<Eigen::Index>(inputs.size()));
+  linear.D.resize(width, static_cast<Eigen::Index>(inputs.size()));
+  for (std::size_t j = 0; j < inputs.size(); ++j) {
+    const string &input = inputs[j];
+    const auto at = static_cast<Eigen::Index>(j);
+    const auto force = [&](int body, int reaction) {
+      const Model moved = pushed(pushed(model, body, 1.0), reaction, -1.0);
+      const Network with(moved);
+      const ModeEquations e = with.equations(key);
+      linear.B.col(at) = (e.flow.col(n) - equations.flow.col(n)).cast<double>();
+      linear.D.col(at) = (outputs_of(moved, with, e).col(n) - rows.col(n)).cast<double>();
+    };
+    if (input == "drive.command" && model.drive && mode.drive) {
+      linear.B.col(at) = equations.flow.col(n + 1).cast<double>();
+      linear.D.col(at) = rows.col(n + 1).cast<double>();
+    } else if (input == "drive.force" && model.drive) {
+      force(model.drive->body, model.drive->reaction);
+    } else {
+      const auto body = std::find_if(model.bodies.begin(), model.bodies.end(),
+                                     [&](const Body &b) { return b.name + ".force" == input; });
+      if (body == model.bodies.end()) refuse_input(model, input);
+      force(static_cast<int>(body - model.bodies.begin()), kGround);
+    }
+  }
+  return linear;
+}
+
+void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
+                         const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
+                         std::span<const std::complex<double>> points,
+                         std::span<std::complex<double>> values) {
+  using Complex = std::complex<double>;
+  const auto n = static_cast<std::size_t>(H.rows());
+  const auto m = static_cast<std::size_t>(B.cols());
+  const auto p = static_cast<std::size_t>(C.rows());
+  const auto wide = n + m;
+  // [s I - H, B] by rows; plain products, so that no call checks for infinities.
+  std::vector<Complex> work(n * wide);
+  const auto times = [](Complex a, Complex b) {
+    return Complex(a.real() * b.real() - a.imag() * b.imag(),
+                   a.real() * b.imag() + a.imag() * b.real());
+  };
+  const auto inverse = [](Complex a) {
+    const double size = a.real() * a.real() + a.imag() * a.imag();
+    return Complex(a.real() / size, -a.imag() / size);
+  };
+  const auto size = [](Complex a) { return std::abs(a.real()) + std::abs(a.imag()); };
+  std::vector<double> left(n * wide);
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t j = 0; j < n; ++j)
+      left[i * wide + j] = -H(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    for (std::size_t j = 0; j < m; ++j)
+      left[i * wide + n + j] = B(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+  }
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    for (std::size_t i = 0; i < work.size(); ++i) work[i] = left[i];
+    for (std::size_t i = 0; i < n; ++i) work[i * wide + i] += points[k];
+    for (std::size_t i = 0; i + 1 < n; ++i) {
+      Complex *upper = &work[i * wide];
+      Complex *lower = upper + wide;
+      if (size(lower[i]) > size(upper[i])) std::swap_ranges(upper + i, upper + wide, lower + i);
+      if (lower[i] == 0.0) continue;
+      const Complex factor = times(lower[i], inverse(upper[i]));
+      for (std::size_t j = i + 1; j < wide; ++j) lower[j] -= times(factor, upper[j]);
+    }
+    for (std::size_t i = n; i-- > 0;) {
+      Complex *row = &work[i * wide];
+      const Complex scale = inverse(row[i]);
+      for (std::size_t c = n; c < wide; ++c) {
+        Complex sum = row[c];
+        for (std::size_t j = i + 1; j < n; ++j) sum -= times(row[j], work[j * wide + c]);
+        row[c] = times(sum, scale);
+      }
+    }
+    for (std::size_t r = 0; r < p; ++r)
+      for (std::size_t c = 0; c < m; ++c) {
+        Complex sum = D(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
+        for (std::size_t i = 0; i < n; ++i)
+          sum += C(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(i)) *
+                 work[i * wide + n + c];
+        values[(k * p + r) * m + c] = sum;
+      }
+  }
+}
+
+}  // namespace forceaxis::sim
