@@ -116,7 +116,12 @@ class Excited {
     return rows;
   }
 
-  const Plant &plant() const { return *plant_; }
+  // Bits of ADC 0 and 1; 0: there is none.
+  std::vector<int> adc_bits() const {
+    std::vector<int> bits;
+    for (const auto &adc : plant_->model().adc) bits.push_back(adc ? adc->bits : 0);
+    return bits;
+  }
 
  private:
   // Both ADCs of a plant may have their own width; the firmware knows one, the wider.
@@ -169,6 +174,7 @@ void add_excite(py::module_ &m) {
            "after each new voltage acts. Raises SimulationError.")
       .def("write", &Excited::write, py::arg("object"), py::arg("value"),
            "Writes an object of the firmware in engineering units; ValueError if it is refused.")
+      .def_property_readonly("adc_bits", &Excited::adc_bits, "of ADC 0 and 1; 0: there is none")
       .def("codes", &Excited::codes, py::arg("ticks"), py::arg("columns"),
            "Runs the firmware. Returns (len(columns), ticks): adc0, adc1, encoder as converted in "
            "the tick, dac_code as put out in it, and signals just after that code acts. Raises "
