@@ -34,6 +34,7 @@ BAND = 0.95
 COHERENT = 0.9
 LEFT_BEHIND = 1e-8  # of what a transient was, when measuring starts
 MOST_STEPS = 20_000_000
+MOST_PARTS = 64  # of a tick
 
 
 @dataclass(frozen=True)
@@ -163,15 +164,14 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(low / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        change = np.flatnonzero(np.diff(np.signbit(self.response.imag)))
+        # Noise about the axis is no crossing: only points clearly on one side count.
+        clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
+        a, f = self.response.imag[clear], frequency[clear]
         crossings = []
-        for i in change:
-            a, b = self.response.imag[i], self.response.imag[i + 1]
-            at = float(frequency[i] + a / (a - b) * (frequency[i + 1] - frequency[i]))
-            # Noise about the axis is no crossing.
-            if max(abs(a), abs(b)) > self.radius()[i]:
-                degrees = 0 if self.response.real[i] > 0 else 180
-                crossings.append({"frequency_hz": at, "phase_deg": degrees})
+        for i in np.flatnonzero(np.diff(np.signbit(a))):
+            at = float(f[i] + a[i] / (a[i] - a[i + 1]) * (f[i + 1] - f[i]))
+            degrees = 0 if self.response.real[clear[i]] > 0 else 180
+            crossings.append({"frequency_hz": at, "phase_deg": degrees})
         return {"low_gain": low, "corner_hz": corner, "phase_crossings": crossings[:20]}
 
 
@@ -328,6 +328,9 @@ class Bench:
         self.write("excitation_seed", rng.integers(65536))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
+            # How a sine is rounded hangs on its size; one size alone would be an error unseen.
+            level = int(self.setup.level)
+            self.write("excitation_amplitude", rng.integers((level + 1) // 2, level + 1))
         if not self.started:
             self.write("mode", 4)
             self.started = True
@@ -429,10 +432,11 @@ def measure_setup(setup, where, plant_set=None):
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        parts = math.ceil(2.56 * high / tick_rate)
-        if parts > 64:
+        # Ten steps in the shortest period at least: the hold turns the phase by 18 degrees there.
+        parts = max(4, math.ceil(10 * high / tick_rate))
+        if parts > MOST_PARTS:
             raise InputError(
-                f"{where}: band_hz: expected at most {64 * tick_rate / 2.56:g} Hz, got {high:g}"
+                f"{where}: band_hz: expected at most {MOST_PARTS * tick_rate / 10:g} Hz, got {high:g}"
             )
     elif high >= tick_rate / 2:
         raise InputError(
