@@ -275,7 +275,7 @@ LINE = {
     "no model": (["fig9_9", "--output", "drive.current"], "fig9_9"),
     "no file": (["fig9_9.toml", "--output", "drive.current"], "fig9_9.toml"),
     "counts that stay": (
-        ["fig3_12", "--inject", "codes", "--level", 1, "--output", "encoder", "--band", "50:60"],
+        ["fig3_8", "--inject", "codes", "--level", 1, "--output", "adc1", "--band", "10:400"],
         "expected an output that moves",
     ),
 }
