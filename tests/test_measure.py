@@ -114,6 +114,22 @@ def test_other_excitations_outputs_and_inputs_fit_too(options):
     assert np.mean([c["inside"] for c in compared]) >= 0.9
 
 
+def test_an_axis_that_drifts_away_is_measured_all_the_same():
+    """A bias drives the free axis at constant speed: the ramp is taken out of its position."""
+    drift = {"inject": "codes", "output": "encoder", "bias": 20, "level": 200, "band_hz": [1, 30]}
+    compared = [measure.measure("fig3_10", drift | {"seed": s}).compare() for s in range(6)]
+    assert sum(not c["fits"] for c in compared) <= 2
+    assert min(c["coherent"] for c in compared) == 59
+
+
+def test_contact_is_kept_by_a_bias():
+    kept = {"inject": "codes", "output": "adc0", "bias": 100, "level": 15, "band_hz": [1, 100]}
+    assert measure.measure("fig4_19", kept).compare()["fits"]
+    lost = measure.measure("fig4_19", kept | {"bias": 5, "level": 60})
+    assert not lost.compare()["fits"]
+    assert np.median(lost.coherence) < 0.9
+
+
 def test_noise_is_what_the_converters_make():
     """Standard deviation from residuals, the converters' floor, and the coherence's error agree."""
     m = measure.measure("fig3_9", {"averages": 64})
