@@ -38,10 +38,17 @@ constexpr double kLargest = 1e15;  // of any recorded value; beyond it nothing i
 class Excited {
  public:
   Excited(const std::filesystem::path &file, const std::map<std::string, double> &overrides,
-          std::uint64_t seed, int parts) {
+          std::uint64_t seed, int parts, bool clamped) {
     std::vector<Override> changes;
     for (const auto &[name, value] : overrides) changes.push_back({name, value});
-    auto model = std::make_shared<const Model>(forceaxis::sim::load_model(file, changes));
+    Model loaded = forceaxis::sim::load_model(file, changes);
+    if (clamped) {
+      for (const auto &contact : loaded.contacts)
+        loaded.springs.push_back(
+            {contact.name, contact.ends, {{contact.stiffness}, {}}, contact.damping});
+      loaded.contacts.clear();
+    }
+    auto model = std::make_shared<const Model>(std::move(loaded));
     plant_ =
         std::make_unique<Plant>(std::make_shared<ModeCache>(std::move(model), parts),
                                 forceaxis::sim::PlantOptions{.listed_events = 0, .seed = seed});
@@ -164,11 +171,11 @@ void add_excite(py::module_ &m) {
       m, "Excited",
       "A plant under excitation, with its state kept from one call to the next: volts() puts volts "
       "into the drive, in steps of 1/(1500 parts) s; write() and codes() run the firmware instead "
-      "(parts = 1). The drive is enabled from the first step on.")
+      "(parts = 1). The drive is enabled from the first step on. clamped: contacts pull as well.")
       .def(py::init<const std::filesystem::path &, const std::map<std::string, double> &,
-                    std::uint64_t, int>(),
+                    std::uint64_t, int, bool>(),
            py::arg("model"), py::arg("overrides") = std::map<std::string, double>{},
-           py::arg("seed") = 0, py::arg("parts") = 1)
+           py::arg("seed") = 0, py::arg("parts") = 1, py::arg("clamped") = false)
       .def("volts", &Excited::volts, py::arg("volts"), py::arg("signals"),
            "Plays (n,) volts, each held for one step. Returns (len(signals), n): the signals just "
            "after each new voltage acts. Raises SimulationError.")

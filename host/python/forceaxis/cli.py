@@ -332,7 +332,7 @@ def band(context, option, text):
     cls=Verb,
     epilog="""forceaxis measure fig3_9 --out out/fig3_9
     forceaxis measure fig3_12 --inject codes --output adc0 --level 60
-    forceaxis measure fig4_19 --output sensor.force --band 1:100 --plant-set m_r=146""",
+    forceaxis measure fig4_19 --output sensor.force --clamped --band 1:100 --plant-set m_r=146""",
 )
 @click.argument("target")
 @click.option("--output", help="Signal, or adc0, adc1, encoder with --inject codes.")
@@ -346,6 +346,9 @@ def band(context, option, text):
 @click.option("--averages", type=int, help="Default: 16.")
 @click.option(
     "--window", type=click.Choice(["none", "hann"]), help="Default: none, periodic excitation."
+)
+@click.option(
+    "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
 )
 @click.option("--free", is_flag=True, default=None, help="The contacts are apart.")
 @click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
