@@ -1,0 +1,456 @@
+"""Identification: a model's parameters from what was measured, each with its interval.
+
+The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1), and a
+fit of any parameters of a model to a measured frequency response.
+"""
+
+import csv
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy import optimize, signal, stats
+
+from forceaxis import linear
+from forceaxis._core import InputError
+
+SHARE = 0.95  # of all intervals
+FEWEST_CYCLES = 3
+PERIODS_OF_A_PEAK = 1 / 12  # to either side: what a parabola is laid through
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and the half width of its 95 % interval, both in `unit`."""
+
+    value: float
+    half: float
+    unit: str = ""
+
+    def json(self):
+        """{"value", "interval": [low, high], "unit"}; null for what is not finite."""
+        ends = [self.value - self.half, self.value + self.half]
+        return {
+            "value": finite(self.value),
+            "interval": [finite(end) for end in ends],
+            "unit": self.unit,
+        }
+
+    def __str__(self):
+        return f"{self.value:.5g} +-{self.half:.2g} {self.unit}".rstrip()
+
+
+def finite(number):
+    """The number, or None where JSON has none."""
+    return float(number) if math.isfinite(number) else None
+
+
+def propagate(function, *estimates, unit=""):
+    """Estimate of function(values): the half widths of independent estimates add in quadrature."""
+    values = [e.value for e in estimates]
+    square = 0.0
+    for i, e in enumerate(estimates):
+        ends = [function(*values[:i], e.value + d, *values[i + 1 :]) for d in (-e.half, e.half)]
+        square += ((ends[1] - ends[0]) / 2) ** 2
+    return Estimate(function(*values), math.sqrt(square), unit)
+
+
+def regression(columns, values, weights=None):
+    """Least squares of values (n,) on columns (n, p), weights (n,) as 1 / standard deviation.
+
+    Returns [(coefficient, half width of its 95 % interval)], scaled by the residuals (t, n - p).
+    """
+    weights = np.ones(len(values)) if weights is None else weights
+    A, y = columns * weights[:, None], values * weights
+    coefficients = np.linalg.lstsq(A, y)[0]
+    dof = len(y) - A.shape[1]
+    variance = np.sum((y - A @ coefficients) ** 2) / dof
+    spread = np.sqrt(variance * np.diag(np.linalg.inv(A.T @ A)))
+    return list(zip(coefficients, stats.t.ppf((1 + SHARE) / 2, dof) * spread, strict=True))
+
+
+def read_columns(path, names):
+    """Named columns of a CSV file as float arrays. Raises InputError with file, line and column."""
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        header = [name.strip() for name in next(rows, [])]
+        for name in names:
+            if name not in header:
+                raise InputError(
+                    f"{path}: expected a column {name}, it has {', '.join(header) or 'none'}; name "
+                    "the columns in the first line"
+                )
+        places = [header.index(name) for name in names]
+        columns = [[] for _ in names]
+        for row in rows:
+            if not row:
+                continue
+            for column, name, place in zip(columns, names, places, strict=True):
+                text = row[place] if place < len(row) else ""
+                try:
+                    column.append(float(text))
+                except ValueError:
+                    column.append(math.nan)
+                if not math.isfinite(column[-1]):
+                    raise InputError(
+                        f"{path}: line {rows.line_num}, {name}: expected a number, got {text!r}"
+                    )
+    return [np.array(column) for column in columns]
+
+
+# --- ring-down (4.4.2 to 4.4.6, 5.2.1) ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """What a recorded free vibration says about its mode."""
+
+    cycles: int  #: that were used
+    damped_frequency: Estimate  #: Hz, one over the period
+    natural_frequency: Estimate  #: Hz, that without damping
+    decrement: Estimate  #: ln of the ratio of amplitudes one cycle apart
+    damping_ratio: Estimate  #: by the thesis's formula, decrement / (2 pi)
+    damping_ratio_exact: Estimate  #: decrement / sqrt(4 pi^2 + decrement^2), its limit beside 1
+
+
+def extremes(time, values, sign, floor):
+    """[(time, value)] of the peaks (sign 1) or troughs (-1), each from a parabola through it."""
+    found, _ = signal.find_peaks(sign * values, prominence=floor)
+    if len(found) < 2:
+        return []
+    reach = PERIODS_OF_A_PEAK * np.median(np.diff(time[found]))
+    points = []
+    for peak in found:
+        near = np.flatnonzero(abs(time - time[peak]) <= reach)
+        t = time[near] - time[peak]
+        points.append((time[peak], values[peak]))
+        if len(near) >= 3:
+            a, b, c = np.polyfit(t, values[near], 2)
+            if sign * a < 0 and abs(b) <= 2 * abs(a) * reach:
+                points[-1] = (time[peak] - b / (2 * a), c - b * b / (4 * a))
+    return points
+
+
+def ring_down(time_s, values, floor=0.05, where="ring-down"):
+    """Logarithmic decrement of a free vibration about any offset.
+
+    time_s (n,) rising, values (n,) in any unit; the vibration is used from its largest swing down to
+    `floor` (0..1) of that. Amplitudes are those from each peak to the next trough, which removes
+    offset and slow drift; regressions of their logarithm and of the times of peaks and troughs over
+    the number of cycles, weighted by amplitude (a constant noise weighs more on small ones), give
+    decrement and period. Raises InputError for fewer than 3 cycles.
+    """
+    if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
+        raise InputError(f"{where}: time_s: expected at least two rising times, in s")
+    swing = np.ptp(values)
+    peaks = extremes(time_s, values, 1, floor * swing)
+    troughs = extremes(time_s, values, -1, floor * swing)
+    # One trough after each peak, the deepest until the next one.
+    pairs = []
+    for (t, high), (until, _) in zip(peaks, [*peaks[1:], (math.inf, 0)], strict=True):
+        after = [point for point in troughs if t < point[0] < until]
+        if not after:
+            break
+        pairs.append((t, high, *min(after, key=lambda point: point[1])))
+    pairs = np.reshape(pairs, (-1, 4))
+    amplitude = (pairs[:, 1] - pairs[:, 3]) / 2
+    if len(amplitude):
+        pairs, amplitude = pairs[amplitude.argmax() :], amplitude[amplitude.argmax() :]
+        small = np.flatnonzero(amplitude < floor * amplitude[0])
+        if len(small):
+            pairs, amplitude = pairs[: small[0]], amplitude[: small[0]]
+    cycles = len(amplitude) - 1
+    if cycles < FEWEST_CYCLES:
+        raise InputError(
+            f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found "
+            f"{max(cycles, 0)}; record longer, strike harder or lower the floor of {floor:g}"
+        )
+    count = np.arange(cycles + 1)
+    one = np.ones(cycles + 1)
+    slope, half = regression(np.stack([count, one], 1), np.log(amplitude), amplitude)[0]
+    decrement = Estimate(-slope, half)
+    # Peaks and troughs have each their own start: half a cycle apart only about the right offset.
+    times = np.concatenate([pairs[:, 0], pairs[:, 2]])
+    columns = np.stack(
+        [np.tile(count, 2), np.repeat([1, 0], len(one)), np.repeat([0, 1], len(one))]
+    )
+    period = Estimate(*regression(columns.T, times, np.tile(amplitude, 2))[0])
+    return RingDown(
+        cycles,
+        propagate(lambda p: 1 / p, period, unit="Hz"),
+        propagate(lambda p, d: math.hypot(1, d / (2 * math.pi)) / p, period, decrement, unit="Hz"),
+        decrement,
+        propagate(lambda d: d / (2 * math.pi), decrement),
+        propagate(lambda d: d / math.hypot(2 * math.pi, d), decrement),
+    )
+
+
+def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
+    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode of which one of the first is known.
+
+    All Estimates; frequency is the natural one, damping_ratio the exact one: k = m w^2,
+    b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6). Returns {"mass", "stiffness", "damping"}.
+    """
+    if (mass is None) == (stiffness is None):
+        raise ValueError("expected mass or stiffness, one of them")
+    if mass is not None:
+        stiffness = propagate(
+            lambda f, m: m * (2 * math.pi * f) ** 2, frequency_hz, mass, unit="N/m"
+        )
+        damping = propagate(
+            lambda f, z, m: 4 * math.pi * f * z * m,
+            *(frequency_hz, damping_ratio, mass),
+            unit="N s/m",
+        )
+    else:
+        mass = propagate(
+            lambda f, k: k / (2 * math.pi * f) ** 2, frequency_hz, stiffness, unit="kg"
+        )
+        damping = propagate(
+            lambda f, z, k: z * k / (math.pi * f),
+            *(frequency_hz, damping_ratio, stiffness),
+            unit="N s/m",
+        )
+    return {"mass": mass, "stiffness": stiffness, "damping": damping}
+
+
+# --- two masses (4.4.2) -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Split:
+    """Two masses on either side of a spring, kg."""
+
+    solutions: tuple  #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen one first
+    locked_mass: Estimate  #: m_r2 if the frequency was that with m_r1 locked to ground
+    locked_frequency_hz: float  #: at which the chosen m_r2 vibrates with m_r1 locked
+
+
+def split(total_mass, stiffness, frequency_hz):
+    """m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2): Estimates of m (kg), k (N/m) and w / (2 pi) (Hz).
+
+    That is the mode of both masses in free space. The choice is the thesis's: the actuator has more
+    than half of the inertia, m_r1 > m_r2. Raises InputError without a real solution.
+    """
+
+    def part(sign):
+        def mass(m, k, f):
+            return (m + sign * math.sqrt(max(m * m - 4 * k * m / (2 * math.pi * f) ** 2, 0))) / 2
+
+        return propagate(mass, total_mass, stiffness, frequency_hz, unit="kg")
+
+    m, k, f = total_mass.value, stiffness.value, frequency_hz.value
+    lowest = math.sqrt(4 * k / m) / (2 * math.pi)
+    if f < lowest:
+        raise InputError(
+            f"split: frequency: expected at least {lowest:.5g} Hz, the lowest that two masses of "
+            f"{m:g} kg together have on {k:g} N/m (half each), got {f:g} Hz; check the three"
+        )
+    large, small = part(1), part(-1)
+    return Split(
+        ((large, small), (small, large)),
+        propagate(lambda k, f: k / (2 * math.pi * f) ** 2, stiffness, frequency_hz, unit="kg"),
+        math.sqrt(k / small.value) / (2 * math.pi),
+    )
+
+
+# --- motor (4.1.2) ------------------------------------------------------------------------------
+
+
+def slope(x, y, offset=False, where="regression", names=("x", "y")):
+    """(slope, offset or None) of y over x, as (value, half width); a line through 0 unless `offset`.
+
+    Raises InputError for fewer than 3 points (4 with offset) or points that all have one x.
+    """
+    fewest = 4 if offset else 3
+    if len(x) < fewest:
+        raise InputError(f"{where}: expected at least {fewest} rows, got {len(x)}; measure more")
+    if not x.any() or (offset and np.ptp(x) == 0):
+        what = "different values" if offset else "values other than 0"
+        raise InputError(f"{where}: {names[0]}: expected {what}; repeat it at many speeds")
+    columns = np.stack([x, np.ones(len(x))], 1) if offset else x[:, None]
+    found = regression(columns, y)
+    return found[0], found[1] if offset else None
+
+
+def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance):
+    """b_m from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at rest speed; all Estimates."""
+    return propagate(
+        lambda r, t, tach, b, R: (t * tach / r - b * t) / R,
+        *(ratio, k_torque, k_tach, k_back_emf, resistance),
+        unit="N m s/rad",
+    )
+
+
+# --- fit to a measured response -----------------------------------------------------------------
+
+CORRELATED = 0.95  # two parameters whose estimates are: a warning
+VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
+ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters act only together
+BLIND = 1e-9  # relative change of a response that is none
+MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
+STARTS = 16
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters fitted to a measured response. p parameters, n points.
+
+    `covariance` (p, p) is that of the parameters' logarithms. `single` and `joint` are half widths
+    of 95 % intervals of the logarithms: the truth of one parameter lies within value exp(+-single)
+    with probability 0.95, all of them at once within value exp(+-joint) with at least that.
+    """
+
+    names: tuple
+    starts: np.ndarray
+    values: np.ndarray
+    single: np.ndarray
+    joint: np.ndarray
+    covariance: np.ndarray
+    chi_square: float  #: 2 n - p degrees of freedom if the model is right
+    dof: int
+    points: int
+    warnings: tuple
+
+    @property
+    def p_value(self):
+        """Probability of a chi-square as large, were the model right."""
+        return float(stats.chi2.sf(self.chi_square, self.dof))
+
+    @property
+    def correlation(self):
+        """(p, p) of the estimates."""
+        spread = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(spread, spread)
+
+    def distance(self, values):
+        """Whether `values` (p,) lie in the joint 95 % region: below 1 inside, 1 on its edge."""
+        step = np.log(values) - np.log(self.values)
+        size = step @ np.linalg.solve(self.covariance, step)
+        p = len(step)
+        return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
+
+
+def fit(measured, starts, overrides=None, where="fit"):
+    """Fit parameters of a model to a measured frequency response.
+
+    measured: a `measure.Measurement`, whose `predict` is the model. starts: {parameter: value to
+    start from, > 0}; parameters keep their sign, what is searched is their logarithm. overrides:
+    {parameter: value} that are held.
+
+    With z = |response - model|^2 / variance, where the variance is itself estimated from dof complex
+    residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
+    2 dof ln(1 + z / dof), which has a chi-square distribution with 2 degrees of freedom a point:
+    minimised by least squares (trust region), it is also the test of the fit. Information matrix:
+    with T = dof variance + |response - model|^2, 2 dof^2 / (dof + 1) Re(J* J) / T, its mean over T
+    being exact; the covariance grows with the chi-square if the model does not explain the data.
+
+    Raises InputError for too few points, for a parameter that the response does not depend on and
+    for parameters that only act together.
+    """
+    names = tuple(starts)
+    first = np.array([starts[name] for name in names], float)
+    for name, value in starts.items():
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(
+                f"{where}: {name}: expected a start above 0, got {value:g}; give one: --fit "
+                f"{name}=VALUE"
+            )
+    p, n, dof = len(names), len(measured.frequency_hz), measured.dof
+    if n < p + 2:
+        raise InputError(
+            f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure a "
+            "wider band, or with more lines"
+        )
+    held = dict(overrides or {})
+
+    def model(logarithms):
+        return measured.predict(held | dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
+
+    def jacobian(logarithms, step=1e-5):
+        steps = step * np.eye(p)
+        return np.stack(
+            [(model(logarithms + d) - model(logarithms - d)) / (2 * step) for d in steps], 1
+        )
+
+    def as_real(values):
+        return np.concatenate([values.real, values.imag])
+
+    def coarse(logarithms):
+        """Logarithm of the ratio: what finds resonances that do not overlap yet."""
+        return as_real(np.log(measured.response / model(logarithms)) * trust)
+
+    def fine(logarithms):
+        error = (measured.response - model(logarithms)) / np.sqrt(measured.variance)
+        square = np.maximum(abs(error) ** 2, 1e-30)
+        return as_real(error * np.sqrt(2 * dof * np.log1p(square / dof) / square))
+
+    def search(start):
+        """From far away in the logarithm, then as the errors are."""
+        options = {"bounds": (start - 3, start + 3), "x_scale": "jac", "max_nfev": 60}
+        near = optimize.least_squares(coarse, start, loss="soft_l1", **options).x
+        near = np.clip(near, start - 2.99, start + 2.99)
+        return optimize.least_squares(fine, near, xtol=1e-10, ftol=1e-10, **options)
+
+    start = np.log(first)
+    influence = abs(jacobian(start)).max(0) / abs(model(start)).max()
+    for name, size in zip(names, influence, strict=True):
+        if size < BLIND:
+            raise InputError(
+                f"{where}: {name}: expected a parameter that the response from {measured.input} to "
+                f"{measured.output} depends on; fit another one, or measure another signal"
+            )
+    check_separate(names, as_real(jacobian(start)), where)
+
+    relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
+    trust = 1 / np.hypot(relative, 0.1)  # no point counts as known better than a tenth
+    best = search(start)
+    degrees = 2 * n - p
+    enough = stats.chi2.isf(MISFIT, degrees)
+    scatter = np.random.default_rng(0).uniform(-0.5, 0.5, (STARTS, p))
+    for shift in scatter:
+        if 2 * best.cost <= enough:
+            break
+        other = search(start + shift)
+        if other.cost < best.cost:
+            best = other
+
+    J = jacobian(best.x)
+    check_separate(names, as_real(J), where)
+    T = dof * measured.variance + abs(measured.response - model(best.x)) ** 2
+    information = 2 * dof**2 / (dof + 1) * (J.conj().T @ (J / T[:, None])).real
+    chi_square = 2 * best.cost
+    covariance = np.linalg.inv(information) * max(1.0, chi_square / degrees)
+    spread = np.sqrt(np.diag(covariance))
+    single = stats.t.ppf((1 + SHARE) / 2, degrees) * spread
+    joint = math.sqrt(p * stats.f.ppf(SHARE, p, degrees)) * spread
+
+    warnings = []
+    p_value = stats.chi2.sf(chi_square, degrees)
+    if p_value < 1 - SHARE:
+        warnings.append(
+            f"the model does not explain the data: chi-square {chi_square:.4g} of {degrees} degrees "
+            f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
+        )
+    together = covariance / np.outer(spread, spread)
+    for i, j in zip(*np.nonzero(abs(np.triu(together, 1)) > CORRELATED), strict=True):
+        warnings.append(
+            f"{names[i]} and {names[j]} are hard to tell apart: correlation {together[i, j]:.3f}"
+        )
+    warnings += [
+        f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
+    ]
+    return Fit(
+        names, first, np.exp(best.x), single, joint, covariance, chi_square, degrees, n, tuple(warnings)
+    )  # fmt: skip
+
+
+def check_separate(names, J, where):
+    """Refuse parameters of which only a combination changes the response, naming them."""
+    _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
+    if size[-1] < ALONE * size[0]:
+        together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
+        raise InputError(
+            f"{where}: expected parameters that act on the response each in its own way, got "
+            f"{', '.join(together)}, which do so only together; hold one of them"
+        )
