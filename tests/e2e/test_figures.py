@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, experiments, linear
+from forceaxis import _core, experiments, linear, loops
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "sim/models"
@@ -139,9 +139,10 @@ LIMITS = {
 @pytest.mark.parametrize("name", LIMITS)
 def test_limit_is_what_the_file_says(name):
     gain, hz = LIMITS[name]
-    found, found_hz = linear.gain_limit(linear.force_loop(MODELS / f"{name}.toml"))
-    assert found == pytest.approx(gain, rel=0.006)
-    assert found_hz == pytest.approx(hz, abs=0.6)
+    loop = loops.force_loop(name)
+    limit = loop.limit()
+    assert loop.firmware_gain(limit.gain) == pytest.approx(gain, rel=0.006)
+    assert limit.frequency_hz == pytest.approx(hz, abs=0.6)
     shows = tomllib.loads((MODELS / f"{name}.toml").read_text())["shows"]
     assert f"{gain:g}" in shows
 
@@ -149,8 +150,8 @@ def test_limit_is_what_the_file_says(name):
 def test_colocated_models_have_no_limit_in_continuous_time():
     unlimited = {"fig2_3", "fig2_16a", "fig2_16b", "fig2_26", "fig2_35", "fig2_40"}
     for name in [*LINKS, *LIKE]:
-        gain, _ = linear.gain_limit(linear.force_loop(MODELS / f"{name}.toml"), sampled=False)
-        assert np.isinf(gain) == (name in unlimited), name
+        limit = loops.force_loop(name, timing="continuous").limit()
+        assert (limit.gain is None) == (name in unlimited), name
 
 
 def test_runs_part_at_the_limit():
@@ -158,7 +159,8 @@ def test_runs_part_at_the_limit():
     names = [n for n in LIMITS if LIMITS[n][0] < 200 and (EXPERIMENTS / f"{n}.toml").exists()]
     jobs = []
     for name in names:
-        limit, _ = linear.gain_limit(linear.force_loop(MODELS / f"{name}.toml"))
+        loop = loops.force_loop(name)
+        limit = loop.firmware_gain(loop.limit().gain)
         for factor in (0.9, 1.1):
             jobs.append(
                 (

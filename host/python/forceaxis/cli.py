@@ -227,6 +227,24 @@ def tables_(fit, threads, as_json):
         sys.exit(1)
 
 
+@cli.command(
+    name="check-thesis", cls=Verb, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
+)
+@as_json
+def check_thesis(as_json):
+    """Set the numbers that the thesis quotes beside what its models give.
+
+    Frequencies, crossovers, damping ratios, improvements; where ours differ, a line says why. Exit
+    status 1 if one differs without a reason.
+    """
+    from forceaxis import thesis
+
+    result = thesis.check()
+    click.echo(json.dumps(result, allow_nan=False) if as_json else thesis.describe(result))
+    if result["unexplained"]:
+        sys.exit(1)
+
+
 @cli.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
 @click.option(
     "--out",
@@ -300,6 +318,67 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
 
 
 @cli.command(
+    name="modes",
+    cls=Verb,
+    epilog="""forceaxis modes fig4_19 --set b_w=363
+    forceaxis modes fig4_15 --free --json""",
+)
+@click.argument("model")
+@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option("--free", is_flag=True, help="Contacts apart. Default: pressed.")
+@click.option(
+    "--mode",
+    "states",
+    multiple=True,
+    metavar="ELEMENT=STATE",
+    help="State of an element that switches (slide=forward), as in events.csv.",
+)
+@click.option(
+    "--input",
+    "input_",
+    default="drive.force",
+    show_default=True,
+    help="drive.force, the drive's pair of forces, or BODY.force.",
+)
+@click.option(
+    "--output",
+    help="A signal (tip.acceleration). Default: what the force reading shows; apart, the position "
+    "of the body that would touch.",
+)
+@as_json
+def modes_(model, overrides, states, free, input_, output, as_json):
+    """Modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
+
+    MODEL is a file or the stem of one in sim/models. Modes are those of the undamped mechanics with
+    the drive removed. The label compares the sign of a mode's residue, from input to output, with
+    that of the lowest mode; the comparison with the mode below is printed where it differs. A mode
+    of residue 0 is colocated if dampers couple it (its poles and zeros lie side by side), else
+    neither. Beside each mode stands the pole of the whole damped system, drive included, that it
+    becomes.
+
+    \b
+    --json: {"model": "fig4_19", "title": ..., "contact": "pressed" | "apart" | null (has none),
+     "input": "drive.force", "output": "sensor.spring_force", "path": true, "criterion": ...,
+     "modes": [                          ascending
+       {"frequency_hz": 44.84, "damping_ratio": 0.0067,        null at 0 Hz
+        "shape": {"robot": -0.0106, "workpiece": 1.0},         largest is 1
+        "residue": 178.1,                unit of the output / (N s^2)
+        "label": "colocated",            or "noncolocated", "neither"
+        "against_lowest": "colocated", "against_below": "colocated",
+        "reference": false,              true: the mode that the others are compared with
+        "driven": {"frequency_hz": 44.85, "damping_ratio": 0.007,
+                   "real": -1.97, "imag": 281.8}}],            1/s, or null
+     "other_poles": [{...}]}             of the whole system, matched by no mode, as "driven"
+    """
+    from forceaxis import linear, modes
+
+    result = modes.modes(
+        model, input_, output, linear.overrides(overrides), linear.states(states), free
+    )
+    click.echo(json.dumps(result, allow_nan=False) if as_json else modes.describe(result))
+
+
+@cli.command(
     name="test",
     cls=Verb,
     epilog="""forceaxis test axes/ --junit results.xml --out differences
@@ -358,6 +437,124 @@ def test(targets, update, junit, out, pattern, threads, as_json):
             click.echo(f"without [expect]: {', '.join(skipped)}")
         click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
     sys.exit(usertests.status(outcomes))
+
+
+def model_options(verb):
+    """MODEL, --set and --mode."""
+    for decorate in (
+        click.option(
+            "--mode",
+            "modes",
+            multiple=True,
+            metavar="ELEMENT=STATE",
+            help="An element's state as in events.csv (sensor=apart, drive.amplifier=high outer, "
+            "slide_friction=forward). Default: contacts pressed, everything else in the middle of "
+            "its range. Repeatable.",
+        ),
+        click.option(
+            "--set",
+            "overrides",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="A model parameter (b_m=0.02), in its own unit. Repeatable.",
+        ),
+        click.argument("model"),
+    ):
+        verb = decorate(verb)
+    return verb
+
+
+LAWS = click.Choice(["p", "pi", "pd", "lead", "derivative", "stiffness", "damping", "impedance"])
+TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
+
+
+def law_options(verb):
+    """--law, its parameters, and a gain."""
+    for name, text in reversed(
+        {
+            "--integral-rad-per-s": "pi: k (1 + w_i / s); w_i.",
+            "--derivative-s": "pd and derivative: k (f_d - f - T_d f'); T_d. pd differentiates the "
+            "reading, derivative has a sensor of f' (LINK.spring_force_rate).",
+            "--lead-zero-hz": "lead: k (1 + s / w_z) / (1 + s / w_p).",
+            "--lead-pole-hz": "lead.",
+            "--stiffness-n-per-m": "stiffness and impedance: K_fs; x from the encoder.",
+            "--damping-ns-per-m": "damping and impedance: K_fd.",
+            "--velocity-gain-vs-per-m": "Inner damping K_v of the force laws and stiffness, V s/m.",
+            "--gain": "A gain k (V/N).",
+            "--firmware-gain": "The same as firmware.force_gain, DAC codes per 8-bit count.",
+        }.items()
+    ):
+        verb = click.option(name, type=float, help=text)(verb)
+    return click.option(
+        "--law",
+        type=LAWS,
+        default="p",
+        show_default=True,
+        help="Feedback of force, or of force and motion (thesis 1.1.3, 6.2.1).",
+    )(verb)
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis limit fig4_19 --set b_m=0.02 --json
+    forceaxis limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
+    forceaxis limit laboratory --firmware-gain 10""",
+)
+@model_options
+@law_options
+@click.option(
+    "--timing",
+    type=TIMINGS,
+    default="zoh",
+    show_default=True,
+    help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick later.",
+)
+@click.option(
+    "--output", default="reading", help="Feed back this signal. Default: what ADC 0 converts."
+)
+@as_json
+def limit(model, as_json, gain, firmware_gain, **given):
+    """The critical gain of a force loop around MODEL, a path or a stem of sim/models (fig4_19).
+
+    The loop is linear: the model's equations in one mode, in contact. Prints every gain at which
+    a closed-loop pole crosses the stability boundary, the largest setting of the firmware below
+    the first, and with --gain or --firmware-gain the margins there. JSON: critical_gain in `unit`
+    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings.
+    """
+    from forceaxis import loops
+
+    loop = loops.from_options(model, **given)
+    summary = loops.limit_summary(loop, loops.one_gain(loop, gain, firmware_gain))
+    click.echo(json.dumps(summary, allow_nan=False) if as_json else loops.describe_limit(summary))
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis poles fig4_19
+    forceaxis poles fig4_19 --free --output drive.tach
+    forceaxis poles fig4_19 --firmware-gain 10 --timing zoh+1""",
+)
+@model_options
+@law_options
+@click.option(
+    "--timing",
+    type=TIMINGS,
+    help="Default: continuous for the plant, zoh (as the axis runs) with a gain.",
+)
+@click.option("--free", is_flag=True, help="Contacts are apart.")
+@click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
+@click.option("--output", help="A signal of the model. Default: reading, what ADC 0 converts.")
+@as_json
+def poles(model, as_json, gain, firmware_gain, input_, **given):
+    """Poles, zeros and transfer function of MODEL, or of a loop closed around it with a gain.
+
+    Without a gain: from --input (default drive.command, V) to --output. With one: from the law's
+    set-point to the signal that it controls. Zeros include those that cancel poles.
+    """
+    from forceaxis import loops
+
+    summary = loops.poles_of(model, gain, firmware_gain, input_, **given)
+    click.echo(json.dumps(summary, allow_nan=False) if as_json else loops.describe_poles(summary))
 
 
 @cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")

@@ -81,13 +81,13 @@ class System:
             return 0, self.D[0, 0], np.zeros((0, len(A)))
         row, bound, rows = C, abs(C), []
         for degree in range(1, len(A) + 1):
+            if not row.any():
+                break
             rows.append(row[0] / np.linalg.norm(row))
             value, size = (row @ B).item(), (bound @ abs(B)).item()
             if abs(value) > 1e-11 * size:  # what is less is rounding: structural zeros are exact
                 return degree, value, np.array(rows)
             row, bound = row @ A, bound @ abs(A)
-            if not row.any():
-                break
         return len(A) + 1, 0.0, np.array(rows)  # no path
 
     def has_path(self):
@@ -270,46 +270,3 @@ def linearise(
     return System(
         m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
     )  # fmt: skip
-
-
-@dataclass
-class ForceLoop:
-    """The loop from code to ADC 0 in 8-bit counts; the law is code = -k_f reading."""
-
-    plant: System
-    held: System
-
-    def poles(self, gain=0.0):
-        """Poles in 1/s with the loop closed in continuous time (0: open loop)."""
-        return np.linalg.eigvals(self.plant.A - gain * self.plant.B @ self.plant.C)
-
-    def sampled_poles(self, gain):
-        """Poles in 1/s of the sampled loop with hold."""
-        z = np.linalg.eigvals(self.held.A - gain * self.held.B @ self.held.C)
-        return np.log(z.astype(complex)) * _core.TICKS_PER_SECOND
-
-
-def force_loop(model, overrides=None, modes=None):
-    """The loop from code to force reading while the contacts touch (or in the modes named)."""
-    plant = linearise(model, outputs=("adc0",), overrides=overrides, modes=modes)
-    plant = replace(plant, B=plant.B * facts(model, overrides)["volts_per_code"])
-    return ForceLoop(plant, plant.sampled())
-
-
-def gain_limit(loop, sampled=True, highest=1e4):
-    """(gain, Hz) where the first pole leaves the stable region; (inf, nan): not up to `highest`."""
-    poles = loop.sampled_poles if sampled else loop.poles
-
-    def growth(gain):
-        return poles(gain).real.max()
-
-    gains = np.geomspace(1e-2, highest, 400)
-    unstable = next((i for i, g in enumerate(gains) if growth(g) > 0), None)
-    if unstable is None:
-        return np.inf, np.nan
-    low, high = (gains[unstable - 1] if unstable else 0.0), gains[unstable]
-    while high - low > 1e-9 * high:
-        middle = (low + high) / 2
-        low, high = (low, middle) if growth(middle) > 0 else (middle, high)
-    last = poles(high)
-    return float(high), float(abs(last[last.real.argmax()].imag) / (2 * np.pi))

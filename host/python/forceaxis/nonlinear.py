@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import _core, linear, paths
+from forceaxis import _core, loops, paths
 
 # The map: gains, of the linear limit, and the gaps from which the robot approaches, m.
 GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
@@ -34,7 +34,9 @@ class ContactMap:
 
 def flexible_robot(b_rf):
     """Linear limit of Fig 2.42 in contact, gain and Hz."""
-    return linear.gain_limit(linear.force_loop(paths.MODELS / "fig2_42.toml", {"b_rf": b_rf}))
+    loop = loops.force_loop("fig2_42", overrides={"b_rf": b_rf})
+    limit = loop.limit()
+    return loop.firmware_gain(limit.gain), limit.frequency_hz
 
 
 def cycles(experiment, settings, gains, gaps, threads):

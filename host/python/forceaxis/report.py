@@ -13,7 +13,7 @@ import jinja2
 from forceaxis import (
     _core,
     experiments,
-    linear,
+    loops,
     nonlinear,
     objects,
     paths,
@@ -43,6 +43,19 @@ def figure_order(figure):
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
+def limits(model):
+    """(force_gain, Hz) at the limit for each timing, None where there is none; or None: no loop."""
+    try:
+        found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
+    except _core.InputError:  # nothing reads the force, or it does not answer (stuck, no contact)
+        return None
+    pairs = [(loop, loop.limit()) for loop in found]
+    return [
+        None if limit.gain is None else (loop.firmware_gain(limit.gain), limit.frequency_hz)
+        for loop, limit in pairs
+    ]
+
+
 def models(runs):
     """Every model that one of the runs is of, in the order of its figure."""
     users = {}
@@ -59,11 +72,7 @@ def models(runs):
             "runs": used_by,
         }
         row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
-        try:
-            loop = linear.force_loop(path)
-            row["limits"] = [linear.gain_limit(loop, sampled) for sampled in (False, True)]
-        except KeyError:  # no force loop
-            row["limits"] = None
+        row["limits"] = limits(path)
         rows.append(row)
     return sorted(rows, key=lambda r: r["order"])
 
