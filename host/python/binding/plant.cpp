@@ -74,6 +74,8 @@ void add_plant(py::module_ &m) {
           "keeps the energy balance.")
       .def("step", &Plant::step, py::arg("code"), py::arg("enable") = true,
            "One tick with the DAC code held; a disabled amplifier lets the axis coast.")
+      .def("step_volts", &Plant::step_volts, py::arg("volts"), py::arg("enable") = true,
+           "One tick with this command at the drive in place of a code's.")
       .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
            "Changes the velocity of a body by impulse / mass, now.")
       .def("codes", &codes, "(encoder, adc0, adc1), converted now")

@@ -1,4 +1,4 @@
-"""A virtual signal analyzer: frequency responses measured on the simulated axis (thesis 3.1.1, 3.2).
+"""A virtual signal analyzer: frequency responses measured on the simulated axis (3.1.1, 3.2).
 
 An excitation goes into the drive as volts on a clock finer than the controller's, or comes as DAC
 codes from the excitation mode of the running firmware; two signals are recorded and the response
@@ -13,20 +13,22 @@ and with it the error of the response is known, not assumed:
     |H - true|^2 / variance follows F(2, 2 (K - 1)),    K realisations
 
 (circular complex noise; Pintelon and Schoukens, System Identification, 2.5). The analyzer's own
-converters add the noise of their triangular dither, variance q^2 / 4 for a step of q; the firmware's
-codes have no noise but their own rounding.
+converters add the noise of their triangular dither, variance q^2 / 4 for a step of q; the codes of
+the firmware have no noise but their own rounding.
 """
 
+import csv
 import json
 import math
+import os
 import shlex
 import tomllib
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from forceaxis import _core, linear, paths
+from forceaxis import _core, linear, objects, paths
 from forceaxis._core import InputError
 
 CODES = ("adc0", "adc1", "encoder", "dac_code")
@@ -34,6 +36,7 @@ BAND = 0.95
 COHERENT = 0.9
 LEFT_BEHIND = 1e-8  # of what a transient was, when measuring starts
 MOST_STEPS = 20_000_000
+MOST_PARTS = 64  # of a tick
 
 
 @dataclass(frozen=True)
@@ -163,15 +166,14 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(low / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        change = np.flatnonzero(np.diff(np.signbit(self.response.imag)))
+        # Noise about the axis is no crossing: only points clearly on one side count.
+        clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
+        a, f = self.response.imag[clear], frequency[clear]
         crossings = []
-        for i in change:
-            a, b = self.response.imag[i], self.response.imag[i + 1]
-            at = float(frequency[i] + a / (a - b) * (frequency[i + 1] - frequency[i]))
-            # Noise about the axis is no crossing.
-            if max(abs(a), abs(b)) > self.radius()[i]:
-                degrees = 0 if self.response.real[i] > 0 else 180
-                crossings.append({"frequency_hz": at, "phase_deg": degrees})
+        for i in np.flatnonzero(np.diff(np.signbit(a))):
+            at = float(f[i] + a[i] / (a[i] - a[i + 1]) * (f[i + 1] - f[i]))
+            degrees = 0 if self.response.real[clear[i]] > 0 else 180
+            crossings.append({"frequency_hz": at, "phase_deg": degrees})
         return {"low_gain": low, "corner_hz": corner, "phase_crossings": crossings[:20]}
 
 
@@ -200,14 +202,16 @@ def read_setup(target, options=None):
     given, where = {"model": str(target)}, str(target)
     known = paths.MEASUREMENTS / f"{target}.toml"
     if path.suffix != ".toml" and path.parent == Path() and known.exists():
-        path, where = known, paths.display(known)
+        path, where = Path(paths.display(known)), paths.display(known)
     if path.suffix == ".toml":
         try:
             table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{where}: expected TOML, {error}") from None
         if isinstance(table.get("model"), str):
-            given = table | {"model": str(path.parent / table["model"])}
+            given = table | {"model": os.path.normpath(path.parent / table["model"])}
+        elif not any(key in table for key in ("body", "drive", "parameters_file")):
+            raise InputError(f"{where}: model: expected the path of a model beside the measurement")
     given = given | options | {"set": given.get("set", {}) | options.get("set", {})}
     return check(given, where), where
 
@@ -318,7 +322,9 @@ class Bench:
         try:
             self.plant.write(name, float(value))
         except ValueError as error:
-            raise InputError(f"{self.where}: excitation: expected what the firmware takes, {error}")
+            raise InputError(
+                f"{self.where}: excitation: expected what the firmware takes, {error}"
+            ) from None
 
     def prepare(self, rng, line):
         """The next realisation; `line` of a sine. It starts with the next play()."""
@@ -328,8 +334,11 @@ class Bench:
         self.write("excitation_seed", rng.integers(65536))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
+            # How a sine is rounded hangs on its size; one size alone would be an error unseen.
+            level = int(self.setup.level)
+            self.write("excitation_amplitude", rng.integers((level + 1) // 2, level + 1))
         if not self.started:
-            self.write("mode", 4)
+            self.write("mode", objects.BY_NAME["mode"].enum.index("excitation"))
             self.started = True
 
     def waveform(self, rng, line):
@@ -429,10 +438,12 @@ def measure_setup(setup, where, plant_set=None):
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        parts = math.ceil(2.56 * high / tick_rate)
-        if parts > 64:
+        # Ten steps in the shortest period at least: the hold turns the phase by 18 degrees there.
+        parts = max(4, math.ceil(10 * high / tick_rate))
+        if parts > MOST_PARTS:
             raise InputError(
-                f"{where}: band_hz: expected at most {64 * tick_rate / 2.56:g} Hz, got {high:g}"
+                f"{where}: band_hz: expected at most {MOST_PARTS * tick_rate / 10:g} Hz, a tenth "
+                f"of what can be sampled, got {high:g}"
             )
     elif high >= tick_rate / 2:
         raise InputError(
@@ -454,8 +465,24 @@ def measure_setup(setup, where, plant_set=None):
 
     nothing = np.zeros(0)
     overrides = dict(setup.set)
-    signals = linear.facts(setup.model, overrides)["signals"]
-    units = signals | {"adc0": "count", "adc1": "count", "encoder": "count", "dac_code": "code"}
+    facts = linear.facts(setup.model, overrides)
+    for name in [*overrides, *(plant_set or {})]:
+        if name not in facts["parameters"]:
+            raise InputError(
+                f"{where}: set.{name}: expected a parameter that the model uses: "
+                + ", ".join(facts["parameters"])
+            )
+    units = facts["signals"] | {
+        "adc0": "count",
+        "adc1": "count",
+        "encoder": "count",
+        "dac_code": "code",
+    }
+    for key in ("input", "output"):
+        if getattr(setup, key) not in units:
+            raise InputError(
+                f"{where}: {key}: expected one of {', '.join(units)}, got {getattr(setup, key)}"
+            )
     done = Measurement(
         *(nothing,) * 5,
         dof=setup.averages - 1,
@@ -504,7 +531,7 @@ def measure_setup(setup, where, plant_set=None):
 
 
 def record_periods(bench, lines, lead_in, drifts, rng):
-    """[(lines, (averages, 2, samples))]: one period of each realisation, and of each line of a sine.
+    """[(lines, (averages, 2, samples))]: a period of each realisation, and of each line of a sine.
 
     A plant that integrates drifts by what the excitation's mean makes of it, the same in every
     period: that ramp is taken out.
@@ -523,7 +550,9 @@ def record_periods(bench, lines, lead_in, drifts, rng):
             change = (now - before).mean(axis=1, keepdims=True)
             grown = np.ptp(now, axis=1) / np.maximum(np.ptp(before, axis=1), 1e-300)
             if np.ptp(before, axis=1).min() > 0 and grown.max() > 1.5:
-                raise unstable(bench.where, f"it grows {grown.max():.3g} times from period to period")
+                raise unstable(
+                    bench.where, f"it grows {grown.max():.3g} times from period to period"
+                )
             recorded[place][i] = now - change * ramp if drifts else now
     return [(used, values) for (used, _), values in zip(sets, recorded, strict=True)]
 
@@ -596,3 +625,174 @@ def estimate(done, chunks, lines, setup, adc_bits, rng):
         floor=results["floor"] * abs(scale),
         dof=dof,
     )
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+@dataclass
+class Result:
+    """A measurement beside the linear model, and the summary that `--json` prints."""
+
+    setup: Setup
+    measured: Measurement
+    model: np.ndarray  # (n,) complex, from nominal parameters
+    summary: dict
+
+
+def run(target, options=None, plant_set=None):
+    """measure(), compared with the linear model of the nominal parameters. Raises InputError."""
+    setup, where = read_setup(target, options)
+    measured = measure_setup(setup, where, plant_set)
+    model = measured.predict()
+    compared = measured.compare(model)
+    command = ["forceaxis", "measure", str(target)]
+    for key, value in (options or {}).items():
+        if value is None or value is False or key == "set":
+            continue
+        option = {"band_hz": "band", "resolution_hz": "resolution"}.get(key, key)
+        text = ":".join(f"{x:g}" for x in value) if key == "band_hz" else str(value)
+        command += [f"--{option}"] if value is True else [f"--{option}", text]
+    for option, values in (("--set", (options or {}).get("set")), ("--plant-set", plant_set)):
+        for name, value in (values or {}).items():
+            command += [option, f"{name}={value!r}"]
+    summary = {
+        "measurement": where,
+        "title": setup.title,
+        "figure": setup.figure,
+        "model": paths.display(measured.model),
+        "input": measured.input,
+        "output": measured.output,
+        "unit": measured.unit,
+        "inject": setup.inject,
+        "excitation": setup.excitation,
+        "window": setup.window,
+        "level": setup.level,
+        "averages": setup.averages,
+        "sampling_hz": 1 / measured.dt,
+        "band_hz": [float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])],
+        "coherence_median": float(np.median(measured.coherence)),
+        "random_error_median": float(np.median(measured.random_error())),
+        "floor_median": float(np.median(measured.floor)),
+        "comparison": compared,
+        "verdict": "the model fits" if compared["fits"] else "the model is rejected at 5 %",
+        "readings": measured.readings(),
+        "plant_set": plant_set or {},
+        "seed": setup.seed,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "simulator_hash": _core.SIMULATOR_HASH,
+        "objects_hash": objects.OBJECTS_HASH,
+        "command": shlex.join(command),
+    }
+    return Result(setup, measured, model, summary)
+
+
+def describe(summary):
+    """The summary for a terminal."""
+    compared, readings = summary["comparison"], summary["readings"]
+    inside, corner = compared["inside"], readings["corner_hz"]
+    low, high = summary["band_hz"]
+    title = summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")
+    crossings = ", ".join(
+        f"{c['frequency_hz']:.3g} Hz ({c['phase_deg']})" for c in readings["phase_crossings"]
+    )
+    lines = [
+        ("measurement", title or summary["measurement"]),
+        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
+        (
+            "excitation",
+            f"{summary['excitation']} as {summary['inject']}, {low:.4g} to {high:.4g} Hz, "
+            f"{summary['averages']} averages, sampled at {summary['sampling_hz']:g} Hz",
+        ),
+        ("low gain", f"{readings['low_gain']:.4g}"),
+        ("corner", "none in the band" if corner is None else f"{corner:.4g} Hz, 3 dB lower"),
+        ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
+        (
+            "coherence",
+            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
+            f"{compared['coherent']} of {compared['points']} points",
+        ),
+        ("error", f"{100 * summary['random_error_median']:.2g} % random error, median"),
+        (
+            "inside",
+            "no coherent point"
+            if inside is None
+            else f"{100 * inside:.1f} % of the coherent points within the 95 % band",
+        ),
+        ("verdict", f"{summary['verdict']} (p = {compared['p_value']:.3g})"),
+        ("again", summary["command"]),
+    ]
+    return "\n".join(f"{key:12} {value}" for key, value in lines)
+
+
+def write(done, out):
+    """Write response.csv, response.npz, plot.png and result.json into folder `out`."""
+    measured = done.measured
+    out.mkdir(parents=True, exist_ok=True)
+    columns = {
+        "frequency_hz": measured.frequency_hz,
+        "magnitude": abs(measured.response),
+        "phase_deg": np.degrees(np.angle(measured.response)),
+        "coherence": measured.coherence,
+        "band": measured.radius(),
+        "random_error": measured.random_error(),
+        "floor": measured.floor,
+        "model_magnitude": abs(done.model),
+        "model_phase_deg": np.degrees(np.angle(done.model)),
+    }
+    with (out / "response.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    np.savez_compressed(
+        out / "response.npz",
+        **columns,
+        response=measured.response,
+        variance=measured.variance,
+        dof=measured.dof,
+        dt=measured.dt,
+        model=done.model,
+    )
+    plot(done).savefig(out / "plot.png", dpi=120)
+    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")
+
+
+def plot(done, width=7.2):
+    """Figure: amplitude and phase over frequency, measured (with its 95 % band) and of the linear
+    model, coherence below."""
+    from forceaxis import plots
+
+    measured, model, f = done.measured, done.model, done.measured.frequency_hz
+    figure, (size, phase, coherence) = plots.plt.subplots(
+        3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
+    )
+    radius, magnitude = measured.radius(), abs(measured.response)
+    lines = {"marker": "."} if len(f) < 100 else {}
+    size.loglog(f, abs(model), color=plots.GOT, linewidth=2.4, alpha=0.5, label="linear model")
+    size.loglog(f, magnitude, color=plots.INK, linewidth=0.9, label="measured", **lines)
+    bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
+    size.fill_between(
+        f, bottom, magnitude + radius, color=plots.INK, alpha=0.2, linewidth=0, label="95 % band"
+    )
+    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8)
+    size.legend(fontsize=7, frameon=False, loc="best")
+    degrees = np.degrees(np.angle(measured.response))
+    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
+    phase.semilogx(f, np.degrees(np.angle(model)), ".", color=plots.GOT, markersize=4, alpha=0.4)
+    phase.semilogx(f, degrees, ".", color=plots.INK, markersize=1.5)
+    phase.vlines(f, degrees - spread, degrees + spread, color=plots.INK, alpha=0.25, linewidth=0.8)
+    phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    phase.set_ylabel("phase, degrees", fontsize=8)
+    coherence.semilogx(f, measured.coherence, color=plots.INK, linewidth=0.9)
+    coherence.set(ylim=(0, 1.05))
+    coherence.set_ylabel("coherence", fontsize=8)
+    coherence.set_xlabel("frequency, Hz", fontsize=8)
+    for ax in (size, phase, coherence):
+        plots.style(ax)
+        ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
+    figure_name = f"Fig {done.setup.figure}: " if done.setup.figure else ""
+    title = done.setup.title or f"{measured.input} to {measured.output}"
+    size.set_title(figure_name + title, fontsize=9, loc="left", color=plots.INK)
+    figure.tight_layout()
+    plots.plt.close(figure)
+    return figure
