@@ -1,17 +1,20 @@
 """Identification: a model's parameters from what was measured, each with its interval.
 
-The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1), and a
-fit of any parameters of a model to a measured frequency response.
+The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1),
+and a fit of any parameters of a model to a measured frequency response.
 """
 
 import csv
+import json
 import math
-from dataclasses import asdict, dataclass
+import zipfile
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import optimize, signal, stats
 
-from forceaxis import linear
+from forceaxis import linear, paths
 from forceaxis._core import InputError
 
 SHARE = 0.95  # of all intervals
@@ -69,11 +72,18 @@ def regression(columns, values, weights=None):
     return list(zip(coefficients, stats.t.ppf((1 + SHARE) / 2, dof) * spread, strict=True))
 
 
+def header_of(path):
+    """Names of the columns of a CSV file."""
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        return [name.strip() for name in next(csv.reader(file), [])]
+
+
 def read_columns(path, names):
     """Named columns of a CSV file as float arrays. Raises InputError with file, line and column."""
+    header = header_of(path)
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
-        header = [name.strip() for name in next(rows, [])]
+        next(rows, None)
         for name in names:
             if name not in header:
                 raise InputError(
@@ -134,8 +144,8 @@ def extremes(time, values, sign, floor):
 def ring_down(time_s, values, floor=0.05, where="ring-down"):
     """Logarithmic decrement of a free vibration about any offset.
 
-    time_s (n,) rising, values (n,) in any unit; the vibration is used from its largest swing down to
-    `floor` (0..1) of that. Amplitudes are those from each peak to the next trough, which removes
+    time_s (n,) rising, values (n,) in any unit; the vibration is used from its largest swing down
+    to `floor` (0..1) of that. Amplitudes are those from each peak to the next trough, which removes
     offset and slow drift; regressions of their logarithm and of the times of peaks and troughs over
     the number of cycles, weighted by amplitude (a constant noise weighs more on small ones), give
     decrement and period. Raises InputError for fewer than 3 cycles.
@@ -222,7 +232,7 @@ class Split:
     """Two masses on either side of a spring, kg."""
 
     solutions: tuple  #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen one first
-    locked_mass: Estimate  #: m_r2 if the frequency was that with m_r1 locked to ground
+    locked: tuple  #: (m_r1, m_r2) if the frequency was that with m_r1 locked to ground
     locked_frequency_hz: float  #: at which the chosen m_r2 vibrates with m_r1 locked
 
 
@@ -247,9 +257,18 @@ def split(total_mass, stiffness, frequency_hz):
             f"{m:g} kg together have on {k:g} N/m (half each), got {f:g} Hz; check the three"
         )
     large, small = part(1), part(-1)
+
+    def locked(k, f):
+        return k / (2 * math.pi * f) ** 2
+
     return Split(
         ((large, small), (small, large)),
-        propagate(lambda k, f: k / (2 * math.pi * f) ** 2, stiffness, frequency_hz, unit="kg"),
+        (
+            propagate(
+                lambda m, k, f: m - locked(k, f), total_mass, stiffness, frequency_hz, unit="kg"
+            ),
+            propagate(locked, stiffness, frequency_hz, unit="kg"),
+        ),
         math.sqrt(k / small.value) / (2 * math.pi),
     )
 
@@ -257,24 +276,33 @@ def split(total_mass, stiffness, frequency_hz):
 # --- motor (4.1.2) ------------------------------------------------------------------------------
 
 
-def slope(x, y, offset=False, where="regression", names=("x", "y")):
-    """(slope, offset or None) of y over x, as (value, half width); a line through 0 unless `offset`.
+def regression_of(path, x, y, offset=False, units=("", "")):
+    """[slope] or, with `offset`, [slope, offset] of column y over column x of a CSV file, Estimates.
 
-    Raises InputError for fewer than 3 points (4 with offset) or points that all have one x.
+    Raises InputError for fewer than 3 rows (4 with offset) or rows that all have one x.
     """
+    at, values = read_columns(path, [x, y])
     fewest = 4 if offset else 3
-    if len(x) < fewest:
-        raise InputError(f"{where}: expected at least {fewest} rows, got {len(x)}; measure more")
-    if not x.any() or (offset and np.ptp(x) == 0):
+    if len(at) < fewest:
+        raise InputError(f"{path}: expected at least {fewest} rows, got {len(at)}; measure more")
+    if not at.any() or (offset and np.ptp(at) == 0):
         what = "different values" if offset else "values other than 0"
-        raise InputError(f"{where}: {names[0]}: expected {what}; repeat it at many speeds")
-    columns = np.stack([x, np.ones(len(x))], 1) if offset else x[:, None]
-    found = regression(columns, y)
-    return found[0], found[1] if offset else None
+        raise InputError(f"{path}: {x}: expected {what}; repeat it at many speeds")
+    columns = np.stack([at, np.ones(len(at))], 1) if offset else at[:, None]
+    found = regression(columns, values)
+    return [Estimate(*pair, unit) for pair, unit in zip(found, units, strict=False)]
 
 
-def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance):
-    """b_m from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at rest speed; all Estimates."""
+def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, where="motor"):
+    """b_m (N m s/rad) from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at steady speed.
+
+    ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad, resistance in ohm, Estimates.
+    """
+    if ratio.value <= 0:
+        raise InputError(
+            f"{where}: expected a tachometer voltage that rises with the motor's, got "
+            f"{ratio.value:.4g} V/V; check signs and columns"
+        )
     return propagate(
         lambda r, t, tach, b, R: (t * tach / r - b * t) / R,
         *(ratio, k_torque, k_tach, k_back_emf, resistance),
@@ -331,19 +359,19 @@ class Fit:
         return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
 
 
-def fit(measured, starts, overrides=None, where="fit"):
+def fit(measured, starts, where="fit"):
     """Fit parameters of a model to a measured frequency response.
 
     measured: a `measure.Measurement`, whose `predict` is the model. starts: {parameter: value to
-    start from, > 0}; parameters keep their sign, what is searched is their logarithm. overrides:
-    {parameter: value} that are held.
+    start from, > 0}: what is searched is their logarithm. Others keep the values of
+    `measured.overrides`.
 
-    With z = |response - model|^2 / variance, where the variance is itself estimated from dof complex
-    residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
+    With z = |response - model|^2 / variance, where the variance is itself estimated from dof
+    complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
     2 dof ln(1 + z / dof), which has a chi-square distribution with 2 degrees of freedom a point:
     minimised by least squares (trust region), it is also the test of the fit. Information matrix:
-    with T = dof variance + |response - model|^2, 2 dof^2 / (dof + 1) Re(J* J) / T, its mean over T
-    being exact; the covariance grows with the chi-square if the model does not explain the data.
+    with T = dof variance + |response - model|^2, the sum of 2 dof^2 / (dof + 1) Re(J* J) / T, right
+    in the mean over T; the covariance grows with the chi-square where the model is not the plant.
 
     Raises InputError for too few points, for a parameter that the response does not depend on and
     for parameters that only act together.
@@ -359,13 +387,12 @@ def fit(measured, starts, overrides=None, where="fit"):
     p, n, dof = len(names), len(measured.frequency_hz), measured.dof
     if n < p + 2:
         raise InputError(
-            f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure a "
-            "wider band, or with more lines"
+            f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure "
+            "a wider band, or with more lines"
         )
-    held = dict(overrides or {})
 
     def model(logarithms):
-        return measured.predict(held | dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
+        return measured.predict(dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
 
     def jacobian(logarithms, step=1e-5):
         steps = step * np.eye(p)
@@ -429,7 +456,7 @@ def fit(measured, starts, overrides=None, where="fit"):
     p_value = stats.chi2.sf(chi_square, degrees)
     if p_value < 1 - SHARE:
         warnings.append(
-            f"the model does not explain the data: chi-square {chi_square:.4g} of {degrees} degrees "
+            f"the model does not explain the data: chi-square {chi_square:.4g}, {degrees} degrees "
             f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
         )
     together = covariance / np.outer(spread, spread)
@@ -441,8 +468,9 @@ def fit(measured, starts, overrides=None, where="fit"):
         f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
     ]
     return Fit(
-        names, first, np.exp(best.x), single, joint, covariance, chi_square, degrees, n, tuple(warnings)
-    )  # fmt: skip
+        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
+        tuple(warnings),
+    )
 
 
 def check_separate(names, J, where):
@@ -454,3 +482,196 @@ def check_separate(names, J, where):
             f"{where}: expected parameters that act on the response each in its own way, got "
             f"{', '.join(together)}, which do so only together; hold one of them"
         )
+
+
+# --- the verb -----------------------------------------------------------------------------------
+
+
+def decrement(path, column=None, window_s=(-math.inf, math.inf), floor=0.05, **known):
+    """ring_down() of a CSV file with column time_s, and mode_parameters() for a known Estimate of
+    mass or stiffness. `column`: that of the signal; may be left out if it is the only other one.
+    Returns (RingDown, {"mass", "stiffness", "damping"} or {}).
+    """
+    if column is None:
+        others = [name for name in header_of(path) if name != "time_s"]
+        if len(others) != 1:
+            raise InputError(
+                f"{path}: --signal: expected the name of a column, one of {', '.join(others)}"
+            )
+        column = others[0]
+    time, values = read_columns(path, ["time_s", column])
+    inside = (time >= window_s[0]) & (time <= window_s[1])
+    found = ring_down(time[inside], values[inside], floor, path)
+    if any(known.values()):
+        return found, mode_parameters(found.natural_frequency, found.damping_ratio_exact, **known)
+    return found, {}
+
+
+def read_response(path, model, held=None, **given):
+    """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
+
+    A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
+    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded, as
+    `held`, {parameter: value}, adds to it. Raises InputError.
+    """
+    from forceaxis import measure
+
+    path = Path(path)
+    file = path / "response.npz" if path.is_dir() else path
+    given = {key: value for key, value in given.items() if value is not None}
+    model = str(linear.find_model(model))
+    if file.suffix == ".csv":
+        for key in ("output", "averages"):
+            if key not in given:
+                raise InputError(f"{file}: --{key}: expected with a CSV file, which cannot tell it")
+        measured = response_of_csv(file, given["averages"])
+        return replace(measured, **given, model=model, overrides=dict(held or {}))
+    try:
+        with np.load(file) as saved:
+            about = json.loads(str(saved["about"]))
+            names = {f.name for f in fields(measure.Measurement)}
+            arrays = {name: saved[name] for name in names - about.keys()}
+    except (KeyError, ValueError, zipfile.BadZipFile):
+        raise InputError(
+            f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
+        ) from None
+    about["overrides"] = about["overrides"] | (held or {})
+    return measure.Measurement(**(about | given | {"model": model}), **arrays)
+
+
+def response_of_csv(file, averages):
+    """Measurement of a CSV file; the variance from the coherence, (1 - c) |H|^2 / (c averages)."""
+    from forceaxis import measure
+
+    polar = "magnitude" in header_of(file)
+    parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]
+    f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
+    response = a * np.exp(1j * np.radians(b)) if polar else a + 1j * b
+    if not (len(f) and f[0] > 0 and np.all(np.diff(f) > 0)):
+        raise InputError(f"{file}: frequency_hz: expected rising frequencies above 0")
+    if not np.all((coherence > 0) & (coherence < 1)) or not response.all():
+        raise InputError(
+            f"{file}: coherence: expected 0 < coherence < 1 and a response other than 0"
+        )
+    variance = (1 - coherence) / coherence * abs(response) ** 2 / averages
+    return measure.Measurement(
+        *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
+        input="drive.command",
+        output="",
+        unit="",
+        dt=linear.TICK_S,
+        inject="volts",
+        model="",
+        overrides={},
+    )
+
+
+def starts_of(texts, measured):
+    """NAME or NAME=START texts as {name: start}, by default what the model says; {name: unit}."""
+    known = linear.facts(measured.model, measured.overrides)["parameters"]
+    starts = {}
+    for text in texts:
+        name, given, value = text.partition("=")
+        if name not in known:
+            raise InputError(
+                f"--fit: {name}: expected a parameter that the model uses, one of "
+                + ", ".join(sorted(known))
+            )
+        if name in starts:
+            raise InputError(f"--fit: {name}: expected each name once")
+        try:
+            starts[name] = float(value) if given else known[name][0]
+        except ValueError:
+            raise InputError(f"--fit: {text}: expected NAME or NAME=START, a number") from None
+    return starts, {name: known[name][1] for name in starts}
+
+
+def summarise(found, measured, units):
+    """What `--json` prints of a Fit."""
+    rows = {}
+    for name, start, value, *halves in zip(
+        *(found.names, found.starts, found.values, found.single, found.joint), strict=True
+    ):
+        ends = [[float(value * math.exp(s * half)) for s in (-1, 1)] for half in halves]
+        rows[name] = {
+            "value": float(value),
+            "unit": units[name],
+            "start": float(start),
+            "interval": ends[0],
+            "joint_interval": ends[1],
+        }
+    return {
+        "model": paths.display(measured.model),
+        "input": measured.input,
+        "output": measured.output,
+        "points": found.points,
+        "parameters": rows,
+        "correlation": found.correlation.tolist(),
+        "chi_square": found.chi_square,
+        "dof": found.dof,
+        "p_value": found.p_value,
+        "warnings": list(found.warnings),
+        "set": " ".join(
+            f"--set {name}={value:.6g}"
+            for name, value in zip(found.names, found.values, strict=True)
+        ),
+    }
+
+
+def describe(summary):
+    """The summary of a fit for a terminal."""
+    lines = [
+        f"model        {summary['model']}, {summary['input']} to {summary['output']}",
+        f"fit          chi-square {summary['chi_square']:.4g}, {summary['dof']} degrees of "
+        f"freedom, p = {summary['p_value']:.2g}, {summary['points']} frequencies",
+        f"{'':12} {'value':>11} {'95 % interval':>25} {'all at once':>25} {'start':>11}",
+    ]
+    for name, row in summary["parameters"].items():
+        spans = [
+            " .. ".join(f"{end:.5g}" for end in row[k]) for k in ("interval", "joint_interval")
+        ]
+        lines.append(
+            f"{name:12} {row['value']:>11.5g} {spans[0]:>25} {spans[1]:>25} {row['start']:>11.5g} "
+            f"{row['unit']}".rstrip()
+        )
+    lines += [f"warning      {text}" for text in summary["warnings"]]
+    lines.append(f"use          {summary['set']}")
+    return "\n".join(lines)
+
+
+def write(found, measured, summary, out):
+    """Write result.json and plot.png, the measured response beside the model before and after."""
+    from forceaxis import plots
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "result.json").write_text(json.dumps(summary, indent=2) + "\n")
+    plot(found, measured, plots.plt).savefig(out / "plot.png", dpi=120)
+
+
+def plot(found, measured, plt):
+    """Figure: amplitude and phase, measured with 95 % band, from the start and fitted."""
+    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
+    f, size = measured.frequency_hz, abs(measured.response)
+    band = measured.radius()
+    low = np.maximum(size - band, size.min() / 10)
+    axes[0].fill_between(f, low, size + band, color="0.8", label="95 % band")
+    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
+    for values, style, label in (
+        (found.starts, {"color": "C1", "linestyle": "--"}, "start"),
+        (found.values, {"color": "C0"}, "fitted"),
+    ):
+        fitted = dict(zip(found.names, values.tolist(), strict=True))
+        rows.append((measured.predict(fitted), style, label))
+    for response, style, label in rows:
+        axes[0].loglog(f, abs(response), **style, label=label)
+        axes[1].semilogx(f, np.degrees(np.angle(response)), **style)
+    axes[0].set_ylabel(
+        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else "")
+    )
+    axes[0].legend()
+    axes[1].set_ylabel("phase, degrees")
+    axes[1].set_xlabel("frequency, Hz")
+    for axis in axes:
+        axis.grid(alpha=0.3, which="both")
+    figure.tight_layout()
+    return figure
