@@ -742,7 +742,7 @@ def split(total_mass, stiffness, frequency_hz, as_json):
         "solutions": [{"m_r1": m_r1.json(), "m_r2": m_r2.json()} for m_r1, m_r2 in found.solutions],
         "rule": "m_r1 > m_r2",
         "locked_frequency_hz": found.locked_frequency_hz,
-        "if_locked": {name: e.json() for name, e in zip(("m_r1", "m_r2"), found.locked)},
+        "if_locked": {"m_r1": found.locked[0].json(), "m_r2": found.locked[1].json()},
     }
     words = [f"m_r1 {m_r1}, m_r2 {m_r2}" for m_r1, m_r2 in found.solutions]
     show(
@@ -751,7 +751,7 @@ def split(total_mass, stiffness, frequency_hz, as_json):
         [
             ("chosen", f"{words[0]} (the actuator has more than half)"),
             ("other", words[1]),
-            ("shaft locked", f"the chosen m_r2 would vibrate at {found.locked_frequency_hz:.5g} Hz"),
+            ("locked shaft", f"the chosen m_r2 would be at {found.locked_frequency_hz:.5g} Hz"),
             ("", "if {:.5g} Hz was measured so: m_r1 {}, m_r2 {}".format(
                 frequency_hz.value, *found.locked)),
         ],
@@ -808,7 +808,8 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 
 
 @identify.command(
-    epilog="""forceaxis measure fig4_19 --output sensor.force --bias 1 --plant-set m_r=110 --out out/m
+    epilog="""forceaxis measure fig4_19 --output sensor.force --bias 1 --set b_w=100 \\
+    --plant-set m_r=110 --out out/m
     forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted"""
 )
 @click.argument("model")
@@ -838,8 +839,8 @@ def fit(model, response, names, overrides, out, as_json, **given):
 
     RESPONSE is what `forceaxis measure --out` wrote, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). Prints for each parameter its 95 % interval
-    and a wider one that holds for all at once, whether the model explains the data (chi-square), and
-    what is poorly determined or hard to tell apart.
+    and a wider one that holds for all at once, whether the model explains the data (chi-square),
+    and what is poorly determined or hard to tell apart.
     """
     from forceaxis import identify, linear
 

@@ -277,7 +277,7 @@ def split(total_mass, stiffness, frequency_hz):
 
 
 def regression_of(path, x, y, offset=False, units=("", "")):
-    """[slope] or, with `offset`, [slope, offset] of column y over column x of a CSV file, Estimates.
+    """[slope] or, with `offset`, [slope, offset] of column y over x of a CSV file, Estimates.
 
     Raises InputError for fewer than 3 rows (4 with offset) or rows that all have one x.
     """
@@ -511,8 +511,8 @@ def read_response(path, model, held=None, **given):
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
     A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
-    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded, as
-    `held`, {parameter: value}, adds to it. Raises InputError.
+    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded,
+    and `held`, {parameter: value}, adds to it. Raises InputError.
     """
     from forceaxis import measure
 
