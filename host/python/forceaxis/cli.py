@@ -1,10 +1,15 @@
 """The command line. Exit status: 0 done, 1 the run or check failed, 2 wrong usage or input."""
 
 import json
+import os
 import sys
 from pathlib import Path
 
 import click
+
+# Before NumPy is imported: its matrices here are small, and threads that wait for each other cost
+# fifty times the work where the cores are busy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from forceaxis import experiments, new, objects, paths, sweeps, tables
 from forceaxis._core import InputError, SimulationError
@@ -827,7 +832,7 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 @click.option(
     "--dt",
     type=click.FloatRange(0, min_open=True),
-    help="s a sample. Default: as recorded; 1/1500.",
+    help="s a sample. Default: as recorded.",
 )
 @click.option(
     "--scale", type=float, help="What the output was multiplied by. Default: as recorded."

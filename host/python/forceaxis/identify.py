@@ -521,7 +521,7 @@ def read_response(path, model, held=None, **given):
     given = {key: value for key, value in given.items() if value is not None}
     model = str(linear.find_model(model))
     if file.suffix == ".csv":
-        for key in ("output", "averages"):
+        for key in ("output", "averages", "dt"):
             if key not in given:
                 raise InputError(f"{file}: --{key}: expected with a CSV file, which cannot tell it")
         measured = response_of_csv(file, given["averages"])
