@@ -1,7 +1,7 @@
 """Makes axes whose parameters nobody else knows, measures them, and judges what was identified.
 
 Run by test_identify.py as a process of its own: `blind_axes.py SEED COUNT FOLDER`. Draws parameters
-from SEED, writes each axis's measurement to FOLDER and one line of JSON with what may be known. Then
+by SEED, writes each axis's measurement to FOLDER and one line of JSON with what may be known. Then
 reads one line of JSON, the estimates, and only now tells the truth: a line of JSON.
 """
 

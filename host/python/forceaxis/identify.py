@@ -123,6 +123,12 @@ class RingDown:
     damping_ratio_exact: Estimate  #: decrement / sqrt(4 pi^2 + decrement^2), its limit beside 1
 
 
+def parabola(time, values, at, reach):
+    """(a, b, c) of a (t - at)^2 + b (t - at) + c within `reach` of `at`; None: too few samples."""
+    near = abs(time - at) <= reach
+    return np.polyfit(time[near] - at, values[near], 2) if near.sum() >= 3 else None
+
+
 def extremes(time, values, sign, floor):
     """[(time, value)] of the peaks (sign 1) or troughs (-1), each from a parabola through it."""
     found, _ = signal.find_peaks(sign * values, prominence=floor)
@@ -131,13 +137,18 @@ def extremes(time, values, sign, floor):
     reach = PERIODS_OF_A_PEAK * np.median(np.diff(time[found]))
     points = []
     for peak in found:
-        near = np.flatnonzero(abs(time - time[peak]) <= reach)
-        t = time[near] - time[peak]
-        points.append((time[peak], values[peak]))
-        if len(near) >= 3:
-            a, b, c = np.polyfit(t, values[near], 2)
-            if sign * a < 0 and abs(b) <= 2 * abs(a) * reach:
-                points[-1] = (time[peak] - b / (2 * a), c - b * b / (4 * a))
+        at, value = time[peak], values[peak]
+        for _ in range(2):  # the second one about the first one's vertex: noise moves the highest
+            shape = parabola(time, values, at, reach)
+            if (
+                shape is None
+                or sign * shape[0] >= 0
+                or abs(shape[1]) > -2 * sign * shape[0] * reach
+            ):
+                break
+            a, b, c = shape
+            at, value = at - b / (2 * a), c - b * b / (4 * a)
+        points.append((at, value))
     return points
 
 
@@ -157,7 +168,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     troughs = extremes(time_s, values, -1, floor * swing)
     # One trough after each peak, the deepest until the next one.
     pairs = []
-    for (t, high), (until, _) in zip(peaks, [*peaks[1:], (math.inf, 0)], strict=True):
+    for (t, high), (until, _) in zip(peaks, [*peaks[1:], (math.inf, 0)], strict=False):
         after = [point for point in troughs if t < point[0] < until]
         if not after:
             break
@@ -176,15 +187,21 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
             f"{max(cycles, 0)}; record longer, strike harder or lower the floor of {floor:g}"
         )
     count = np.arange(cycles + 1)
-    one = np.ones(cycles + 1)
+    one, none = np.ones(cycles + 1), np.zeros(cycles + 1)
+    # Peaks and troughs have each their own start.
+    times = np.concatenate([pairs[:, 0], pairs[:, 2]])
+    columns = np.block([[count, count], [one, none], [none, one]]).T
+    lines = regression(columns, times, np.tile(amplitude, 2))
+    period = Estimate(*lines[0])
+    # The highest point of noise is too high: amplitudes are taken where the period puts them.
+    starts, reach = columns @ [value for value, _ in lines], PERIODS_OF_A_PEAK * period.value
+    shapes = [parabola(time_s, values, at, reach) for at in starts]
+    if all(shape is not None for shape in shapes):
+        crests = np.array([shape[2] for shape in shapes])
+        swings = (crests[: cycles + 1] - crests[cycles + 1 :]) / 2
+        amplitude = np.where(swings > 0, swings, amplitude)
     slope, half = regression(np.stack([count, one], 1), np.log(amplitude), amplitude)[0]
     decrement = Estimate(-slope, half)
-    # Peaks and troughs have each their own start: half a cycle apart only about the right offset.
-    times = np.concatenate([pairs[:, 0], pairs[:, 2]])
-    columns = np.stack(
-        [np.tile(count, 2), np.repeat([1, 0], len(one)), np.repeat([0, 1], len(one))]
-    )
-    period = Estimate(*regression(columns.T, times, np.tile(amplitude, 2))[0])
     return RingDown(
         cycles,
         propagate(lambda p: 1 / p, period, unit="Hz"),
