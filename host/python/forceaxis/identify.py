@@ -510,12 +510,13 @@ def decrement(path, column=None, window_s=(-math.inf, math.inf), floor=0.05, **k
     Returns (RingDown, {"mass", "stiffness", "damping"} or {}).
     """
     if column is None:
-        others = [name for name in header_of(path) if name != "time_s"]
-        if len(others) != 1:
+        header = header_of(path)
+        others = [name for name in header if name != "time_s"]
+        if len(others) != 1 and "time_s" in header:
             raise InputError(
                 f"{path}: --signal: expected the name of a column, one of {', '.join(others)}"
             )
-        column = others[0]
+        column = (others or [""])[0]
     time, values = read_columns(path, ["time_s", column])
     inside = (time >= window_s[0]) & (time <= window_s[1])
     found = ring_down(time[inside], values[inside], floor, path)
