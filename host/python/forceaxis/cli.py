@@ -718,7 +718,7 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
             ("cycles", found.cycles),
             ("frequency", f"{found.natural_frequency}, damped {found.damped_frequency}"),
             ("decrement", found.decrement),
-            ("damping", f"ratio {found.damping_ratio}, exact {found.damping_ratio_exact}"),
+            ("ratio", f"{found.damping_ratio} of damping, exact {found.damping_ratio_exact}"),
             *derived.items(),
         ],
     )

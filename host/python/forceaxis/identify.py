@@ -238,7 +238,11 @@ def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
             *(frequency_hz, damping_ratio, stiffness),
             unit="N s/m",
         )
-    return {"mass": mass, "stiffness": stiffness, "damping": damping}
+    return {
+        "mass": replace(mass, unit="kg"),
+        "stiffness": replace(stiffness, unit="N/m"),
+        "damping": damping,
+    }
 
 
 # --- two masses (4.4.2) -------------------------------------------------------------------------
