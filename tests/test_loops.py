@@ -23,9 +23,7 @@ SAMPLED = ("zoh", "zoh+1")
 NO_READING = {"fig4_27", "fig4_5", "nl_gravity", "nl_stop", "nl_viscous"}
 NO_PATH = {"nl_friction": "rail=forward", "nl_stiction": "", "nl_backlash": ""}
 MODELS = sorted(
-    p.stem
-    for p in paths.MODELS.glob("*.toml")
-    if p.stem not in NO_READING | {*NO_PATH, "thesis"}
+    p.stem for p in paths.MODELS.glob("*.toml") if p.stem not in NO_READING | {*NO_PATH, "thesis"}
 )
 
 

@@ -85,7 +85,7 @@ static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
  */
 
 /* sin(2 pi p / 2^32) in Q15, within 6 / 32768 of it, -32767..32767; sin(x + half a turn) is its
- * negative but for one unit of rounding. Overflow: cannot. */
+ * negative but for three units of rounding. Overflow: cannot. */
 static inline int32_t fx_sine_q15(uint32_t phase_q32) {
   /* Folded to a quarter turn, x = -1..1, where sin = x (c1 - x^2 (c3 - x^2 c5)), c1 - c3 + c5 = 1:
    * the coefficients with the smallest largest error. */

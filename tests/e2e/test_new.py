@@ -7,11 +7,10 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from forceaxis import experiments, new
+from forceaxis import experiments
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 FILES = ["contact.toml", "model.toml", "step.toml"]
@@ -84,35 +83,6 @@ def test_the_linear_limit_is_where_the_simulated_loop_turns(tmp_path, sheet):
         for factor in (0.9, 1.1)
     ]
     assert verdicts == ["stable", "unstable"]
-
-
-def test_the_linear_limit_agrees_with_the_published_one():
-    """The benchmark plant: 0.02314 V/N, hold included, which is 9.478 codes per count of 2 N."""
-    sheet = {
-        "motor_damping_n_m_s_per_rad": 0.0, "transmission_stiffness_n_per_m": None,
-        "workpiece_stiffness_n_per_m": 412700.0, "workpiece_mass_kg": 6.6,
-        "sensor_stiffness_n_per_m": 110100.0, "sensor_damping_n_s_per_m": 16.5,
-        "inductance_h": 0.0158, "resistance_ohm": 4.5, "back_emf_v_s_per_rad": 0.5,
-        "command_full_scale_v": 10.0, "sensor_full_scale_n": 256.0,
-    }  # fmt: skip
-    axis = SimpleNamespace(
-        v=sheet, mass=132.4, r_trans=0.004043, b_axis=500.0, b_workpiece=8.25, k_torque=0.5,
-        k_amp=15.0, k_current=1 / 3, k_tach=0.039, k_preamp_fdbk=4.2, k_preamp_cmd=3.9,
-        a_preamp_fdbk=942.0, encoder_scale=1.0,
-    )  # fmt: skip
-    A, b, force, _ = new.linear(axis, pressed=True)
-    force[[3, 5]] = 16.5 / 2, -16.5 / 2  # there the reading includes the sensor's damping
-    limit = new.stability_limit(*new.hold(A, b), force)
-    assert limit == pytest.approx(0.02314 * 2 * 4096 / 20, rel=2e-3)
-
-
-def test_hold_is_the_matrix_exponential():
-    """A rotation at 7 rad/s driven by 1: after one tick sin and 1 - cos of 7/1500."""
-    phi, gamma = new.hold(np.array([[0.0, 1.0], [-49.0, 0.0]]), np.array([0.0, 49.0]))
-    angle = 7 / 1500
-    rotation = [[np.cos(angle), np.sin(angle) / 7], [-7 * np.sin(angle), np.cos(angle)]]
-    assert phi == pytest.approx(np.array(rotation), rel=1e-13)
-    assert gamma == pytest.approx(np.array([1 - np.cos(angle), 7 * np.sin(angle)]), rel=1e-10)
 
 
 def test_the_model_holds_what_the_data_sheet_says(tmp_path):

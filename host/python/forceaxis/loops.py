@@ -502,11 +502,21 @@ class Loop:
 
     def stable(self, gain):
         """Whether the closed loop is stable, not counting what the loop neither moves nor shows."""
-        A, B, C = self._minimal.balanced
-        A = A - gain / (1 + gain * self._minimal.D[0, 0]) * B @ C
+        A = self._closed_minimal(gain)
         poles = linalg.eigvals(A)
         rounding = 1e-15 * len(A) * max(np.linalg.norm(A), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
+
+    def decay(self, gain):
+        """1/s: how fast the slowest pole that the loop moves and shows decays; < 0 if it grows."""
+        poles = linalg.eigvals(self._closed_minimal(gain)).astype(complex)
+        if self.dt is None:
+            return float(-poles.real.max())
+        return float(-math.log(np.abs(poles).max()) / self.dt)
+
+    def _closed_minimal(self, gain):
+        A, B, C = self._minimal.balanced
+        return A - gain / (1 + gain * self._minimal.D[0, 0]) * B @ C
 
     @cached_property
     def stable_ranges(self):

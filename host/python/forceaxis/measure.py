@@ -80,7 +80,8 @@ class Measurement:
 
     The n points may be taken as independent; the error of `response` at each is circular complex
     normal with the unknown variance that `variance` estimates from `dof` complex residuals, so that
-    |response - true|^2 / variance follows F(2, 2 dof).
+    |response - true|^2 / variance follows F(2, 2 dof). Under a window neighbouring points share
+    noise and leakage counts as noise, so that bands and tests err on the safe side.
     """
 
     frequency_hz: np.ndarray  #: (n,) rising, > 0, below 1 / (2 dt)
@@ -99,6 +100,9 @@ class Measurement:
     overrides: dict  #: nominal parameters, those of `predict()` without arguments
     free: bool = False  #: contacts apart
     scale: float = 1.0  #: what the output was multiplied by
+    window: str = "none"  #: or "hann", under which neighbouring frequencies mix
+    resolution_hz: float = 0.0  #: distance of the lines, 1 / length of a record
+    band_hz: tuple = (0.0, math.inf)  #: that was excited
 
     def predict(self, overrides=None, frequency_hz=None):
         """The linear model's response between the same two signals, sampled alike: (n,) complex.
@@ -107,14 +111,28 @@ class Measurement:
         """
         frequency = self.frequency_hz if frequency_hz is None else np.asarray(frequency_hz, float)
         system = sampled(self, self.overrides | (overrides or {}))
-        values = system.response(frequency).reshape(len(frequency), 2)
+        if self.window == "none":
+            x, y = self._signals(system, frequency)
+            return self.scale * y / x
+        # What H1 tends to under a window W, exactly: sum |W|^2 X* Y / sum |W|^2 |X|^2 about a line.
+        offset = np.arange(-48, 49) / 8 + 1e-9  # lines; 1e-9: not 0 / 0
+        near = frequency[:, None] + offset * self.resolution_hz
+        weight = (np.sinc(offset) / (1 - offset**2)) ** 2
+        weight = weight * ((near >= self.band_hz[0]) & (near <= self.band_hz[1]))
+        x, y = self._signals(system, abs(near).ravel())
+        x, y = x.reshape(near.shape), y.reshape(near.shape)
+        return self.scale * (weight * x.conj() * y).sum(1) / (weight * abs(x) ** 2).sum(1)
+
+    def _signals(self, system, frequency):
+        """Input and output over what drives the plant."""
+        values = system.response(frequency).reshape(len(frequency), 2).T
         late = np.exp(-2j * np.pi * frequency * self.dt) - 1
-        for column, name in enumerate((self.input, self.output)):
+        for row, name in enumerate((self.input, self.output)):
             if name in CODES[:3]:  # converted before the new excitation acts
-                values[:, column] += system.D[column, 0] * late
+                values[row] += system.D[row, 0] * late
             elif name == "dac_code":
-                values[:, column] = 1.0
-        return self.scale * values[:, 1] / values[:, 0]
+                values[row] = 1.0
+        return values
 
     def radius(self, share=BAND):
         """(n,) The true response is within this distance with probability `share`."""
@@ -212,7 +230,9 @@ def read_setup(target, options=None):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}
         elif not any(key in table for key in ("body", "drive", "parameters_file")):
             raise InputError(f"{where}: model: expected the path of a model beside the measurement")
-    given = given | options | {"set": given.get("set", {}) | options.get("set", {})}
+    if "set" in options and isinstance(given.get("set", {}), dict):
+        options["set"] = given.get("set", {}) | options["set"]
+    given = given | options
     return check(given, where), where
 
 
@@ -496,6 +516,9 @@ def measure_setup(setup, where, plant_set=None):
         overrides=overrides,
         free=setup.free,
         scale=setup.scale,
+        window=setup.window,
+        resolution_hz=rate / samples,
+        band_hz=setup.band_hz if setup.inject == "volts" else (0.0, math.inf),
     )
     continuous = linear.linearise(
         setup.model,

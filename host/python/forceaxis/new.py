@@ -335,89 +335,7 @@ def fail(name, expected, remedy):
     raise InputError(f"{BY_NAME[name].option}: expected {expected}; {remedy}")
 
 
-# --- first gains: the linear sampled loop --------------------------------------------------------
-
-
-def linear(axis, pressed):
-    """Matrices A, b of x' = A x + b u without limits and play, u in DAC codes, and the rows that
-    give the force reading in 8-bit counts and the encoder count. x = (i, vf, x1, v1, ...)."""
-    v = axis.v
-    masses, links = [axis.mass], []
-    b_motor = v["motor_damping_n_m_s_per_rad"] / axis.r_trans**2
-    dampers = [(0, None, 0.0, b_motor)]
-    if k := v["transmission_stiffness_n_per_m"]:
-        masses = [axis.rotor_mass, v["moving_mass_kg"]]
-        links.append((0, 1, k, axis.b_transmission))
-    tip = len(masses) - 1
-    dampers.append((tip, None, 0.0, axis.b_axis))
-    work = None
-    if pressed:
-        if k := v["workpiece_stiffness_n_per_m"]:
-            masses.append(v["workpiece_mass_kg"])
-            work = tip + 1
-            links.append((work, None, k, axis.b_workpiece))
-        links.append((tip, work, v["sensor_stiffness_n_per_m"], v["sensor_damping_n_s_per_m"]))
-    n = len(masses)
-    A, b = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros(2 * n + 2)
-    for p, q, k, c in links + dampers:
-        deflection = np.zeros(2 * n + 2)  # k d + c d' as a row
-        for body, sign in ((p, 1.0), (q, -1.0)):
-            if body is not None:
-                deflection[2 + 2 * body] += sign * k
-                deflection[3 + 2 * body] += sign * c
-        for body, sign in ((p, 1.0), (q, -1.0)):
-            if body is not None:
-                A[3 + 2 * body] -= sign * deflection / masses[body]
-    for body in range(n):
-        A[2 + 2 * body, 3 + 2 * body] = 1.0
-    L, r, k_amp, a = v["inductance_h"], axis.r_trans, axis.k_amp, axis.a_preamp_fdbk
-    A[0, 0] = -(v["resistance_ohm"] + k_amp * axis.k_current) / L
-    A[0, 1] = -k_amp / L
-    A[0, 3] = -v["back_emf_v_s_per_rad"] / r / L
-    A[1, 1], A[1, 3] = -a, a * axis.k_preamp_fdbk * axis.k_tach / r
-    A[3, 0] += axis.k_torque / r / masses[0]
-    b[0] = k_amp * axis.k_preamp_cmd / L * v["command_full_scale_v"] / DAC_CODES
-    force, encoder = np.zeros(2 * n + 2), np.zeros(2 * n + 2)
-    if pressed:
-        per_count = v["sensor_full_scale_n"] / 128
-        force[2 + 2 * tip] = v["sensor_stiffness_n_per_m"] / per_count
-        if work is not None:
-            force[2 + 2 * work] = -v["sensor_stiffness_n_per_m"] / per_count
-    encoder[2] = axis.encoder_scale
-    return A, b, force, encoder
-
-
-def hold(A, b):
-    """One tick of x' = A x + b u with u held: exp([[A, b], [0, 0]] T)."""
-    n = len(b)
-    M = np.zeros((n + 1, n + 1))
-    M[:n, :n], M[:n, n] = A * TICK_S, b * TICK_S
-    halvings = max(0, math.ceil(math.log2(max(np.abs(M).sum(axis=1).max(), 1e-300)))) + 2
-    M /= 2.0**halvings
-    E, term = np.eye(n + 1), np.eye(n + 1)
-    for k in range(1, 18):
-        term = term @ M / k
-        E += term
-    for _ in range(halvings):
-        E = E @ E
-    return E[:n, :n], E[:n, n]
-
-
-def radius(phi, gamma, row, gain):
-    """Spectral radius of the sampled loop u = -gain * row x."""
-    return np.abs(np.linalg.eigvals(phi - gain * np.outer(gamma, row))).max()
-
-
-def stability_limit(phi, gamma, row):
-    """The smallest gain that makes the sampled loop unstable, at most the firmware's 256."""
-    gain = 1 / 4096
-    while radius(phi, gamma, row, gain) < 1 and gain < 256:
-        gain *= 1.1
-    low, high = gain / 1.1, gain
-    for _ in range(40):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if radius(phi, gamma, row, middle) < 1 else (low, middle)
-    return min(low, 256.0)
+# --- first gains: the linear sampled loop of the model as written ---------------------------------
 
 
 @dataclass
@@ -438,21 +356,31 @@ class First:
     step_s: float
 
 
-def first_gains(axis):
+def highest_gain(loop, volts_per_code):
+    """The limit of a loop in DAC codes per unit of its signal, at most the firmware's 256."""
+    gain = loop.limit().gain
+    return min(256.0, math.inf if gain is None else gain / volts_per_code)
+
+
+def first_gains(axis, model):
     """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
+    from forceaxis import linear, loops  # here: SciPy takes a while to load
+
     v = axis.v
-    A, b, force, _ = linear(axis, pressed=True)
-    free_A, free_b, _, encoder = linear(axis, pressed=False)
-    growth = max(np.linalg.eigvals(A).real.max(), 0.0)
-    poles = np.linalg.eigvals(free_A).real
-    growth = max(growth, poles.max())
-    if growth > 1e-6 * np.abs(poles).max():
+    sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
+    if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
+        sliding["transmission.high"] = "pressed"  # the play taken up
+    plant = linear.linearise(model, outputs=("adc0",), modes=sliding)
+    free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
+    poles = np.concatenate([plant.poles().real, free.poles().real])
+    if poles.max() > 1e-6 * np.abs(poles).max():
         fail("velocity_loop_hz", "a drive that is stable by itself with this current loop, filter "
              f"and transmission, got {v['velocity_loop_hz']:g}",
              f"lower it or raise {BY_NAME['velocity_filter_hz'].option} and "
              f"{BY_NAME['current_loop_hz'].option}")  # fmt: skip
-    phi, gamma = hold(A, b)
-    limit = stability_limit(phi, gamma, force)
+    volts = v["command_full_scale_v"] / DAC_CODES
+    force = loops.force_loop(model, modes=sliding, output="adc0")
+    limit = highest_gain(force, volts)
     gain = max(1, math.floor(limit * SHARE * 256)) / 256
     newton_per_count = v["sensor_full_scale_n"] / 128
     current = min(axis.current_limit, v["supply_v"] / v["resistance_ohm"])
@@ -463,20 +391,20 @@ def first_gains(axis):
         fail("full_scale_speed_m_per_s", "a speed at which the safe approach takes at least two "
              f"DAC codes, got {v['full_scale_speed_m_per_s']:g} ({gain * setpoint:.2g} codes)",
              "lower it, or check sensor and amplifier")  # fmt: skip
-    static = gain * float(-force @ np.linalg.solve(A, b))
-    rate = -math.log(radius(phi, gamma, force, gain)) / TICK_S
+    static = gain * volts * plant.at(0.0).real
+    rate = force.decay(gain * volts)
     reach = v["approach_mm"] / 1e3 / (min(gain * setpoint, DAC_CODES) * code)
     # Room for lower gains and set-points: a tenth of the approach speed, if that is not too long.
     contact = min(
         600.0, math.ceil(2 * (min(10 * reach, 1.3 * reach + 3) + min(10 / rate, 30) + 1.5)) / 2
     )
 
-    free_phi, free_gamma = hold(free_A, free_b)
-    position_limit = stability_limit(free_phi, free_gamma, encoder)
+    position = loops.force_loop(model, modes=sliding, output="encoder", free=True)
+    position_limit = highest_gain(position, volts)
     position_gain = max(1, math.floor(position_limit * SHARE * 256)) / 256
     distance, acceleration = 0.02, 0.25 * peak / axis.mass
     speed = v["full_scale_speed_m_per_s"] / 4
-    settle = 10 / max(-math.log(radius(free_phi, free_gamma, encoder, position_gain)) / TICK_S, 0.5)
+    settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
                  position_gain, distance, speed, acceleration, min(step, 600.0))  # fmt: skip
@@ -485,8 +413,8 @@ def first_gains(axis):
 # --- files ---------------------------------------------------------------------------------------
 
 
-def texts(title, axis, first, sources):
-    """The files' texts, in the order of FILES."""
+def render(name, title, axis, sources, first=None):
+    """The text of one of FILES; the model's needs no first gains."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -502,26 +430,28 @@ def texts(title, axis, first, sources):
     def given(key, name, unit, scale=1.0):
         return f"# {BY_NAME[name].ask}\n{entry(key, v[name] * scale, unit, sources[name])}"
 
-    count = axis.encoder_scale
-    target = round((-v["approach_mm"] / 1e3 - first.distance_m) * count)
-    if abs(target) >= 2**31:
-        name = "encoder_counts_per_rev" if v["encoder_counts_per_rev"] else "encoder_counts_per_mm"
-        fail(name, "a move of less than 2^31 counts", "give a coarser encoder")
     context = dict(
-        title=title, a=axis, f=first, v=v, src=sources, entry=entry, given=given, exact=repr,
+        title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
         bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
         back_emf_speed=back_emf_speed(v), count_N=v["sensor_full_scale_n"] / 128,
-        target=target,
-        speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
-        acceleration=within("profile_acceleration_max",
-                            first.acceleration_m_per_s2 * count * TICK_S**2),
-        ripple=max(10.0, math.ceil(2e-5 * count)),
     )  # fmt: skip
-    folder = resources.files("forceaxis")
-    return [
-        environment.from_string(folder.joinpath(f"new_{name}.jinja").read_text()).render(context)
-        for name in FILES
-    ]
+    if first:
+        count = axis.encoder_scale
+        target = round((-v["approach_mm"] / 1e3 - first.distance_m) * count)
+        if abs(target) >= 2**31:
+            key = (
+                "encoder_counts_per_rev" if v["encoder_counts_per_rev"] else "encoder_counts_per_mm"
+            )
+            fail(key, "a move of less than 2^31 counts", "give a coarser encoder")
+        context |= dict(
+            f=first, target=target,
+            speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
+            acceleration=within("profile_acceleration_max",
+                                first.acceleration_m_per_s2 * count * TICK_S**2),
+            ripple=max(10.0, math.ceil(2e-5 * count)),
+        )  # fmt: skip
+    text = resources.files("forceaxis").joinpath(f"new_{name}.jinja").read_text()
+    return environment.from_string(text).render(context)
 
 
 def write(folder, values, sources, force=False):
@@ -531,13 +461,18 @@ def write(folder, values, sources, force=False):
     if not title or any(c in title for c in '"\\') or not title.isprintable():
         raise InputError(f"NAME: expected the name of a folder without quotes, got {str(folder)!r}")
     axis = derive(values)
-    first = first_gains(axis)
-    written = texts(title, axis, first, sources)
+    model, *others = FILES
+    written = {model: render(model, title, axis, sources)}
+    with tempfile.TemporaryDirectory() as scratch:
+        trial = Path(scratch) / model
+        trial.write_text(written[model], encoding="utf-8")
+        first = first_gains(axis, trial)
+    written |= {name: render(name, title, axis, sources, first) for name in others}
     refuse_existing(folder, force)
     folder.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{title}.", dir=folder.parent))
     try:
-        for name, text in zip(FILES, written, strict=True):
+        for name, text in written.items():
             (part / name).write_text(text, encoding="utf-8")
         if folder.exists():
             for name in FILES:
