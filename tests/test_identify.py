@@ -356,3 +356,10 @@ def test_estimates_carry_errors():
     product = identify.propagate(lambda x, y: x * y, a, b, unit="m")
     assert (product.value, product.unit) == (12.0, "m")
     assert product.half == pytest.approx(12 * math.sqrt(0.02))
+
+
+@pytest.mark.parametrize("verb", ["", "decrement", "split", "tach", "motor", "fit"])
+def test_every_procedure_has_help_with_an_example(verb):
+    words = ["identify", *verb.split()]
+    shown = CliRunner().invoke(cli.cli, [*words, "--help"]).output
+    assert f"forceaxis {' '.join(words)}" in shown.partition("Example:")[2]
