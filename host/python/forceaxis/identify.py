@@ -338,7 +338,7 @@ VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on
 ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters act only together
 BLIND = 1e-9  # relative change of a response that is none
 MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
-STARTS = 16
+STARTS = 24
 
 
 @dataclass(frozen=True)
@@ -455,7 +455,7 @@ def fit(measured, starts, where="fit"):
     best = search(start)
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
-    scatter = np.random.default_rng(0).uniform(-0.5, 0.5, (STARTS, p))
+    scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS, p))
     for shift in scatter:
         if 2 * best.cost <= enough:
             break
