@@ -329,6 +329,12 @@ def test_python_objects_say_what_the_c_header_says():
     numbers = dict(re.findall(r"AXIS_OBJ_(\w+) = (\d+)[, ]", (ROOT / GENERATED[0]).read_text()))
     for o in module.OBJECTS:
         assert int(numbers[o.name.upper()]) == o.number
-    assert module.BY_NAME["mode"].enum == ("disabled", "open_loop", "position", "force")
+    assert module.BY_NAME["mode"].enum == (
+        "disabled",
+        "open_loop",
+        "position",
+        "force",
+        "excitation",
+    )
     assert module.BY_NAME["force_setpoint"].scale == 1 / 256
     assert module.OBJECTS_HASH in (ROOT / GENERATED[2]).read_text()

@@ -327,8 +327,15 @@ class Emulator:
 
 # Values that reach every branch: small and large, both rails, their neighbours, and off.
 RANGES = {
-    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3],
+    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 4, 4],
     "open_loop_code": [-2048, -2047, -1, 0, 1, 700, 2047],
+    "excitation_waveform": [0, 1],
+    "excitation_amplitude": [0, 1, 300, 2048],
+    "excitation_seed": [0, 1, 16384, 65535],
+    "excitation_hold": [1, 1, 2, 65535],
+    "excitation_frequency": [0, 1, 70000000, 2147483647],
+    "excitation_sweep": [-2147483648, -30000, 0, 0, 30000, 2147483647],
+    "excitation_period": [0, 1, 2, 10, 2147483647],
     "force_gain": [0, 1, 256, 1280, 2560, 65535],
     "force_setpoint": [-65536, 0, 128, 3840, 7680, 65536],
     "force_zero_code": [0, 0, 0, 128, 65535],
@@ -357,7 +364,7 @@ PROFILE = ("profile_enable", "profile_velocity_max", "profile_acceleration_max")
 def tick_instructions(image):
     """Addresses of the instructions of axis_tick and what it calls."""
     found = set()
-    for function in ("axis_tick", "profile_step"):
+    for function in ("axis_tick", "excitation_step", "profile_step"):
         listing = run("arm-none-eabi-objdump", "-d", f"--disassemble={function}", image)
         for line in listing.splitlines():
             words = line.split("\t")

@@ -52,14 +52,19 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
 }
 
 /* Command of the mode's law, 1/65536 code. */
-static int32_t evaluate_law(const axis_params_t *params, const axis_signals_t *signals,
-                            uint8_t mode) {
+static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
+  const axis_params_t *params = &axis->params;
+  const axis_signals_t *signals = &axis->signals;
   switch (mode) {
     case AXIS_MODE_POSITION:
       return law_position(params->position_gain, params->velocity_gain, signals->position_error,
                           signals->velocity);
     case AXIS_MODE_FORCE:
       return law_force(params->force_gain, params->force_setpoint, signals->force);
+    case AXIS_MODE_EXCITATION:
+      return law_excitation(
+          params->open_loop_code, params->excitation_amplitude,
+          excitation_step(&axis->excitation, params, signals->active_mode != mode));
     default:
       return law_open_loop(params->open_loop_code);
   }
@@ -115,7 +120,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     return;
   }
 
-  const int32_t law_q16 = evaluate_law(params, signals, mode);
+  const int32_t law_q16 = evaluate_law(axis, mode);
   /* The limits act on the code that goes out, with the sensors of the tick in which it does. */
   const bool late = params->latency_ticks != 0;
   if (late) {
@@ -146,6 +151,7 @@ void axis_init(axis_t *axis) {
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
   profile_set(&axis->profile, 0);
+  axis->excitation = (excitation_t){0};
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;

@@ -18,6 +18,7 @@
 
 #include <stdint.h>
 
+#include "firmware/core/excitation.h"
 #include "firmware/core/profile.h"
 #include "firmware/objects/generated/axis_objects.h"
 
@@ -47,6 +48,7 @@ typedef struct {
   axis_params_t params;
   axis_signals_t signals;
   profile_t profile;
+  excitation_t excitation;
   uint8_t primed;       /* signals.position is the count of the last tick */
   uint8_t rebase;       /* the next code continues from the one put out before it */
   uint8_t bias_shift;   /* bump_decay_shift at the change that left signals.bump_bias */
@@ -72,6 +74,8 @@ void axis_init(axis_t *axis);
  * pursues it; otherwise position_setpoint is set to the present position, so the axis holds where
  * it is. The profile starts at rest at the present position. A fault drops a set-point that was not
  * pursued yet: what was asked for before a fault must be asked for again.
+ *
+ * Excitation mode starts its waveform (excitation.h) in the tick that enters it.
  *
  * latency_ticks 1: the code goes out one tick after it was computed; enabling, disabling and faults
  * act at once.

@@ -49,7 +49,14 @@ static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_
   return fx_scale(fx_saturate(u_q8, LAW_MIN_Q8, LAW_MAX_Q8), 8);
 }
 
-/* Excitation: the code itself, -2048..2047. */
+/* Open loop: the code itself, -2048..2047. */
 static inline int32_t law_open_loop(int16_t code) { return fx_scale(code, 16); }
+
+/* Excitation about a code: amplitude 0..2048 codes, wave -32768..32767 of Q15. Exact but for the
+ * limit. */
+static inline int32_t law_excitation(int16_t code, uint16_t amplitude, int32_t wave_q15) {
+  const int32_t swing_q16 = fx_scale((int32_t)amplitude * wave_q15, 1);
+  return fx_clamp(law_open_loop(code) + swing_q16, LAW_MIN_Q16, LAW_MAX_Q16);
+}
 
 #endif

@@ -81,6 +81,24 @@ static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
   return ((uint32_t)code >> bits) == 0;
 }
 
+/* --- sine --------------------------------------------------------------------------------------
+ */
+
+/* sin(2 pi p / 2^32) in Q15, within 6 / 32768 of it, -32767..32767; sin(x + half a turn) is its
+ * negative but for three units of rounding. Overflow: cannot. */
+static inline int32_t fx_sine_q15(uint32_t phase_q32) {
+  /* Folded to a quarter turn, x = -1..1, where sin = x (c1 - x^2 (c3 - x^2 c5)), c1 - c3 + c5 = 1:
+   * the coefficients with the smallest largest error. */
+  const uint32_t quarter = (uint32_t)1 << 30;
+  const bool outer = phase_q32 + quarter > quarter * 2;
+  const uint32_t folded = outer ? quarter * 2 - phase_q32 : phase_q32;
+  const int32_t x = fx_floor_shift(fx_s32_from_u32(folded), 15);
+  const int32_t square = fx_floor_shift(x * x, 15);
+  const int32_t inner = INT32_C(21031) - fx_floor_shift(INT32_C(2344) * square, 15);
+  const int32_t slope = INT32_C(51454) - fx_floor_shift(inner * square, 15);
+  return fx_floor_shift(x * slope, 15);
+}
+
 /* --- decay ------------------------------------------------------------------------------------ */
 
 /* One step of x toward 0: |x| loses floor(|x| / 2^n), at least 1 and n 0..31, so 0 is reached

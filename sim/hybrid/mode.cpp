@@ -9,13 +9,12 @@
 namespace forceaxis::sim {
 namespace {
 
-constexpr Extended kTick = 1.0L / 1500.0L;
 constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
 constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
 constexpr std::size_t kMostTested = 128;  // parts of a tick that has a quiet test
 constexpr std::size_t kMostGrid = 64;     // parts of the grid: bits of a word
 constexpr std::size_t kFastGrid = 8;      // the same without a quiet test
-constexpr std::size_t kMostParts = 1 << 16;
+constexpr std::size_t kMostTickParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
 
@@ -124,10 +123,14 @@ void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride
           static_cast<double>(rows(i, j));
 }
 
-ExtendedMatrix square_flow(const ModeEquations &equations) {
+Extended tick_s(const ModeCache &cache) {
+  return 1.0L / (1500.0L * static_cast<Extended>(cache.parts()));
+}
+
+ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equations) {
   const Eigen::Index n = equations.flow.rows();
   ExtendedMatrix a = ExtendedMatrix::Zero(n + 2, n + 2);
-  a.topRows(n) = equations.flow * kTick;
+  a.topRows(n) = equations.flow * tick_s(cache);
   return a;
 }
 
@@ -236,7 +239,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   const Network &network = cache.network();
   const Model &model = cache.model();
   const ModeEquations equations = network.equations(key);
-  const ExtendedMatrix a = square_flow(equations);
+  const ExtendedMatrix a = square_flow(cache, equations);
   const Eigen::Index n = network.states();
   const Eigen::Index c = network.columns();
   const auto g = static_cast<Eigen::Index>(equations.channels.size());
@@ -255,7 +258,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   int order = 0;
   while ((order = absolute_series(a, parts, scale, kTruncation, kHighestOrder, &growth)) == 0) {
     parts *= 2;
-    if (parts > kMostParts)
+    if (parts > kMostTickParts)
       throw SimulationError(model.file +
                             ": the plant has time constants below 1e-7 s; make its elements less "
                             "stiff or its masses and inductances larger");
@@ -332,7 +335,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
 // doubling.
 class Gram {
  public:
-  explicit Gram(const ExtendedMatrix &a) {
+  Gram(const ExtendedMatrix &a, Extended tick) : tick_(tick) {
     const Influence scale = influence(a);
     ExtendedMatrix growth;
     while ((order_ = absolute_series(a, parts_, scale, 0x1p-66L, 28, &growth)) == 0) parts_ *= 2;
@@ -349,7 +352,7 @@ class Gram {
       term = (half + mirrored) / static_cast<Extended>(k);
       sum += term / static_cast<Extended>(k + 1);
     }
-    sum *= kTick / static_cast<Extended>(parts_);
+    sum *= tick_ / static_cast<Extended>(parts_);
     ExtendedMatrix flow = flow_;
     for (std::size_t k = parts_; k > 1; k /= 2) {
       const ExtendedMatrix transposed = flow.transpose();
@@ -360,6 +363,7 @@ class Gram {
   }
 
  private:
+  Extended tick_;  // s
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
@@ -369,9 +373,9 @@ class Gram {
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {
   const Network &network = cache.network();
   const ModeEquations equations = network.equations(key);
-  const ExtendedMatrix a = square_flow(equations);
+  const ExtendedMatrix a = square_flow(cache, equations);
   auto audit = std::make_unique<ModeAudit>();
-  const Gram gram(a);
+  const Gram gram(a, tick_s(cache));
   const auto c = static_cast<std::size_t>(a.cols());
   audit->form_stride = kernel::padded(network.supplies().size() + network.dampers().size());
   audit->forms.assign(audit->form_stride * c * c, 0.0);
@@ -419,8 +423,12 @@ const auto &find_or_build(std::mutex &mutex, Map &map, ModeKey key, Build build)
 
 }  // namespace
 
-ModeCache::ModeCache(std::shared_ptr<const Model> model)
-    : model_(std::move(model)), network_(*model_) {}
+ModeCache::ModeCache(std::shared_ptr<const Model> model, int parts)
+    : model_(std::move(model)), network_(*model_), parts_(parts) {
+  if (parts < 1 || parts > kMostParts)
+    throw std::invalid_argument("a tick has 1 to " + std::to_string(kMostParts) + " parts, not " +
+                                std::to_string(parts));
+}
 
 const Mode &ModeCache::mode(ModeKey key) {
   return find_or_build(mutex_, modes_, key, [&] { return build_mode(*this, key); });

@@ -1,7 +1,8 @@
 #pragma once
 // One linear mode of a plant, prepared for stepping, and the cache that owns modes.
 //
-// Time is counted in ticks of 1/1500 s here: all matrices hold A T. Rows act on z = (x, 1, u).
+// Time is counted in ticks here, T = 1/1500 s or a whole part of it: all matrices hold A T. Rows
+// act on z = (x, 1, u).
 #include <cstddef>
 #include <memory>
 #include <mutex>
@@ -121,12 +122,18 @@ struct ModeAudit {
 /// any number of threads: modes are immutable, and a plant asks here only for modes new to it.
 class ModeCache {
  public:
-  explicit ModeCache(std::shared_ptr<const Model> model);
+  /// `parts`: steps of the plant in one tick of the firmware, 1..kMostParts; modes hold one step.
+  /// More than one is for analog signals, which an analyzer sees faster than the controller does.
+  explicit ModeCache(std::shared_ptr<const Model> model, int parts = 1);
+  static constexpr int kMostParts = 64;
   ModeCache(const ModeCache &) = delete;
   ModeCache &operator=(const ModeCache &) = delete;
 
   const Model &model() const { return *model_; }
   const Network &network() const { return network_; }
+  /// Steps a second.
+  double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
+  int parts() const { return parts_; }
   /// Throws SimulationError if the mode is too fast (rates above about 1.2e7 / s).
   const Mode &mode(ModeKey key);
   const ModeAudit &audit(ModeKey key);
@@ -136,6 +143,7 @@ class ModeCache {
  private:
   std::shared_ptr<const Model> model_;
   Network network_;
+  int parts_;
   mutable std::mutex mutex_;
   std::unordered_map<ModeKey, std::unique_ptr<const Mode>> modes_;
   std::unordered_map<ModeKey, std::unique_ptr<const ModeAudit>> audits_;

@@ -369,10 +369,15 @@ void Network::add_motor(const DcMotor &motor, Wire speed, Wire *force) {
   const Extended ratio = 1 / static_cast<Extended>(motor.r_trans);  // rad/m
   const Wire tach = add_sum({wire(speed, static_cast<Extended>(motor.k_tach) * ratio)});
   const Extended a = motor.a_preamp_fdbk;
-  derivatives_[static_cast<std::size_t>(filtered)] = {
-      wire(tach, a * static_cast<Extended>(motor.k_preamp_fdbk)), state(filtered, -a)};
-
-  const Wire raw = add_sum({command(motor.k_preamp_cmd), state(filtered, -1)});
+  const Extended gain = a * static_cast<Extended>(motor.k_preamp_fdbk);
+  Terms &filter = derivatives_[static_cast<std::size_t>(filtered)];
+  filter = {wire(tach, gain), state(filtered, -a)};
+  Terms sum = {state(filtered, -1)};
+  if (motor.input_tach)
+    filter.push_back(command(gain));
+  else
+    sum.insert(sum.begin(), command(motor.k_preamp_cmd));
+  const Wire raw = add_sum(std::move(sum));
   const Wire wanted =
       motor.preamp_limit ? add_clamp("drive.preamp", raw, *motor.preamp_limit, true) : raw;
   const Wire sensed = add_sum({state(current, motor.k_current)});

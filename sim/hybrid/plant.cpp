@@ -94,7 +94,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
   if (audit_) initial_energy_ = total_energy();
 }
 
-void Plant::step(int dac_code, bool amp_enable) {
+double Plant::volts(int dac_code) const {
   if (dac_code < lowest_code_ || dac_code > highest_code_)
     throw std::invalid_argument("DAC code " + std::to_string(dac_code) + " is outside " +
                                 std::to_string(lowest_code_) + ".." +
@@ -102,8 +102,10 @@ void Plant::step(int dac_code, bool amp_enable) {
   double volts = static_cast<double>(dac_code) * volts_per_code_ + dac_offset_;
   if (const double noise = model().dac.noise; noise > 0.0)
     volts += noise * deviate(seed_, kDacChannel, tick());
-  stepper_.step(volts, amp_enable);
+  return volts;
 }
+
+void Plant::step(int dac_code, bool amp_enable) { stepper_.step(volts(dac_code), amp_enable); }
 
 void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
   const int index = model().body_index(body);

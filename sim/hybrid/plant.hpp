@@ -78,12 +78,16 @@ class Plant {
   explicit Plant(std::shared_ptr<const Model> model, PlantOptions options = {});
   explicit Plant(std::shared_ptr<ModeCache> cache, PlantOptions options = {});
 
-  /// One tick of 1/1500 s with the code held. `amp_enable` false: coasting, the drive's current (or
-  /// force) is 0 from this instant on and the code has no effect. Throws std::invalid_argument if
-  /// the code does not fit the DAC, SimulationError if the plant cannot be stepped on (the plant is
-  /// then of no further use).
+  /// One tick (1/1500 s, or the part of it that the ModeCache steps) with the code held.
+  /// `amp_enable` false: coasting, the drive's current (or force) is 0 from this instant on and the
+  /// code has no effect. Throws std::invalid_argument if the code does not fit the DAC,
+  /// SimulationError if the plant cannot be stepped on (the plant is then of no further use).
   void step(int dac_code, bool amp_enable);
-  /// step() with volts from wherever.
+  /// The volts that the DAC puts out for a code in this tick, offset and noise included.
+  double volts(int dac_code) const;
+  /// step() with volts from wherever, in two halves, so that signals() may be asked in between:
+  /// what the drive is given from this instant on, and the tick with the same.
+  void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
   void step_volts(double volts, bool amp_enable) { stepper_.step(volts, amp_enable); }
   /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
   /// body or an impulse that is not finite.
@@ -106,8 +110,11 @@ class Plant {
   double signal_at(std::size_t place) const;
 
   std::int64_t tick() const { return stepper_.tick(); }
-  double time_s() const { return static_cast<double>(stepper_.tick()) / kTickRateHz; }
+  double time_s() const {
+    return static_cast<double>(stepper_.tick()) / stepper_.cache().rate_hz();
+  }
   const Model &model() const { return stepper_.cache().model(); }
+  int parts() const { return stepper_.cache().parts(); }
 
   /// The first `listed_events` events.
   std::vector<Event> events() const;

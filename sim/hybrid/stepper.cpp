@@ -95,7 +95,7 @@ void Stepper::check_finite() const {
   for (const double value : z_)
     if (!(magnitude(value) < 1e100))
       throw SimulationError("the plant's state left all bounds at t = " +
-                            std::to_string(static_cast<double>(tick_) / kTickRateHz) +
+                            std::to_string(static_cast<double>(tick_) / cache_->rate_hz()) +
                             " s: the loop is unstable; lower the gain or check the model");
 }
 
@@ -103,18 +103,22 @@ void Stepper::fail_switching(int switch_index, double s) const {
   throw SimulationError(
       network().switches()[static_cast<std::size_t>(switch_index)].element +
       " keeps switching without end at t = " +
-      std::to_string((static_cast<double>(tick_) + s) / kTickRateHz) +
+      std::to_string((static_cast<double>(tick_) + s) / cache_->rate_hz()) +
       " s: its states contradict each other there; change this element or its neighbours");
+}
+
+void Stepper::switch_drive(double command, bool enable) {
+  if (!enable)
+    for (const int state : network().drive_states()) z_[static_cast<std::size_t>(state)] = 0.0;
+  z_[mode_->states + 1] = command;
+  set_mode(network().with_enable(mode_->key, enable));
+  settle(false);
 }
 
 void Stepper::step(double command, bool enable) {
   const std::size_t n = mode_->states;
   if (Network::enabled(mode_->key) != enable) {
-    if (!enable)
-      for (const int state : network().drive_states()) z_[static_cast<std::size_t>(state)] = 0.0;
-    z_[n + 1] = command;
-    set_mode(network().with_enable(mode_->key, enable));
-    settle(false);
+    switch_drive(command, enable);
   } else if (sensors_in_result_ && command_jumps_ahead(command - z_[n + 1])) {
     // Only spares the quiet test: it is settle() that decides, now or after the test.
     z_[n + 1] = command;
@@ -135,6 +139,16 @@ void Stepper::step(double command, bool enable) {
   for (std::size_t i = 0; i < n; ++i) z_[i] = next[i];
   sensors_in_result_ = true;
   ++tick_;
+}
+
+void Stepper::hold(double command, bool enable) {
+  if (Network::enabled(mode_->key) != enable) {
+    switch_drive(command, enable);
+  } else {
+    z_[mode_->states + 1] = command;
+    settle(true);
+  }
+  sensors_in_result_ = false;
 }
 
 const double *Stepper::sensors() {
@@ -466,7 +480,7 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   }
   if (audit_) discarded_.add(before - stored_total());
   if (!counted) return;
-  const double time_s = (static_cast<double>(tick_) + s) / kTickRateHz;
+  const double time_s = (static_cast<double>(tick_) + s) / cache_->rate_hz();
   // There and back in no time is no change.
   if (last_.switch_index == index && last_.time_s == time_s && last_.from == to &&
       last_.to == from && last_.jump == jump) {
@@ -562,7 +576,7 @@ void Stepper::audit_part(double s) {
       for (std::size_t i = from; i <= to; ++i) coefficient += a[i] * b[degree - i];
       sum += coefficient * kReciprocal.value[degree + 1];
     }
-    return sum * s / kTickRateHz;
+    return sum * s / cache_->rate_hz();
   };
   for (std::size_t i = 0; i < supplied_.size(); ++i) supplied_[i].add(integral(i));
   for (std::size_t i = 0; i < dissipated_.size(); ++i)

@@ -37,6 +37,9 @@ class Stepper {
 
   /// One tick with the command voltage held. Throws SimulationError.
   void step(double command, bool enable);
+  /// The command from this instant on: switches and z() follow at once. The next step() must be
+  /// given the same.
+  void hold(double command, bool enable);
   /// Adds to the velocity of a body at this instant and lets the switches follow.
   void kick(std::size_t body, double impulse);
 
@@ -75,6 +78,7 @@ class Stepper {
     double after = 0.0;  // ticks from now
   };
 
+  void switch_drive(double command, bool enable);
   bool quiet_tick();
   bool calm_tick();
   bool command_jumps() const;

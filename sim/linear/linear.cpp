@@ -130,7 +130,7 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
 
 [[noreturn]] void refuse_input(const Model &model, const string &name) {
   std::vector<string> names;
-  if (model.drive) names = {"drive.command", "drive.force"};
+  if (model.drive) names = {"drive.command", "drive.tach", "drive.force"};
   for (const Body &body : model.bodies) names.push_back(body.name + ".force");
   throw InputError(model.file, "input", "expected one of " + listed(names) + ", got " + name);
 }
@@ -177,6 +177,14 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
     if (input == "drive.command" && model.drive && mode.drive) {
       linear.B.col(at) = equations.flow.col(n + 1).cast<double>();
       linear.D.col(at) = rows.col(n + 1).cast<double>();
+    } else if (input == "drive.tach" && model.drive && mode.drive &&
+               std::holds_alternative<DcMotor>(model.drive->type)) {
+      Model moved = model;
+      std::get<DcMotor>(moved.drive->type).input_tach = true;
+      const Network with(moved);
+      const ModeEquations e = with.equations(key);
+      linear.B.col(at) = e.flow.col(n + 1).cast<double>();
+      linear.D.col(at) = outputs_of(moved, with, e).col(n + 1).cast<double>();
     } else if (input == "drive.force" && model.drive) {
       force(model.drive->body, model.drive->reaction);
     } else {

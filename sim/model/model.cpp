@@ -739,6 +739,12 @@ void Loader::read_drive(Section &root) {
                      "; choose what the drive pushes against");
   if (type == "dc_motor") {
     DcMotor motor;
+    const std::string inputs = "one of command, tach";
+    const std::string input = section.optional_text("input", inputs).value_or("command");
+    if (input != "command" && input != "tach")
+      section.fail("input", "expected " + inputs + ", got " + in_quotes(input) +
+                                "; choose where the DAC's volts go");
+    motor.input_tach = input == "tach";
     motor.k_preamp_cmd = section.value("k_preamp_cmd", Dimension::ratio, Sign::not_zero);
     motor.k_preamp_fdbk = section.value("k_preamp_fdbk", Dimension::ratio, Sign::not_negative);
     motor.a_preamp_fdbk = section.value("a_preamp_fdbk", Dimension::rate, Sign::positive);

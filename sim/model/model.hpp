@@ -199,14 +199,17 @@ struct Gravity {
 };
 
 /// Current-fed DC motor behind a preamplifier with tachometer feedback (Figs 4.1-4.4):
-///   vf' = a_preamp_fdbk (k_preamp_fdbk k_tach / r_trans * v - vf)     filtered tachometer, V
+///   vf' = a_preamp_fdbk (k_preamp_fdbk (k_tach / r_trans * v + t) - vf) filtered tachometer, V
 ///   c   = clamp(k_preamp_cmd u - vf, +-preamp_limit)                  current command, V
 ///   e   = c - clamp(k_current i, +-current_feedback_limit)            current error, V
 ///   vm  = slope k_amp up to |e| = amp_break, k_amp_outer beyond, clamped to +-supply_limit
 ///   L i' = vm - R i - k_back_emf / r_trans * v
 ///   F   = k_torque / r_trans * i - b_m / r_trans^2 * v                on the body, -F on reaction
-/// v is the velocity of the body against the reaction body. Disabled: i = 0, F = -b_m/r^2 v.
+/// What the DAC (or an analyzer) puts out is the velocity command u, with t = 0; with input =
+/// "tach" it is added to the tachometer's voltage instead: t, with u = 0 (Fig 3.7). v is the
+/// velocity of the body against the reaction body. Disabled: i = 0, F = -b_m/r^2 v.
 struct DcMotor {
+  bool input_tach = false;                       ///< key input, "command" (default) or "tach"
   double k_preamp_cmd = 0.0;                     ///< V/V
   double k_preamp_fdbk = 0.0;                    ///< V/V, >= 0
   double a_preamp_fdbk = 0.0;                    ///< rad/s, > 0

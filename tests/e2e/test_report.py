@@ -47,7 +47,10 @@ def test_models_elements_and_contact_maps_are_in_it(page):
     linked = set(re.findall(r'<a href="#(\w+)">', html))
     assert linked <= set(re.findall(r'<h3 id="(\w+)">', html))
     models = ROOT / "sim/models"
+    measured = {"fig3_7", "fig3_8", "fig3_10", "fig3_12"}  # by `forceaxis measure`, no experiment
     for path in [*models.glob("fig*.toml"), *models.glob("nl_*.toml")]:
+        if path.stem in measured:
+            continue
         assert f"<code>{path.name}</code>" in html
     assert "<td>66 of 66</td>" in html
     for words in ("Contact and friction", "widens the stable region", "one by one"):

@@ -234,5 +234,66 @@ TEST(Step, RefusesCodesBeyondTheDac) {
   EXPECT_EQ(plant.tick(), 2);
 }
 
+// Fig 3.7: u behind the tachometer, 4.2 / (1 + s / 942), inverted.
+TEST(DcMotor, TachometerInput) {
+  Plant plant(make_model(kLocked + motor_drive("axis", "input = \"tach\"\n")));
+  const double u = 10 * kVolt;
+  for (int k = 1; k <= 20; ++k) {
+    plant.step(10, true);
+    const double filtered = 4.2 * u * -std::expm1(-942 * (k * kTickS));
+    ASSERT_NEAR(plant.signal("drive.tach_filtered"), filtered, 1e-14) << "tick " << k;
+    ASSERT_EQ(plant.signal("drive.current_command"), -plant.signal("drive.tach_filtered"));
+    ASSERT_NEAR(plant.signal("drive.tach"), 0.0, 1e-15);
+  }
+}
+
+// Finer steps are the same motion: events, energies and states of a body thrown against a contact.
+TEST(Step, PartsOfATickGiveTheSameMotion) {
+  const std::string text = body("8") + "velocity = 0.5\n" + motor_drive("axis") +
+                           "[[contact]]\nname = \"wall\"\nbetween = [\"axis\", \"ground\"]\n"
+                           "stiffness = 4e5\ndamping = 60\ngap = 0.003\n";
+  const auto model = make_model(text);
+  Plant whole(model, {.audit = true});
+  for (int k = 0; k < 60; ++k) whole.step(k % 7 == 0 ? 300 : -40, true);
+  for (const int parts : {2, 5, 64}) {
+    Plant fine(std::make_shared<ModeCache>(model, parts), {.audit = true});
+    for (int k = 0; k < 60; ++k)
+      for (int part = 0; part < parts; ++part) fine.step(k % 7 == 0 ? 300 : -40, true);
+    EXPECT_NEAR(fine.time_s(), whole.time_s(), 1e-15);
+    const auto events = whole.events();
+    const auto found = fine.events();
+    ASSERT_EQ(found.size(), events.size());
+    ASSERT_GE(events.size(), 4U);
+    for (std::size_t i = 0; i < events.size(); ++i) {
+      EXPECT_EQ(found[i].to, events[i].to);
+      EXPECT_NEAR(found[i].time_s, events[i].time_s, 1e-12);
+    }
+    for (std::size_t i = 0; i < whole.state().size(); ++i)
+      EXPECT_NEAR(fine.state()[i], whole.state()[i], 1e-10) << "state " << i;
+    EXPECT_NEAR(fine.energy().supplied, whole.energy().supplied, 1e-10);
+    EXPECT_NEAR(fine.energy().residual, 0.0, 1e-10);
+  }
+  EXPECT_THROW(ModeCache(model, 0), std::invalid_argument);
+  EXPECT_THROW(ModeCache(model, 65), std::invalid_argument);
+}
+
+// What the drive is given shows at once; asking changes nothing of the tick that follows.
+TEST(Step, InTwoHalvesIsTheSameStep) {
+  const auto model = make_model(body("8") + motor_drive("axis"));
+  Plant one(model);
+  Plant two(model);
+  for (int k = 0; k < 200; ++k) {
+    const double volts = (k * 37 % 101 - 50) * 0.04;
+    two.hold_volts(volts, true);
+    ASSERT_EQ(two.signal("drive.command"), volts);
+    ASSERT_NEAR(two.signal("drive.current_command") + two.signal("drive.tach_filtered"),
+                3.9 * volts, 1e-12);
+    two.step_volts(volts, true);
+    one.step_volts(volts, true);
+    for (std::size_t i = 0; i < one.state().size(); ++i)
+      ASSERT_EQ(two.state()[i], one.state()[i]) << "tick " << k;
+  }
+}
+
 }  // namespace
 }  // namespace forceaxis::sim::test

@@ -297,6 +297,10 @@ TEST(ModelRefuses, MissingAndUnused) {
                  {"drive.k_torque",
                   "expected a finite number > 0 in N m/A or a parameter, got "
                   "nothing; add this key"});
+  expect_refusal(kAxis + motor + "input = \"brake\"\n",
+                 {"drive.input",
+                  "expected one of command, tach, got \"brake\"; choose where "
+                  "the DAC's volts go"});
   expect_refusal(kAxis + with(motor, "amp_break = 2\n", ""),
                  {"drive.amp_break",
                   "expected a finite number > 0 in V beside k_amp_outer, got "

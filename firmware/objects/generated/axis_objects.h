@@ -10,63 +10,70 @@ enum {
   AXIS_OBJ_NONE = 0,
   AXIS_OBJ_MODE = 1,
   AXIS_OBJ_OPEN_LOOP_CODE = 2,
-  AXIS_OBJ_FORCE_GAIN = 3,
-  AXIS_OBJ_FORCE_SETPOINT = 4,
-  AXIS_OBJ_FORCE_ZERO_CODE = 5,
-  AXIS_OBJ_FORCE_SIGN = 6,
-  AXIS_OBJ_FORCE_TARE = 7,
-  AXIS_OBJ_ADC_BITS = 8,
-  AXIS_OBJ_POSITION_GAIN = 9,
-  AXIS_OBJ_VELOCITY_GAIN = 10,
-  AXIS_OBJ_POSITION_SETPOINT = 11,
-  AXIS_OBJ_PROFILE_ENABLE = 12,
-  AXIS_OBJ_PROFILE_VELOCITY_MAX = 13,
-  AXIS_OBJ_PROFILE_ACCELERATION_MAX = 14,
-  AXIS_OBJ_POSITION_MIN = 15,
-  AXIS_OBJ_POSITION_MAX = 16,
-  AXIS_OBJ_OUTPUT_LIMIT = 17,
-  AXIS_OBJ_LATENCY_TICKS = 18,
-  AXIS_OBJ_BUMP_DECAY_SHIFT = 19,
-  AXIS_OBJ_FOLLOWING_ERROR_MAX = 20,
-  AXIS_OBJ_SPEED_MAX = 21,
-  AXIS_OBJ_FORCE_MAX = 22,
-  AXIS_OBJ_FAULT_RESET = 23,
-  AXIS_OBJ_TICK_COUNT = 24,
-  AXIS_OBJ_ACTIVE_MODE = 25,
-  AXIS_OBJ_FAULT = 26,
-  AXIS_OBJ_LIMIT_REASON = 27,
-  AXIS_OBJ_POSITION = 28,
-  AXIS_OBJ_VELOCITY = 29,
-  AXIS_OBJ_FORCE = 30,
-  AXIS_OBJ_FORCE_RAW = 31,
-  AXIS_OBJ_CURRENT_RAW = 32,
-  AXIS_OBJ_DIGITAL_INPUTS = 33,
-  AXIS_OBJ_DAC_CODE = 34,
-  AXIS_OBJ_COMMAND_CODE = 35,
-  AXIS_OBJ_PROFILE_POSITION = 36,
-  AXIS_OBJ_PROFILE_VELOCITY = 37,
-  AXIS_OBJ_POSITION_ERROR = 38,
-  AXIS_OBJ_BUMP_BIAS = 39,
-  AXIS_OBJ_RECORDER_SIGNAL_1 = 40,
-  AXIS_OBJ_RECORDER_SIGNAL_2 = 41,
-  AXIS_OBJ_RECORDER_SIGNAL_3 = 42,
-  AXIS_OBJ_RECORDER_SIGNAL_4 = 43,
-  AXIS_OBJ_RECORDER_SIGNAL_5 = 44,
-  AXIS_OBJ_RECORDER_SIGNAL_6 = 45,
-  AXIS_OBJ_RECORDER_SIGNAL_7 = 46,
-  AXIS_OBJ_RECORDER_SIGNAL_8 = 47,
-  AXIS_OBJ_RECORDER_DECIMATION = 48,
-  AXIS_OBJ_RECORDER_TRIGGER_SOURCE = 49,
-  AXIS_OBJ_RECORDER_TRIGGER_EDGE = 50,
-  AXIS_OBJ_RECORDER_TRIGGER_LEVEL = 51,
-  AXIS_OBJ_RECORDER_PRETRIGGER = 52,
-  AXIS_OBJ_RECORDER_LENGTH = 53,
-  AXIS_OBJ_RECORDER_ARM = 54,
-  AXIS_OBJ_RECORDER_STATE = 55,
-  AXIS_OBJ_RECORDER_COUNT = 56,
-  AXIS_OBJ_RECORDER_CAPACITY = 57,
-  AXIS_OBJ_RECORDER_TRIGGER_INDEX = 58,
-  AXIS_OBJ_COUNT = 59 /* one past the last number */
+  AXIS_OBJ_EXCITATION_WAVEFORM = 3,
+  AXIS_OBJ_EXCITATION_AMPLITUDE = 4,
+  AXIS_OBJ_EXCITATION_SEED = 5,
+  AXIS_OBJ_EXCITATION_HOLD = 6,
+  AXIS_OBJ_EXCITATION_FREQUENCY = 7,
+  AXIS_OBJ_EXCITATION_SWEEP = 8,
+  AXIS_OBJ_EXCITATION_PERIOD = 9,
+  AXIS_OBJ_FORCE_GAIN = 10,
+  AXIS_OBJ_FORCE_SETPOINT = 11,
+  AXIS_OBJ_FORCE_ZERO_CODE = 12,
+  AXIS_OBJ_FORCE_SIGN = 13,
+  AXIS_OBJ_FORCE_TARE = 14,
+  AXIS_OBJ_ADC_BITS = 15,
+  AXIS_OBJ_POSITION_GAIN = 16,
+  AXIS_OBJ_VELOCITY_GAIN = 17,
+  AXIS_OBJ_POSITION_SETPOINT = 18,
+  AXIS_OBJ_PROFILE_ENABLE = 19,
+  AXIS_OBJ_PROFILE_VELOCITY_MAX = 20,
+  AXIS_OBJ_PROFILE_ACCELERATION_MAX = 21,
+  AXIS_OBJ_POSITION_MIN = 22,
+  AXIS_OBJ_POSITION_MAX = 23,
+  AXIS_OBJ_OUTPUT_LIMIT = 24,
+  AXIS_OBJ_LATENCY_TICKS = 25,
+  AXIS_OBJ_BUMP_DECAY_SHIFT = 26,
+  AXIS_OBJ_FOLLOWING_ERROR_MAX = 27,
+  AXIS_OBJ_SPEED_MAX = 28,
+  AXIS_OBJ_FORCE_MAX = 29,
+  AXIS_OBJ_FAULT_RESET = 30,
+  AXIS_OBJ_TICK_COUNT = 31,
+  AXIS_OBJ_ACTIVE_MODE = 32,
+  AXIS_OBJ_FAULT = 33,
+  AXIS_OBJ_LIMIT_REASON = 34,
+  AXIS_OBJ_POSITION = 35,
+  AXIS_OBJ_VELOCITY = 36,
+  AXIS_OBJ_FORCE = 37,
+  AXIS_OBJ_FORCE_RAW = 38,
+  AXIS_OBJ_CURRENT_RAW = 39,
+  AXIS_OBJ_DIGITAL_INPUTS = 40,
+  AXIS_OBJ_DAC_CODE = 41,
+  AXIS_OBJ_COMMAND_CODE = 42,
+  AXIS_OBJ_PROFILE_POSITION = 43,
+  AXIS_OBJ_PROFILE_VELOCITY = 44,
+  AXIS_OBJ_POSITION_ERROR = 45,
+  AXIS_OBJ_BUMP_BIAS = 46,
+  AXIS_OBJ_RECORDER_SIGNAL_1 = 47,
+  AXIS_OBJ_RECORDER_SIGNAL_2 = 48,
+  AXIS_OBJ_RECORDER_SIGNAL_3 = 49,
+  AXIS_OBJ_RECORDER_SIGNAL_4 = 50,
+  AXIS_OBJ_RECORDER_SIGNAL_5 = 51,
+  AXIS_OBJ_RECORDER_SIGNAL_6 = 52,
+  AXIS_OBJ_RECORDER_SIGNAL_7 = 53,
+  AXIS_OBJ_RECORDER_SIGNAL_8 = 54,
+  AXIS_OBJ_RECORDER_DECIMATION = 55,
+  AXIS_OBJ_RECORDER_TRIGGER_SOURCE = 56,
+  AXIS_OBJ_RECORDER_TRIGGER_EDGE = 57,
+  AXIS_OBJ_RECORDER_TRIGGER_LEVEL = 58,
+  AXIS_OBJ_RECORDER_PRETRIGGER = 59,
+  AXIS_OBJ_RECORDER_LENGTH = 60,
+  AXIS_OBJ_RECORDER_ARM = 61,
+  AXIS_OBJ_RECORDER_STATE = 62,
+  AXIS_OBJ_RECORDER_COUNT = 63,
+  AXIS_OBJ_RECORDER_CAPACITY = 64,
+  AXIS_OBJ_RECORDER_TRIGGER_INDEX = 65,
+  AXIS_OBJ_COUNT = 66 /* one past the last number */
 };
 
 enum {
@@ -74,7 +81,14 @@ enum {
   AXIS_MODE_OPEN_LOOP = 1,
   AXIS_MODE_POSITION = 2,
   AXIS_MODE_FORCE = 3,
-  AXIS_MODE_COUNT = 4
+  AXIS_MODE_EXCITATION = 4,
+  AXIS_MODE_COUNT = 5
+};
+
+enum {
+  AXIS_EXCITATION_WAVEFORM_NOISE = 0,
+  AXIS_EXCITATION_WAVEFORM_SINE = 1,
+  AXIS_EXCITATION_WAVEFORM_COUNT = 2
 };
 
 enum {
@@ -123,6 +137,9 @@ enum {
 };
 
 typedef struct {
+  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep [3.4924596548080444e-07 Hz] */
+  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp [0.0005238689482212067 Hz/s] */
+  int32_t excitation_period; /* ticks after which the waveform starts again, noise with the same values; 0 means never [tick] */
   int32_t force_setpoint; /* wanted force f_d, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* force subtracted from the reading, in counts of an 8-bit ADC [1/256 count] */
   int32_t position_setpoint; /* wanted position; pursued when written in, or for, position mode; the axis stops at a soft limit on the way to it [count] */
@@ -133,13 +150,17 @@ typedef struct {
   int32_t following_error_max; /* largest distance of position and set-point in position mode; 0 means off [count] */
   int32_t speed_max; /* largest speed while a mode is active; 0 means off [count/tick] */
   int32_t force_max; /* largest magnitude of the force while a mode is active; 0 means off [1/256 count] */
-  int16_t open_loop_code; /* DAC code put out in open-loop mode [code] */
+  int16_t open_loop_code; /* DAC code put out in open-loop mode, and about which excitation mode swings [code] */
+  uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is uniform within it [code] */
+  uint16_t excitation_seed; /* where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn [1] */
+  uint16_t excitation_hold; /* ticks that each value of the noise is held, which limits its band [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned reading, 2^(adc_bits-1) for a signed one [1] */
   uint16_t position_gain; /* gain k_p of the position law [1/256 code/count] */
   uint16_t velocity_gain; /* gain k_d of the position law, on counts per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 leaves the range of the DAC [code] */
   uint8_t mode; /* requested mode; set back to disabled by a fault [enum] */
+  uint8_t excitation_waveform; /* what is added to open_loop_code in excitation mode [enum] */
   int8_t force_sign; /* sign of the force reading, +1 or -1: compression must come out positive [1] */
   uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
   uint8_t profile_enable; /* how the position set-point is approached [enum] */

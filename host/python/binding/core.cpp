@@ -17,6 +17,7 @@
 namespace py = pybind11;
 
 void add_bench(py::module_ &m);   // bench.cpp
+void add_excite(py::module_ &m);  // excite.cpp
 void add_linear(py::module_ &m);  // linear.cpp
 void add_plant(py::module_ &m);   // plant.cpp
 
@@ -365,5 +366,6 @@ PYBIND11_MODULE(_core, m) {
 
   add_linear(m);
   add_bench(m);
+  add_excite(m);
   add_plant(m);
 }

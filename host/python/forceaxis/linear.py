@@ -248,9 +248,10 @@ def linearise(
     model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
     pressed (apart if `free`), everything else is in the middle of its range, unless `modes`,
     {element: state}, says otherwise ({"drive.amplifier": "high outer"}; states as in events.csv).
-    inputs: drive.command (V), drive.force (N, on the drive's body and against its reaction, besides
-    what the drive gives), BODY.force (N, from outside). outputs: any signal of the model, reading
-    (what ADC 0 converts, in its own unit), adc0 and adc1 (8-bit counts), encoder (counts).
+    inputs: drive.command (V), drive.tach (V, added to the tachometer), drive.force (N, on the
+    drive's body and against its reaction, besides what the drive gives), BODY.force (N, from
+    outside). outputs: any signal of the model, reading (what ADC 0 converts, in its own unit), adc0
+    and adc1 (8-bit counts), encoder (counts).
     `drive` False takes the drive off: the load of 2.3.2, with input drive.force.
 
     Raises InputError for a model, parameter, name or state that is not there.

@@ -23,7 +23,7 @@ class AxisObject(NamedTuple):
     enum: tuple[str, ...]
 
 
-OBJECTS_HASH = "0bf3e69eb4d56047f336500c8e8434d655bb947f8d3b41aabcf8e6f5674092e4"
+OBJECTS_HASH = "d0c2e1d3bc45c42cc3fbe4bb6ba81549f966432f677c4c560fb44a5307095b69"
 
 OBJECTS = (
     AxisObject(
@@ -36,18 +36,18 @@ OBJECTS = (
         unit="1",
         scale=1.0,
         min=0,
-        max=3,
+        max=4,
         default=0,
         access="rw",
         writable="any",
-        enum=("disabled", "open_loop", "position", "force",),
+        enum=("disabled", "open_loop", "position", "force", "excitation",),
     ),
     AxisObject(
         number=2,
         name="open_loop_code",
         kind="parameter",
         part="axis",
-        meaning="DAC code put out in open-loop mode",
+        meaning="DAC code put out in open-loop mode, and about which excitation mode swings",
         type="i16",
         unit="code",
         scale=1.0,
@@ -60,6 +60,118 @@ OBJECTS = (
     ),
     AxisObject(
         number=3,
+        name="excitation_waveform",
+        kind="parameter",
+        part="axis",
+        meaning="what is added to open_loop_code in excitation mode",
+        type="u8",
+        unit="1",
+        scale=1.0,
+        min=0,
+        max=1,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=("noise", "sine",),
+    ),
+    AxisObject(
+        number=4,
+        name="excitation_amplitude",
+        kind="parameter",
+        part="axis",
+        meaning="largest magnitude of the excitation; noise is uniform within it",
+        type="u16",
+        unit="code",
+        scale=1.0,
+        min=0,
+        max=2048,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=5,
+        name="excitation_seed",
+        kind="parameter",
+        part="axis",
+        meaning="where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn",
+        type="u16",
+        unit="1",
+        scale=1.0,
+        min=0,
+        max=65535,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=6,
+        name="excitation_hold",
+        kind="parameter",
+        part="axis",
+        meaning="ticks that each value of the noise is held, which limits its band",
+        type="u16",
+        unit="tick",
+        scale=1.0,
+        min=1,
+        max=65535,
+        default=1,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=7,
+        name="excitation_frequency",
+        kind="parameter",
+        part="axis",
+        meaning="frequency of the sine, at the start of a sweep",
+        type="u32",
+        unit="Hz",
+        scale=3.4924596548080444e-07,
+        min=0,
+        max=2147483647,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=8,
+        name="excitation_sweep",
+        kind="parameter",
+        part="axis",
+        meaning="rate at which the sine's frequency rises: a chirp",
+        type="i32",
+        unit="Hz/s",
+        scale=0.0005238689482212067,
+        min=-2147483648,
+        max=2147483647,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=9,
+        name="excitation_period",
+        kind="parameter",
+        part="axis",
+        meaning="ticks after which the waveform starts again, noise with the same values; 0 means never",
+        type="i32",
+        unit="tick",
+        scale=1.0,
+        min=0,
+        max=2147483647,
+        default=0,
+        access="rw",
+        writable="any",
+        enum=(),
+    ),
+    AxisObject(
+        number=10,
         name="force_gain",
         kind="parameter",
         part="axis",
@@ -75,7 +187,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=4,
+        number=11,
         name="force_setpoint",
         kind="parameter",
         part="axis",
@@ -91,7 +203,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=5,
+        number=12,
         name="force_zero_code",
         kind="parameter",
         part="axis",
@@ -107,7 +219,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=6,
+        number=13,
         name="force_sign",
         kind="parameter",
         part="axis",
@@ -123,7 +235,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=7,
+        number=14,
         name="force_tare",
         kind="parameter",
         part="axis",
@@ -139,7 +251,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=8,
+        number=15,
         name="adc_bits",
         kind="parameter",
         part="axis",
@@ -155,7 +267,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=9,
+        number=16,
         name="position_gain",
         kind="parameter",
         part="axis",
@@ -171,7 +283,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=10,
+        number=17,
         name="velocity_gain",
         kind="parameter",
         part="axis",
@@ -187,7 +299,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=11,
+        number=18,
         name="position_setpoint",
         kind="parameter",
         part="axis",
@@ -203,7 +315,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=12,
+        number=19,
         name="profile_enable",
         kind="parameter",
         part="axis",
@@ -219,7 +331,7 @@ OBJECTS = (
         enum=("raw_step", "trapezoid",),
     ),
     AxisObject(
-        number=13,
+        number=20,
         name="profile_velocity_max",
         kind="parameter",
         part="axis",
@@ -235,7 +347,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=14,
+        number=21,
         name="profile_acceleration_max",
         kind="parameter",
         part="axis",
@@ -251,7 +363,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=15,
+        number=22,
         name="position_min",
         kind="parameter",
         part="axis",
@@ -267,7 +379,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=16,
+        number=23,
         name="position_max",
         kind="parameter",
         part="axis",
@@ -283,7 +395,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=17,
+        number=24,
         name="output_limit",
         kind="parameter",
         part="axis",
@@ -299,7 +411,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=18,
+        number=25,
         name="latency_ticks",
         kind="parameter",
         part="axis",
@@ -315,7 +427,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=19,
+        number=26,
         name="bump_decay_shift",
         kind="parameter",
         part="axis",
@@ -331,7 +443,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=20,
+        number=27,
         name="following_error_max",
         kind="parameter",
         part="axis",
@@ -347,7 +459,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=21,
+        number=28,
         name="speed_max",
         kind="parameter",
         part="axis",
@@ -363,7 +475,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=22,
+        number=29,
         name="force_max",
         kind="parameter",
         part="axis",
@@ -379,7 +491,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=23,
+        number=30,
         name="fault_reset",
         kind="command",
         part="axis",
@@ -395,7 +507,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=24,
+        number=31,
         name="tick_count",
         kind="signal",
         part="axis",
@@ -411,7 +523,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=25,
+        number=32,
         name="active_mode",
         kind="signal",
         part="axis",
@@ -420,14 +532,14 @@ OBJECTS = (
         unit="1",
         scale=1.0,
         min=0,
-        max=3,
+        max=4,
         default=0,
         access="ro",
         writable="any",
-        enum=("disabled", "open_loop", "position", "force",),
+        enum=("disabled", "open_loop", "position", "force", "excitation",),
     ),
     AxisObject(
-        number=26,
+        number=33,
         name="fault",
         kind="signal",
         part="axis",
@@ -452,7 +564,7 @@ OBJECTS = (
         ),
     ),
     AxisObject(
-        number=27,
+        number=34,
         name="limit_reason",
         kind="signal",
         part="axis",
@@ -476,7 +588,7 @@ OBJECTS = (
         ),
     ),
     AxisObject(
-        number=28,
+        number=35,
         name="position",
         kind="signal",
         part="axis",
@@ -492,7 +604,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=29,
+        number=36,
         name="velocity",
         kind="signal",
         part="axis",
@@ -508,7 +620,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=30,
+        number=37,
         name="force",
         kind="signal",
         part="axis",
@@ -524,7 +636,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=31,
+        number=38,
         name="force_raw",
         kind="signal",
         part="axis",
@@ -540,7 +652,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=32,
+        number=39,
         name="current_raw",
         kind="signal",
         part="axis",
@@ -556,7 +668,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=33,
+        number=40,
         name="digital_inputs",
         kind="signal",
         part="axis",
@@ -572,7 +684,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=34,
+        number=41,
         name="dac_code",
         kind="signal",
         part="axis",
@@ -588,7 +700,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=35,
+        number=42,
         name="command_code",
         kind="signal",
         part="axis",
@@ -604,7 +716,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=36,
+        number=43,
         name="profile_position",
         kind="signal",
         part="axis",
@@ -620,7 +732,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=37,
+        number=44,
         name="profile_velocity",
         kind="signal",
         part="axis",
@@ -636,7 +748,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=38,
+        number=45,
         name="position_error",
         kind="signal",
         part="axis",
@@ -652,7 +764,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=39,
+        number=46,
         name="bump_bias",
         kind="signal",
         part="axis",
@@ -668,7 +780,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=40,
+        number=47,
         name="recorder_signal_1",
         kind="parameter",
         part="recorder",
@@ -684,7 +796,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=41,
+        number=48,
         name="recorder_signal_2",
         kind="parameter",
         part="recorder",
@@ -700,7 +812,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=42,
+        number=49,
         name="recorder_signal_3",
         kind="parameter",
         part="recorder",
@@ -716,7 +828,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=43,
+        number=50,
         name="recorder_signal_4",
         kind="parameter",
         part="recorder",
@@ -732,7 +844,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=44,
+        number=51,
         name="recorder_signal_5",
         kind="parameter",
         part="recorder",
@@ -748,7 +860,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=45,
+        number=52,
         name="recorder_signal_6",
         kind="parameter",
         part="recorder",
@@ -764,7 +876,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=46,
+        number=53,
         name="recorder_signal_7",
         kind="parameter",
         part="recorder",
@@ -780,7 +892,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=47,
+        number=54,
         name="recorder_signal_8",
         kind="parameter",
         part="recorder",
@@ -796,7 +908,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=48,
+        number=55,
         name="recorder_decimation",
         kind="parameter",
         part="recorder",
@@ -812,7 +924,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=49,
+        number=56,
         name="recorder_trigger_source",
         kind="parameter",
         part="recorder",
@@ -828,7 +940,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=50,
+        number=57,
         name="recorder_trigger_edge",
         kind="parameter",
         part="recorder",
@@ -844,7 +956,7 @@ OBJECTS = (
         enum=("immediate", "rising", "falling", "either",),
     ),
     AxisObject(
-        number=51,
+        number=58,
         name="recorder_trigger_level",
         kind="parameter",
         part="recorder",
@@ -860,7 +972,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=52,
+        number=59,
         name="recorder_pretrigger",
         kind="parameter",
         part="recorder",
@@ -876,7 +988,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=53,
+        number=60,
         name="recorder_length",
         kind="parameter",
         part="recorder",
@@ -892,7 +1004,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=54,
+        number=61,
         name="recorder_arm",
         kind="command",
         part="recorder",
@@ -908,7 +1020,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=55,
+        number=62,
         name="recorder_state",
         kind="signal",
         part="recorder",
@@ -924,7 +1036,7 @@ OBJECTS = (
         enum=("idle", "armed", "recording", "done",),
     ),
     AxisObject(
-        number=56,
+        number=63,
         name="recorder_count",
         kind="signal",
         part="recorder",
@@ -940,7 +1052,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=57,
+        number=64,
         name="recorder_capacity",
         kind="signal",
         part="recorder",
@@ -956,7 +1068,7 @@ OBJECTS = (
         enum=(),
     ),
     AxisObject(
-        number=58,
+        number=65,
         name="recorder_trigger_index",
         kind="signal",
         part="recorder",

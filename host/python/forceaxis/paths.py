@@ -8,6 +8,7 @@ _checkout = _package.parents[2] / "sim"
 SIM = _checkout if (_checkout / "experiments").is_dir() else _package / "sim"
 EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
+MEASUREMENTS = SIM / "measurements"
 
 
 def display(path: Path | str) -> str:

@@ -31,6 +31,8 @@ uint32_t laws_probe(uint32_t rounds) {
     hash = mix(hash, force);
     hash = mix(hash, law_force((uint16_t)(a >> 16), fx_floor_shift(y, 14), force));
     hash = mix(hash, fx_round_q16(law_force((uint16_t)(a >> 22), fx_floor_shift(y, 14), force)));
+    hash = mix(hash, law_excitation((int16_t)fx_floor_shift(y, 20), (uint16_t)(a & 2047u),
+                                    fx_sine_q15(b)));
     hash = mix(hash, law_position((uint16_t)a, (uint16_t)(a >> 16), x, y));
     hash = mix(hash, fx_round_q16(law_position((uint16_t)(a >> 20), (uint16_t)(c >> 18), x, y)));
     hash = mix(hash, law_open_loop((int16_t)fx_floor_shift(y, 20)));

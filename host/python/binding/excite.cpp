@@ -1,0 +1,189 @@
+// What the signal analyzer plays on: the plant alone, given volts on a fine clock, or the running
+// firmware around it, whose excitation mode makes the codes.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/axis_host.h"
+#include "host/link/objects.hpp"
+#include "sim/hybrid/plant.hpp"
+
+namespace py = pybind11;
+using forceaxis::sim::ModeCache;
+using forceaxis::sim::Model;
+using forceaxis::sim::Override;
+using forceaxis::sim::Plant;
+using forceaxis::sim::SimulationError;
+
+void add_excite(py::module_ &m);
+
+namespace {
+
+struct AxisDeleter {
+  void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+};
+
+constexpr double kLargest = 1e15;  // of any recorded value; beyond it nothing is a measurement
+
+class Excited {
+ public:
+  Excited(const std::filesystem::path &file, const std::map<std::string, double> &overrides,
+          std::uint64_t seed, int parts, bool clamped) {
+    std::vector<Override> changes;
+    for (const auto &[name, value] : overrides) changes.push_back({name, value});
+    Model loaded = forceaxis::sim::load_model(file, changes);
+    if (clamped) {
+      for (const auto &contact : loaded.contacts)
+        loaded.springs.push_back(
+            {contact.name, contact.ends, {{contact.stiffness}, {}}, contact.damping});
+      loaded.contacts.clear();
+    }
+    auto model = std::make_shared<const Model>(std::move(loaded));
+    plant_ =
+        std::make_unique<Plant>(std::make_shared<ModeCache>(std::move(model), parts),
+                                forceaxis::sim::PlantOptions{.listed_events = 0, .seed = seed});
+  }
+
+  py::array_t<double> volts(const py::array_t<double, py::array::c_style> &volts,
+                            const std::vector<std::string> &signals) {
+    const std::vector<std::size_t> places = places_of(signals);
+    const py::ssize_t n = volts.size();
+    py::array_t<double> rows({static_cast<py::ssize_t>(places.size()), n});
+    double *out = rows.mutable_data();
+    const double *in = volts.data();
+    const py::gil_scoped_release release;
+    for (py::ssize_t k = 0; k < n; ++k) {
+      plant_->hold_volts(in[k], true);
+      for (std::size_t i = 0; i < places.size(); ++i)
+        out[static_cast<py::ssize_t>(i) * n + k] = checked(plant_->signal_at(places[i]));
+      plant_->step_volts(in[k], true);
+    }
+    return rows;
+  }
+
+  void write(const std::string &object, double value) {
+    const auto number = forceaxis::host::find_object(object);
+    if (!number) throw std::invalid_argument("no object named " + object);
+    if (!axis_) power_up();
+    const double raw = value / forceaxis::host::object_meta(*number).scale;
+    // Half up; a value that no int32 holds is out of every object's range.
+    const bool fits = raw > -2147483648.5 && raw < 2147483647.5;
+    const auto rounded = fits ? static_cast<std::int32_t>(std::floor(raw + 0.5)) : 0;
+    if (!fits || axis_host_write(axis_.get(), *number, rounded) != FW_OK)
+      throw std::invalid_argument("the firmware refuses " + object + " = " + std::to_string(value));
+  }
+
+  py::array_t<double> codes(py::ssize_t ticks, const std::vector<std::string> &columns) {
+    static const std::vector<std::string> kCodes = {"adc0", "adc1", "encoder", "dac_code"};
+    if (!axis_) power_up();
+    std::vector<std::string> names;
+    std::vector<int> code(columns.size(), -1);  // which code; else the next signal
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      const auto found = std::find(kCodes.begin(), kCodes.end(), columns[i]);
+      if (found != kCodes.end())
+        code[i] = static_cast<int>(found - kCodes.begin());
+      else
+        names.push_back(columns[i]);
+    }
+    const std::vector<std::size_t> places = places_of(names);
+    py::array_t<double> rows({static_cast<py::ssize_t>(columns.size()), ticks});
+    double *out = rows.mutable_data();
+    const py::gil_scoped_release release;
+    for (py::ssize_t k = 0; k < ticks; ++k) {
+      const forceaxis::sim::SensorCodes sensed = plant_->codes();
+      const axis_inputs_t in{sensed.encoder, {sensed.adc[0], sensed.adc[1]}, AXIS_DIN_ENABLE, 1};
+      axis_outputs_t put{};
+      axis_host_tick(axis_.get(), &in, &put);
+      std::int32_t fault = 0;
+      axis_host_read(axis_.get(), AXIS_OBJ_FAULT, &fault);
+      if (fault != AXIS_FAULT_NONE)
+        throw SimulationError("the firmware latched the fault " +
+                              forceaxis::host::enum_text(AXIS_OBJ_FAULT, fault));
+      const double volts = plant_->volts(put.dac_code);
+      plant_->hold_volts(volts, put.amp_enable != 0);
+      const double value[] = {
+          static_cast<double>(sensed.adc[0]), static_cast<double>(sensed.adc[1]),
+          static_cast<double>(sensed.encoder), static_cast<double>(put.dac_code)};
+      std::size_t next = 0;
+      for (std::size_t i = 0; i < columns.size(); ++i)
+        out[static_cast<py::ssize_t>(i) * ticks + k] =
+            code[i] >= 0 ? value[code[i]] : checked(plant_->signal_at(places[next++]));
+      plant_->step_volts(volts, put.amp_enable != 0);
+    }
+    return rows;
+  }
+
+  // Bits of ADC 0 and 1; 0: there is none.
+  std::vector<int> adc_bits() const {
+    std::vector<int> bits;
+    for (const auto &adc : plant_->model().adc) bits.push_back(adc ? adc->bits : 0);
+    return bits;
+  }
+
+ private:
+  // Both ADCs of a plant may have their own width; the firmware knows one, the wider.
+  void power_up() {
+    if (plant_->parts() != 1) throw std::invalid_argument("the firmware's tick has one part");
+    axis_.reset(axis_host_create());
+    int bits = 8;
+    for (const auto &adc : plant_->model().adc)
+      if (adc) bits = std::max(bits, adc->bits);
+    axis_host_write(axis_.get(), AXIS_OBJ_ADC_BITS, bits);
+    axis_host_write(axis_.get(), AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  }
+
+  std::vector<std::size_t> places_of(const std::vector<std::string> &signals) const {
+    const auto &names = plant_->signal_names();
+    std::vector<std::size_t> places;
+    for (const std::string &signal : signals) {
+      const auto found = std::find(names.begin(), names.end(), signal);
+      if (found == names.end()) throw std::invalid_argument("no signal named " + signal);
+      places.push_back(static_cast<std::size_t>(found - names.begin()));
+    }
+    return places;
+  }
+
+  double checked(double value) const {
+    if (!(value < kLargest && value > -kLargest))
+      throw SimulationError(
+          "the response left all bounds at t = " + std::to_string(plant_->time_s()) + " s");
+    return value;
+  }
+
+  std::unique_ptr<Plant> plant_;
+  std::unique_ptr<axis_host_t, AxisDeleter> axis_;
+};
+
+}  // namespace
+
+void add_excite(py::module_ &m) {
+  py::class_<Excited>(
+      m, "Excited",
+      "A plant under excitation, with its state kept from one call to the next: volts() puts volts "
+      "into the drive, in steps of 1/(1500 parts) s; write() and codes() run the firmware instead "
+      "(parts = 1). The drive is enabled from the first step on. clamped: contacts pull as well.")
+      .def(py::init<const std::filesystem::path &, const std::map<std::string, double> &,
+                    std::uint64_t, int, bool>(),
+           py::arg("model"), py::arg("overrides") = std::map<std::string, double>{},
+           py::arg("seed") = 0, py::arg("parts") = 1, py::arg("clamped") = false)
+      .def("volts", &Excited::volts, py::arg("volts"), py::arg("signals"),
+           "Plays (n,) volts, each held for one step. Returns (len(signals), n): the signals just "
+           "after each new voltage acts. Raises SimulationError.")
+      .def("write", &Excited::write, py::arg("object"), py::arg("value"),
+           "Writes an object of the firmware in engineering units; ValueError if it is refused.")
+      .def_property_readonly("adc_bits", &Excited::adc_bits, "of ADC 0 and 1; 0: there is none")
+      .def("codes", &Excited::codes, py::arg("ticks"), py::arg("columns"),
+           "Runs the firmware. Returns (len(columns), ticks): adc0, adc1, encoder as converted in "
+           "the tick, dac_code as put out in it, and signals just after that code acts. Raises "
+           "SimulationError, also for a latched fault.");
+}
