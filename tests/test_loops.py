@@ -211,6 +211,7 @@ BY_HAND = {
         [(3 - 3**0.5, (2 + 3**0.5) ** 0.5, -1), (3 + 3**0.5, (2 - 3**0.5) ** 0.5, 1)],
         [(3 - 3**0.5, 3 + 3**0.5)],
     ),
+    "undamped with an integrator": ([1], [1, 0, 1, 0], (0, None), [], []),
     "drifts unseen": ([1, 0], [1, 3, 3, 1, 0], (8, 3**0.5), [(8, 3**0.5, 1)], [(0, 8)]),
 }  # fmt: skip
 
@@ -243,6 +244,13 @@ def test_sampled_integrator_leaves_at_minus_one():
     found = loop_of(rational([1], [1, 0]).sampled()).limit()
     assert found.gain == pytest.approx(3000, rel=1e-9)
     assert found.frequency_hz == 750
+
+
+def test_an_output_without_dynamics():
+    assert loops.force_loop("fig2_3", timing="continuous", output="drive.command").limit().reason
+    sampled = loops.force_loop("fig2_3", output="drive.command")  # z + k = 0
+    assert sampled.limit().gain == pytest.approx(1)
+    assert sampled.limit().frequency_hz == 750
 
 
 def test_a_position_that_drifts_unseen_does_not_count():

@@ -583,9 +583,9 @@ def model_options(verb):
             "modes",
             multiple=True,
             metavar="ELEMENT=STATE",
-            help="An element's state as in events.csv (sensor=apart, drive.amplifier=high outer, "
-            "slide_friction=forward). Default: contacts pressed, everything else in the middle of "
-            "its range. Repeatable.",
+            help="An element's state as in events.csv (sensor=apart, rail=forward, "
+            "drive.amplifier=high outer). Default: contacts pressed, everything else in the middle "
+            "of its range. Repeatable.",
         ),
         click.option(
             "--set",

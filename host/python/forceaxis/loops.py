@@ -311,7 +311,9 @@ def _minimal(system):
     scale = linalg.matrix_balance(whole, permute=False, separate=True)[1][0]
     scale = scale[:n] / scale[n]
     A, B, C = system.A * scale / scale[:, None], system.B / scale[:, None], system.C * scale
-    if C.any() and B.any():
+    if not (B.any() and C.any()):
+        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+    else:
         V = _reachable(A, B)
         A, B, C = V.T @ A @ V, V.T @ B, C @ V
         V = _reachable(A.T, C.T)
@@ -421,10 +423,12 @@ class Loop:
     def _rounding(self, w):
         """What rounding of the matrices makes of G at frequencies w (m,) of the plane."""
         A, B, C, D = self._plane
-        matrices = 1j * np.asarray(w, float)[:, None, None] * np.eye(len(A)) - A
+        size = np.linalg.norm(A)
+        points = 1j * np.asarray(w, float) + 1e-16 * size  # not exactly on a pole
+        matrices = points[:, None, None] * np.eye(len(A)) - A
         states = np.linalg.norm(np.linalg.solve(matrices, B + 0j), axis=(1, 2))
         rows = np.linalg.norm(np.linalg.solve(matrices.transpose(0, 2, 1), C.T + 0j), axis=(1, 2))
-        return 1e-16 * (np.linalg.norm(A) * rows * states + abs(D[0, 0]))
+        return 1e-16 * (size * rows * states + abs(D[0, 0]))
 
     def _marks(self, zeros):
         """Frequencies of the plane between which the sign of a real function of w changes at most
@@ -539,6 +543,8 @@ class Loop:
     @cached_property
     def stable_ranges(self):
         """Gains (from, to) between which the loop is stable; to None: no upper end."""
+        if not len(self._minimal.A):
+            return [(0.0, None)]
         edges = [0.0, *(c.gain for c in self._crossings)]
         if len(edges) == 1:
             typical = np.median(np.abs(self._at(np.abs(self._poles) + 1e-3)))
@@ -565,6 +571,8 @@ class Loop:
 
     def margins(self, gain):
         """Margins of the loop at a gain that it is stable at."""
+        if not len(self._minimal.A):
+            return Margins(None, None, None, None, [])
         gains = [c.gain for c in self._crossings]
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
@@ -739,7 +747,8 @@ def describe_limit(summary):
         hz = _hz_text(summary["frequency_hz"])
         lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
     else:
-        lines.append(f"limit        none: {summary['reason']}")
+        none = "none" if summary["critical_gain"] is None else "0"
+        lines.append(f"limit        {none}: {summary['reason']}")
     if summary["firmware_gain"]:
         largest = summary["largest_firmware_gain"]
         below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
