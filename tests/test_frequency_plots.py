@@ -181,9 +181,9 @@ def test_what_the_bode_plots_are_there_to_show():
     assert phase(actuator, 10) == pytest.approx(phase(endpoint, 10), abs=5)
     colocated, tip = FIGURES["2.22"].data()
     assert colocated.phase_deg.min() > -95 and tip.phase_deg.min() < -600
-    slow, fast = (np.interp(46, c.frequency_hz, c.magnitude) for c in FIGURES["3.9"].data())
+    fast, slow = (np.interp(46, c.frequency_hz, c.magnitude) for c in FIGURES["3.9"].data())
     assert slow < fast and fast > 0.5
-    loop = FIGURES["3.8"].data()[1]
+    loop = FIGURES["3.8"].data()[0]
     rolloff = loop.frequency_hz[np.argmax(loop.magnitude < loop.magnitude[0] / np.sqrt(2))]
     assert rolloff == pytest.approx(2000, rel=0.05)
     tach = FIGURES["3.7"].data()[0]

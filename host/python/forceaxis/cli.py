@@ -485,7 +485,7 @@ def modes_(model, overrides, states, free, input_, output, out, as_json):
         model, input_, output, linear.overrides(overrides), linear.states(states), free
     )
     draw(out, lambda plots: plots.mode_shapes(result, result["title"]))
-    show(result, as_json, modes.describe, out)
+    present(result, as_json, modes.describe, out)
 
 
 @cli.command(
@@ -565,7 +565,7 @@ def draw(out, make):
         frequency_plots.save(make(frequency_plots), out)
 
 
-def show(summary, as_json, describe, out=None):
+def present(summary, as_json, describe, out=None):
     """Print a verb's result: one JSON object, or its description and the file that was drawn."""
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
@@ -694,7 +694,7 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     check_drawing(out)
     summary = loops.poles_of(model, gain, firmware_gain, input_, **given)
     draw(out, lambda plots: plots.poles_figure(summary, span_hz))
-    show(summary, as_json, loops.describe_poles, out)
+    present(summary, as_json, loops.describe_poles, out)
 
 
 vary = click.option(
@@ -759,7 +759,7 @@ def bode(
         firmware_gain,
     )  # fmt: skip
     draw(out, lambda plots: figure)
-    show(summary, as_json, frequency_plots.describe_bode, out)
+    present(summary, as_json, frequency_plots.describe_bode, out)
 
 
 @cli.command(
@@ -792,7 +792,7 @@ def rlocus(model, out, as_json, **given):
     check_drawing(out)
     figure, summary = frequency_plots.rlocus_verb(model, **given)
     draw(out, lambda plots: figure)
-    show(summary, as_json, frequency_plots.describe_rlocus, out)
+    present(summary, as_json, frequency_plots.describe_rlocus, out)
 
 
 @cli.command(cls=Verb, epilog="forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png")
@@ -814,7 +814,7 @@ def nyquist(model, out, as_json, **given):
     check_drawing(out)
     figure, summary = frequency_plots.nyquist_verb(model, **given)
     draw(out, lambda plots: figure)
-    show(summary, as_json, loops.describe_limit, out)
+    present(summary, as_json, loops.describe_limit, out)
 
 
 @cli.command(
@@ -858,7 +858,7 @@ def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_
     runs = "all" if simulate else "none" if linear else "present"
     result = design.advise(model, models.overrides(overrides), timing, factor, runs, threads)
     draw(out, lambda plots: plots.advice(result))
-    show(result, as_json, design.describe, out)
+    present(result, as_json, design.describe, out)
 
 
 @cli.group(

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from forceaxis import beam, linear, loops, resonance
+from forceaxis import beam, linear, loops, measure, resonance
 from forceaxis._core import InputError
 from forceaxis.plots import GOT, INK, style
 
@@ -853,8 +853,6 @@ def damped(model, parameter, values, unit):
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
-LOCKED = {"rotor_mass": 1e9}  # kg: the motor shaft held still
-FAST = {"k_amp": 582.0}  # the slope of Fig 4.3 that gives the current loop of Fig 3.8
 BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # sample parameters: 17.9 kg, first mode at 103 Hz
 LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
 ARM = beam.TwoLinkArm()
@@ -894,29 +892,29 @@ def arrays(system, names, input=None):
     return source
 
 
-def current_loop():
-    """Fig 3.8: current feedback per current command, shaft locked, on both slopes of Fig 4.3."""
-    curves = []
-    for k_amp in (15.0, 582.0):
-        settings = LOCKED | {"k_amp": k_amp}
-        over = linear.linearise(
-            "fig4_5", outputs=("drive.current", "drive.current_command"), overrides=settings
-        )
-        frequency = np.geomspace(10, 1e4, 300)
-        values = over.response(frequency)[:, :, 0]
-        feedback = linear.facts("fig4_5")["parameters"]["k_current"][0]
-        curves.append(
-            Curve(f"k_amp = {k_amp:g}", frequency, feedback * values[:, 0] / values[:, 1], "V/V")
-        )
-    return curves
+def measured(*runs):
+    """A source of Curves: what the measurements of 3.2 would show if the model were the robot.
 
+    runs: (stem of a file of sim/measurements, label, model parameters or None).
+    """
 
-def tachometer_path():
-    """Fig 3.7: current command per tachometer voltage, with no velocity command."""
-    frequency = np.geomspace(10, 2000, 300)
-    system = linear.linearise("fig4_5", ("drive.force",), ("drive.current_command", "drive.tach"))
-    values = system.response(frequency)[:, :, 0]
-    return [Curve("", frequency, values[:, 0] / values[:, 1], "V/V")]
+    def source():
+        curves = []
+        for stem, label, settings in runs:
+            setup, _ = measure.read_setup(stem, {"set": settings})
+            names = (setup.input or "drive.command", setup.output)
+            system = linear.linearise(
+                setup.model, ("drive.command",), names, setup.set, free=setup.free
+            )
+            frequency = grid_hz(*setup.band_hz, system.poles())
+            x, y = system.response(frequency).reshape(len(frequency), 2).T
+            unit = setup.unit or unit_of(setup.model, names[0], names[1])
+            curves.append(
+                Curve(label, frequency, setup.scale * y / x, "" if unit == "V/V" else unit)
+            )
+        return curves
+
+    return source
 
 
 def fitted_resonances():
@@ -1024,30 +1022,29 @@ def thesis_figures():
         ThesisFigure("2.39", "rlocus", "grip, simple actuator",
                      "soft: the limit moves to the sensor's mode", loci(*coupled, span_hz=200)),
         ThesisFigure("3.6", "bode", "preamplifier, command to current command (model)", "flat",
-                     responses(("fig4_5", "", LOCKED), output="drive.current_command",
-                               span_hz=(10, 2000)), (("ylabel", "V_ic / V_cmd"),)),
+                     measured(("fig3_6", "", None)), (("ylabel", "V_ic / V_cmd"),)),
         ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
-                     "inverting, first order at 150 Hz",
-                     tachometer_path, (("ylabel", "V_ic / V_tach"),)),
+                     "inverting, first order at 150 Hz", measured(("fig3_7", "", None)),
+                     (("ylabel", "V_ic / V_tach"),)),
         ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
-                     "measured: 1 up to 2000 Hz, which wants k_amp = 582", current_loop,
+                     "measured: 1 up to 2000 Hz, which wants k_amp = 582",
+                     measured(("fig3_8", "k_amp = 582", None),
+                              ("fig3_8", "k_amp = 15", {"k_amp": 15})),
                      (("ylabel", "V_if / V_ic"),)),
         ThesisFigure("3.9", "bode", "motor velocity, no load (model)",
                      "measured: .85 at DC, 46 Hz",
-                     responses(("fig4_5", "k_amp = 15", None), ("fig4_5", "k_amp = 582", FAST),
-                               output="drive.tach", span_hz=(0.5, 500)),
+                     measured(("fig3_9", "k_amp = 582", None),
+                              ("fig3_9", "k_amp = 15", {"k_amp": 15})),
                      (("ylabel", "V_tach / V_cmd"),)),
         ThesisFigure("3.10", "bode", "motor acceleration, apart (model)",
-                     "colocated: the arm's zeros before its poles",
-                     outputs("fig4_14", {"robot.acceleration": "motor"}, free=True),
-                     (("ylabel", "acceleration / V_cmd"),)),
+                     "colocated: each mode's zeros before its poles",
+                     measured(("fig3_10", "", None)), (("ylabel", "acceleration / V_cmd"),)),
         ThesisFigure("3.11", "bode", "tip acceleration, apart (model)",
                      "noncolocated: the phase falls by 180 degrees at the arm's mode",
-                     outputs("fig4_14", {"tip.acceleration": "tip", "robot.acceleration": "motor"},
-                             free=True), (("ylabel", "acceleration / V_cmd"),)),
-        ThesisFigure("3.12", "bode", "contact force (model)", "poles moved by the contact",
-                     responses(("laboratory", "arm and workpiece", None),
-                               ("fig4_19", "rigid robot, workpiece", None)), volts),
+                     measured(("fig3_11", "tip", None), ("fig3_10", "motor (Fig 3.10)", None)),
+                     (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("3.12", "bode", "contact force, clamped (model)", "poles moved by the contact",
+                     measured(("fig3_12", "", None)), volts),
         ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
                      responses(("fig4_5", "", None), output="drive.tach", span_hz=(0.5, 500)),
                      (("ylabel", "V_tach / V_cmd"),)),
