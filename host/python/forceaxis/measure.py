@@ -785,14 +785,15 @@ def write(done, out):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    # What is not an array of the Measurement, for `identify.read_response`.
+    about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     np.savez_compressed(
         out / "response.npz",
         **columns,
         response=measured.response,
         variance=measured.variance,
-        dof=measured.dof,
-        dt=measured.dt,
         model=done.model,
+        about=json.dumps(about),
     )
     plot(done).savefig(out / "plot.png", dpi=120)
     (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")
