@@ -129,6 +129,16 @@ def test_contacts_may_be_clamped(model):
     assert measure.measure(model, force | {"inject": "codes", "level": 15}).compare()["fits"]
 
 
+def test_a_saturated_converter_is_told():
+    codes = {"inject": "codes", "output": "adc0", "excitation": "sine", "points": 4}
+    done = measure.run("fig3_12", codes | {"level": 200})
+    assert 0.01 < done.measured.saturated < 0.9
+    assert not done.summary["comparison"]["fits"]
+    assert "at an end of the ADC" in measure.describe(done.summary)
+    for kind in ({}, {"excitation": "noise", "window": "hann"}):
+        assert measure.measure("fig3_12", codes | {"level": 60} | kind).saturated == 0
+
+
 def test_contact_is_kept_by_a_bias():
     kept = {"inject": "codes", "output": "adc0", "bias": 100, "level": 15, "band_hz": [1, 100]}
     assert measure.measure("fig4_19", kept).compare()["fits"]
