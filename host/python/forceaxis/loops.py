@@ -305,8 +305,15 @@ def _minimal(system):
 
     They would stay where they are whatever the gain, on the boundary too (a position that drifts).
     """
-    A, B, C = system.balanced
-    if system.C.any() and system.B.any():
+    # Units in which input and output weigh as much as the states, or a delay's state looks unseen.
+    n = len(system.A)
+    whole = np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]])
+    scale = linalg.matrix_balance(whole, permute=False, separate=True)[1][0]
+    scale = scale[:n] / scale[n]
+    A, B, C = system.A * scale / scale[:, None], system.B / scale[:, None], system.C * scale
+    if not (B.any() and C.any()):
+        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+    else:
         V = _reachable(A, B)
         A, B, C = V.T @ A @ V, V.T @ B, C @ V
         V = _reachable(A.T, C.T)
@@ -413,6 +420,16 @@ class Loop:
         matrix = 1j * w * np.eye(len(A)) - A
         return -(C @ np.linalg.solve(matrix, np.linalg.solve(matrix, B + 0j))).item()
 
+    def _rounding(self, w):
+        """What rounding of the matrices makes of G at frequencies w (m,) of the plane."""
+        A, B, C, D = self._plane
+        size = np.linalg.norm(A)
+        points = 1j * np.asarray(w, float) + 1e-16 * size  # not exactly on a pole
+        matrices = points[:, None, None] * np.eye(len(A)) - A
+        states = np.linalg.norm(np.linalg.solve(matrices, B + 0j), axis=(1, 2))
+        rows = np.linalg.norm(np.linalg.solve(matrices.transpose(0, 2, 1), C.T + 0j), axis=(1, 2))
+        return 1e-16 * (size * rows * states + abs(D[0, 0]))
+
     def _marks(self, zeros):
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
@@ -420,7 +437,9 @@ class Loop:
         found = np.unique(found[np.isfinite(found) & (found > 1e-9 * np.abs(self._poles).max())])
         if not len(found):
             found = np.array([np.abs(self._poles).max() or 1.0])
-        return np.concatenate([[0.3 * found[0]], np.sqrt(found[:-1] * found[1:]), [3 * found[-1]]])
+        middle = np.sqrt(found[:-1] * found[1:])
+        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
+        return np.unique(np.concatenate([middle, *around]))
 
     @cached_property
     def _poles(self):
@@ -462,8 +481,9 @@ class Loop:
             return []
         zeros = self._real_points
         grid = self._marks(zeros)
-        values = self._phase(grid)
-        known = np.abs(values) > 1e-12  # less is rounding
+        G, rounding = self._at(grid), self._rounding(grid)
+        values = G.imag
+        known = np.abs(values) > rounding
         grid, values = grid[known], values[known]
         if not len(grid):
             return []
@@ -484,16 +504,18 @@ class Loop:
                         found.append((w, 0))
         crossings = []
         for w, direction in dict.fromkeys(found):
-            G = self._at(w).real
-            # A zero or a pole on the axis turns the phase too, at an infinite or no gain.
-            if G < 0 and abs(w * self._slope(w)) < 1e9 * abs(G):
-                crossings.append(Crossing(float(-1 / G), self._hz(w), direction))
+            value = self._at(w).real
+            # A zero or a pole on the axis turns the phase too, at an infinite or no gain; a gain
+            # that rounding decides is left out.
+            sharp = abs(w * self._slope(w)) > 1e9 * abs(value)
+            if value < 0 and not sharp and self._rounding([w])[0] < 0.1 * abs(value):
+                crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
         # The ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
         A, _, _, D = self._plane
-        least = -1e-11 * np.median(np.abs(self._at(grid)))  # less is a zero there
+        least = -1e-11 * np.median(np.abs(G[known]))
         if np.abs(self._poles).min() > 1e-13 * len(A) * np.linalg.norm(A):
             rest = self._at(0.0).real
-            if rest < least:
+            if rest < -10 * self._rounding([0.0])[0]:  # less is a zero there
                 crossings.append(Crossing(float(-1 / rest), 0.0, int(np.sign(values[0]))))
         if D[0, 0] < least:
             end = None if self.dt is None else 0.5 / self.dt
@@ -521,6 +543,8 @@ class Loop:
     @cached_property
     def stable_ranges(self):
         """Gains (from, to) between which the loop is stable; to None: no upper end."""
+        if not len(self._minimal.A):
+            return [(0.0, None)]
         edges = [0.0, *(c.gain for c in self._crossings)]
         if len(edges) == 1:
             typical = np.median(np.abs(self._at(np.abs(self._poles) + 1e-3)))
@@ -547,6 +571,8 @@ class Loop:
 
     def margins(self, gain):
         """Margins of the loop at a gain that it is stable at."""
+        if not len(self._minimal.A):
+            return Margins(None, None, None, None, [])
         gains = [c.gain for c in self._crossings]
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
@@ -721,7 +747,8 @@ def describe_limit(summary):
         hz = _hz_text(summary["frequency_hz"])
         lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
     else:
-        lines.append(f"limit        none: {summary['reason']}")
+        none = "none" if summary["critical_gain"] is None else "0"
+        lines.append(f"limit        {none}: {summary['reason']}")
     if summary["firmware_gain"]:
         largest = summary["largest_firmware_gain"]
         below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
