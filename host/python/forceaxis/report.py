@@ -12,22 +12,33 @@ import jinja2
 
 from forceaxis import (
     _core,
+    advise,
+    beam,
     experiments,
+    frequency_plots,
     loops,
+    measure,
+    modes,
     nonlinear,
     objects,
     paths,
     plots,
     sweeps,
     tables,
+    thesis,
 )
+
+
+def embedded(image):
+    """A PNG's bytes as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(image).decode()
 
 
 def png(figure):
     """The figure as a data URI."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return embedded(buffer.getvalue())
 
 
 def experiment_files():
@@ -123,6 +134,63 @@ def grid_rest(cells):
     }
 
 
+def mode_rows():
+    """(model, its lowest mode, [the others with their labels]) of every model with a force path."""
+    rows = []
+    for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
+        try:
+            found = modes.modes(path)
+        except _core.InputError:  # parameters alone, or no drive
+            continue
+        if not found["path"] or found["contact"] == "apart":
+            continue
+        lowest, *others = found["modes"]
+        texts = []
+        for mode in others:
+            body = max(mode["shape"], key=lambda name: abs(mode["shape"][name]))
+            label = mode["label"]
+            if mode["against_below"] != label:
+                label += f", {mode['against_below']} against the mode below"
+            texts.append(f"{body} {mode['frequency_hz']:.3g} Hz: {label}")
+        rows.append((path.stem, f"{lowest['frequency_hz']:.3g} Hz", texts))
+    return rows
+
+
+def frequency_domain(threads):
+    """What report_frequency.html.jinja shows."""
+    measurements = []
+    for path in sorted(
+        paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
+    ):
+        done = measure.run(path)
+        measurements.append(
+            {
+                "name": path.stem,
+                "shows": done.setup.shows,
+                "summary": done.summary,
+                "image": embedded(frequency_plots.small_png(measure.plot(done))),
+            }
+        )
+    advice = advise.advise("laboratory", threads=threads)
+    return {
+        "claims": thesis.check(),
+        "value": thesis.value,
+        "modes": mode_rows(),
+        "figures": [
+            {
+                "figure": f.figure,
+                "see": f.see,
+                "image": embedded(frequency_plots.small_png(f.draw())),
+            }
+            for f in frequency_plots.thesis_figures()
+        ],
+        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
+        "measurements": measurements,
+        "advice": advice,
+        "advice_image": embedded(frequency_plots.small_png(frequency_plots.advice(advice))),
+    }
+
+
 def write(out, threads=None):
     """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
     found = tables.evidence()
@@ -163,9 +231,15 @@ def write(out, threads=None):
         own = [c for c in result["cells"] if c["figure"] == figure]
         if not any(tables.load().group(c) in tables.load().fit_on for c in own):
             predicted.append((figure, len(own), sum(c["ours"] == c["thesis"] for c in own)))
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = resources.files("forceaxis").joinpath("report.html.jinja").read_text()
-    page = environment.from_string(template).render(
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(
+            lambda name: resources.files("forceaxis").joinpath(name).read_text()
+        ),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("report.html.jinja").render(
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         result=result,
         grids=[grid_3_15(result["cells"]), grid_5_10(result["cells"]), grid_rest(result["cells"])],
@@ -188,6 +262,7 @@ def write(out, threads=None):
         maps=maps,
         maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
         friction=friction,
+        **frequency_domain(threads),
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
     )
