@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, linear, measure
+from forceaxis import _core, cli, linear, measure
 from forceaxis._core import InputError
 from scipy import stats
 
@@ -122,6 +122,23 @@ def test_an_axis_that_drifts_away_is_measured_all_the_same():
     assert min(c["coherent"] for c in compared) == 59
 
 
+@pytest.mark.parametrize("model", ["fig2_29", "fig4_14", "fig4_19", "fig4_25", "full_axis"])
+def test_contacts_may_be_clamped(model):
+    force = {"output": "sensor.spring_force", "clamped": True, "band_hz": [1, 100], "seed": 3}
+    assert measure.measure(model, force | {"level": 0.05}).compare()["fits"]
+    assert measure.measure(model, force | {"inject": "codes", "level": 15}).compare()["fits"]
+
+
+def test_a_saturated_converter_is_told():
+    codes = {"inject": "codes", "output": "adc0", "excitation": "sine", "points": 4}
+    done = measure.run("fig3_12", codes | {"level": 200})
+    assert 0.01 < done.measured.saturated < 0.9
+    assert not done.summary["comparison"]["fits"]
+    assert "at an end of the ADC" in measure.describe(done.summary)
+    for kind in ({}, {"excitation": "noise", "window": "hann"}):
+        assert measure.measure("fig3_12", codes | {"level": 60} | kind).saturated == 0
+
+
 def test_contact_is_kept_by_a_bias():
     kept = {"inject": "codes", "output": "adc0", "bias": 100, "level": 15, "band_hz": [1, 100]}
     assert measure.measure("fig4_19", kept).compare()["fits"]
@@ -145,7 +162,7 @@ def test_noise_is_what_the_converters_make():
 def test_p_values_are_uniform():
     p = [
         measure.measure("fig3_6", {"seed": s, "averages": 8}).compare()["p_value"]
-        for s in range(60)
+        for s in range(40)
     ]
     assert stats.kstest(p, "uniform").pvalue > 0.01
 
@@ -284,6 +301,11 @@ LINE = {
     "no line": (["fig3_12", "--resolution", "500"], "too little data"),
     "too long": (["fig3_12", "--resolution", "0.002"], "expected a measurement of at most"),
     "codes level": (["fig3_12", "--inject", "codes"], "level: expected whole codes"),
+    "clamped": (["fig4_19", "--output", "adc0", "--clamped", "--free"], "either clamped or free"),
+    "no contact": (
+        ["laboratory", "--output", "sensor.force"],
+        "keep the contact by a bias or clam",
+    ),
     "window": (["fig3_12", "--excitation", "sine", "--window", "hann"], "expected none with sine"),
     "parameter": (["fig3_12", "--set", "nothing=1"], "nothing"),
     "unused": (["fig3_12", "--plant-set", "k_g=1"], "set.k_g: expected a parameter that the model"),
@@ -298,13 +320,17 @@ LINE = {
 
 
 @pytest.mark.parametrize("case", LINE)
-def test_mistake_is_one_line(case):
+def test_mistake_is_one_line(case, monkeypatch, capsys):
     arguments, words = LINE[case]
-    done = forceaxis(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert words in done.stderr
+    monkeypatch.setattr(sys, "argv", ["forceaxis", "measure", *map(str, arguments)])
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(SystemExit) as done:
+        cli.main()
+    printed = capsys.readouterr()
+    assert done.value.code == 2
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert words in printed.err
 
 
 GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.toml")

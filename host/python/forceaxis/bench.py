@@ -13,13 +13,15 @@ from an independent integration in extended precision at any tick. Peers and tha
 built in a checkout only (tests/bench): odeint is dopri5 at 1e-4 with located events, mujoco RK4
 with one step a tick (four in full, where one is unstable) and no events, scipy RK45 at 1e-4 with
 terminal events, cases A and B only.
+
+With linear_analysis also frequency responses, critical gains and the table of `forceaxis advise`.
 """
 
 import ctypes
 import importlib.util
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from rich.console import Console
@@ -214,11 +216,103 @@ def scaling(repeat, gains=range(2, 26)):
     }
 
 
-def run(names, tools, repeat, with_sweeps):
+RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MOST_S = "full_axis", 10_000, 0.020
+ADVICE_MODELS, ADVICE_MOST_S = ("laboratory", "full_axis"), 1.0
+
+
+def best(repeat, once):
+    """Wall seconds of the fastest of `repeat` calls."""
+    times = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        once()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def halved_limit(sampled):
+    """The critical gain of a sampled control.StateSpace to 1e-9, from 1e-4 on in steps of 5 %."""
+    import control
+
+    def stable(gain):
+        return np.all(np.abs(control.feedback(gain * sampled, 1).poles()) < 1)
+
+    low = 1e-4
+    while stable(1.05 * low):
+        low *= 1.05
+    high = 1.05 * low
+    while high - low > 1e-9 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def linear_analysis(repeat, progress):
+    """Frequency response, one critical gain and the advice table, beside python-control.
+
+    Both take the same matrices. A response is of 10,000 frequencies, from the matrices on (our
+    Hessenberg form is not kept from call to call). A critical gain of ours is that with all
+    crossings; the other is a halving on control.feedback's poles (stability_margins falls back to a
+    grid for these loops and misses it).
+    """
+    from forceaxis import advise, linear, loops
+
+    frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
+    system = linear.linearise(RESPONSE_MODEL)
+    theirs = system.state_space()
+
+    def ours():
+        return replace(system).response(frequency)
+
+    def peer():
+        return theirs(2j * np.pi * frequency)
+
+    rows = [
+        {
+            "work": f"{RESPONSE_POINTS} frequencies of {RESPONSE_MODEL}",
+            "states": len(system.A),
+            "seconds": best(repeat, ours),
+            "control_seconds": best(min(repeat, 3), peer),
+            "difference": float(np.max(np.abs(ours() / peer() - 1))),
+        }
+    ]
+    progress()
+    for model in ADVICE_MODELS:
+        loop = loops.force_loop(model)
+        sampled = loop.open.state_space()
+        margin, limit = halved_limit(sampled), loop.limit().gain
+        rows.append(
+            {
+                "work": f"critical gain of {model}",
+                "states": len(loop.open.A),
+                "seconds": best(repeat, lambda loop=loop: replace(loop).limit()),
+                "control_seconds": best(
+                    min(repeat, 3), lambda sampled=sampled: halved_limit(sampled)
+                ),
+                "difference": abs(float(margin) / limit - 1),
+            }
+        )
+        table = advise.advise(model, runs="none")["rows"]
+        taken = best(min(repeat, 3), lambda model=model: advise.advise(model, runs="none"))
+        rows.append(
+            {
+                "work": f"advice table of {model}, {len(table)} rows",
+                "states": len(loop.open.A),
+                "seconds": taken,
+                "control_seconds": None,
+                "difference": None,
+            }
+        )
+        progress()
+    return rows
+
+
+def run(names, tools, repeat, with_sweeps, with_linear=False):
     """The whole benchmark: what `--json` prints."""
     console = Console(stderr=True)
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
+    steps += with_linear and 1 + len(ADVICE_MODELS)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("bench", total=steps)
         rows, missing = cases(names, tools, repeat, lambda: bar.advance(task))
@@ -226,6 +320,8 @@ def run(names, tools, repeat, with_sweeps):
         if with_sweeps:
             result["sweeps"] = sweeps(sweep_repeat, lambda: bar.advance(task))
             result["scaling"] = scaling(repeat)
+        if with_linear:
+            result["linear"] = linear_analysis(repeat, lambda: bar.advance(task))
     return result
 
 
@@ -251,6 +347,15 @@ def describe(result):
             f"{s['run_us']:.0f} us + {s['event_us']:.2f} us per event, R^2 {s['r_squared']:.4f}, "
             f"worst {s['worst_deviation']:.0%} off the line"
         )
+    for r in result.get("linear", []):
+        text = f"{r['work']}: {1e3 * r['seconds']:.3g} ms"
+        if r["control_seconds"]:
+            text += (
+                f", python-control {1e3 * r['control_seconds']:.3g} ms, "
+                f"{r['control_seconds'] / r['seconds']:.1f} times as long; they differ by "
+                f"{r['difference']:.1e}"
+            )
+        lines.append(f"{'linear':12} {text}")
     lines += [f"{'missing':12} {tool}: {why}" for tool, why in result["missing"].items()]
     if result["load"] > 0.5:
         lines.append(f"{'load':12} {result['load']:.1f}: the machine was not idle")
@@ -287,6 +392,12 @@ def check(result):
     want("tick of full / tick of A", ratio(*per_tick), most=4)
     for r in result.get("sweeps", []):
         want(f"{r['sweep']}: two threads / one", r["two_thread_ratio"], 1.8)
+    for r in result.get("linear", []):
+        if "frequencies" in r["work"]:
+            want(f"{r['work']}, s", r["seconds"], most=RESPONSE_MOST_S)
+            want(f"{r['work']}, difference from python-control", r["difference"], most=1e-6)
+        elif "advice" in r["work"]:
+            want(f"{r['work']}, s", r["seconds"], most=ADVICE_MOST_S)
     if "scaling" in result:
         want("cost is linear in events, R^2", result["scaling"]["r_squared"], 0.98)
     return checks

@@ -5,6 +5,9 @@ import os
 import sys
 from pathlib import Path
 
+# Matrices here are small: threads of a BLAS would only wait for each other. Read when NumPy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import click
 
 # Before NumPy is imported: its matrices here are small, and threads that wait for each other cost
@@ -318,11 +321,12 @@ def report(out, threads, as_json):
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
 @click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
+@click.option("--linear", is_flag=True, help="Also frequency responses, critical gains, advice.")
 @click.option(
     "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
 )
 @as_json
-def bench_(cases, tools, repeat, sweeps, check, as_json):
+def bench_(cases, tools, repeat, sweeps, linear, check, as_json):
     """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
 
     Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
@@ -333,7 +337,9 @@ def bench_(cases, tools, repeat, sweeps, check, as_json):
 
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
-    result = bench.run(cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check)
+    result = bench.run(
+        cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, linear or check
+    )
     if check:
         checks = bench.check(result)
         result["checks"] = [{"check": text, "held": held} for text, held in checks]
@@ -446,8 +452,9 @@ def measure(target, overrides, plant_set, out, as_json, **options):
     help="A signal (tip.acceleration). Default: what the force reading shows; apart, the position "
     "of the body that would touch.",
 )
+@click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
 @as_json
-def modes_(model, overrides, states, free, input_, output, as_json):
+def modes_(model, overrides, states, free, input_, output, out, as_json):
     """Modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
 
     MODEL is a file or the stem of one in sim/models. Modes are those of the undamped mechanics with
@@ -473,10 +480,12 @@ def modes_(model, overrides, states, free, input_, output, as_json):
     """
     from forceaxis import linear, modes
 
+    check_drawing(out)
     result = modes.modes(
         model, input_, output, linear.overrides(overrides), linear.states(states), free
     )
-    click.echo(json.dumps(result, allow_nan=False) if as_json else modes.describe(result))
+    draw(out, lambda plots: plots.mode_shapes(result, result["title"]))
+    present(result, as_json, modes.describe, out)
 
 
 @cli.command(
@@ -538,6 +547,32 @@ def test(targets, update, junit, out, pattern, threads, as_json):
             click.echo(f"without [expect]: {', '.join(skipped)}")
         click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
     sys.exit(usertests.status(outcomes))
+
+
+def check_drawing(out):
+    """Refuse a file name that no figure can have, before the work."""
+    if out:
+        from forceaxis import frequency_plots
+
+        frequency_plots.check_name(out)
+
+
+def draw(out, make):
+    """Write the figure that make(frequency_plots) gives to `out`, if one is wanted."""
+    if out:
+        from forceaxis import frequency_plots
+
+        frequency_plots.save(make(frequency_plots), out)
+
+
+def present(summary, as_json, describe, out=None):
+    """Print a verb's result: one JSON object, or its description and the file that was drawn."""
+    if as_json:
+        click.echo(json.dumps(summary, allow_nan=False))
+        return
+    click.echo(describe(summary))
+    if out:
+        click.echo(f"figure       {paths.display(out)}")
 
 
 def model_options(verb):
@@ -645,8 +680,10 @@ def limit(model, as_json, gain, firmware_gain, **given):
 @click.option("--free", is_flag=True, help="Contacts are apart.")
 @click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
 @click.option("--output", help="A signal of the model. Default: reading, what ADC 0 converts.")
+@click.option("--span-hz", type=float, help="Half-width of the frame of --out, Hz.")
+@click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
 @as_json
-def poles(model, as_json, gain, firmware_gain, input_, **given):
+def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     """Poles, zeros and transfer function of MODEL, or of a loop closed around it with a gain.
 
     Without a gain: from --input (default drive.command, V) to --output. With one: from the law's
@@ -654,8 +691,174 @@ def poles(model, as_json, gain, firmware_gain, input_, **given):
     """
     from forceaxis import loops
 
+    check_drawing(out)
     summary = loops.poles_of(model, gain, firmware_gain, input_, **given)
-    click.echo(json.dumps(summary, allow_nan=False) if as_json else loops.describe_poles(summary))
+    draw(out, lambda plots: plots.poles_figure(summary, span_hz))
+    present(summary, as_json, loops.describe_poles, out)
+
+
+vary = click.option(
+    "--vary",
+    multiple=True,
+    metavar="NAME=VALUE,VALUE",
+    help="One curve for each value of a model parameter. Repeatable, all combinations.",
+)
+free = click.option("--free", is_flag=True, help="Contacts are apart.")
+drawn = click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
+loop_timing = click.option("--timing", type=TIMINGS, default="zoh", show_default=True)
+loop_output = click.option(
+    "--output", default="reading", show_default=True, help="The signal that is fed back."
+)
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis bode fig4_19 --vary b_w=8.25,363 --out bode.png
+    forceaxis bode fig2_11 --input drive.force --output robot.position --output tip.position""",
+)
+@model_options
+@vary
+@free
+@click.option(
+    "--input",
+    "input_",
+    default="drive.command",
+    show_default=True,
+    help="drive.command (V), drive.force (N) or BODY.force (N).",
+)
+@click.option(
+    "--output",
+    "outputs",
+    multiple=True,
+    default=["reading"],
+    show_default=True,
+    help="A signal of the model, or reading: what ADC 0 converts. Repeatable.",
+)
+@click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
+@click.option("--from-hz", type=float, default=0.5, show_default=True)
+@click.option("--to-hz", type=float, default=500.0, show_default=True)
+@click.option("--gain", type=float, help="Margins of a force loop with this gain (V/N).")
+@click.option("--firmware-gain", type=float, help="The same as firmware.force_gain.")
+@drawn
+@as_json
+def bode(
+    model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
+    firmware_gain, out, as_json,
+):  # fmt: skip
+    """Open-loop frequency response of MODEL: amplitude and phase, several curves over each other.
+
+    The phase is unwrapped from 0 at the lowest frequency. JSON: curves, each with output, unit,
+    frequency_hz, magnitude, phase_deg and, from drive.command, loop: as `forceaxis limit`, with
+    the margins at --gain under "at".
+    """
+    from forceaxis import frequency_plots
+
+    check_drawing(out)
+    figure, summary = frequency_plots.bode_verb(
+        model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
+        firmware_gain,
+    )  # fmt: skip
+    draw(out, lambda plots: figure)
+    present(summary, as_json, frequency_plots.describe_bode, out)
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis rlocus fig4_19 --timing continuous --out locus.png
+    forceaxis rlocus fig4_19 --vary b_w=8.25,363 --span-hz 70 --firmware-gain 5 --out b_w.png""",
+)
+@model_options
+@law_options
+@vary
+@free
+@loop_timing
+@loop_output
+@click.option(
+    "--span-hz",
+    type=float,
+    help="Height of the frame, Hz. Default: the structural dynamics around the crossing.",
+)
+@drawn
+@as_json
+def rlocus(model, out, as_json, **given):
+    """Root locus of a force loop around MODEL, with its critical gain.
+
+    x: open-loop poles, o: zeros; in Hz, the upper half-plane; of a sampled loop log(z) / T. A
+    filled diamond is the critical gain, as `forceaxis limit` gives it; --gain or --firmware-gain
+    mark the poles there. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
+    """
+    from forceaxis import frequency_plots
+
+    check_drawing(out)
+    figure, summary = frequency_plots.rlocus_verb(model, **given)
+    draw(out, lambda plots: figure)
+    present(summary, as_json, frequency_plots.describe_rlocus, out)
+
+
+@cli.command(cls=Verb, epilog="forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png")
+@model_options
+@law_options
+@free
+@loop_timing
+@loop_output
+@drawn
+@as_json
+def nyquist(model, out, as_json, **given):
+    """Nyquist plot of a force loop around MODEL at a gain, by default half the critical one.
+
+    JSON: as `forceaxis limit` with that gain (margins under "at"), and the curve:
+    frequency_hz_of_curve, real, imag, magnitude, phase_deg of the loop gain.
+    """
+    from forceaxis import frequency_plots, loops
+
+    check_drawing(out)
+    figure, summary = frequency_plots.nyquist_verb(model, **given)
+    draw(out, lambda plots: figure)
+    present(summary, as_json, loops.describe_limit, out)
+
+
+@cli.command(
+    cls=Verb,
+    epilog="""forceaxis advise laboratory
+    forceaxis advise sim/experiments/contact.toml --simulate --out advice.png""",
+)
+@click.argument("model", metavar="MODEL|EXPERIMENT")
+@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
+@click.option(
+    "--factor",
+    type=float,
+    default=2.0,
+    show_default=True,
+    help="By how much stiffnesses, masses and dampings are changed, up and down.",
+)
+@click.option(
+    "--simulate",
+    is_flag=True,
+    help="Run the firmware for every row that it can run, not for the present design and "
+    "the finer ADC alone.",
+)
+@click.option("--linear", is_flag=True, help="Run nothing.")
+@threads
+@drawn
+@as_json
+def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_json):
+    """What limits the bandwidth of a force loop, and what each change of the axis buys.
+
+    Rows are ranked by the crossover at half the critical gain. Beside the linear limit stands the
+    largest gain at which the firmware, with quantisation and loss of contact, is stable on the
+    experiment given, on that of the model's name, or on a first contact made for it.
+    """
+    from forceaxis import advise as design
+    from forceaxis import linear as models
+
+    check_drawing(out)
+    if simulate and linear:
+        raise click.UsageError("expected --simulate or --linear, got both")
+    runs = "all" if simulate else "none" if linear else "present"
+    result = design.advise(model, models.overrides(overrides), timing, factor, runs, threads)
+    draw(out, lambda plots: plots.advice(result))
+    present(result, as_json, design.describe, out)
 
 
 @cli.group(

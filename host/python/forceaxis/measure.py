@@ -106,6 +106,7 @@ class Measurement:
     window: str = "none"  #: or "hann", under which neighbouring frequencies mix
     resolution_hz: float = 0.0  #: distance of the lines, 1 / length of a record
     band_hz: tuple = (0.0, math.inf)  #: that was excited
+    saturated: float = 0.0  #: share of the samples in which an ADC stood at one of its ends
 
     def predict(self, overrides=None, frequency_hz=None):
         """The linear model's response between the same two signals, sampled alike: (n,) complex.
@@ -327,6 +328,7 @@ class Bench:
     def __init__(self, setup, overrides, parts, samples, where):
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
+        self.at_end = self.converted = 0  # readings of an ADC, and those at one of its ends
         self.plant = _core.Excited(
             str(linear.find_model(setup.model)), overrides, setup.seed, parts, setup.clamped
         )
@@ -400,7 +402,10 @@ class Bench:
             raise unstable(self.where, str(error)) from None
         for row, name in zip(values, self.columns, strict=True):
             if name in ("adc0", "adc1"):
-                row *= 2.0 ** (8 - self.plant.adc_bits[int(name[3])])
+                bits = self.plant.adc_bits[int(name[3])]
+                self.at_end += int(((row == 0) | (row == 2**bits - 1)).sum())
+                self.converted += len(row)
+                row *= 2.0 ** (8 - bits)
         return values
 
 
@@ -556,6 +561,7 @@ def measure_setup(setup, where, plant_set=None):
     return replace(
         estimate(done, chunks, lines, setup, bench.plant.adc_bits, rng, where),
         unit=setup.unit or f"{units[setup.output]}/{units[setup.input]}",
+        saturated=bench.at_end / max(bench.converted, 1),
     )
 
 
@@ -711,6 +717,7 @@ def run(target, options=None, plant_set=None):
         "coherence_median": float(np.median(measured.coherence)),
         "random_error_median": float(np.median(measured.random_error())),
         "floor_median": float(np.median(measured.floor)),
+        "saturated": measured.saturated,
         "comparison": compared,
         "verdict": "the model fits" if compared["fits"] else "the model is rejected at 5 %",
         "readings": measured.readings(),
@@ -763,6 +770,9 @@ def describe(summary):
         ("verdict", f"{summary['verdict']} (p = {compared['p_value']:.3g})"),
         ("again", summary["command"]),
     ]
+    if summary["saturated"]:
+        share = f"{100 * summary['saturated']:.3g} % of the samples at an end of the ADC"
+        lines.insert(6, ("saturated", f"{share}: lower the level, or move it by a bias"))
     return "\n".join(f"{key:12} {value}" for key, value in lines)
 
 
