@@ -134,6 +134,9 @@ def test_every_model(free):
         named = [m["driven"] for m in result["modes"] if m["driven"]] + result["other_poles"]
         count = sum(2 if p["imag"] > 0 else 1 for p in named)
         assert count == len(expected), path.stem
+        if not result["modes"]:  # the shaft is locked: nothing can vibrate
+            assert path.stem in ("fig3_7", "fig3_8")
+            continue
         masses = linear.facts(path)["masses_kg"]
         shapes = np.array([[m["shape"][b] for b in masses] for m in result["modes"]])
         assert np.abs(shapes).max(axis=1) == pytest.approx(1.0)

@@ -401,3 +401,41 @@ def _mechanical(M, D, K, forces, outputs, names, inputs, output_names, order=1):
     states = [f"{name}.position" for name in names] + [f"{name}.velocity" for name in names]
     D0 = np.zeros((len(rows), forces.shape[1]))
     return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def summary(beam, modes):
+    """What `forceaxis beam --json` prints: the first `modes` modes and the errors of 2.4.4."""
+    roots = sliding_free_roots(modes)
+    poles = beam.natural_frequencies(modes)
+    zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]
+    return {
+        "modes": [
+            {
+                "b_l": float(root),
+                "pole_rad_per_s": float(pole),
+                "actuator_zero_rad_per_s": float(abs(zero)),
+                "tip_zero_per_s": float(abs(real)),
+            }
+            for root, pole, zero, real in zip(roots, poles, zeros, tip, strict=True)
+        ],
+        "approximation_errors": beam.approximation_errors(),
+    }
+
+
+def describe(result):
+    """The same for people."""
+    lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
+    for k, mode in enumerate(result["modes"], 1):
+        lines.append(
+            f"{k:<4}{mode['b_l']:16.12f}{mode['pole_rad_per_s']:15.8g} j"
+            f"{mode['actuator_zero_rad_per_s']:18.8g} j{mode['tip_zero_per_s']:13.8g} +-"
+        )
+    lines.append("poles and zeros in 1/s; all in pairs, the tip's zeros real")
+    lines.append("\nerror of the approximation through mode 4 with the first n modes")
+    lines.append(f"{'n':4}{'actuator':>12}{'tip':>12}")
+    for row in result["approximation_errors"]:
+        lines.append(f"{row['modes']:<4}{100 * row['actuator']:10.3g} %{100 * row['tip']:10.3g} %")
+    return "\n".join(lines)

@@ -585,6 +585,20 @@ def mode_shapes(result, title=""):
 # --- design advice -------------------------------------------------------------------------------
 
 
+def step_response(result):
+    """Figure of `loops.step_summary()`."""
+    figure, ax = plt.subplots(figsize=(5.6, 3.0))
+    style(ax)
+    ax.plot(result["time_s"], result["value"], color=INK, linewidth=1.2)
+    if result["final"] is not None:
+        ax.axhline(result["final"], color=GOT, linewidth=0.8, linestyle=":")
+    ax.set_xlabel("time, s")
+    ax.set_ylabel(f"{result['output']}\nper unit step")
+    name = f"{Path(result['model']).stem}, {result['law']}, {result['timing']}"
+    finish(figure, ax, f"{name}, {result['gain']:.4g} {result['unit']}")
+    return figure
+
+
 def advice(result, most=28):
     """Figure of `advise.advise()`: what each change makes of critical gain and crossover."""
     rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]][:most]

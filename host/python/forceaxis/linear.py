@@ -270,3 +270,46 @@ def linearise(
     return System(
         m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
     )  # fmt: skip
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def check_export(path):
+    """Refuse a file that matrices cannot be written to, before the work."""
+    if path is not None and Path(path).suffix not in (".npz", ".mat"):
+        raise _core.InputError(f"--out: {path}: expected a file ending in .npz or .mat")
+
+
+def export(system, path):
+    """Write A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
+    arrays = {name: getattr(system, name) for name in "ABCD"} | {"dt": system.dt or 0.0}
+    names = {name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")}
+    if Path(path).suffix == ".mat":
+        from scipy import io
+
+        cells = {name: np.array(texts, object) for name, texts in names.items()}
+        io.savemat(path, arrays | cells)
+    else:
+        np.savez(path, **arrays, **names)
+
+
+def summary(system):
+    """What `forceaxis linearise --json` prints."""
+    return {
+        "states": list(system.states),
+        "inputs": list(system.inputs),
+        "outputs": list(system.outputs),
+        "dt": system.dt,
+    } | {name: getattr(system, name).tolist() for name in "ABCD"}
+
+
+def describe(system):
+    """The same for people: one row of numbers a state or output."""
+    kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
+    lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
+    for name, rows in (("A B", system.states), ("C D", system.outputs)):
+        left, right = (getattr(system, part) for part in name.split())
+        for label, values in zip(rows, np.hstack([left, right]), strict=True):
+            lines.append(f"{name}   {label:20} " + " ".join(f"{v + 0.0:11.5g}" for v in values))
+    return "\n".join(lines)

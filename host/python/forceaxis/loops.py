@@ -608,9 +608,10 @@ class Loop:
             closed = closed.sampled()
         time_s = np.arange(math.floor(duration_s / closed.dt) + 1) * closed.dt
         x, y = np.zeros(len(closed.A)), np.empty(len(time_s))
-        for i in range(len(time_s)):
-            y[i] = closed.C[0] @ x + closed.D[0, 0]
-            x = closed.A @ x + closed.B[:, 0]
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable one may leave the range
+            for i in range(len(time_s)):
+                y[i] = closed.C[0] @ x + closed.D[0, 0]
+                x = closed.A @ x + closed.B[:, 0]
         return time_s, y
 
     def locus(self, gains, plane="s"):
@@ -779,6 +780,57 @@ def describe_limit(summary):
                 else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
             )
         )
+    return "\n".join(lines)
+
+
+def step_summary(loop, gain, duration_s):
+    """What `forceaxis step` prints as JSON. Raises InputError."""
+    import control
+
+    if gain is None:
+        raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
+    if not (2 * TICK_S <= duration_s <= 600):
+        raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
+    time_s, value = loop.step(gain, duration_s)
+    stable = loop.stable(gain)
+    numbers = dict.fromkeys(("rise_s", "settle_s", "overshoot", "final"))
+    if stable:
+        final = float(loop.closed(gain).at(0.0 if loop.dt is None else 1.0).real)
+        info = control.step_info(value, T=time_s, yfinal=final)
+        rest = [info["RiseTime"], info["SettlingTime"], info["Overshoot"] / 100]
+        numbers = {
+            name: float(x) if np.isfinite(x) else None
+            for name, x in zip(numbers, [*rest, final], strict=True)
+        }
+    if not np.isfinite(value).all():
+        raise _core.InputError(
+            f"--duration-s: expected a response that stays finite, it grows out of range within "
+            f"{duration_s:g} s; shorten it or lower the gain"
+        )
+    return {
+        **describe_loop(loop),
+        "gain": gain,
+        "unit": loop.unit,
+        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
+        "stable": stable,
+        **numbers,
+        "time_s": time_s.tolist(),
+        "value": value.tolist(),
+    }
+
+
+def describe_step(summary):
+    """The same for people."""
+    lines = [
+        f"loop         {summary['law']}, {summary['timing']}, {summary['output']}, "
+        f"{summary['gain']:.6g} {summary['unit']}",
+        f"stable       {'yes' if summary['stable'] else 'no'}",
+    ]
+    units = {"final": "of the step", "overshoot": "of the final value"}
+    for name in ("final", "overshoot", "rise_s", "settle_s"):
+        value = summary[name]
+        text = "-" if value is None else f"{value:.4g} {units.get(name, 's')}"
+        lines.append(f"{name.removesuffix('_s'):12} {text}")
     return "\n".join(lines)
 
 

@@ -349,7 +349,9 @@ def check():
 
 def value(number, unit):
     """A value as it is printed."""
-    text = number if isinstance(number, str) else f"{number:.3g}" if number < 1e4 else f"{number:g}"
+    text = (
+        number if isinstance(number, str) else f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
+    )
     return f"{text} {unit}".strip()
 
 

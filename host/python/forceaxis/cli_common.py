@@ -1,0 +1,48 @@
+"""What verbs share: how their help looks, options, output."""
+
+from pathlib import Path
+
+import click
+
+
+class Verb(click.Command):
+    """A verb whose help keeps the example's line breaks."""
+
+    def format_epilog(self, ctx, formatter):
+        if self.epilog:
+            formatter.write_paragraph()
+            formatter.write("Example:\n")
+            for line in self.epilog.strip().splitlines():
+                formatter.write(f"  {line.strip()}\n")
+
+
+class Verbs(click.Group):
+    """A verb that has verbs of its own."""
+
+    command_class = Verb
+    format_epilog = Verb.format_epilog
+
+
+class Folder(click.Path):
+    """A folder to write to; whoever writes makes it."""
+
+    def __init__(self):
+        super().__init__(file_okay=False, path_type=Path)
+
+    def convert(self, value, param, ctx):
+        if value == "":
+            self.fail("expected the name of a folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class File(click.Path):
+    """A file to write."""
+
+    def __init__(self):
+        super().__init__(dir_okay=False, path_type=Path)
+
+
+as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
+threads = click.option(
+    "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
+)

@@ -1,0 +1,117 @@
+"""The verbs linearise, step and beam on the command line, and one-line refusals of all."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from forceaxis import linear
+from scipy import io
+
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+
+
+def run(*arguments):
+    """Standard output of a verb."""
+    done = subprocess.run(
+        [FORCEAXIS, *map(str, arguments)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_exported_matrices_are_the_model(tmp_path):
+    """JSON, .npz and .mat hold one and the same system."""
+    plant = linear.linearise("fig4_19", outputs=("reading", "robot.velocity")).sampled(1)
+    options = ["linearise", "fig4_19", "--timing", "zoh+1", "--output", "reading"]
+    options += ["--output", "robot.velocity"]
+    run(*options, "--out", tmp_path / "plant.npz")
+    printed = json.loads(run(*options, "--out", tmp_path / "plant.mat", "--json"))
+    for found in (
+        printed,
+        np.load(tmp_path / "plant.npz"),
+        io.loadmat(tmp_path / "plant.mat", squeeze_me=True),
+    ):
+        for name in "ABCD":
+            expected = getattr(plant, name)
+            assert np.array_equal(np.reshape(found[name], expected.shape), expected)
+        assert found["dt"] == plant.dt
+        assert [str(name).strip() for name in found["states"]] == list(plant.states)
+
+
+def test_step_is_python_controls():
+    """Value, final value and overshoot of a closed loop, continuous and sampled."""
+    gain = 0.008
+    for timing in ("continuous", "zoh"):
+        result = json.loads(
+            run(
+                "step", "fig4_19", "--gain", gain, "--timing", timing, "--json", "--duration-s", 0.5
+            )  # fmt: skip
+        )
+        plant = linear.linearise("fig4_19")
+        if timing == "zoh":
+            plant = plant.sampled()
+        closed = control.feedback(gain * plant.state_space(), 1)
+        time_s = np.array(result["time_s"])
+        expected = control.step_response(closed, time_s).outputs
+        assert result["value"] == pytest.approx(expected, abs=1e-6)
+        assert result["final"] == pytest.approx(float(np.real(closed.dcgain())), rel=1e-9)
+        assert result["stable"]
+        over = max(expected) / result["final"] - 1
+        assert result["overshoot"] == pytest.approx(max(over, 0.0), abs=1e-4)
+
+
+def test_an_unstable_step_says_so():
+    result = json.loads(run("step", "fig4_19", "--firmware-gain", 14, "--duration-s", 3, "--json"))
+    assert not result["stable"] and result["final"] is None
+    value = np.abs(result["value"])
+    assert value[-300:].max() > 5 * value[:300].max()
+
+
+def test_beam_has_the_classical_constants():
+    result = json.loads(run("beam", "--modes", "4", "--json"))
+    sliding = [2.365020372431352, 5.497803919000836, 8.63937982869974, 11.78097245102023]
+    clamped = [1.875104068711961, 4.694091132974175, 7.854757438237613, 10.995540734875467]
+    for k, mode in enumerate(result["modes"]):
+        assert mode["b_l"] == pytest.approx(sliding[k], rel=1e-12)
+        assert mode["pole_rad_per_s"] == pytest.approx(sliding[k] ** 2, rel=1e-12)
+        assert mode["actuator_zero_rad_per_s"] == pytest.approx(clamped[k] ** 2, rel=1e-12)
+        tip = 2 * ((k + 0.5) * np.pi) ** 2
+        assert mode["tip_zero_per_s"] == pytest.approx(tip, rel=1e-12)
+    errors = {row["modes"]: row for row in result["approximation_errors"]}
+    assert set(errors) == set(range(4, 41))
+    assert errors[12]["actuator"] < 0.01 and errors[24]["tip"] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("linearise fig4_19 --out plant.txt", "--out: plant.txt: expected a file ending in"),
+        ("linearise fig4_19 --output sensor.farce", "output: expected one of"),
+        ("linearise fig4_19 --input wall.force", "input: expected one of"),
+        ("linearise fig4_19 --set m_x=1", "m_x"),
+        ("step fig4_19", "--gain: expected --gain or --firmware-gain"),
+        ("step fig4_19 --gain 0.01 --duration-s 0", "--duration-s: expected two ticks"),
+        ("step fig4_19 --gain 1e6 --duration-s 60", "--duration-s: expected a response that stays"),
+        ("step nl_friction --gain 0.01", "expected a path from drive.command"),
+        ("beam --length-m 0", "length_m: expected a number > 0"),
+        ("limit fig9_99", "MODEL: fig9_99: expected"),
+        ("limit fig4_5", "expected an ADC on channel 0"),
+        ("modes fig4_19 --output nowhere", "output: expected"),
+        ("bode fig4_19 --output nowhere", "output: expected"),
+        ("measure fig4_19 --output nowhere", "expected"),
+        ("measure fig4_19 --output sensor.force --band 1:5000", "band"),
+        ("advise nowhere", "expected"),
+    ],
+)
+def test_refusals_are_one_line(arguments, words):
+    done = subprocess.run(
+        [FORCEAXIS, *arguments.split()], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1 and done.stderr.startswith("forceaxis: ")
+    assert words in done.stderr
