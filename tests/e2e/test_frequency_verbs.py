@@ -48,8 +48,8 @@ def test_step_is_python_controls():
     for timing in ("continuous", "zoh"):
         result = json.loads(
             run(
-                "step", "fig4_19", "--gain", gain, "--timing", timing, "--json", "--duration-s", 0.5
-            )  # fmt: skip
+                "step", "fig4_19", "--gain", gain, "--timing", timing, "--duration-s", 0.5, "--json"
+            )
         )
         plant = linear.linearise("fig4_19")
         if timing == "zoh":
@@ -65,7 +65,7 @@ def test_step_is_python_controls():
 
 
 def test_an_unstable_step_says_so():
-    result = json.loads(run("step", "fig4_19", "--firmware-gain", 14, "--duration-s", 3, "--json"))
+    result = json.loads(run("step", "fig4_19", "--firmware-gain", 20, "--duration-s", 3, "--json"))
     assert not result["stable"] and result["final"] is None
     value = np.abs(result["value"])
     assert value[-300:].max() > 5 * value[:300].max()
@@ -103,7 +103,7 @@ def test_beam_has_the_classical_constants():
         ("modes fig4_19 --output nowhere", "output: expected"),
         ("bode fig4_19 --output nowhere", "output: expected"),
         ("measure fig4_19 --output nowhere", "expected"),
-        ("measure fig4_19 --output sensor.force --band 1:5000", "band"),
+        ("measure fig4_19 --output adc0 --inject codes --level 20 --band 1:5000", "band"),
         ("advise nowhere", "expected"),
     ],
 )
