@@ -822,6 +822,10 @@ def plot(done, width=7.2):
     lines = {"marker": "."} if len(f) < 100 else {}
     size.loglog(f, abs(model), color=plots.GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=plots.INK, linewidth=0.9, label="measured", **lines)
+    low, high = size.get_ylim()
+    if high < 10 * low:  # nearly flat: a decade shows that it is
+        middle = math.sqrt(low * high)
+        size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
     bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
     size.fill_between(
         f, bottom, magnitude + radius, color=plots.INK, alpha=0.2, linewidth=0, label="95 % band"

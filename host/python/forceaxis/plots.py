@@ -162,7 +162,7 @@ def style(ax):
     """Light grid, no box."""
     ax.grid(True, linewidth=0.3, color="#c8d0d8")
     ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
+    ax.tick_params(which="both", labelsize=8)
     ax.set_prop_cycle(color=[INK, "#c0562b", "#3f7f5f", "#8a5fa8"])
 
 
@@ -195,7 +195,7 @@ def sweep(done):
     title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
     ax.set_title(title, fontsize=9, loc="left", color=INK)
     ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(labelsize=8)
+    ax.tick_params(which="both", labelsize=8)
     figure.tight_layout()
     plt.close(figure)
     return figure
