@@ -7,11 +7,11 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from forceaxis import beam, cli, linear, loops, modes
+from forceaxis import beam, cli, linear, loops, modes, thesis_figures
 from forceaxis import frequency_plots as plots
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-FIGURES = {f.figure: f for f in plots.thesis_figures()}
+FIGURES = {f.figure: f for f in thesis_figures.thesis_figures()}
 # What the text defines (2.26 and 4.19 are drawings of models).
 WANTED = [
     *("2.4", "2.5", "2.9", "2.10", "2.12", "2.13", "2.14", "2.17", "2.18", "2.19", "2.20", "2.22"),
@@ -64,7 +64,7 @@ def overlapping(figure):
 
 
 def test_the_list_is_what_the_text_defines():
-    assert [f.figure for f in plots.thesis_figures()] == WANTED
+    assert [f.figure for f in thesis_figures.thesis_figures()] == WANTED
 
 
 @pytest.mark.parametrize("figure", WANTED)
@@ -199,14 +199,16 @@ def test_what_the_arrays_are_there_to_show():
     colocated, tip = FIGURES["2.23"].data()
     assert np.array_equal(colocated.poles, tip.poles)
     assert np.allclose(tip.zeros.imag, 0) and np.allclose(np.sort(tip.zeros), np.sort(-tip.zeros))
-    assert np.allclose(tip.zeros[tip.zeros.real > 0].real, plots.BEAM.tip_zeros(4)[1::2].real)
+    assert np.allclose(
+        tip.zeros[tip.zeros.real > 0].real, thesis_figures.BEAM.tip_zeros(4)[1::2].real
+    )
     merged = np.sort(np.abs(np.concatenate([colocated.poles[1:], colocated.zeros])))[::2]
     kinds = [np.isclose(np.abs(colocated.zeros), f).any() for f in merged]
     assert kinds == [i % 2 == 0 for i in range(len(kinds))]  # zero, pole, zero, ...
     real = FIGURES["2.25"].data()[1].zeros
-    assert plots.LUMPED.nonminimum_phase() and (real.real > 1).sum() == 1
+    assert thesis_figures.LUMPED.nonminimum_phase() and (real.real > 1).sum() == 1
     assert (FIGURES["6.3"].data()[1].zeros.real > 1).sum() == 1
-    assert isinstance(plots.ARM, beam.TwoLinkArm)
+    assert isinstance(thesis_figures.ARM, beam.TwoLinkArm)
 
 
 @np.errstate(divide="ignore", invalid="ignore")

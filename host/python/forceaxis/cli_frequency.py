@@ -278,11 +278,11 @@ def limit(model, as_json, gain, firmware_gain, **given):
     the first, and with --gain or --firmware-gain the margins there. JSON: critical_gain in `unit`
     (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings.
     """
-    from forceaxis import loops
+    from forceaxis import loop_verbs
 
-    loop = loops.from_options(model, **given)
-    summary = loops.limit_summary(loop, loops.one_gain(loop, gain, firmware_gain))
-    click.echo(json.dumps(summary, allow_nan=False) if as_json else loops.describe_limit(summary))
+    loop = loop_verbs.from_options(model, **given)
+    summary = loop_verbs.limit_summary(loop, loop_verbs.one_gain(loop, gain, firmware_gain))
+    present(summary, as_json, loop_verbs.describe_limit)
 
 
 @click.command(
@@ -310,12 +310,12 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     Without a gain: from --input (default drive.command, V) to --output. With one: from the law's
     set-point to the signal that it controls. Zeros include those that cancel poles.
     """
-    from forceaxis import loops
+    from forceaxis import loop_verbs
 
     check_drawing(out)
-    summary = loops.poles_of(model, gain, firmware_gain, input_, **given)
+    summary = loop_verbs.poles_of(model, gain, firmware_gain, input_, **given)
     draw(out, lambda plots: plots.poles_figure(summary, span_hz))
-    present(summary, as_json, loops.describe_poles, out)
+    present(summary, as_json, loop_verbs.describe_poles, out)
 
 
 @click.command(
@@ -416,12 +416,12 @@ def nyquist(model, out, as_json, **given):
     JSON: as `forceaxis limit` with that gain (margins under "at"), and the curve:
     frequency_hz_of_curve, real, imag, magnitude, phase_deg of the loop gain.
     """
-    from forceaxis import frequency_plots, loops
+    from forceaxis import frequency_plots, loop_verbs
 
     check_drawing(out)
     figure, summary = frequency_plots.nyquist_verb(model, **given)
     draw(out, lambda plots: figure)
-    present(summary, as_json, loops.describe_limit, out)
+    present(summary, as_json, loop_verbs.describe_limit, out)
 
 
 @click.command(
@@ -538,13 +538,14 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, **given):
     The set-point steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
     90 %), settle_s (2 %), overshoot, final and stable; null where an unstable loop has none.
     """
-    from forceaxis import loops
+    from forceaxis import loop_verbs
 
     check_drawing(out)
-    loop = loops.from_options(model, **given)
-    result = loops.step_summary(loop, loops.one_gain(loop, gain, firmware_gain), duration_s)
+    loop = loop_verbs.from_options(model, **given)
+    gain = loop_verbs.one_gain(loop, gain, firmware_gain)
+    result = loop_verbs.step_summary(loop, gain, duration_s)
     draw(out, lambda plots: plots.step_response(result))
-    present(result, as_json, loops.describe_step, out)
+    present(result, as_json, loop_verbs.describe_step, out)
 
 
 @click.command(

@@ -26,6 +26,7 @@ from forceaxis import (
     sweeps,
     tables,
     thesis,
+    thesis_figures,
 )
 
 
@@ -182,7 +183,7 @@ def frequency_domain(threads):
                 "see": f.see,
                 "image": embedded(frequency_plots.small_png(f.draw())),
             }
-            for f in frequency_plots.thesis_figures()
+            for f in thesis_figures.thesis_figures()
         ],
         "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
         "measurements": measurements,
