@@ -72,7 +72,8 @@ csv_file = click.argument("data", type=click.Path(dir_okay=False), metavar="DATA
 def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
     """Frequency and damping of a recorded ring-down, by its logarithmic decrement.
 
-    DATA.csv has a column time_s and a signal of any unit and offset. At least 3 cycles.
+    DATA.csv has a column time_s and a signal of any unit and offset. At least 3 cycles. A damped
+    sine is fitted to the record; what is not one vibration that dies out is refused.
     """
     from forceaxis import identify
 
@@ -81,16 +82,27 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
     found, derived = identify.decrement(
         data, column, (from_s, to_s), floor, mass=mass, stiffness=stiffness
     )
-    estimates = {k: v for k, v in vars(found).items() if k != "cycles"} | derived
+    plain = ("cycles", "decrement_of_ratio", "explained", "noise", "warnings")
+    estimates = {k: v for k, v in vars(found).items() if k not in plain} | derived
     show(
-        {"cycles": found.cycles} | {name: e.json() for name, e in estimates.items()},
+        {name: getattr(found, name) for name in plain}
+        | {"decrement_of_ratio": identify.finite(found.decrement_of_ratio)}
+        | {name: e.json() for name, e in estimates.items()},
         as_json,
         [
             ("cycles", found.cycles),
+            (
+                "fit",
+                f"explains {100 * found.explained:.5g} % of the record, noise {found.noise:.2g}",
+            ),
             ("frequency", f"{found.natural_frequency}, damped {found.damped_frequency}"),
-            ("decrement", found.decrement),
+            (
+                "decrement",
+                f"{found.decrement}, {found.decrement_of_ratio:.5g} by first and last cycle",
+            ),
             ("ratio", f"{found.damping_ratio} of damping, exact {found.damping_ratio_exact}"),
             *derived.items(),
+            *(("warning", text) for text in found.warnings),
         ],
     )
 

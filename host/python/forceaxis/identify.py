@@ -19,7 +19,11 @@ from forceaxis._core import InputError
 
 SHARE = 0.95  # of all intervals
 FEWEST_CYCLES = 3
-PERIODS_OF_A_PEAK = 1 / 12  # to either side: what a parabola is laid through
+FEWEST_SAMPLES = 30  # of a ring-down: below, noise alone may look like one
+RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # of decay over omega, where the fit starts
+NEARLY = 0.9  # of the largest amplitude: a ring-down has begun
+EXPLAINED = 0.5  # share of a record's variance below which it is not one ring-down
+COLOURED = 4  # residual density around the mode over that of white noise: a warning
 
 
 @dataclass(frozen=True)
@@ -121,94 +125,176 @@ class RingDown:
     decrement: Estimate  #: ln of the ratio of amplitudes one cycle apart
     damping_ratio: Estimate  #: by the thesis's formula, decrement / (2 pi)
     damping_ratio_exact: Estimate  #: decrement / sqrt(4 pi^2 + decrement^2), its limit beside 1
+    decrement_of_ratio: float  #: ln(first cycle's amplitude / last one's) / cycles between them
+    explained: float  #: share of the record's variance, 0..1
+    noise: float  #: standard deviation of what is left, in the signal's unit
+    warnings: tuple
 
 
-def parabola(time, values, at, reach):
-    """(a, b, c) of a (t - at)^2 + b (t - at) + c within `reach` of `at`; None: too few samples."""
-    near = abs(time - at) <= reach
-    return np.polyfit(time[near] - at, values[near], 2) if near.sum() >= 3 else None
+def damped_sine(time_s, rate, omega):
+    """Columns (n, 4) of a vibration e^(-rate t) with an offset and a drift."""
+    envelope, ones = np.exp(-rate * time_s), np.ones(len(time_s))
+    return np.stack(
+        [envelope * np.cos(omega * time_s), envelope * np.sin(omega * time_s), ones, time_s], 1
+    )
 
 
-def extremes(time, values, sign, floor):
-    """[(time, value)] of the peaks (sign 1) or troughs (-1), each from a parabola through it."""
-    found, _ = signal.find_peaks(sign * values, prominence=floor)
-    if len(found) < 2:
-        return []
-    reach = PERIODS_OF_A_PEAK * np.median(np.diff(time[found]))
-    points = []
-    for peak in found:
-        at, value = time[peak], values[peak]
-        for _ in range(2):  # the second one about the first one's vertex: noise moves the highest
-            shape = parabola(time, values, at, reach)
-            if (
-                shape is None
-                or sign * shape[0] >= 0
-                or abs(shape[1]) > -2 * sign * shape[0] * reach
-            ):
-                break
-            a, b, c = shape
-            at, value = at - b / (2 * a), c - b * b / (4 * a)
-        points.append((at, value))
-    return points
+def fit_damped_sine(time, values, starts):
+    """Least squares of a damped sine: the result of SciPy, its x: rate, omega and 4 coefficients.
+
+    time (n,) from 0, starts [(rate, omega)] in 1/s and rad/s, of which the best one is taken.
+    """
+
+    def linear_part(start):
+        columns = damped_sine(time, *start)
+        found = np.linalg.lstsq(columns, values)[0]
+        return float(np.sum((columns @ found - values) ** 2)), [*start, *found]
+
+    def residual(x):
+        return damped_sine(time, x[0], x[1]) @ x[2:] - values
+
+    def jacobian(x):
+        columns = damped_sine(time, x[0], x[1])
+        cosine, sine = columns[:, 0], columns[:, 1]
+        along = -time * (x[2] * cosine + x[3] * sine)
+        across = time * (x[3] * cosine - x[2] * sine)
+        return np.column_stack([along, across, columns])
+
+    start = min(map(linear_part, starts), key=lambda pair: pair[0])[1]
+    return optimize.least_squares(
+        residual, start, jacobian, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12
+    )
+
+
+def cycle_amplitudes(time, values, omega, starts):
+    """Amplitudes of the cycles that begin at `starts`, s: each from its Fourier coefficient."""
+    turning = values * np.exp(-1j * omega * time)
+    steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
+    total = np.concatenate([[0], np.cumsum(steps)])
+    period = 2 * math.pi / omega
+    ends = [np.interp(starts + d, time, total) for d in (0.0, period)]
+    return abs(ends[1] - ends[0]) * 2 / period
+
+
+def likely_frequencies(time, values):
+    """The three highest peaks of the spectrum, rad/s; of times that may be unequally spaced."""
+    even = np.linspace(time[0], time[-1], len(time))
+    bent = signal.detrend(np.interp(even, time, values))
+    size = abs(np.fft.rfft(bent, 2 * len(even)))
+    peaks, about = signal.find_peaks(size, height=0)
+    highest = peaks[np.argsort(about["peak_heights"])[::-1][:3]]
+    return np.pi * highest / len(even) / (even[1] - even[0])
 
 
 def ring_down(time_s, values, floor=0.05, where="ring-down"):
-    """Logarithmic decrement of a free vibration about any offset.
+    """Frequency and logarithmic decrement of a free vibration about any offset and slow drift.
 
-    time_s (n,) rising, values (n,) in any unit; the vibration is used from its largest swing down
-    to `floor` (0..1) of that. Amplitudes are those from each peak to the next trough, which removes
-    offset and slow drift; regressions of their logarithm and of the times of peaks and troughs over
-    the number of cycles, weighted by amplitude (a constant noise weighs more on small ones), give
-    decrement and period. Raises InputError for fewer than 3 cycles.
+    time_s (n,) rising, values (n,) in any unit. A damped sine is fitted to the record from the
+    largest amplitude on, down to `floor` (0..1) of that. Intervals are those of least squares for
+    white noise, or for the noise's density around the vibration's frequency if that is more (as of
+    another mode nearby), and for at least twice the variance of a converter's rounding. Beside it
+    stands the ratio of the amplitudes of the first and the last cycle, as one reads them off a
+    plot. Raises InputError for fewer than 3 cycles and for a record that one damped sine does not
+    explain.
     """
     if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
         raise InputError(f"{where}: time_s: expected at least two rising times, in s")
-    swing = np.ptp(values)
-    peaks = extremes(time_s, values, 1, floor * swing)
-    troughs = extremes(time_s, values, -1, floor * swing)
-    # One trough after each peak, the deepest until the next one.
-    pairs = []
-    for (t, high), (until, _) in zip(peaks, [*peaks[1:], (math.inf, 0)], strict=False):
-        after = [point for point in troughs if t < point[0] < until]
-        if not after:
-            break
-        pairs.append((t, high, *min(after, key=lambda point: point[1])))
-    pairs = np.reshape(pairs, (-1, 4))
-    amplitude = (pairs[:, 1] - pairs[:, 3]) / 2
-    if len(amplitude):
-        pairs, amplitude = pairs[amplitude.argmax() :], amplitude[amplitude.argmax() :]
-        small = np.flatnonzero(amplitude < floor * amplitude[0])
-        if len(small):
-            pairs, amplitude = pairs[: small[0]], amplitude[: small[0]]
-    cycles = len(amplitude) - 1
-    if cycles < FEWEST_CYCLES:
+    if len(time_s) < FEWEST_SAMPLES:
         raise InputError(
-            f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found "
-            f"{max(cycles, 0)}; record longer, strike harder or lower the floor of {floor:g}"
+            f"{where}: expected at least {FEWEST_SAMPLES} samples, got {len(time_s)}; record longer"
         )
-    count = np.arange(cycles + 1)
-    one, none = np.ones(cycles + 1), np.zeros(cycles + 1)
-    # Peaks and troughs have each their own start.
-    times = np.concatenate([pairs[:, 0], pairs[:, 2]])
-    columns = np.block([[count, count], [one, none], [none, one]]).T
-    lines = regression(columns, times, np.tile(amplitude, 2))
-    period = Estimate(*lines[0])
-    # The highest point of noise is too high: amplitudes are taken where the period puts them.
-    starts, reach = columns @ [value for value, _ in lines], PERIODS_OF_A_PEAK * period.value
-    shapes = [parabola(time_s, values, at, reach) for at in starts]
-    if all(shape is not None for shape in shapes):
-        crests = np.array([shape[2] for shape in shapes])
-        swings = (crests[: cycles + 1] - crests[cycles + 1 :]) / 2
-        amplitude = np.where(swings > 0, swings, amplitude)
-    slope, half = regression(np.stack([count, one], 1), np.log(amplitude), amplitude)[0]
-    decrement = Estimate(-slope, half)
+    frequencies, unit = likely_frequencies(time_s, values), float(np.std(values))
+    if unit == 0 or not len(frequencies):
+        raise too_short(where, 0, floor)
+
+    def fitted(inside, omegas, rates):
+        time = time_s[inside] - time_s[inside][0]
+        starts = [(rate * omega, omega) for omega in omegas for rate in rates]
+        return time, fit_damped_sine(time, (values[inside] - values.mean()) / unit, starts)
+
+    # What came before the largest amplitude is not part of it; half of a period may be the strike.
+    period = 2 * math.pi / frequencies[0]
+    begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
+    level = signal.detrend(values)
+    amplitude = cycle_amplitudes(time_s, level, frequencies[0], begins)
+    first = begins[np.flatnonzero(amplitude >= NEARLY * amplitude.max())[0]]
+    if first > time_s[0]:
+        first = min(first + period / 4, time_s[-1] - period)
+    inside = time_s >= first
+    if inside.sum() < FEWEST_SAMPLES:
+        raise too_short(where, (time_s[-1] - first) / period, floor)
+    time, found = fitted(inside, frequencies, RATES)
+    rate, omega = found.x[:2]
+    if rate * time[-1] > -math.log(floor):
+        inside &= time_s <= first - math.log(floor) / rate
+        if inside.sum() < FEWEST_SAMPLES:
+            raise too_short(where, -math.log(floor) / rate * omega / (2 * math.pi), floor)
+        time, found = fitted(inside, [omega], [rate / omega])
+        rate, omega = found.x[:2]
+
+    left, n, p = found.fun, inside.sum(), len(found.x)
+    spread = np.sum((values[inside] - values[inside].mean()) ** 2) / unit**2
+    explained = 1 - (np.sum(left**2) / (n - p)) / (spread / (n - 1))
+    if not explained >= EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
+        raise InputError(
+            f"{where}: expected one vibration that dies out, the best fit explains "
+            f"{100 * max(explained, 0):.3g} % of the record; cut it with --from-s and --to-s, "
+            "filter it, or strike harder"
+        )
+    cycles = int(time[-1] * omega / (2 * math.pi) + 0.01)
+    if cycles < FEWEST_CYCLES:
+        raise too_short(where, cycles, floor)
+
+    white = float(np.sum(left**2) / (n - p))
+    lines = abs(np.fft.rfft(left)) ** 2 / n
+    here = omega * time[-1] / (2 * math.pi)
+    near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
+    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
+    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
+    # does not show; twice the variance of rounding, step^2 / 12, covers them.
+    levels = np.unique(values[inside])
+    rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
+    covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
+    t = stats.t.ppf((1 + SHARE) / 2, n - p)
+
+    def estimate(value, gradient, unit=""):
+        return Estimate(float(value), float(t * math.sqrt(gradient @ covariance @ gradient)), unit)
+
+    turn, size = 2 * math.pi, math.hypot(rate, omega)
+    by_cycle = np.array([1 / omega, -rate / omega**2])  # gradient of rate / omega
+    decrement = estimate(turn * rate / omega, turn * by_cycle)
+    if decrement.value + 3 * decrement.half < -1e-6:
+        raise InputError(
+            f"{where}: expected a vibration that dies out, it grows: decrement {decrement}; cut "
+            "the record with --from-s and --to-s"
+        )
+    offset = damped_sine(time, rate, omega)[:, 2:] @ found.x[4:] * unit + values.mean()
+    ends = np.array([0.0, (cycles - 1) * turn / omega])
+    ratio = cycle_amplitudes(time, values[inside] - offset, omega, ends)
+    warnings = []
+    if local > COLOURED * white and len(near) > 4:
+        warnings.append(
+            "what the fit leaves is not white noise: another mode or a nonlinearity; the "
+            "intervals count it as noise"
+        )
     return RingDown(
         cycles,
-        propagate(lambda p: 1 / p, period, unit="Hz"),
-        propagate(lambda p, d: math.hypot(1, d / (2 * math.pi)) / p, period, decrement, unit="Hz"),
+        estimate(omega / turn, np.array([0, 1 / turn]), "Hz"),
+        estimate(size / turn, np.array([rate, omega]) / (size * turn), "Hz"),
         decrement,
-        propagate(lambda d: d / (2 * math.pi), decrement),
-        propagate(lambda d: d / math.hypot(2 * math.pi, d), decrement),
+        estimate(rate / omega, by_cycle),
+        estimate(rate / size, np.array([omega, -rate]) * omega / size**3),
+        float(np.log(ratio[0] / ratio[1]) / (cycles - 1)),
+        float(explained),
+        math.sqrt(white) * unit,
+        tuple(warnings),
+    )
+
+
+def too_short(where, cycles, floor):
+    return InputError(
+        f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found {int(cycles)}; "
+        f"record longer, strike harder or lower the floor of {floor:g}"
     )
 
 
