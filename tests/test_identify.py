@@ -213,6 +213,8 @@ def test_the_split_carries_errors_and_refuses_what_has_no_solution():
     assert m_r2["interval"] == pytest.approx(ends, rel=5e-3)
     assert "at least 22.559 Hz" in refusal("split", *known, 22.5)
     assert "above 0" in refusal("split", *known, -3)
+    tiny = run("split", *known, 1e10)["solutions"][0]["m_r2"]["value"]
+    assert tiny == pytest.approx(665000 / (2 * math.pi * 1e10) ** 2)
 
 
 # --- motor --------------------------------------------------------------------------------------
@@ -268,6 +270,15 @@ def test_too_few_speeds_are_refused(tmp_path):
     assert "different values" in refusal("tach", rows(*[(1, 1, 0.1)] * 4), "--offset")
     backward = rows((1, -1, 0.039), (2, -2, 0.078), (3, -3, 0.117))
     assert "rises" in refusal("motor", backward, *CONSTANTS, 4.5)
+    fast = rows((1, 1, 0.1), (2, 2, 0.2), (3, 3, 0.3))
+    assert "b_m below 0" in run("motor", fast, *CONSTANTS, 4.5)["warnings"][0]
+    assert "line 2, speed_rad_per_s: expected a number, got '1e+200'; the largest" in refusal(
+        "tach", rows((1e200, 1, 1), (2, 2, 2), (3, 3, 3))
+    )
+    file.write_text("speed_rad_per_s,tach_V,tach_V\n1,2,3\n2,4,6\n3,6,9\n")
+    assert "one column tach_V" in refusal("tach", file)
+    file.write_bytes(b"speed_rad_per_s,tach_V\n\xff,1\n")
+    assert f"{file}: expected a CSV file in UTF-8" in refusal("tach", file)
 
 
 # --- fit ----------------------------------------------------------------------------------------
@@ -303,6 +314,8 @@ def test_a_wrong_model_is_told(response):
     found = run("fit", "fig4_19", response, "--fit", "m_r", "--set", "k_w=412700")
     assert found["p_value"] < 1e-6
     assert any("does not explain" in text for text in found["warnings"])
+    far = run("fit", "fig4_19", response, "--fit", "m_r=5000", "--set", "k_w=412700")
+    assert any("edge of what was searched" in text for text in far["warnings"])
 
 
 def test_a_csv_file_of_another_analyzer(response, tmp_path):
@@ -324,10 +337,51 @@ def test_a_csv_file_of_another_analyzer(response, tmp_path):
     for name in TRUTH:
         span = exact["parameters"][name]["joint_interval"]
         assert span[0] <= found["parameters"][name]["value"] <= span[1]
+    again = identify.read_response(file, "fig4_19", output="sensor.spring_force", averages=8, dt=dt)
+    assert again.variance == pytest.approx(saved["variance"][keep], rel=1e-6)
+    for option, value in [("dt", "nan"), ("dt", "1e9"), ("scale", "0"), ("scale", "nan")]:
+        words = refusal("fit", "fig4_19", file, *asked, *about, f"--{option}", value)
+        assert f"{option}: expected a number" in words
+    assert "below 50 Hz" in refusal("fit", "fig4_19", file, *asked, *about[:4], "--dt", 0.01)
     assert "--averages" in refusal("fit", "fig4_19", file, *asked, *about[:2])
     assert "--dt" in refusal("fit", "fig4_19", file, *asked, *about[:4])
     file.write_text("frequency_hz,real,imag,coherence\n1,1,1,1\n")
     assert "coherence" in refusal("fit", "fig4_19", file, *asked, *about)
+    file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,-1,1,.5\n")
+    assert "magnitude: expected values above 0" in refusal("fit", "fig4_19", file, *asked, *about)
+    file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,1,1,.5\n2e9,1,1,.5\n")
+    assert "frequency_hz: expected rising" in refusal("fit", "fig4_19", file, *asked, *about)
+
+
+def test_a_damaged_recording_is_refused(response, tmp_path):
+    saved = dict(np.load(response / "response.npz").items())
+    about = json.loads(str(saved["about"]))
+
+    def words(**changed):
+        np.savez(tmp_path / "bad.npz", **(saved | changed))
+        return refusal("fit", "fig4_19", tmp_path / "bad.npz", "--fit", "m_r")
+
+    for bad in ([1], 3, about | {"more": 1}, about | {"overrides": [1]}):
+        assert "expected response.npz as" in words(about=json.dumps(bad))
+    assert "inject: expected volts" in words(about=json.dumps(about | {"inject": 1}))
+    assert "band_hz: expected" in words(about=json.dumps(about | {"band_hz": [None, 1]}))
+    variance = saved["variance"]
+    for bad in (0 * variance, math.nan * variance, variance[1:], variance[:, None]):
+        assert "variance: expected" in words(variance=bad)
+    with (tmp_path / "bad.npz").open("wb") as file:
+        np.save(file, variance)
+    assert "expected response.npz as" in refusal(
+        "fit", "fig4_19", tmp_path / "bad.npz", "--fit", "m_r"
+    )
+
+
+def test_all_files_are_written_or_none(response, tmp_path):
+    (tmp_path / "plot.png").mkdir()
+    arguments = ["identify", "fit", "fig4_19", str(response), "--fit", "m_r"]
+    done = CliRunner().invoke(cli.cli, [*arguments, "--out", str(tmp_path)])
+    assert isinstance(done.exception, IsADirectoryError)
+    assert "plot.png" in str(done.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["plot.png"]
 
 
 def test_what_cannot_be_fitted_is_refused(response, tmp_path):
@@ -336,6 +390,9 @@ def test_what_cannot_be_fitted_is_refused(response, tmp_path):
 
     assert "expected a parameter that the model uses" in words("m_r9")
     assert "START" in words("m_r=heavy")
+    assert "to start as --fit m_r=5" in refusal(
+        "fit", "fig4_19", response, "--fit", "m_r", "--set", "m_r=5"
+    )
     assert "once" in words("m_r", "m_r=3")
     assert "above 0, got 0" in words("b_m")
     assert "approach: expected a parameter that the response" in words("m_r", "approach=1")

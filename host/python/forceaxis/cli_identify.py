@@ -5,6 +5,7 @@ import json
 import click
 
 from forceaxis import paths
+from forceaxis._core import InputError
 from forceaxis.cli_common import Folder, Verbs, as_json
 
 
@@ -21,8 +22,10 @@ class Known(click.ParamType):
             known = identify.Estimate(float(number), float(error or 0.0))
         except ValueError:
             known = identify.Estimate(0.0, 0.0)
-        if not (0 < known.value < 1e30 and 0 <= known.half < known.value):
-            self.fail(f"expected VALUE or VALUE+-ERROR, above 0, got {value}", param, ctx)
+        if not (1e-30 < known.value < 1e30 and 0 <= known.half < known.value):
+            self.fail(
+                f"expected VALUE or VALUE+-ERROR, above 0 (1e-30 to 1e30), got {value}", param, ctx
+            )
         return known
 
 
@@ -192,7 +195,13 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
     ratio = identify.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
     damping = identify.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
     rows = [("ratio", ratio), ("b_m", damping)]
-    show({name: e.json() for name, e in rows}, as_json, rows)
+    warnings = []
+    if damping.value <= 0:
+        warnings.append(
+            "b_m below 0: no motor has that; check the constants, ratio <= k_tach / k_b"
+        )
+    result = {name: e.json() for name, e in rows} | {"warnings": warnings}
+    show(result, as_json, rows + [("warning", text) for text in warnings])
 
 
 @identify.command(
@@ -235,6 +244,12 @@ def fit(model, response, names, overrides, out, as_json, **given):
     held = linear.overrides(overrides)
     measured = identify.read_response(response, model, held, **given)
     starts, units = identify.starts_of(names, measured)
+    for name in starts:
+        if name in held:
+            raise InputError(
+                f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
+                f"to start as --fit {name}={held[name]:g}"
+            )
     found = identify.fit(measured, starts)
     summary = identify.summarise(found, measured, units)
     if out:

@@ -18,6 +18,7 @@ from forceaxis import linear, paths
 from forceaxis._core import InputError
 
 SHARE = 0.95  # of all intervals
+LARGEST = 1e100  # number of a CSV file, so that no sum of squares overflows
 FEWEST_CYCLES = 3
 FEWEST_SAMPLES = 30  # of a ring-down: below, noise alone may look like one
 RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # of decay over omega, where the fit starts
@@ -76,39 +77,45 @@ def regression(columns, values, weights=None):
     return list(zip(coefficients, stats.t.ppf((1 + SHARE) / 2, dof) * spread, strict=True))
 
 
+def rows_of(path):
+    """[(number of the line, [texts])] of a CSV file's lines that are not empty. InputError."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = csv.reader(file)
+            return [(rows.line_num, row) for row in rows if row]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected a CSV file in UTF-8, {error}") from None
+
+
 def header_of(path):
     """Names of the columns of a CSV file."""
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        return [name.strip() for name in next(csv.reader(file), [])]
+    return [name.strip() for _, row in rows_of(path)[:1] for name in row]
 
 
 def read_columns(path, names):
     """Named columns of a CSV file as float arrays. Raises InputError with file, line and column."""
-    header = header_of(path)
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        next(rows, None)
-        for name in names:
-            if name not in header:
+    rows = rows_of(path)
+    header = [name.strip() for name in rows[0][1]] if rows else []
+    for name in names:
+        if header.count(name) != 1:
+            raise InputError(
+                f"{path}: expected {'a' if name not in header else 'one'} column {name}, it has "
+                f"{', '.join(header) or 'none'}; name the columns in the first line"
+            )
+    places = [header.index(name) for name in names]
+    columns = [[] for _ in names]
+    for line, row in rows[1:]:
+        for column, name, place in zip(columns, names, places, strict=True):
+            text = row[place] if place < len(row) else ""
+            try:
+                column.append(float(text))
+            except ValueError:
+                column.append(math.nan)
+            if not abs(column[-1]) < LARGEST:
                 raise InputError(
-                    f"{path}: expected a column {name}, it has {', '.join(header) or 'none'}; name "
-                    "the columns in the first line"
+                    f"{path}: line {line}, {name}: expected a number, got {text!r}"
+                    + (f"; the largest is {LARGEST:g}" if abs(column[-1]) >= LARGEST else "")
                 )
-        places = [header.index(name) for name in names]
-        columns = [[] for _ in names]
-        for row in rows:
-            if not row:
-                continue
-            for column, name, place in zip(columns, names, places, strict=True):
-                text = row[place] if place < len(row) else ""
-                try:
-                    column.append(float(text))
-                except ValueError:
-                    column.append(math.nan)
-                if not math.isfinite(column[-1]):
-                    raise InputError(
-                        f"{path}: line {rows.line_num}, {name}: expected a number, got {text!r}"
-                    )
     return [np.array(column) for column in columns]
 
 
@@ -350,11 +357,14 @@ def split(total_mass, stiffness, frequency_hz):
     than half of the inertia, m_r1 > m_r2. Raises InputError without a real solution.
     """
 
-    def part(sign):
-        def mass(m, k, f):
-            return (m + sign * math.sqrt(max(m * m - 4 * k * m / (2 * math.pi * f) ** 2, 0))) / 2
+    def larger(m, k, f):
+        return (m + math.sqrt(max(m * m - 4 * m * locked(k, f), 0))) / 2
 
-        return propagate(mass, total_mass, stiffness, frequency_hz, unit="kg")
+    def smaller(m, k, f):  # by the product of both: no difference of what is nearly equal
+        return m * locked(k, f) / larger(m, k, f)
+
+    def locked(k, f):
+        return k / (2 * math.pi * f) ** 2
 
     m, k, f = total_mass.value, stiffness.value, frequency_hz.value
     lowest = math.sqrt(4 * k / m) / (2 * math.pi)
@@ -363,11 +373,10 @@ def split(total_mass, stiffness, frequency_hz):
             f"split: frequency: expected at least {lowest:.5g} Hz, the lowest that two masses of "
             f"{m:g} kg together have on {k:g} N/m (half each), got {f:g} Hz; check the three"
         )
-    large, small = part(1), part(-1)
-
-    def locked(k, f):
-        return k / (2 * math.pi * f) ** 2
-
+    large, small = (
+        propagate(part, total_mass, stiffness, frequency_hz, unit="kg")
+        for part in (larger, smaller)
+    )
     return Split(
         ((large, small), (small, large)),
         (
@@ -425,6 +434,7 @@ ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters
 BLIND = 1e-9  # relative change of a response that is none
 MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
 STARTS = 24
+REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twentieth
 
 
 @dataclass(frozen=True)
@@ -519,14 +529,15 @@ def fit(measured, starts, where="fit"):
         square = np.maximum(abs(error) ** 2, 1e-30)
         return as_real(error * np.sqrt(2 * dof * np.log1p(square / dof) / square))
 
-    def search(start):
+    start = np.log(first)
+
+    def search(begin):
         """From far away in the logarithm, then as the errors are."""
-        options = {"bounds": (start - 3, start + 3), "x_scale": "jac", "max_nfev": 60}
-        near = optimize.least_squares(coarse, start, loss="soft_l1", **options).x
-        near = np.clip(near, start - 2.99, start + 2.99)
+        options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
+        near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
+        near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
         return optimize.least_squares(fine, near, xtol=1e-10, ftol=1e-10, **options)
 
-    start = np.log(first)
     influence = abs(jacobian(start)).max(0) / abs(model(start)).max()
     for name, size in zip(names, influence, strict=True):
         if size < BLIND:
@@ -574,6 +585,12 @@ def fit(measured, starts, where="fit"):
     warnings += [
         f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
     ]
+    for name, moved in zip(names, abs(best.x - start), strict=True):
+        if moved > REACH - 0.02:
+            warnings.append(
+                f"{name} stands at the edge of what was searched, {math.exp(REACH):.0f} times its "
+                "start or that part of it: its interval means nothing; give another start"
+            )
     return Fit(
         *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
         tuple(warnings),
@@ -633,35 +650,87 @@ def read_response(path, model, held=None, **given):
             if key not in given:
                 raise InputError(f"{file}: --{key}: expected with a CSV file, which cannot tell it")
         measured = response_of_csv(file, given["averages"])
-        return replace(measured, **given, model=model, overrides=dict(held or {}))
+        measured = replace(measured, **given, model=model, overrides=dict(held or {}))
+        return checked(measured, file)
     try:
         with np.load(file) as saved:
             about = json.loads(str(saved["about"]))
             names = {f.name for f in fields(measure.Measurement)}
             arrays = {name: saved[name] for name in names - about.keys()}
-    except (KeyError, ValueError, zipfile.BadZipFile):
+            about["overrides"] = about["overrides"] | (held or {})
+            measured = measure.Measurement(**(about | given | {"model": model}), **arrays)
+    except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         raise InputError(
             f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
         ) from None
-    about["overrides"] = about["overrides"] | (held or {})
-    return measure.Measurement(**(about | given | {"model": model}), **arrays)
+    return checked(measured, file)
+
+
+def checked(measured, file):
+    """The Measurement, if it is one that a model can be fitted to. Raises InputError."""
+    from forceaxis import measure
+
+    def expect(good, key, text):
+        if not good:
+            raise InputError(f"{file}: {key}: expected {text}")
+
+    def between(key, low, high):
+        value = getattr(measured, key)
+        good = measure.is_number(value) and low <= value <= high
+        expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
+
+    for key in ("input", "output", "unit"):
+        expect(isinstance(getattr(measured, key), str), key, "a text")
+    expect(measured.inject in ("volts", "codes"), "inject", "volts or codes")
+    expect(measured.window in ("none", "hann"), "window", "none or hann")
+    expect(isinstance(measured.free, bool), "free", "true or false")
+    table = measured.overrides
+    good = isinstance(table, dict) and all(map(measure.is_number, table.values()))
+    expect(good, "overrides", "a table of numbers")
+    between("dt", 1e-7, 1.0)
+    between("dof", 1e-3, 1e9)
+    between("averages", 2, 1e9)
+    between("resolution_hz", 0, 1e6)
+    between("scale", -1e12, 1e12)
+    expect(measured.scale != 0, "scale", "a number other than 0, got 0")
+    band = measured.band_hz
+    good = isinstance(band, list | tuple) and len(band) == 2
+    good = good and all(isinstance(end, int | float) and end >= 0 for end in band)
+    expect(good, "band_hz", "two frequencies")
+
+    frequency = measured.frequency_hz
+    for key in ("frequency_hz", "response", "coherence", "variance", "floor"):
+        values = getattr(measured, key)
+        good = values.ndim == 1 and len(values) == len(frequency) and values.dtype.kind in "fc"
+        good = good and (key == "response" or values.dtype.kind == "f")
+        expect(good and np.all(np.isfinite(values)), key, "one finite number for each frequency")
+    highest = 1 / (2 * measured.dt)
+    good = len(frequency) and frequency[0] > 0 and np.all(np.diff(frequency) > 0)
+    expect(
+        good and frequency[-1] < highest,
+        "frequency_hz",
+        f"rising frequencies above 0 and below {highest:g} Hz, half of the samples' 1 / dt",
+    )
+    expect(np.all(measured.variance > 0), "variance", "values above 0")
+    expect(np.all(measured.response != 0), "response", "values other than 0")
+    return measured
 
 
 def response_of_csv(file, averages):
-    """Measurement of a CSV file; the variance from the coherence, (1 - c) |H|^2 / (c averages)."""
+    """Measurement of a CSV file; variance (1 - c) |H|^2 / (c (averages - 1)) from coherence c."""
     from forceaxis import measure
 
     polar = "magnitude" in header_of(file)
     parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]
     f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
     response = a * np.exp(1j * np.radians(b)) if polar else a + 1j * b
-    if not (len(f) and f[0] > 0 and np.all(np.diff(f) > 0)):
-        raise InputError(f"{file}: frequency_hz: expected rising frequencies above 0")
-    if not np.all((coherence > 0) & (coherence < 1)) or not response.all():
-        raise InputError(
-            f"{file}: coherence: expected 0 < coherence < 1 and a response other than 0"
-        )
-    variance = (1 - coherence) / coherence * abs(response) ** 2 / averages
+    if not np.all((coherence > 0) & (coherence < 1)):
+        raise InputError(f"{file}: coherence: expected 0 < coherence < 1")
+    if polar and not np.all(a > 0):
+        raise InputError(f"{file}: magnitude: expected values above 0")
+    if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
+        raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
+    variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
     return measure.Measurement(
         *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
         input="drive.command",
@@ -751,9 +820,10 @@ def write(found, measured, summary, out):
     """Write result.json and plot.png, the measured response beside the model before and after."""
     from forceaxis import plots
 
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "result.json").write_text(json.dumps(summary, indent=2) + "\n")
-    plot(found, measured, plots.plt).savefig(out / "plot.png", dpi=120)
+    figure = plot(found, measured, plots.plt)
+    with paths.replacing(out, "plot.png", "result.json") as (picture, result):
+        figure.savefig(picture, dpi=120, format="png")
+        result.write_text(json.dumps(summary, indent=2) + "\n")
 
 
 def plot(found, measured, plt):
@@ -761,22 +831,27 @@ def plot(found, measured, plt):
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
-    low = np.maximum(size - band, size.min() / 10)
-    axes[0].fill_between(f, low, size + band, color="0.8", label="95 % band")
+    # A point of which nothing is known shall not stretch the axis.
+    low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
+    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
     rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
     for values, style, label in (
         (found.starts, {"color": "C1", "linestyle": "--"}, "start"),
-        (found.values, {"color": "C0"}, "fitted"),
+        (found.values, {"color": "C0", "linestyle": "-"}, "fitted"),
     ):
         fitted = dict(zip(found.names, values.tolist(), strict=True))
         rows.append((measured.predict(fitted), style, label))
     for response, style, label in rows:
         axes[0].loglog(f, abs(response), **style, label=label)
-        axes[1].semilogx(f, np.degrees(np.angle(response)), **style)
+        degrees = np.degrees(np.angle(response))
+        if style.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
+            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
+        axes[1].semilogx(f, degrees, **style)
     axes[0].set_ylabel(
         f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else "")
     )
     axes[0].legend()
+    axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
     axes[1].set_ylabel("phase, degrees")
     axes[1].set_xlabel("frequency, Hz")
     for axis in axes:

@@ -779,7 +779,6 @@ def describe(summary):
 def write(done, out):
     """Write response.csv, response.npz, plot.png and result.json into folder `out`."""
     measured = done.measured
-    out.mkdir(parents=True, exist_ok=True)
     columns = {
         "frequency_hz": measured.frequency_hz,
         "magnitude": abs(measured.response),
@@ -791,22 +790,26 @@ def write(done, out):
         "model_magnitude": abs(done.model),
         "model_phase_deg": np.degrees(np.angle(done.model)),
     }
-    with (out / "response.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
     # What is not an array of the Measurement, for `identify.read_response`.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
-    np.savez_compressed(
-        out / "response.npz",
-        **columns,
-        response=measured.response,
-        variance=measured.variance,
-        model=done.model,
-        about=json.dumps(about),
-    )
-    plot(done).savefig(out / "plot.png", dpi=120)
-    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")
+    figure = plot(done)
+    names = ("response.csv", "response.npz", "plot.png", "result.json")
+    with paths.replacing(out, *names) as (table, arrays, picture, result):
+        with table.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        with arrays.open("wb") as file:
+            np.savez_compressed(
+                file,
+                **columns,
+                response=measured.response,
+                variance=measured.variance,
+                model=done.model,
+                about=json.dumps(about),
+            )
+        figure.savefig(picture, dpi=120, format="png")
+        result.write_text(json.dumps(done.summary, indent=2) + "\n")
 
 
 def plot(done, width=7.2):

@@ -1,5 +1,8 @@
 """Where models and experiments are: the checkout's sim/, or the copy inside an installed wheel."""
 
+import contextlib
+import errno
+import os
 from pathlib import Path
 
 _package = Path(__file__).resolve().parent
@@ -18,3 +21,21 @@ def display(path: Path | str) -> str:
         return str(path.relative_to(Path.cwd()))
     except ValueError:
         return str(path)
+
+
+@contextlib.contextmanager
+def replacing(folder, *names):
+    """Paths to write to, which become files `names` of the folder (made) when the block ends well:
+    all of them or, where one cannot be written, none. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        if (folder / name).is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), folder / name)
+    new = [folder / f"{name}.new" for name in names]
+    try:
+        yield new
+        for path, name in zip(new, names, strict=True):
+            os.replace(path, folder / name)
+    finally:
+        for path in new:
+            path.unlink(missing_ok=True)
