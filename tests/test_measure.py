@@ -129,6 +129,80 @@ def test_contacts_may_be_clamped(model):
     assert measure.measure(model, force | {"inject": "codes", "level": 15}).compare()["fits"]
 
 
+def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
+    force = {"output": "sensor.force", "band_hz": [2, 100], "averages": 4}
+    lost = measure.run("fig4_19", force)
+    share = lost.summary["contact"]["sensor"]
+    assert 0 < share < 0.1
+    (hint,) = lost.summary["hints"]
+    assert f"apart {100 * (1 - share):.3g} % of the time" in hint and "press harder" in hint
+    assert hint in measure.describe(lost.summary)
+    kept = measure.run("fig4_19", force | {"bias": 1.0, "level": 0.02})
+    assert kept.summary["contact"] == {"sensor": 1.0} and kept.summary["hints"] == []
+    codes = force | {"inject": "codes", "output": "adc0", "bias": 100, "level": 15}
+    assert measure.run("fig4_19", codes).summary["contact"] == {"sensor": 1.0}
+
+    free = {"free": True, "output": "robot.velocity", "band_hz": [2, 60], "level": 0.3}
+    met = measure.run("fig4_17", free).summary
+    assert met["contact"]["sensor"] > 0 and "--set approach=0.5" in met["hints"][0]
+    apart = measure.run("fig4_17", free | {"set": {"approach": 0.5}}).summary
+    assert apart["contact"] == {"sensor": 0.0} and apart["hints"] == []
+    clamped = measure.run("fig4_19", force | {"clamped": True}).summary
+    assert clamped["contact"] == {} and clamped["hints"] == []
+
+
+def test_the_rounding_of_the_input_is_told():
+    codes = {"inject": "codes", "output": "drive.current", "level": 20, "band_hz": [1, 50]}
+    told = measure.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
+    assert "too small" in told[0]
+    assert measure.run("fig3_9", codes).summary["hints"] == []
+    volts = {"input": "drive.current", "output": "drive.tach", "band_hz": [1, 50]}
+    assert measure.run("fig3_9", volts).summary["hints"] == []
+
+
+def test_hann_begins_where_taking_out_the_mean_does_not_reach():
+    codes = {"inject": "codes", "output": "adc0", "level": 60, "band_hz": [1, 40]}
+    many = codes | {"window": "hann", "averages": 256, "resolution_hz": 1.0}
+    done = [measure.measure("fig3_12", many | {"seed": seed}) for seed in range(4)]
+    assert done[0].frequency_hz[0] == pytest.approx(3.0)
+    error = np.mean([abs(m.response - m.predict()) ** 2 / m.variance for m in done], axis=0)
+    assert error[:3].mean() < 2.5
+
+
+def test_what_a_plant_of_less_damping_leaves_behind_is_waited_for(monkeypatch):
+    waited = []
+    record = measure.record_periods
+    monkeypatch.setattr(measure, "record_periods", lambda *a: (waited.append(a[2]), record(*a))[1])
+    options = {"output": "sensor.spring_force", "clamped": True, "band_hz": [5, 60], "averages": 4}
+    for b_w in (363.0, 3.63):
+        measure.measure("fig4_19", options | {"set": {"b_w": 363.0}}, {"b_w": b_w})
+    assert waited[1] > 2 * waited[0]
+
+
+def test_files_of_a_measurement_are_written_all_or_none(tmp_path):
+    (tmp_path / "plot.png").mkdir()
+    title = {"title": "cost $5^$ a piece", "band_hz": [5, 50]}
+    done = measure.run("fig3_9", title)
+    with pytest.raises(IsADirectoryError):
+        measure.write(done, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["plot.png"]
+    measure.write(done, tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"response.csv", "response.npz", "plot.png", "result.json"}
+
+
+def test_the_noise_is_held_no_longer_than_the_firmware_can():
+    slow = {"inject": "codes", "level": 20, "band_hz": [0.004, 0.006], "averages": 4}
+    assert measure.measure("fig3_9", slow).compare()["points"] == 1
+
+
+def test_the_command_to_repeat_a_measurement_is_exact():
+    low, high = 2.00000123, 50.0000045
+    done = measure.run("fig3_9", {"band_hz": [low, high], "output": "drive.current"})
+    assert f"--band {low!r}:{high!r}" in done.summary["command"]
+    assert done.summary["title"] == ""  # the file's is that of another signal
+
+
 def test_a_saturated_converter_is_told():
     codes = {"inject": "codes", "output": "adc0", "excitation": "sine", "points": 4}
     done = measure.run("fig3_12", codes | {"level": 200})
@@ -200,15 +274,15 @@ def test_same_seed_same_measurement():
 
 # --- the seven measurements of 3.2 -------------------------------------------------------------
 
-# What our parameters give: gain at the low end, corner and first phase crossing, Hz.
+# What our parameters give: gain at the lowest line, corner and first phase crossing, Hz.
 READINGS = {
     "fig3_6": (3.9, None, None),
     "fig3_7": (4.2, 150, None),
     "fig3_8": (0.977, 2000, None),
     "fig3_9": (0.853, 42.6, None),
-    "fig3_10": (0.95, None, 45.0),
-    "fig3_11": (0.96, None, 26.0),
-    "fig3_12": (420, 3.1, 28.2),
+    "fig3_10": (0.477, None, 45.0),
+    "fig3_11": (0.478, None, 26.0),
+    "fig3_12": (609, None, 28.2),
 }
 
 
@@ -230,8 +304,11 @@ def test_measurement_of_the_thesis_runs_and_fits(name):
     gain, corner, crossing = READINGS[name]
     readings = done.summary["readings"]
     assert readings["low_gain"] == pytest.approx(gain, rel=0.02)
+    assert readings["low_gain"] == pytest.approx(abs(done.model[0]), rel=0.01)
     if corner:
         assert readings["corner_hz"] == pytest.approx(corner, rel=0.02)
+    else:
+        assert readings["corner_hz"] is None
     if crossing:
         assert readings["phase_crossings"][0]["frequency_hz"] == pytest.approx(crossing, rel=0.02)
     else:
@@ -301,6 +378,16 @@ LINE = {
     "no line": (["fig3_12", "--resolution", "500"], "too little data"),
     "too long": (["fig3_12", "--resolution", "0.002"], "expected a measurement of at most"),
     "codes level": (["fig3_12", "--inject", "codes"], "level: expected whole codes"),
+    "DAC": (
+        ["fig3_9", "--inject", "codes", "--level", 2048, "--bias", 2047],
+        "level and bias of 2048 codes together",
+    ),
+    "empty": (["", "--output", "drive.current"], "TARGET: expected a measurement or a model"),
+    "stiff": (["fig3_12", "--plant-set", "k_s=1e25", "--band", "5:9"], "can be simulated"),
+    "hann": (
+        ["fig3_12", "--window", "hann", "--band", "5:9", "--resolution", 4],
+        "whose first line is the third",
+    ),
     "clamped": (["fig4_19", "--output", "adc0", "--clamped", "--free"], "either clamped or free"),
     "no contact": (
         ["laboratory", "--output", "sensor.force"],
@@ -347,6 +434,7 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
         ("bits = 4\n", "bits: expected a whole number 8..16"),
         ('inject = "amperes"\n', "inject: expected volts or codes"),
         ("title = 3\n", "title: expected a text"),
+        ('unit = "N\\nm"\n', "unit: expected a text of one line"),
         ("[set]\nk_amp = true\n", "set: expected a table of numbers"),
         ("level =\n", "expected TOML"),
     ],

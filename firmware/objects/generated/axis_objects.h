@@ -137,8 +137,8 @@ enum {
 };
 
 typedef struct {
-  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep [3.4924596548080444e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp [0.0005238689482212067 Hz/s] */
+  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep; below 750 [3.4924596548080444e-07 Hz] */
+  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again [0.0005238689482212067 Hz/s] */
   int32_t excitation_period; /* ticks after which the waveform starts again, noise with the same values; 0 means never [tick] */
   int32_t force_setpoint; /* wanted force f_d, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* force subtracted from the reading, in counts of an 8-bit ADC [1/256 count] */
@@ -153,7 +153,7 @@ typedef struct {
   int16_t open_loop_code; /* DAC code put out in open-loop mode, and about which excitation mode swings [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is uniform within it [code] */
   uint16_t excitation_seed; /* where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn [1] */
-  uint16_t excitation_hold; /* ticks that each value of the noise is held, which limits its band [tick] */
+  uint16_t excitation_hold; /* ticks that each value of the noise is held, which limits its band; a new number waits until the value held runs out [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned reading, 2^(adc_bits-1) for a signed one [1] */
   uint16_t position_gain; /* gain k_p of the position law [1/256 code/count] */

@@ -25,7 +25,7 @@ typedef struct {
   const char *enum_texts; /* texts of 0, 1, 2, ... and commas; or empty */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "d0c2e1d3bc45c42cc3fbe4bb6ba81549f966432f677c4c560fb44a5307095b69"
+#define AXIS_OBJECTS_HASH "4d586ab08be0170520a978db65c16cfd038d8e7d567238f0aa257649996a342c"
 #define AXIS_OBJECTS_META_COUNT 65
 
 /* Entry i describes object number i + 1. */
@@ -40,11 +40,11 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(2048), INT64_C(0), "rw", "any", ""},
     {5, 2, "excitation_seed", "parameter", "axis", "where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "any", ""},
-    {6, 2, "excitation_hold", "parameter", "axis", "ticks that each value of the noise is held, which limits its band", "u16", "tick",
+    {6, 2, "excitation_hold", "parameter", "axis", "ticks that each value of the noise is held, which limits its band; a new number waits until the value held runs out", "u16", "tick",
      1.0, INT64_C(1), INT64_C(65535), INT64_C(1), "rw", "any", ""},
-    {7, 4, "excitation_frequency", "parameter", "axis", "frequency of the sine, at the start of a sweep", "u32", "Hz",
+    {7, 4, "excitation_frequency", "parameter", "axis", "frequency of the sine, at the start of a sweep; below 750", "u32", "Hz",
      3.4924596548080444e-07, INT64_C(0), INT64_C(2147483647), INT64_C(0), "rw", "any", ""},
-    {8, 4, "excitation_sweep", "parameter", "axis", "rate at which the sine's frequency rises: a chirp", "i32", "Hz/s",
+    {8, 4, "excitation_sweep", "parameter", "axis", "rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again", "i32", "Hz/s",
      0.0005238689482212067, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "rw", "any", ""},
     {9, 4, "excitation_period", "parameter", "axis", "ticks after which the waveform starts again, noise with the same values; 0 means never", "i32", "tick",
      1.0, INT64_C(0), INT64_C(2147483647), INT64_C(0), "rw", "any", ""},

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <stdexcept>
@@ -62,8 +63,11 @@ class Excited {
     double *out = rows.mutable_data();
     const double *in = volts.data();
     const py::gil_scoped_release release;
+    met_.clear();
+    changes_ = -1;
     for (py::ssize_t k = 0; k < n; ++k) {
       plant_->hold_volts(in[k], true);
+      count_mode();
       for (std::size_t i = 0; i < places.size(); ++i)
         out[static_cast<py::ssize_t>(i) * n + k] = checked(plant_->signal_at(places[i]));
       plant_->step_volts(in[k], true);
@@ -99,6 +103,8 @@ class Excited {
     py::array_t<double> rows({static_cast<py::ssize_t>(columns.size()), ticks});
     double *out = rows.mutable_data();
     const py::gil_scoped_release release;
+    met_.clear();
+    changes_ = -1;
     for (py::ssize_t k = 0; k < ticks; ++k) {
       const forceaxis::sim::SensorCodes sensed = plant_->codes();
       const axis_inputs_t in{sensed.encoder, {sensed.adc[0], sensed.adc[1]}, AXIS_DIN_ENABLE, 1};
@@ -111,6 +117,7 @@ class Excited {
                               forceaxis::host::enum_text(AXIS_OBJ_FAULT, fault));
       const double volts = plant_->volts(put.dac_code);
       plant_->hold_volts(volts, put.amp_enable != 0);
+      count_mode();
       const double value[] = {
           static_cast<double>(sensed.adc[0]), static_cast<double>(sensed.adc[1]),
           static_cast<double>(sensed.encoder), static_cast<double>(put.dac_code)};
@@ -121,6 +128,14 @@ class Excited {
       plant_->step_volts(volts, put.amp_enable != 0);
     }
     return rows;
+  }
+
+  // How many samples of the last volts() or codes() each switching element spent in each state.
+  std::map<std::string, std::int64_t> states() const {
+    std::map<std::string, std::int64_t> counts;
+    for (const auto &[mode, count] : met_)
+      for (const std::string &state : mode) counts[state] += count;
+    return counts;
   }
 
   // Bits of ADC 0 and 1; 0: there is none.
@@ -153,6 +168,14 @@ class Excited {
     return places;
   }
 
+  // Asks for the mode, which is made of texts, only when an element has changed its state.
+  void count_mode() {
+    const std::int64_t changes = plant_->crossings() + plant_->jumps();
+    if (changes != changes_) here_ = met_.try_emplace(plant_->mode(), 0).first;
+    changes_ = changes;
+    ++here_->second;
+  }
+
   double checked(double value) const {
     if (!(value < kLargest && value > -kLargest))
       throw SimulationError(
@@ -161,6 +184,9 @@ class Excited {
   }
 
   std::unique_ptr<Plant> plant_;
+  std::map<std::vector<std::string>, std::int64_t> met_;  // modes, and samples in each
+  std::map<std::vector<std::string>, std::int64_t>::iterator here_;
+  std::int64_t changes_ = -1;
   std::unique_ptr<axis_host_t, AxisDeleter> axis_;
 };
 
@@ -181,6 +207,8 @@ void add_excite(py::module_ &m) {
            "after each new voltage acts. Raises SimulationError.")
       .def("write", &Excited::write, py::arg("object"), py::arg("value"),
            "Writes an object of the firmware in engineering units; ValueError if it is refused.")
+      .def_property_readonly("states", &Excited::states,
+                             "{\"element: state\": samples of the last volts() or codes() in it}")
       .def_property_readonly("adc_bits", &Excited::adc_bits, "of ADC 0 and 1; 0: there is none")
       .def("codes", &Excited::codes, py::arg("ticks"), py::arg("columns"),
            "Runs the firmware. Returns (len(columns), ticks): adc0, adc1, encoder as converted in "

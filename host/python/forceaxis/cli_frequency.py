@@ -156,7 +156,10 @@ def band(context, option, text):
 @click.option(
     "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
 )
-@click.option("--free", is_flag=True, default=None, help="The contacts are apart.")
+@click.option(
+    "--free", is_flag=True, default=None,
+    help="The model has its contacts apart; see that the plant has, too (--set approach=0.5).",
+)  # fmt: skip
 @click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
 @click.option(
     "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Parameter of plant and model."
@@ -175,8 +178,9 @@ def measure(target, overrides, plant_set, out, as_json, **options):
     TARGET is a measurement file (or the stem of one in sim/measurements: fig3_6 to fig3_12), or a
     model (path, or stem in sim/models) with at least --output. Options replace keys of the file.
     The excitation goes into the drive as volts, or runs through the firmware's excitation mode as
-    codes. Prints gain, corner and phase crossings, coherence and error, how many points have the
-    model inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
+    codes. Prints the gain at the lowest line, the corner if the first octave is flat, phase
+    crossings, how long contacts were pressed, coherence and error, how many points have the model
+    inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
     """
     from forceaxis import linear
     from forceaxis import measure as analyzer

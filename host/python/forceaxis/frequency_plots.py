@@ -192,7 +192,7 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
         axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "), fontsize=8)
     if len(curves) > 1:
         axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
-    axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK)
+    axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     tall = size[1]
     figure.subplots_adjust(0.125, 0.46 / tall, 0.965, 1 - 0.3 / tall, hspace=0.12)
     plt.close(figure)
@@ -201,7 +201,7 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
 
 def finish(figure, ax, title):
     """Title, layout; the figure leaves pyplot's list."""
-    ax.set_title(title, fontsize=9, loc="left", color=INK)
+    ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)
 
@@ -427,7 +427,9 @@ def panels(count, wide, tall):
 
 def headline(figure, title):
     """The title above panels; the figure leaves pyplot's list."""
-    figure.suptitle(title, fontsize=9, color=INK, x=0.02, ha="left", va="top", y=0.985)
+    figure.suptitle(
+        title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
+    )
     plt.close(figure)
 
 
@@ -450,7 +452,7 @@ def rlocus(loci, title="", wide=2.7):
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
         label_crossings(ax, one, span)
-        ax.set_title(one.label, fontsize=8, color=INK)
+        ax.set_title(one.label, fontsize=8, color=INK, parse_math=False)
     headline(figure, title)
     return figure
 
@@ -520,7 +522,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
         ]
         note = f"; beyond: {', '.join(beyond)}" if beyond else ""
         ax.set_xlabel(f"real part / 2\u03c0, Hz{note}", fontsize=8)
-        ax.set_title(one.label, fontsize=8, color=INK)
+        ax.set_title(one.label, fontsize=8, color=INK, parse_math=False)
     headline(figure, title)
     return figure
 

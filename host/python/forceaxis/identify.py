@@ -8,7 +8,7 @@ import csv
 import json
 import math
 import zipfile
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -434,6 +434,7 @@ ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters
 BLIND = 1e-9  # relative change of a response that is none
 MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
 STARTS = 24
+ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
 REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twentieth
 
 
@@ -655,8 +656,7 @@ def read_response(path, model, held=None, **given):
     try:
         with np.load(file) as saved:
             about = json.loads(str(saved["about"]))
-            names = {f.name for f in fields(measure.Measurement)}
-            arrays = {name: saved[name] for name in names - about.keys()}
+            arrays = {name: saved[name] for name in ARRAYS}
             about["overrides"] = about["overrides"] | (held or {})
             measured = measure.Measurement(**(about | given | {"model": model}), **arrays)
     except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
@@ -699,7 +699,7 @@ def checked(measured, file):
     expect(good, "band_hz", "two frequencies")
 
     frequency = measured.frequency_hz
-    for key in ("frequency_hz", "response", "coherence", "variance", "floor"):
+    for key in ARRAYS:
         values = getattr(measured, key)
         good = values.ndim == 1 and len(values) == len(frequency) and values.dtype.kind in "fc"
         good = good and (key == "response" or values.dtype.kind == "f")

@@ -23,6 +23,7 @@ import math
 import os
 import shlex
 import tomllib
+from collections import Counter
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
@@ -34,7 +35,10 @@ from forceaxis._core import InputError
 CODES = ("adc0", "adc1", "encoder", "dac_code")
 BAND = 0.95
 COHERENT = 0.9
+FLAT = 0.1  # spread of an octave's amplitudes over their size that is a plateau
 LEFT_BEHIND = 1e-8  # of what a transient was, when measuring starts
+FIRST_OF_HANN = 3  # line
+STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
 MOST_STEPS = 20_000_000
 MOST_PARTS = 64  # of a tick
 
@@ -107,6 +111,9 @@ class Measurement:
     resolution_hz: float = 0.0  #: distance of the lines, 1 / length of a record
     band_hz: tuple = (0.0, math.inf)  #: that was excited
     saturated: float = 0.0  #: share of the samples in which an ADC stood at one of its ends
+    #: {element: {state: share of the measured time}} of what switches: contacts, the drive's limits
+    states: dict = field(default_factory=dict)
+    input_bias: float = 0.0  #: share by which the converter's noise in the input makes H1 too small
 
     def predict(self, overrides=None, frequency_hz=None):
         """The linear model's response between the same two signals, sampled alike: (n,) complex.
@@ -177,16 +184,20 @@ class Measurement:
         }
 
     def readings(self):
-        """What one reads off the plot: gain at the lowest frequencies, first frequency 3 dB below
-        it, and where the phase passes through 0 (or 180) degrees, Hz."""
+        """What one reads off the plot: gain at the lowest frequency measured; where it has fallen
+        3 dB below that, if the first octave is flat (no corner otherwise: the curve's plateau, if
+        it has one, is not in the band); where the phase passes through 0 (or 180) degrees, Hz."""
         size, frequency = abs(self.response), self.frequency_hz
-        low = float(np.median(size[: max(1, min(5, len(size) // 20))]))
-        below = np.flatnonzero(size < low / math.sqrt(2))
+        octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]
+        flat = len(octave) > 1 and np.ptp(octave) <= FLAT * octave[0]
+        low = float(size[0])
+        plateau = float(np.median(octave))
+        below = np.flatnonzero(size < plateau / math.sqrt(2)) if flat else []
         corner = None
         if len(below) and below[0] > 0:
             i = below[0]
             span = np.log(size[i - 1 : i + 1])
-            part = (span[0] - math.log(low / math.sqrt(2))) / (span[0] - span[1])
+            part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
         # Noise about the axis is no crossing: only points clearly on one side count.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
@@ -196,7 +207,13 @@ class Measurement:
             at = float(f[i] + a[i] / (a[i] - a[i + 1]) * (f[i + 1] - f[i]))
             degrees = 0 if self.response.real[clear[i]] > 0 else 180
             crossings.append({"frequency_hz": at, "phase_deg": degrees})
-        return {"low_gain": low, "corner_hz": corner, "phase_crossings": crossings[:20]}
+        return {
+            "low_gain": low,
+            "low_hz": float(frequency[0]),
+            "plateau": bool(flat),
+            "corner_hz": corner,
+            "phase_crossings": crossings[:20],
+        }
 
 
 def sampled(measured, overrides):
@@ -220,6 +237,8 @@ def sampled(measured, overrides):
 def read_setup(target, options=None):
     """(Setup, where) of a measurement file, or of a model; `options` replace keys. InputError."""
     options = {k: v for k, v in (options or {}).items() if v is not None}
+    if not str(target).strip():
+        raise InputError("measure: TARGET: expected a measurement or a model, got nothing")
     path = Path(target)
     given, where = {"model": str(target)}, str(target)
     known = paths.MEASUREMENTS / f"{target}.toml"
@@ -236,6 +255,9 @@ def read_setup(target, options=None):
             raise InputError(f"{where}: model: expected the path of a model beside the measurement")
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
+    for key in ("input", "output"):  # another signal than the file's: not what its title says
+        if options.get(key, given.get(key)) != given.get(key):
+            given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
     given = given | options
     return check(given, where), where
 
@@ -286,7 +308,9 @@ def check(given, where):
     for key, value in given.items():
         if key not in names:
             fail(key, f"expected one of {', '.join(names)}; remove or rename this key")
-        text, holds = KEYS.get(key, ("a text", lambda v: isinstance(v, str)))
+        text, holds = KEYS.get(
+            key, ("a text of one line", lambda v: isinstance(v, str) and v.isprintable())
+        )
         try:
             good = holds(value)
         except TypeError:
@@ -313,6 +337,12 @@ def check(given, where):
         fail("level", f"expected whole codes 1..2048, got {setup.level:g}")
     if codes and not (-2048 <= setup.bias <= 2047 and setup.bias == int(setup.bias)):
         fail("bias", f"expected a whole code -2048..2047, got {setup.bias:g}")
+    if codes and setup.level + abs(setup.bias) > 2048:
+        fail(
+            "level",
+            f"expected level and bias of 2048 codes together at most, where the DAC ends, got "
+            f"{setup.level:g} and {setup.bias:g}",
+        )
     for key in ("input", "output"):
         if not codes and getattr(setup, key) in CODES:
             fail(key, f"expected a simulated signal, {getattr(setup, key)} needs inject = codes")
@@ -329,16 +359,22 @@ class Bench:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
         self.at_end = self.converted = 0  # readings of an ADC, and those at one of its ends
-        self.plant = _core.Excited(
-            str(linear.find_model(setup.model)), overrides, setup.seed, parts, setup.clamped
-        )
+        self.met = Counter()  # "element: state" -> samples
+        try:
+            self.plant = _core.Excited(
+                str(linear.find_model(setup.model)), overrides, setup.seed, parts, setup.clamped
+            )
+        except _core.SimulationError as error:
+            raise InputError(
+                f"{where}: set: expected a plant that can be simulated, {error}"
+            ) from None
         self.rate = _core.TICKS_PER_SECOND * parts
         if setup.inject == "codes":
             low, high = setup.band_hz
             waveform = "noise" if setup.excitation == "noise" else "sine"
             self.write("excitation_waveform", ("noise", "sine").index(waveform))
             self.write("excitation_amplitude", setup.level)
-            self.write("excitation_hold", max(1, int(self.rate / (2.5 * high))))
+            self.write("excitation_hold", max(1, min(int(self.rate / (2.5 * high)), 65535)))
             self.write("excitation_period", samples if setup.window == "none" else 0)
             self.write("open_loop_code", setup.bias)
             if setup.excitation == "chirp":
@@ -407,6 +443,17 @@ class Bench:
                 self.converted += len(row)
                 row *= 2.0 ** (8 - bits)
         return values
+
+    def states(self):
+        """{element: {state: share of the measured time}}."""
+        shares = {}
+        for text, count in self.met.items():
+            element, _, state = text.rpartition(": ")
+            shares.setdefault(element, {})[state] = count
+        return {
+            element: {state: n / sum(counts.values()) for state, n in counts.items()}
+            for element, counts in shares.items()
+        }
 
 
 def unstable(where, text):
@@ -490,6 +537,13 @@ def measure_setup(setup, where, plant_set=None):
             f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
             f"little data for one; measure longer, with a smaller resolution_hz"
         )
+    if setup.window == "hann":  # taking out mean and drift bends the two lines beside 0 Hz
+        first = max(first, FIRST_OF_HANN)
+        if last < first:
+            raise InputError(
+                f"{where}: resolution_hz: expected a third of the highest frequency or less with "
+                f"window hann, whose first line is the third, got {rate / samples:g} Hz"
+            )
     lines = np.arange(first, last + 1)
     if setup.excitation == "sine":
         lines = np.unique(np.round(np.geomspace(first, last, setup.points)).astype(int))
@@ -544,14 +598,22 @@ def measure_setup(setup, where, plant_set=None):
                 f"{where}: {'input' if name == setup.input else 'output'}: expected a signal that "
                 f"the drive acts on, there is no path from drive.command to {name}"
             )
-    lead_in = math.ceil(settling_steps(continuous.sampled(dt=done.dt), where) / samples) + 1
+    settling = settling_steps(continuous.sampled(dt=done.dt), where)
+    if plant_set:  # it may settle later than the nominal one; its instability shall show itself
+        moved = linear.linearise(
+            *(setup.model, ("drive.command",), continuous.outputs, overrides | plant_set),
+            free=setup.free,
+        ).sampled(dt=done.dt)
+        if abs(moved.poles()).max(initial=0) <= 1 + 1e-7:
+            settling = max(settling, settling_steps(moved, where))
+    lead_in = math.ceil(settling / samples) + 1
     segments = len(lines) if setup.excitation == "sine" else 1
     steps = (lead_in + 1) * samples * segments * setup.averages
     if steps > MOST_STEPS:
         raise InputError(
             f"{where}: resolution_hz: expected a measurement of at most {MOST_STEPS / rate:g} s, "
             f"this one takes {steps / rate:.4g} s (it waits for transients that last "
-            f"{(lead_in - 1) * samples / rate:.3g} s); raise resolution_hz or take fewer averages"
+            f"{settling / rate:.3g} s); raise resolution_hz or take fewer averages"
         )
 
     bench = Bench(setup, overrides | (plant_set or {}), parts, samples, where)
@@ -562,6 +624,7 @@ def measure_setup(setup, where, plant_set=None):
         estimate(done, chunks, lines, setup, bench.plant.adc_bits, rng, where),
         unit=setup.unit or f"{units[setup.output]}/{units[setup.input]}",
         saturated=bench.at_end / max(bench.converted, 1),
+        states=bench.states(),
     )
 
 
@@ -588,6 +651,7 @@ def record_periods(bench, lines, lead_in, drifts, rng):
                     raise unstable(
                         bench.where, f"it grows {factor:.3g} times from period to period"
                     )
+            bench.met.update(bench.plant.states)
             change = (now - before).mean(axis=1, keepdims=True)
             recorded[place][i] = now - change * ramp if drifts else now
     return [(used, values) for (used, _), values in zip(sets, recorded, strict=True)]
@@ -610,6 +674,7 @@ def record_segments(bench, lines, lead_in, drifts, rng):
     if setup.inject == "volts":
         bench.wave = np.roll(bench.wave, -(lead_in * n) % len(bench.wave))
     values = bench.play(n * (setup.averages + 1) // 2)
+    bench.met.update(bench.plant.states)
     starts = np.arange(setup.averages) * (n // 2)
     segments = np.stack([values[:, s : s + n] for s in starts])
     kind = "linear" if drifts else "constant"
@@ -622,7 +687,7 @@ def estimate(done, chunks, lines, setup, adc_bits, rng, where):
 
     results = {name: np.empty(len(lines)) for name in ("coherence", "variance", "floor")}
     response = np.empty(len(lines), complex)
-    place = 0
+    place, bias = 0, 0.0
     for used, values in chunks:
         count = values.shape[-1]
         spectra, noise = [], []
@@ -652,6 +717,7 @@ def estimate(done, chunks, lines, setup, adc_bits, rng, where):
         dof = done.averages / shared - 1
         results["variance"][here] = shared * residual / ((done.averages - 1) * uu)
         results["coherence"][here] = abs(H) ** 2 * uu / np.maximum(yy, 1e-300)
+        bias = max(bias, float((noise[0] * done.averages / uu).max()))
         results["floor"][here] = np.sqrt((noise[1] + abs(H) ** 2 * noise[0]) / uu)
     if not (results["variance"] > 0).all():
         raise InputError(
@@ -667,6 +733,7 @@ def estimate(done, chunks, lines, setup, adc_bits, rng, where):
         variance=results["variance"] * scale**2,
         floor=results["floor"] * abs(scale),
         dof=dof,
+        input_bias=bias,
     )
 
 
@@ -694,11 +761,16 @@ def run(target, options=None, plant_set=None):
         if value is None or value is False or key == "set":
             continue
         option = {"band_hz": "band", "resolution_hz": "resolution"}.get(key, key)
-        text = ":".join(f"{x:g}" for x in value) if key == "band_hz" else str(value)
+        text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
         command += [f"--{option}"] if value is True else [f"--{option}", text]
     for option, values in (("--set", (options or {}).get("set")), ("--plant-set", plant_set)):
         for name, value in (values or {}).items():
             command += [option, f"{name}={value!r}"]
+    contacts = {
+        name: shares.get("pressed", 0.0)
+        for name, shares in measured.states.items()
+        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(STOPS)
+    }
     summary = {
         "measurement": where,
         "title": setup.title,
@@ -718,6 +790,8 @@ def run(target, options=None, plant_set=None):
         "random_error_median": float(np.median(measured.random_error())),
         "floor_median": float(np.median(measured.floor)),
         "saturated": measured.saturated,
+        "contact": contacts,
+        "hints": hints(setup, measured, contacts),
         "comparison": compared,
         "verdict": "the model fits" if compared["fits"] else "the model is rejected at 5 %",
         "readings": measured.readings(),
@@ -729,6 +803,36 @@ def run(target, options=None, plant_set=None):
         "command": shlex.join(command),
     }
     return Result(setup, measured, model, summary)
+
+
+def hints(setup, measured, contacts):
+    """What else than a wrong model may keep the linear one from fitting: [text]."""
+    texts = []
+    moves = "lower the level or change the bias"
+    for name, share in contacts.items():
+        if setup.free and share > 0:
+            known = linear.facts(setup.model, measured.overrides)["parameters"]
+            apart = "start further apart (--set approach=0.5, m), " if "approach" in known else ""
+            texts.append(
+                f"{name} was pressed {100 * share:.3g} % of the time, the model has it apart: "
+                f"{apart}{moves}"
+            )
+        if not setup.free and share < 1:
+            texts.append(
+                f"{name} was apart {100 * (1 - share):.3g} % of the time, the model has it "
+                f"pressed: press harder by a bias, lower the level, or measure --clamped or --free"
+            )
+    for name, shares in measured.states.items():
+        limit = sum(share for state, share in shares.items() if "limit" in state)
+        if name.startswith("drive.") and limit > 0:
+            texts.append(f"{name} was at its limit {100 * limit:.3g} % of the time: {moves}")
+    if measured.input_bias > np.median(measured.random_error()) / 3:
+        texts.append(
+            f"rounding and noise of the input {measured.input} make the response up to "
+            f"{100 * measured.input_bias:.2g} % too small, which the band does not hold: raise the "
+            "level, or take what is injected as input"
+        )
+    return texts
 
 
 def describe(summary):
@@ -748,8 +852,15 @@ def describe(summary):
             f"{summary['excitation']} as {summary['inject']}, {low:.4g} to {high:.4g} Hz, "
             f"{summary['averages']} averages, sampled at {summary['sampling_hz']:g} Hz",
         ),
-        ("low gain", f"{readings['low_gain']:.4g}"),
-        ("corner", "none in the band" if corner is None else f"{corner:.4g} Hz, 3 dB lower"),
+        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
+        (
+            "corner",
+            f"{corner:.4g} Hz, 3 dB lower"
+            if corner is not None
+            else "none in the band"
+            if readings["plateau"]
+            else "none: the first octave is not flat",
+        ),
         ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
         (
             "coherence",
@@ -768,8 +879,13 @@ def describe(summary):
             else f"{100 * inside:.1f} % of the coherent points within the 95 % band",
         ),
         ("verdict", f"{summary['verdict']} (p = {compared['p_value']:.3g})"),
+        *(("hint", text) for text in summary["hints"]),
         ("again", summary["command"]),
     ]
+    if summary["contact"]:
+        shares = summary["contact"].items()
+        text = ", ".join(f"{name} pressed {100 * s:.4g} % of the time" for name, s in shares)
+        lines.insert(3, ("contact", text))
     if summary["saturated"]:
         share = f"{100 * summary['saturated']:.3g} % of the samples at an end of the ADC"
         lines.insert(6, ("saturated", f"{share}: lower the level, or move it by a bias"))
@@ -833,7 +949,7 @@ def plot(done, width=7.2):
     size.fill_between(
         f, bottom, magnitude + radius, color=plots.INK, alpha=0.2, linewidth=0, label="95 % band"
     )
-    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8)
+    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8, parse_math=False)
     size.legend(fontsize=7, frameon=False, loc="best")
     degrees = np.degrees(np.angle(measured.response))
     spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
@@ -851,7 +967,7 @@ def plot(done, width=7.2):
         ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
     figure_name = f"Fig {done.setup.figure}: " if done.setup.figure else ""
     title = done.setup.title or f"{measured.input} to {measured.output}"
-    size.set_title(figure_name + title, fontsize=9, loc="left", color=plots.INK)
+    size.set_title(figure_name + title, fontsize=9, loc="left", color=plots.INK, parse_math=False)
     figure.tight_layout()
     plots.plt.close(figure)
     return figure

@@ -23,7 +23,7 @@ class AxisObject(NamedTuple):
     enum: tuple[str, ...]
 
 
-OBJECTS_HASH = "d0c2e1d3bc45c42cc3fbe4bb6ba81549f966432f677c4c560fb44a5307095b69"
+OBJECTS_HASH = "4d586ab08be0170520a978db65c16cfd038d8e7d567238f0aa257649996a342c"
 
 OBJECTS = (
     AxisObject(
@@ -111,7 +111,7 @@ OBJECTS = (
         name="excitation_hold",
         kind="parameter",
         part="axis",
-        meaning="ticks that each value of the noise is held, which limits its band",
+        meaning="ticks that each value of the noise is held, which limits its band; a new number waits until the value held runs out",
         type="u16",
         unit="tick",
         scale=1.0,
@@ -127,7 +127,7 @@ OBJECTS = (
         name="excitation_frequency",
         kind="parameter",
         part="axis",
-        meaning="frequency of the sine, at the start of a sweep",
+        meaning="frequency of the sine, at the start of a sweep; below 750",
         type="u32",
         unit="Hz",
         scale=3.4924596548080444e-07,
@@ -143,7 +143,7 @@ OBJECTS = (
         name="excitation_sweep",
         kind="parameter",
         part="axis",
-        meaning="rate at which the sine's frequency rises: a chirp",
+        meaning="rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again",
         type="i32",
         unit="Hz/s",
         scale=0.0005238689482212067,

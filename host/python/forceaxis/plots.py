@@ -65,7 +65,7 @@ def trace(done, width=7.2):
             where = {"loc": "lower right", "bbox_to_anchor": (1, 0.95), "ncols": len(names)}
             ax.legend(**where, fontsize=7, frameon=False)
     axes[-1, 0].set_xlabel("time, s")
-    axes[0, 0].set_title(done.title, fontsize=9, loc="left", color=INK)
+    axes[0, 0].set_title(done.title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)
     return figure
@@ -140,7 +140,9 @@ def comparison(examined):
             response.axvline(
                 begin + got["settle_s"], color=GOT, linestyle="--", linewidth=1.3, zorder=4
             )
-    response.set_title(examined.run.title, fontsize=9, loc="left", color=INK, pad=14)
+    response.set_title(
+        examined.run.title, fontsize=9, loc="left", color=INK, parse_math=False, pad=14
+    )
     figure.legend(
         handles=[
             plt.Rectangle((0, 0), 1, 1, color=WANTED, alpha=0.4, label="expected"),
@@ -193,7 +195,7 @@ def sweep(done):
     if len(done.axes) > 2:
         title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
     title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
-    ax.set_title(title, fontsize=9, loc="left", color=INK)
+    ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(which="both", labelsize=8)
     figure.tight_layout()
@@ -399,7 +401,7 @@ def contact_maps(maps, gains, gaps):
             linewidth=0.8, label="settles",
         )  # fmt: skip
         ax.axhline(1, color="#555555", linewidth=0.9, linestyle="--")
-        ax.set_title(m.title, fontsize=8, loc="left", color=INK)
+        ax.set_title(m.title, fontsize=8, loc="left", color=INK, parse_math=False)
         ax.set_xticks(range(0, len(gaps), 2), [f"{gap * 1e3:g}" for gap in gaps[::2]])
         ax.set_xlabel("initial gap, mm", fontsize=8)
     axes[0].set_ylabel("force gain / linear limit", fontsize=8)
