@@ -32,7 +32,7 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
       std::vector<string> elements;
       for (const auto &s : switches) elements.push_back(s.element);
       throw InputError(model.file, element,
-                       "expected an element that switches (" + listed(elements) + "), got this");
+                       "expected an element that switches (" + listed(elements) + "), got " + element);
     }
     const auto &names = found->state_names;
     const auto at = std::find(names.begin(), names.end(), state);

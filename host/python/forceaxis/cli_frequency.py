@@ -7,7 +7,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli_common import File, Folder, Verb, as_json, threads
+from forceaxis.cli_common import File, Folder, Positive, Verb, as_json, threads
 
 
 def check_drawing(out):
@@ -258,6 +258,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
     forceaxis limit laboratory --firmware-gain 10""",
 )
 @model_options
+@free
 @law_options
 @click.option(
     "--timing",
@@ -301,7 +302,7 @@ def limit(model, as_json, gain, firmware_gain, **given):
 @free
 @click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
 @click.option("--output", help="A signal of the model. Default: reading, what ADC 0 converts.")
-@click.option("--span-hz", type=float, help="Half-width of the frame of --out, Hz.")
+@click.option("--span-hz", type=Positive(), help="Half-width of the frame of --out, Hz.")
 @drawn
 @as_json
 def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
@@ -382,7 +383,7 @@ def bode(
 @loop_output
 @click.option(
     "--span-hz",
-    type=float,
+    type=Positive(),
     help="Height of the frame, Hz. Default: the structural dynamics around the crossing.",
 )
 @drawn
@@ -505,6 +506,8 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     from forceaxis import linear
 
     linear.check_export(out)
+    linear.once("--input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
+    linear.once("--output", outputs)
     system = linear.linearise(
         model, inputs, outputs, linear.overrides(overrides), linear.states(modes), free, not load
     )
