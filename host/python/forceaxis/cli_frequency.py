@@ -98,6 +98,14 @@ vary = click.option(
     help="One curve for each value of a model parameter. Repeatable, all combinations.",
 )
 free = click.option("--free", is_flag=True, help="Contacts are apart.")
+outputs_option = click.option(
+    "--output",
+    "outputs",
+    multiple=True,
+    default=["reading"],
+    show_default=True,
+    help="A signal of the model; reading, what ADC 0 converts; adc0, adc1, encoder. Repeatable.",
+)
 drawn = click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
 loop_timing = click.option("--timing", type=TIMINGS, default="zoh", show_default=True)
 loop_output = click.option(
@@ -334,14 +342,7 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     show_default=True,
     help="drive.command (V), drive.force (N) or BODY.force (N).",
 )
-@click.option(
-    "--output",
-    "outputs",
-    multiple=True,
-    default=["reading"],
-    show_default=True,
-    help="A signal of the model, or reading: what ADC 0 converts. Repeatable.",
-)
+@outputs_option
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
@@ -485,14 +486,7 @@ def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_
     show_default=True,
     help="drive.command (V), drive.tach (V), drive.force (N) or BODY.force (N). Repeatable.",
 )
-@click.option(
-    "--output",
-    "outputs",
-    multiple=True,
-    default=["reading"],
-    show_default=True,
-    help="A signal of the model; reading, what ADC 0 converts; adc0, adc1, encoder. Repeatable.",
-)
+@outputs_option
 @click.option("--load", is_flag=True, help="Without the drive: the load of 2.3.2.")
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--out", type=File(), help="Write the matrices: FILE.npz or FILE.mat.")
