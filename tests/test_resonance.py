@@ -137,11 +137,8 @@ def test_the_verb_on_a_measured_response(tmp_path):
     runner = CliRunner()
     measured = runner.invoke(cli.cli, ["measure", "fig3_11", "--out", str(tmp_path)])
     assert measured.exit_code == 0, measured.output
-    done = runner.invoke(
-        cli.cli,
-        ["identify", "resonances", "fig4_11", str(tmp_path), "--rigid", "robot.acceleration"]
-        + ["--modes", "2", "--json"],
-    )
+    command = f"identify resonances fig4_11 {tmp_path} --rigid robot.acceleration --modes 2 --json"
+    done = runner.invoke(cli.cli, command.split())
     assert done.exit_code == 0, done.output
     result = json.loads(done.stdout)
     base, arm = result["resonances"]
