@@ -394,6 +394,17 @@ def locus(loop, label="", span_hz=None, gain=None):
     )
 
 
+def loci(found, labels, span_hz=None, gains=None):
+    """A locus for each loop, all in one frame: span_hz, or the widest that one of them wants."""
+    if span_hz is None:
+        span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
+    gains = gains or [None] * len(found)
+    return [
+        locus(loop, label, span_hz, gain)
+        for loop, label, gain in zip(found, labels, gains, strict=True)
+    ]
+
+
 def hz(roots):
     """Real and imaginary part over 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
@@ -514,7 +525,8 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
         # Light and nonminimum-phase roots; real ones in the left half are mostly the drive's.
-        structural = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) | (roots.real > 0)]
+        light = np.abs(roots.real) < 0.3 * np.abs(roots)
+        structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
         mark(ax, one)
         ax.set_xlim(-span, span)
@@ -760,10 +772,13 @@ def rlocus_verb(
     model, overrides, vary, modes, free, law, timing, output, span_hz, gain, firmware_gain, **given
 ):
     """(figure, summary) of `forceaxis rlocus`."""
-    every = []
+    labels, found = [], []
     for label, settings in varied(overrides, vary):
-        loop = loop_of(model, settings, modes, law, timing, output, free, given)
-        every.append(locus(loop, label, span_hz, loop_verbs.one_gain(loop, gain, firmware_gain)))
+        labels.append(label)
+        found.append(loop_of(model, settings, modes, law, timing, output, free, given))
+    gains = [loop_verbs.one_gain(loop, gain, firmware_gain) for loop in found]
+    every = loci(found, labels, span_hz, gains)
+    loop = found[-1]
     figure = rlocus(every, loop_note(model, timing, law))
     summary = loop_verbs.describe_loop(loop) | {"loci": [one.summary() for one in every]}
     return figure, summary
