@@ -1,8 +1,11 @@
 """The polynomial resonance model: what was put in comes out."""
 
+import json
+
 import numpy as np
 import pytest
-from forceaxis import linear, modes, resonance
+from click.testing import CliRunner
+from forceaxis import cli, linear, modes, resonance
 from forceaxis._core import InputError
 
 # Peak Hz, damping; trough Hz, damping: five modes as 4.2 describes them, troughs some 10 % above.
@@ -127,3 +130,18 @@ def test_refusals():
         resonance.fit(HZ[::-1], data, RIGID)
     with pytest.raises(InputError, match="not 0"):
         resonance.fit(HZ, 0 * data, RIGID)
+
+
+def test_the_verb_on_a_measured_response(tmp_path):
+    """Fig 3.11 as the analyzer measures it: the base at 12.4 Hz, the arm at 33 Hz."""
+    runner = CliRunner()
+    measured = runner.invoke(cli.cli, ["measure", "fig3_11", "--out", str(tmp_path)])
+    assert measured.exit_code == 0, measured.output
+    command = f"identify resonances fig4_11 {tmp_path} --rigid robot.acceleration --modes 2 --json"
+    done = runner.invoke(cli.cli, command.split())
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    base, arm = result["resonances"]
+    assert base["peak_hz"] == pytest.approx(12.4, rel=0.05) and base["trough_hz"] > base["peak_hz"]
+    assert arm["peak_hz"] == pytest.approx(33.0, rel=0.02)
+    assert result["rms_db"] < 2.0

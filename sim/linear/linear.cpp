@@ -31,8 +31,9 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
     if (found == switches.end()) {
       std::vector<string> elements;
       for (const auto &s : switches) elements.push_back(s.element);
-      throw InputError(model.file, element,
-                       "expected an element that switches (" + listed(elements) + "), got this");
+      throw InputError(
+          model.file, element,
+          "expected an element that switches (" + listed(elements) + "), got " + element);
     }
     const auto &names = found->state_names;
     const auto at = std::find(names.begin(), names.end(), state);

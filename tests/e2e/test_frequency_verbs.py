@@ -12,6 +12,7 @@ from forceaxis import linear
 from scipy import io
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(*arguments):
@@ -97,6 +98,13 @@ def test_beam_has_the_classical_constants():
         ("step fig4_19 --gain 0.01 --duration-s 0", "--duration-s: expected two ticks"),
         ("step fig4_19 --gain 1e6 --duration-s 60", "--duration-s: expected a response that stays"),
         ("step nl_friction --gain 0.01", "expected a path from drive.command"),
+        (
+            "linearise fig4_19 --output reading --output reading",
+            "--output: expected each name once",
+        ),
+        ("modes fig4_19 --output= ", "output"),
+        ("beam --length-m 1e-300", "length_m: expected a number > 0"),
+        ("advise sim/experiments/tables.toml", "expected a model or an experiment"),
         ("beam --length-m 0", "length_m: expected a number > 0"),
         ("limit fig9_99", "MODEL: fig9_99: expected"),
         ("limit fig4_5", "expected an ADC on channel 0"),
@@ -109,7 +117,7 @@ def test_beam_has_the_classical_constants():
 )
 def test_refusals_are_one_line(arguments, words):
     done = subprocess.run(
-        [FORCEAXIS, *arguments.split()], capture_output=True, text=True, timeout=120
+        [FORCEAXIS, *arguments.split()], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""

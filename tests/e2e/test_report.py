@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from forceaxis import thesis, thesis_figures
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -37,9 +38,26 @@ def test_every_experiment_and_figure_is_in_it(page):
         assert f"forceaxis run sim/experiments/{name}.toml" in html
     for figure in ("2.41", "2.43", "3.13", "3.14", "4.27", "4.28", "5.1", "5.2", "5.3", "5.8"):
         assert re.search(rf"<h3[^>]*>Fig [0-9a-z., ]*{re.escape(figure)}\b", html), figure
-    assert (
-        html.count("data:image/png;base64,") == len(names) + 3
-    )  # plateau, stability and contact maps
+    runs, _, frequency = html.partition('<h2 id="frequency">')
+    # plateau, stability and contact maps
+    assert runs.count("data:image/png;base64,") == len(names) + 3
+    figures = [f.figure for f in thesis_figures.thesis_figures()]
+    measured = [p.stem for p in (ROOT / "sim/measurements").glob("*.toml")]
+    assert len(measured) == 7
+    # and the advice
+    assert frequency.count("data:image/png;base64,") == len(figures) + len(measured) + 1
+    for figure in figures:
+        assert f'id="fig{figure}"' in frequency
+    for name in measured:
+        assert f"forceaxis measure {name}" in frequency
+
+
+def test_the_thesis_quotes_stand_beside_ours(page):
+    _, html, _ = page
+    table = html.partition('id="check_thesis"')[2].partition("</table>")[0]
+    assert len(re.findall(r'<td class="(?:same|differs)"', table)) == len(thesis.CLAIMS)
+    for quoted in ("12 Hz", "39.8 Hz", "33 Hz", "0.85 V/V", "46 Hz", "2000 Hz", "40 Hz", "120 Hz"):
+        assert f"<td>{quoted}</td>" in table
 
 
 def test_models_elements_and_contact_maps_are_in_it(page):
@@ -59,7 +77,8 @@ def test_models_elements_and_contact_maps_are_in_it(page):
 
 def test_every_cell_stands_beside_the_thesis(page):
     summary, html, _ = page
-    cells = re.findall(r'<td class="(same|differs)"', html)
+    tables = html.partition('<h2 id="frequency">')[0]
+    cells = re.findall(r'<td class="(same|differs)"', tables)
     assert len(cells) == summary["total"] == 55
     assert cells.count("same") == summary["matched"]
 

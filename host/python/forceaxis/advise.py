@@ -75,6 +75,8 @@ class Design:
     def __init__(self, text, overrides=None, timing=None):
         path = find(text)
         table = read(path)
+        if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
+            raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
         self.experiment = path if "model" in table else None
         self.overrides = dict(overrides or {})
         if self.experiment:
@@ -86,7 +88,8 @@ class Design:
         else:
             self.model = path.resolve()
             own = paths.EXPERIMENTS / f"{path.stem}.toml"
-            if own.exists() and (own.parent / read(own)["model"]).resolve() == self.model:
+            named = read(own).get("model") if own.exists() else None
+            if named and (own.parent / named).resolve() == self.model:
                 self.experiment = own
         settings = read(self.experiment).get("firmware", {}) if self.experiment else {}
         self.timing = timing or ("zoh+1" if settings.get("latency_ticks") == 1 else "zoh")

@@ -115,8 +115,8 @@ class Beam:
     def __post_init__(self):
         for name in ("bending_stiffness_Nm2", "mass_per_length_kg_per_m", "length_m"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"Beam: {name}: expected a number > 0, got {value}")
+            if not 1e-12 <= value <= 1e12:
+                raise InputError(f"Beam: {name}: expected a number > 0, 1e-12 to 1e12, got {value}")
         if not (np.isfinite(self.damping_s) and self.damping_s >= 0):
             raise InputError(f"Beam: damping_s: expected a number >= 0, got {self.damping_s}")
 

@@ -357,6 +357,8 @@ for verb in (*cli_frequency.VERBS, cli_identify.identify):
 def main():
     """Entry point: every mistake of the user is one line on standard error and exit status 2."""
     try:
+        for text in sys.argv:
+            text.encode()  # what is not UTF-8 is refused before anything sees it
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))

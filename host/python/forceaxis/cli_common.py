@@ -35,6 +35,25 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
+class Positive(click.ParamType):
+    """A number from `low` to `high`, which are above 0."""
+
+    name = "float"
+
+    def __init__(self, low=1e-6, high=1e6):
+        self.low, self.high = low, high
+
+    def convert(self, value, param, ctx):
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if not self.low <= number <= self.high:
+            text = f"expected a number from {self.low:g} to {self.high:g}, got {value}"
+            self.fail(text, param, ctx)
+        return number
+
+
 class File(click.Path):
     """A file to write."""
 

@@ -7,7 +7,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli_common import File, Folder, Verb, as_json, threads
+from forceaxis.cli_common import File, Folder, Positive, Verb, as_json, threads
 
 
 def check_drawing(out):
@@ -98,6 +98,14 @@ vary = click.option(
     help="One curve for each value of a model parameter. Repeatable, all combinations.",
 )
 free = click.option("--free", is_flag=True, help="Contacts are apart.")
+outputs_option = click.option(
+    "--output",
+    "outputs",
+    multiple=True,
+    default=["reading"],
+    show_default=True,
+    help="A signal of the model; reading, what ADC 0 converts; adc0, adc1, encoder. Repeatable.",
+)
 drawn = click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
 loop_timing = click.option("--timing", type=TIMINGS, default="zoh", show_default=True)
 loop_output = click.option(
@@ -262,6 +270,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
     forceaxis limit laboratory --firmware-gain 10""",
 )
 @model_options
+@free
 @law_options
 @click.option(
     "--timing",
@@ -305,7 +314,7 @@ def limit(model, as_json, gain, firmware_gain, **given):
 @free
 @click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
 @click.option("--output", help="A signal of the model. Default: reading, what ADC 0 converts.")
-@click.option("--span-hz", type=float, help="Half-width of the frame of --out, Hz.")
+@click.option("--span-hz", type=Positive(), help="Half-width of the frame of --out, Hz.")
 @drawn
 @as_json
 def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
@@ -337,14 +346,7 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     show_default=True,
     help="drive.command (V), drive.force (N) or BODY.force (N).",
 )
-@click.option(
-    "--output",
-    "outputs",
-    multiple=True,
-    default=["reading"],
-    show_default=True,
-    help="A signal of the model, or reading: what ADC 0 converts. Repeatable.",
-)
+@outputs_option
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
@@ -386,7 +388,7 @@ def bode(
 @loop_output
 @click.option(
     "--span-hz",
-    type=float,
+    type=Positive(),
     help="Height of the frame, Hz. Default: the structural dynamics around the crossing.",
 )
 @drawn
@@ -488,14 +490,7 @@ def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_
     show_default=True,
     help="drive.command (V), drive.tach (V), drive.force (N) or BODY.force (N). Repeatable.",
 )
-@click.option(
-    "--output",
-    "outputs",
-    multiple=True,
-    default=["reading"],
-    show_default=True,
-    help="A signal of the model; reading, what ADC 0 converts; adc0, adc1, encoder. Repeatable.",
-)
+@outputs_option
 @click.option("--load", is_flag=True, help="Without the drive: the load of 2.3.2.")
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--out", type=File(), help="Write the matrices: FILE.npz or FILE.mat.")
@@ -509,6 +504,8 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     from forceaxis import linear
 
     linear.check_export(out)
+    linear.once("--input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
+    linear.once("--output", outputs)
     system = linear.linearise(
         model, inputs, outputs, linear.overrides(overrides), linear.states(modes), free, not load
     )

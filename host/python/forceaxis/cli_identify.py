@@ -260,3 +260,35 @@ def fit(model, response, names, overrides, out, as_json, **given):
         click.echo(identify.describe(summary))
         if out:
             click.echo(f"files        {paths.display(out)}")
+
+
+@identify.command(
+    epilog="""forceaxis measure fig3_11 --out out/tip
+    forceaxis identify resonances fig4_11 out/tip --rigid robot.acceleration --modes 2"""
+)
+@click.argument("model")
+@click.argument("response", type=click.Path())
+@click.option("--rigid", required=True, help="Signal of MODEL that RESPONSE would be if rigid.")
+@click.option("--modes", type=click.IntRange(1, 50), default=5, show_default=True)
+@click.option(
+    "--prominence-db", type=float, default=1.0, show_default=True, help="A peak stands out by this."
+)
+@click.option("--refine", is_flag=True, help="Least squares in dB after the five steps.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A parameter of MODEL."
+)
+@as_json
+def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):
+    """The polynomial resonance model of a measured response, by the five steps of 4.2.
+
+    MODEL is the rigid body that the resonances multiply (fig4_11), out of contact; RESPONSE what
+    `forceaxis measure --out` wrote. Only magnitudes are fitted; the phase fits too where the data
+    are of a minimum-phase system. JSON: resonances (peak_hz, peak_damping, trough_hz and
+    trough_damping or null), rms_db, max_db, phase_error_deg, and zeros, poles (1/s) of the cascade.
+    """
+    from forceaxis import linear, resonance
+
+    result = resonance.of_measurement(
+        model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
+    )
+    click.echo(json.dumps(result, allow_nan=False) if as_json else resonance.describe(result))

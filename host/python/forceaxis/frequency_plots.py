@@ -372,8 +372,11 @@ def locus(loop, label="", span_hz=None, gain=None):
     with np.errstate(divide="ignore"):
         needed = 1 / np.abs(loop.open.at(at))
     high = 1.5 * float(np.sort(needed[np.isfinite(needed)])[-3])
-    high = max(high, 3 * (limit.gain or 0))
-    gains = np.concatenate([[0.0], np.geomspace(1e-5 * high, high, 150)])
+    shown = [c.gain for c in crossings if c.frequency_hz is not None and c.frequency_hz < span]
+    high = max([high, 3 * (limit.gain or 0), *(1.2 * k for k in shown if k < 1e6 * high)])
+    low = 1e-5 * min([high, *shown])
+    gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
+    gains = np.unique(gains[gains <= high])
     for _ in range(4):  # finer where a branch moves far
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
@@ -389,6 +392,17 @@ def locus(loop, label="", span_hz=None, gain=None):
     return Locus(
         label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span, marked
     )
+
+
+def loci(found, labels, span_hz=None, gains=None):
+    """A locus for each loop, all in one frame: span_hz, or the widest that one of them wants."""
+    if span_hz is None:
+        span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
+    gains = gains or [None] * len(found)
+    return [
+        locus(loop, label, span_hz, gain)
+        for loop, label, gain in zip(found, labels, gains, strict=True)
+    ]
 
 
 def hz(roots):
@@ -498,7 +512,7 @@ def label_crossings(ax, one, span):
         taken.append((at, half))
         ax.annotate(
             text, (0, height), (0.05 * span, at), fontsize=7, color=GOT, va="center",
-            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5}, zorder=6,
+            bbox={"facecolor": "white", "alpha": 0.5, "linewidth": 0, "pad": 0.2}, zorder=6,
             arrowprops={"arrowstyle": "-", "color": GOT, "linewidth": 0.6, "shrinkB": 3},
         )  # fmt: skip
 
@@ -506,12 +520,16 @@ def label_crossings(ax, one, span):
 def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
 
-    span_hz: half-width of the frame; by default that of `frame`. What is beyond is counted below.
+    span_hz: half-width of the frame; by default a frame that accentuates the structural dynamics,
+    as 4.3.1 does. What is beyond is counted below.
     """
     figure, axes = panels(len(arrays), wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        span = span_hz or frame(np.abs(roots)) / (2 * np.pi)
+        # Light and nonminimum-phase roots; real ones in the left half are mostly the drive's.
+        light = np.abs(roots.real) < 0.3 * np.abs(roots)
+        structural = roots[light | (roots.real > np.abs(roots.imag))]
+        span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
         mark(ax, one)
         ax.set_xlim(-span, span)
         ax.set_ylim(-span, span)
@@ -528,12 +546,12 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
 
 
 def frame(sizes):
-    """A frame, 1/s, around all roots but those of the outer half that a gap of six sets apart."""
+    """A frame, 1/s, around all roots but outer ones that a gap of six sets apart."""
     ordered = np.sort(sizes[sizes > 0])
     if not len(ordered):
         return 2 * np.pi
     gaps = np.flatnonzero(ordered[1:] > 6 * ordered[:-1])
-    gaps = gaps[gaps >= len(ordered) // 2]
+    gaps = gaps[gaps >= len(ordered) // 3]
     return 1.18 * float(ordered[gaps[0]] if len(gaps) else ordered[-1])
 
 
@@ -601,9 +619,9 @@ def step_response(result):
     return figure
 
 
-def advice(result, most=28):
+def advice(result):
     """Figure of `advise.advise()`: what each change makes of critical gain and crossover."""
-    rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]][:most]
+    rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]]
     figure, ax = plt.subplots(figsize=(7.6, 0.9 + 0.21 * len(rows)))
     style(ax)
     ax.axvline(1, color=FAINT, linewidth=0.9)
@@ -648,7 +666,12 @@ def varied(overrides, vary):
     runs = [("", common)]
     for text in vary:
         name, _, values = text.partition("=")
-        settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+        try:
+            settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+        except InputError:
+            raise InputError(f"--vary: {text}: expected NAME=NUMBER,NUMBER,...") from None
+        if name in runs[0][1] or len({s[name] for s in settings}) < len(settings):
+            raise InputError(f"--vary: {text}: expected each parameter and each value once")
         runs = [
             (f"{label}, {name} = {s[name]:g}".removeprefix(", "), given | s)
             for label, given in runs
@@ -680,8 +703,13 @@ def bode_verb(
     asked = gain is not None or firmware_gain is not None
     if asked and input != "drive.command":
         raise InputError("--gain: expected with --input drive.command, a loop acts there")
-    if not (0 < low_hz < high_hz < np.inf):
-        raise InputError(f"--from-hz: expected 0 < FROM < TO, got {low_hz:g} and {high_hz:g}")
+    highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
+    if not (1e-6 <= low_hz < high_hz <= highest):
+        raise InputError(
+            f"--from-hz: expected FROM < TO, from 1e-6 to {highest:g} Hz, got {low_hz:g} and "
+            f"{high_hz:g}"
+        )
+    linear.once("--output", outputs)
     states = linear.states(modes)
     curves, details = [], []
     for label, settings in varied(overrides, vary):
@@ -746,10 +774,13 @@ def rlocus_verb(
     model, overrides, vary, modes, free, law, timing, output, span_hz, gain, firmware_gain, **given
 ):
     """(figure, summary) of `forceaxis rlocus`."""
-    every = []
+    labels, found = [], []
     for label, settings in varied(overrides, vary):
-        loop = loop_of(model, settings, modes, law, timing, output, free, given)
-        every.append(locus(loop, label, span_hz, loop_verbs.one_gain(loop, gain, firmware_gain)))
+        labels.append(label)
+        found.append(loop_of(model, settings, modes, law, timing, output, free, given))
+    gains = [loop_verbs.one_gain(loop, gain, firmware_gain) for loop in found]
+    every = loci(found, labels, span_hz, gains)
+    loop = found[-1]
     figure = rlocus(every, loop_note(model, timing, law))
     summary = loop_verbs.describe_loop(loop) | {"loci": [one.summary() for one in every]}
     return figure, summary

@@ -275,6 +275,12 @@ def linearise(
 # --- the verb --------------------------------------------------------------------------------
 
 
+def once(option, names):
+    """Refuse a name that an option gives twice."""
+    if len(set(names)) < len(names):
+        raise _core.InputError(f"{option}: expected each name once, got {', '.join(names)}")
+
+
 def check_export(path):
     """Refuse a file that matrices cannot be written to, before the work."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):

@@ -42,9 +42,14 @@ def one_gain(loop, gain, firmware_gain):
     if gain is not None and firmware_gain is not None:
         raise _core.InputError("--gain: expected either --gain or --firmware-gain, got both")
     if firmware_gain is not None:
+        if not 0 < firmware_gain <= loops.FIRMWARE_HIGHEST:
+            raise _core.InputError(
+                f"--firmware-gain: expected a number > 0 and up to {loops.FIRMWARE_HIGHEST:.3f}, "
+                f"got {firmware_gain:g}"
+            )
         gain = loop.gain_of(firmware_gain)
-    if gain is not None and not (math.isfinite(gain) and gain > 0):
-        raise _core.InputError(f"--gain: expected a number > 0, got {gain:g}")
+    if gain is not None and not 1e-15 <= gain <= 1e15:
+        raise _core.InputError(f"--gain: expected a number from 1e-15 to 1e15, got {gain:g}")
     return gain
 
 

@@ -504,7 +504,7 @@ class Loop:
                         found.append((w, 0))
         crossings = []
         for w, direction in dict.fromkeys(found):
-            value = self._at(w).real
+            w, value = self._polished(w)
             # A zero or a pole on the axis turns the phase too, at an infinite or no gain; a gain
             # that rounding decides is left out.
             sharp = abs(w * self._slope(w)) > 1e9 * abs(value)
@@ -521,6 +521,24 @@ class Loop:
             end = None if self.dt is None else 0.5 / self.dt
             crossings.append(Crossing(float(-1 / D[0, 0]), end, -int(np.sign(values[-1]))))
         return sorted(crossings, key=lambda c: c.gain)
+
+    def _polished(self, w):
+        """(w, Re G) of a real point, by steps on a dense solve: more digits than the kernel's where
+        G is far below its largest."""
+        A, B, C = self._minimal.balanced
+        value = 0.0
+        for _ in range(3):
+            point = complex(self._point(w))
+            G = (
+                self._minimal.D[0, 0]
+                + (C @ np.linalg.solve(point * np.eye(len(A)) - A, B.astype(complex))).item()
+            )
+            value = G.real
+            slope = (1j * self._slope(w)).imag  # dIm G / dw
+            if not slope or not abs(G.imag / slope) < 1e-4 * w:
+                break  # touches, or too flat to step
+            w -= G.imag / slope
+        return w, value
 
     def stable(self, gain):
         """Whether the closed loop is stable, not counting what the loop neither moves nor shows."""
@@ -553,8 +571,12 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], None], strict=True):
             if high is not None and high <= low:
                 continue
-            inside = 2 * low if high is None else math.sqrt(low * high) if low else high / 2
-            if self.stable(inside):
+            # Anywhere within: all or none of it is stable, but rounding may hide it at high gains.
+            if high is None:
+                inside = [2 * low, 10 * low]
+            else:
+                inside = [low + share * (high - low) for share in (0.5, 0.01, 1e-4, 1e-6)]
+            if any(self.stable(gain) for gain in inside):
                 ranges.append((low, high))
         return ranges
 
@@ -562,7 +584,7 @@ class Loop:
         """The smallest gain at which stability is lost on the way from 0, with all crossings."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
-            reason = "unstable at any small gain" if ranges else "unstable at every gain"
+            reason = "unstable at any small gain" if ranges else "stable at no gain"
             return Limit(0.0, None, crossings, ranges, reason)
         if ranges[0][1] is None:
             return Limit(None, None, crossings, ranges, "stable at every gain")

@@ -143,7 +143,9 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
         input = "drive.force"  # which is what the command comes to
     if output in ("reading", "adc0") and facts["reading"]:
         output = facts["reading"]["signal"]  # before any filter
-    output = as_positions(output or default_output(facts, [] if pressed else contacts))
+    if output is None:
+        output = default_output(facts, [] if pressed else contacts)
+    output = as_positions(output)
     of_mechanics = {k: v for k, v in states.items() if not k.startswith("drive.")}
     m = mechanics(path, input, output, overrides, of_mechanics, free)
     residues = m.drive * m.output

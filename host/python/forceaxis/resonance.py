@@ -5,7 +5,7 @@
 The thesis fits it by eye in five steps, lowest resonance first; `fit` does the same to numbers.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy import optimize, signal
@@ -235,3 +235,42 @@ def _least_squares(f, target, start):
     guess[:, 1] = np.clip(guess[:, 1], low[:, 1] + 1e-6, high[:, 1] - 1e-6)
     done = optimize.least_squares(error, guess.ravel(), bounds=(low.ravel(), high.ravel()))
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):
+    """What `forceaxis identify resonances --json` prints."""
+    from forceaxis import identify
+
+    if not 0 < prominence_db < 200:
+        raise InputError(f"--prominence-db: expected 0 to 200, got {prominence_db:g}")
+    data = identify.read_response(response, model)
+    body = replace(data, output=rigid, free=True, overrides=overrides)
+    found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
+    zeros, poles, _ = found.cascade().zpk()
+    return {
+        "resonances": [asdict(r) for r in found.resonances],
+        "rms_db": found.rms_db,
+        "max_db": found.max_db,
+        "phase_error_deg": found.phase_error_deg,
+        "zeros": [[z.real, z.imag] for z in zeros],
+        "poles": [[p.real, p.imag] for p in poles],
+    }
+
+
+def describe(result):
+    """The same for people."""
+    lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
+    for r in result["resonances"]:
+        line = f"{r['peak_hz']:10.4g}{r['peak_damping']:10.4f}"
+        if r["trough_hz"] is not None:
+            line += f"{r['trough_hz']:12.4g}{r['trough_damping']:10.4f}"
+        lines.append(line)
+    phase = result["phase_error_deg"]
+    lines.append(
+        f"error        {result['rms_db']:.3g} dB rms, {result['max_db']:.3g} dB at most"
+        + ("" if phase is None else f"; phase {phase:.3g} degrees rms")
+    )
+    return "\n".join(lines)

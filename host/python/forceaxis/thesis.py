@@ -16,7 +16,8 @@ class Claim:
     """One number or statement of the thesis.
 
     `ours` computes it from the models. It agrees when it is the same text, or a number within the
-    fraction `within` of the thesis's; where it does not, `why` has to say why.
+    fraction `within` of the thesis's (with `at_least`: or above it); where it does not, `why` has
+    to say why.
     """
 
     where: str
@@ -26,6 +27,7 @@ class Claim:
     ours: Callable[[], float | str]
     within: float = 0.05
     why: str = ""
+    at_least: bool = False
 
     def checked(self):
         """The claim with our value as a dictionary of `check-thesis --json`."""
@@ -34,6 +36,7 @@ class Claim:
             agrees = ours == self.thesis
         else:
             agrees = abs(ours - self.thesis) <= self.within * abs(self.thesis)
+            agrees = agrees or (self.at_least and ours > self.thesis)
         return {
             "where": self.where,
             "what": self.what,
@@ -95,12 +98,32 @@ def loop_rolloff_hz(k_amp):
     return (v["R"] + k_amp * v["k_current"]) / v["L"] / (2 * math.pi)
 
 
+def current_loop_gain(k_amp):
+    """k_amp k_cur / (R + k_amp k_cur), current feedback over command at DC."""
+    v = {name: value for name, (value, _) in linear.facts("laboratory")["parameters"].items()}
+    return k_amp * v["k_current"] / (v["R"] + k_amp * v["k_current"])
+
+
+def flatness(output, frequency_hz):
+    """Gain of the command to an output of the laboratory's drive, over that at 0.01 Hz."""
+    low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
+    return high / low
+
+
 def phase_crossing_hz(output):
     """Where the phase of an acceleration per command falls through 0 degrees, out of contact."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response("fig4_14", output, f, free=True)
     falls = (H.imag[:-1] > 0) & (H.imag[1:] <= 0) & (H.real[:-1] > 0)
     return float(f[np.argmax(falls)]) if falls.any() else "none"
+
+
+def base_dip():
+    """(Hz, degrees) of the first minimum of the tip acceleration's phase, out of contact."""
+    f = np.linspace(5.0, 25.0, 8001)
+    phase = np.degrees(np.unwrap(np.angle(response("fig4_14", "tip.acceleration", f, free=True))))
+    least = np.flatnonzero((phase[1:-1] < phase[:-2]) & (phase[1:-1] <= phase[2:]))[0] + 1
+    return float(f[least]), float(phase[least])
 
 
 def phase_dip_deg(**overrides):
@@ -149,6 +172,10 @@ def cell(figure):
 
 
 ANY, HIGH = "stable at any gain", "unstable at high gain"
+OTHER_WORKPIECE = (
+    "the roots cross at 46 Hz with the original, at 34 and 35 Hz with the stiffer and the softer "
+    "one: a quarter less, where the thesis sees no significant change"
+)
 K_AMP = (
     "k_amp = 15 of Fig 4.4 gives a soft current loop; the laboratory's amplifier (Fig 4.3) must "
     "have been steeper"
@@ -195,6 +222,10 @@ CLAIMS = [
         "Fig 4.4 prints 3.9; 4.1.2 exchanges the two measured gains (3.9 and 4.2)",
     ),
     Claim(
+        "3.2.1, Fig 3.6", "preamplifier, gain at 1600 Hz over that at DC: flat", 1, "",
+        lambda: flatness("drive.current_command", 1600.0), 0.01,
+    ),
+    Claim(
         "3.2.1, Fig 3.7", "preamplifier, gain of the tachometer feedback", 3.9, "V/V",
         lambda: parameter("laboratory", "k_preamp_fdbk"), 0.03,
         "Fig 4.4 prints 4.2; 4.1.2 exchanges the two measured gains",
@@ -202,6 +233,14 @@ CLAIMS = [
     Claim(
         "3.2.1, Fig 3.7", "filter of the tachometer feedback", 150, "Hz",
         lambda: parameter("laboratory", "a_preamp_fdbk") / (2 * math.pi), 0.01,
+    ),
+    Claim(
+        "3.2.1, Fig 3.8", "current loop at low frequency, k_amp = 15: roughly", 1, "",
+        lambda: current_loop_gain(15), 0.1, K_AMP,
+    ),
+    Claim(
+        "3.2.1, Fig 3.8", "current loop at low frequency, outer slope: roughly", 1, "",
+        lambda: current_loop_gain(parameter("laboratory", "k_amp_outer")), 0.1,
     ),
     Claim(
         "3.2.1, Fig 3.8", "current loop, shaft locked, k_amp = 15", 2000, "Hz",
@@ -253,6 +292,15 @@ CLAIMS = [
         lambda: phase_crossing_hz("tip.acceleration"), 0.1,
     ),
     Claim(
+        "3.2.3, Fig 3.11", "tip acceleration: dip of the phase at the base mode", 12, "Hz",
+        lambda: base_dip()[0], 0.1,
+    ),
+    Claim(
+        "3.2.3, Fig 3.11", "tip acceleration: that dip reaches", "below 0 deg", "",
+        lambda: "below 0 deg" if base_dip()[1] < 0 else f"{base_dip()[1]:.0f} deg",
+        why="the base of Fig 4.26 is damped too well for that: half its b_b gives -6 deg",
+    ),
+    Claim(
         "3.2.3, Fig 3.11", "resonances below 80 Hz, free", 5, "",
         lambda: resonances_below(80), 0,
         "measured at 12, 38, 44, 67 and 77 Hz; in Fig 4.14 only base, arm and tip move freely: the "
@@ -265,8 +313,8 @@ CLAIMS = [
     ),
     Claim(
         "4.3.4", "arm flexibility: crossover", 20, "Hz", lambda: crossing_hz("fig4_15"), 0.1,
-        "the numbers of Fig 4.26 give 26 Hz (24 with tick and delay, 30 with a steeper "
-        "amplifier): a softer arm must have been plotted",
+        "the numbers of Fig 4.26 give 26 Hz, 24 with tick and delay, 30 with a steeper "
+        "amplifier; no reading tried here gives 20",
     ),
     Claim(
         "4.3.6, Fig 4.20", "workpiece: crossing root over that of the rigid robot", "above", "",
@@ -274,11 +322,11 @@ CLAIMS = [
     ),
     Claim(
         "4.3.6, Fig 4.21", "workpiece x 4: crossover over that of the original", 1, "",
-        lambda: crossing_hz("fig4_21") / crossing_hz("fig4_19"), 0.3,
+        lambda: crossing_hz("fig4_21") / crossing_hz("fig4_19"), 0.1, OTHER_WORKPIECE,
     ),
     Claim(
         "4.3.6, Fig 4.22", "workpiece / 4: crossover over that of the original", 1, "",
-        lambda: crossing_hz("fig4_22") / crossing_hz("fig4_19"), 0.3,
+        lambda: crossing_hz("fig4_22") / crossing_hz("fig4_19"), 0.1, OTHER_WORKPIECE,
     ),
     Claim(
         "4.3.7, Fig 4.24", "stiff grip: limit over that without grip", 1, "",
@@ -289,8 +337,8 @@ CLAIMS = [
         "it follows the sensor's mass of Fig 4.26 between k_s and k_g, which vibrates at 156 Hz",
     ),
     Claim(
-        "6.1.2", "lag that a colocated mode adds, underdamped (b_b / 100)", 50, "deg",
-        lambda: phase_dip_deg(b_b=parameter("fig4_17", "b_b") / 100), 0.1,
+        "6.1.2", "lag that a colocated mode can add (the base, undamped), or more", 50, "deg",
+        lambda: phase_dip_deg(b_b=0.0), 0.0, at_least=True,
     ),
     Claim(
         "4.3.5", "lag that the base adds as damped in Fig 4.26", "little (below 10 deg)", "",
@@ -323,6 +371,14 @@ CLAIMS = [
         lambda: higher_gains_percent("disturbance"), 0.5,
         "whole steps of gain: the thesis's own table goes from 5 to 8, 60 %; in ours 9 is stable "
         "too (a cell that differs)",
+    ),
+    Claim(
+        "5.2.1, Fig 5.8", "gain 7, set-point 40, original workpiece", "unstable", "",
+        lambda: cell("5.8"),
+    ),
+    Claim(
+        "5.2.1, Fig 5.9", "gain 7, set-point 40, damped workpiece", "stable", "",
+        lambda: cell("5.9"),
     ),
     Claim("5.1.2, Fig 5.3", "gain 10, set-point 15 on the soft pad", "stable", "",
           lambda: cell("5.3")),
@@ -369,6 +425,7 @@ def describe(result):
         lines.append(f"{mark}  {c['where']:16} {c['what']}")
         thesis, ours = value(c["thesis"], c["unit"]), value(c["ours"], c["unit"])
         why = f": {c['why']}" if c["why"] else ""
-        lines.append(f"           thesis {thesis}, ours {ours}{why}")
+        within = f" (within {100 * c['within']:g} %)" if c["within"] else ""
+        lines.append(f"           thesis {thesis}, ours {ours}{within}{why}")
     lines.append(f"{result['agree']} agree, {result['differ']} differ")
     return "\n".join(lines)

@@ -62,12 +62,8 @@ def loci(*runs, span_hz=None):
     """A source of Loci of force loops in continuous time, (model, label, settings or None)."""
 
     def source():
-        return [
-            plots.locus(
-                loops.force_loop(model, timing="continuous", overrides=settings), label, span_hz
-            )
-            for model, label, settings in runs
-        ]
+        found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
+        return plots.loci(found, [label for _, label, _ in runs], span_hz)
 
     return source
 
