@@ -209,6 +209,10 @@ def test_objects_lists_the_table():
     (row,) = json.loads(done.stdout)
     assert row["name"] == "force_gain"
     assert row["scale"] == 1 / 256
+    # What has no unit shows none; what a number does not say, the text does.
+    listed = forceaxis("objects", "excitation").stdout
+    assert "[0 to 65535]" in listed
+    assert "below 750" in listed and "folds at 750 Hz" in listed
 
 
 @pytest.mark.parametrize(

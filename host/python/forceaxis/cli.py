@@ -343,7 +343,8 @@ def objects_(pattern, as_json):
         click.echo(json.dumps([o._asdict() for o in rows]))
         return
     for o in rows:
-        span = ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g} {o.unit}"
+        unit = "" if o.unit == "1" else f" {o.unit}"
+        span = ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g}{unit}"
         when = {"any": "", "disabled": "; written only while disabled"}.get(
             o.writable, "; written only while the recorder is idle"
         )

@@ -159,7 +159,9 @@ def band(context, option, text):
 @click.option("--bias", type=float, help="V or code about which it swings.")
 @click.option("--averages", type=int, help="Default: 16.")
 @click.option(
-    "--window", type=click.Choice(["none", "hann"]), help="Default: none, periodic excitation."
+    "--window",
+    type=click.Choice(["none", "hann"]),
+    help="Default: none, periodic excitation. hann begins at the third line.",
 )
 @click.option(
     "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
