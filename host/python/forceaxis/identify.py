@@ -279,7 +279,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     ends = np.array([0.0, (cycles - 1) * turn / omega])
     ratio = cycle_amplitudes(time, values[inside] - offset, omega, ends)
     warnings = []
-    if local > COLOURED * white and len(near) > 4:
+    if local > COLOURED * white and len(near) > 4 and explained < 1 - 1e-12:
         warnings.append(
             "what the fit leaves is not white noise: another mode or a nonlinearity; the "
             "intervals count it as noise"
@@ -848,7 +848,8 @@ def plot(found, measured, plt):
             degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
         axes[1].semilogx(f, degrees, **style)
     axes[0].set_ylabel(
-        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else "")
+        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
+        parse_math=False,
     )
     axes[0].legend()
     axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
