@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from forceaxis import linear, measure
+from forceaxis import linear, measure_result
 
 SPREAD = 0.45  # of the logarithm: 0.64 to 1.57 times nominal
 # The model as the laboratory has it, what is unknown of it, and how it is measured.
@@ -55,10 +55,10 @@ def main(seed, count, folder):
         model, names, options = AXES[i % len(AXES)]
         options = options | {"resolution_hz": 2.0, "averages": 8, "seed": int(rng.integers(2**31))}
         truth = draw(rng, model, names, options.get("set", {}))
-        done = measure.run(model, options, truth)
+        done = measure_result.run(model, options, truth)
         del done.summary["plant_set"], done.summary["command"]
         out = Path(folder) / str(i)
-        measure.write(done, out)
+        measure_result.write(done, out)
         truths.append(truth)
         tasks.append({"model": model, "fit": names, "response": str(out)})
     print(json.dumps(tasks), flush=True)

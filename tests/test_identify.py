@@ -11,7 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import _core, cli, experiments, identify, linear, measure
+from forceaxis import (
+    _core,
+    cli,
+    experiments,
+    fit_response,
+    identify,
+    linear,
+    measure,
+    measure_result,
+)
 from forceaxis._core import InputError
 from forceaxis.identify import Estimate
 
@@ -291,7 +300,9 @@ OPTIONS = {"output": "sensor.spring_force", "band_hz": [2, 120], "bias": 1.0, "a
 def response(tmp_path_factory):
     """A response that was measured with the plant's parameters changed behind the analyzer."""
     out = tmp_path_factory.mktemp("response")
-    measure.write(measure.run("fig4_19", OPTIONS | {"set": {"b_w": 100.0}}, TRUTH), out)
+    measure_result.write(
+        measure_result.run("fig4_19", OPTIONS | {"set": {"b_w": 100.0}}, TRUTH), out
+    )
     return out
 
 
@@ -337,7 +348,9 @@ def test_a_csv_file_of_another_analyzer(response, tmp_path):
     for name in TRUTH:
         span = exact["parameters"][name]["joint_interval"]
         assert span[0] <= found["parameters"][name]["value"] <= span[1]
-    again = identify.read_response(file, "fig4_19", output="sensor.spring_force", averages=8, dt=dt)
+    again = fit_response.read_response(
+        file, "fig4_19", output="sensor.spring_force", averages=8, dt=dt
+    )
     assert again.variance == pytest.approx(saved["variance"][keep], rel=1e-6)
     for option, value in [("dt", "nan"), ("dt", "1e9"), ("scale", "0"), ("scale", "nan")]:
         words = refusal("fit", "fig4_19", file, *asked, *about, f"--{option}", value)
@@ -411,7 +424,7 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
     measured = measure.measure("fig4_15", OPTIONS, {})
     starts = {"m_r1": 114.5, "m_r2": 17.9, "k_rf": 665000.0, "k_s": 110100.0}
     (warned,) = (
-        w for w in identify.fit(measured, starts).warnings if w.startswith("m_r2 and k_rf")
+        w for w in fit_response.fit(measured, starts).warnings if w.startswith("m_r2 and k_rf")
     )
     assert "hard to tell apart" in warned
 
@@ -437,9 +450,9 @@ def test_blind_axes_are_identified(tmp_path):
     tasks = json.loads(process.stdout.readline())
     fits = []
     for task in tasks:
-        measured = identify.read_response(task["response"], task["model"])
-        starts, _ = identify.starts_of(task["fit"], measured)
-        fits.append(identify.fit(measured, starts))
+        measured = fit_response.read_response(task["response"], task["model"])
+        starts, _ = fit_response.starts_of(task["fit"], measured)
+        fits.append(fit_response.fit(measured, starts))
     print(json.dumps([f.values.tolist() for f in fits]), file=process.stdin, flush=True)
     truths = json.loads(process.stdout.readline())
     assert process.wait(10) == 0

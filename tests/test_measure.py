@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, cli, linear, measure
+from forceaxis import _core, cli, linear, measure, measure_result
 from forceaxis._core import InputError
 from scipy import stats
 
@@ -81,8 +81,8 @@ def test_tachometer_input_of_the_drive_is_the_linear_input():
 def test_true_model_fits_and_a_tenth_more_mass_is_seen(target, options, heavier):
     inside, rejected, caught = [], 0, 0
     for seed in SEEDS:
-        true = measure.run(target, options | {"seed": seed}).summary["comparison"]
-        wrong = measure.run(target, options | {"seed": seed}, heavier).summary["comparison"]
+        true = measure_result.run(target, options | {"seed": seed}).summary["comparison"]
+        wrong = measure_result.run(target, options | {"seed": seed}, heavier).summary["comparison"]
         assert true["coherent"] > 0.9 * true["points"]
         inside.append(true["inside"])
         rejected += not true["fits"]
@@ -131,33 +131,33 @@ def test_contacts_may_be_clamped(model):
 
 def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
     force = {"output": "sensor.force", "band_hz": [2, 100], "averages": 4}
-    lost = measure.run("fig4_19", force)
+    lost = measure_result.run("fig4_19", force)
     share = lost.summary["contact"]["sensor"]
     assert 0 < share < 0.1
     (hint,) = lost.summary["hints"]
     assert f"apart {100 * (1 - share):.3g} % of the time" in hint and "press harder" in hint
-    assert hint in measure.describe(lost.summary)
-    kept = measure.run("fig4_19", force | {"bias": 1.0, "level": 0.02})
+    assert hint in measure_result.describe(lost.summary)
+    kept = measure_result.run("fig4_19", force | {"bias": 1.0, "level": 0.02})
     assert kept.summary["contact"] == {"sensor": 1.0} and kept.summary["hints"] == []
     codes = force | {"inject": "codes", "output": "adc0", "bias": 100, "level": 15}
-    assert measure.run("fig4_19", codes).summary["contact"] == {"sensor": 1.0}
+    assert measure_result.run("fig4_19", codes).summary["contact"] == {"sensor": 1.0}
 
     free = {"free": True, "output": "robot.velocity", "band_hz": [2, 60], "level": 0.3}
-    met = measure.run("fig4_17", free).summary
+    met = measure_result.run("fig4_17", free).summary
     assert met["contact"]["sensor"] > 0 and "--set approach=0.5" in met["hints"][0]
-    apart = measure.run("fig4_17", free | {"set": {"approach": 0.5}}).summary
+    apart = measure_result.run("fig4_17", free | {"set": {"approach": 0.5}}).summary
     assert apart["contact"] == {"sensor": 0.0} and apart["hints"] == []
-    clamped = measure.run("fig4_19", force | {"clamped": True}).summary
+    clamped = measure_result.run("fig4_19", force | {"clamped": True}).summary
     assert clamped["contact"] == {} and clamped["hints"] == []
 
 
 def test_the_rounding_of_the_input_is_told():
     codes = {"inject": "codes", "output": "drive.current", "level": 20, "band_hz": [1, 50]}
-    told = measure.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
+    told = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
     assert "too small" in told[0]
-    assert measure.run("fig3_9", codes).summary["hints"] == []
+    assert measure_result.run("fig3_9", codes).summary["hints"] == []
     volts = {"input": "drive.current", "output": "drive.tach", "band_hz": [1, 50]}
-    assert measure.run("fig3_9", volts).summary["hints"] == []
+    assert measure_result.run("fig3_9", volts).summary["hints"] == []
 
 
 def test_hann_begins_where_taking_out_the_mean_does_not_reach():
@@ -182,11 +182,11 @@ def test_what_a_plant_of_less_damping_leaves_behind_is_waited_for(monkeypatch):
 def test_files_of_a_measurement_are_written_all_or_none(tmp_path):
     (tmp_path / "plot.png").mkdir()
     title = {"title": "cost $5^$ a piece", "band_hz": [5, 50]}
-    done = measure.run("fig3_9", title)
+    done = measure_result.run("fig3_9", title)
     with pytest.raises(IsADirectoryError):
-        measure.write(done, tmp_path)
+        measure_result.write(done, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["plot.png"]
-    measure.write(done, tmp_path / "out")
+    measure_result.write(done, tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"response.csv", "response.npz", "plot.png", "result.json"}
 
@@ -198,17 +198,17 @@ def test_the_noise_is_held_no_longer_than_the_firmware_can():
 
 def test_the_command_to_repeat_a_measurement_is_exact():
     low, high = 2.00000123, 50.0000045
-    done = measure.run("fig3_9", {"band_hz": [low, high], "output": "drive.current"})
+    done = measure_result.run("fig3_9", {"band_hz": [low, high], "output": "drive.current"})
     assert f"--band {low!r}:{high!r}" in done.summary["command"]
     assert done.summary["title"] == ""  # the file's is that of another signal
 
 
 def test_a_saturated_converter_is_told():
     codes = {"inject": "codes", "output": "adc0", "excitation": "sine", "points": 4}
-    done = measure.run("fig3_12", codes | {"level": 200})
+    done = measure_result.run("fig3_12", codes | {"level": 200})
     assert 0.01 < done.measured.saturated < 0.9
     assert not done.summary["comparison"]["fits"]
-    assert "at an end of the ADC" in measure.describe(done.summary)
+    assert "at an end of the ADC" in measure_result.describe(done.summary)
     for kind in ({}, {"excitation": "noise", "window": "hann"}):
         assert measure.measure("fig3_12", codes | {"level": 60} | kind).saturated == 0
 
@@ -260,7 +260,7 @@ def test_measurement_follows_the_plant_not_the_model():
         corners.append(f[np.flatnonzero(size < np.sqrt(0.5))[0]])
     assert ratio == pytest.approx(corners[1] / corners[0], rel=2e-3)
     # Told of it, the model follows.
-    told = measure.run("fig3_9", {"set": {"rotor_mass": 1.1 * 79.53}})
+    told = measure_result.run("fig3_9", {"set": {"rotor_mass": 1.1 * 79.53}})
     assert told.summary["comparison"]["fits"]
 
 
@@ -297,7 +297,7 @@ def test_there_are_seven():
 
 @pytest.mark.parametrize("name", READINGS)
 def test_measurement_of_the_thesis_runs_and_fits(name):
-    done = measure.run(name)
+    done = measure_result.run(name)
     assert done.summary["verdict"] == "the model fits"
     assert done.summary["comparison"]["inside"] >= 0.9
     assert done.summary["coherence_median"] > 0.99

@@ -193,7 +193,7 @@ def measure(target, overrides, plant_set, out, as_json, **options):
     inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
     """
     from forceaxis import linear
-    from forceaxis import measure as analyzer
+    from forceaxis import measure_result as analyzer
 
     if overrides:
         options["set"] = linear.overrides(overrides)

@@ -239,25 +239,25 @@ def fit(model, response, names, overrides, out, as_json, **given):
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
     and what is poorly determined or hard to tell apart.
     """
-    from forceaxis import identify, linear
+    from forceaxis import fit_response, linear
 
     held = linear.overrides(overrides)
-    measured = identify.read_response(response, model, held, **given)
-    starts, units = identify.starts_of(names, measured)
+    measured = fit_response.read_response(response, model, held, **given)
+    starts, units = fit_response.starts_of(names, measured)
     for name in starts:
         if name in held:
             raise InputError(
                 f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
                 f"to start as --fit {name}={held[name]:g}"
             )
-    found = identify.fit(measured, starts)
-    summary = identify.summarise(found, measured, units)
+    found = fit_response.fit(measured, starts)
+    summary = fit_response.summarise(found, measured, units)
     if out:
-        identify.write(found, measured, summary, out)
+        fit_response.write(found, measured, summary, out)
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     else:
-        click.echo(identify.describe(summary))
+        click.echo(fit_response.describe(summary))
         if out:
             click.echo(f"files        {paths.display(out)}")
 

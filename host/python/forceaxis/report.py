@@ -17,7 +17,7 @@ from forceaxis import (
     experiments,
     frequency_plots,
     loops,
-    measure,
+    measure_result,
     modes,
     nonlinear,
     objects,
@@ -163,13 +163,13 @@ def frequency_domain(threads):
     for path in sorted(
         paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
     ):
-        done = measure.run(path)
+        done = measure_result.run(path)
         measurements.append(
             {
                 "name": path.stem,
                 "shows": done.setup.shows,
                 "summary": done.summary,
-                "image": embedded(frequency_plots.small_png(measure.plot(done))),
+                "image": embedded(frequency_plots.small_png(measure_result.plot(done))),
             }
         )
     advice = advise.advise("laboratory", threads=threads)

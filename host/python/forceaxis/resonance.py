@@ -242,11 +242,11 @@ def _least_squares(f, target, start):
 
 def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):
     """What `forceaxis identify resonances --json` prints."""
-    from forceaxis import identify
+    from forceaxis import fit_response
 
     if not 0 < prominence_db < 200:
         raise InputError(f"--prominence-db: expected 0 to 200, got {prominence_db:g}")
-    data = identify.read_response(response, model)
+    data = fit_response.read_response(response, model)
     body = replace(data, output=rigid, free=True, overrides=overrides)
     found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
     zeros, poles, _ = found.cascade().zpk()
