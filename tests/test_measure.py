@@ -427,7 +427,7 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
     ("text", "words"),
     [
         ("colour = 3\n", "colour: expected one of model, title"),
-        ("level = -1\n", "level: expected a number > 0, got -1"),
+        ("level = -1\n", "level: expected a number > 0, below 1e6, got -1"),
         ('band_hz = "wide"\n', "band_hz: expected two rising frequencies"),
         ("averages = 4.5\n", "averages: expected a whole number"),
         ("set = 3\n", "set: expected a table of numbers"),
