@@ -612,7 +612,7 @@ def test_poles_verb():
         (["limit", "fig4_19", "--mode", "sensor=apart"], "expected a path from drive.command"),
         (["limit", "fig4_19", "--mode", "sensor=open"], "sensor: expected one of its states"),
         (["limit", "fig4_19", "--set", "m_x=1"], "parameters.m_x: expected one of"),
-        (["limit", "fig2_3", "--set", "b_m=1"], "--set: b_m: expected a parameter that"),
+        (["limit", "fig2_3", "--set", "b_m=1"], "parameters.b_m: expected a parameter that"),
         (["limit", "fig4_19", "--law", "pi"], "--integral-rad-per-s: expected with law pi"),
         (["limit", "fig4_19", "--lead-pole-hz", "9"], "--lead-pole-hz: expected for another law"),
         (["limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),

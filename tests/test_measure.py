@@ -395,7 +395,10 @@ LINE = {
     ),
     "window": (["fig3_12", "--excitation", "sine", "--window", "hann"], "expected none with sine"),
     "parameter": (["fig3_12", "--set", "nothing=1"], "nothing"),
-    "unused": (["fig3_12", "--plant-set", "k_g=1"], "set.k_g: expected a parameter that the model"),
+    "unused": (
+        ["fig3_12", "--plant-set", "k_g=1"],
+        "parameters.k_g: expected a parameter that the model",
+    ),
     "no output": (["fig4_19"], "output: expected the name of a signal"),
     "no model": (["fig9_9", "--output", "drive.current"], "fig9_9"),
     "no file": (["fig9_9.toml", "--output", "drive.current"], "fig9_9.toml"),

@@ -17,12 +17,12 @@
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
 #include "host/link/objects.hpp"
+#include "host/python/binding/model.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::ModeCache;
 using forceaxis::sim::Model;
-using forceaxis::sim::Override;
 using forceaxis::sim::Plant;
 using forceaxis::sim::SimulationError;
 
@@ -38,11 +38,9 @@ constexpr double kLargest = 1e15;  // of any recorded value; beyond it nothing i
 
 class Excited {
  public:
-  Excited(const std::filesystem::path &file, const std::map<std::string, double> &overrides,
-          std::uint64_t seed, int parts, bool clamped) {
-    std::vector<Override> changes;
-    for (const auto &[name, value] : overrides) changes.push_back({name, value});
-    Model loaded = forceaxis::sim::load_model(file, changes);
+  Excited(const std::filesystem::path &file, const Overrides &overrides, std::uint64_t seed,
+          int parts, bool clamped) {
+    Model loaded = load(file, overrides);
     if (clamped) {
       for (const auto &contact : loaded.contacts)
         loaded.springs.push_back(
@@ -198,10 +196,9 @@ void add_excite(py::module_ &m) {
       "A plant under excitation, with its state kept from one call to the next: volts() puts volts "
       "into the drive, in steps of 1/(1500 parts) s; write() and codes() run the firmware instead "
       "(parts = 1). The drive is enabled from the first step on. clamped: contacts pull as well.")
-      .def(py::init<const std::filesystem::path &, const std::map<std::string, double> &,
-                    std::uint64_t, int, bool>(),
-           py::arg("model"), py::arg("overrides") = std::map<std::string, double>{},
-           py::arg("seed") = 0, py::arg("parts") = 1, py::arg("clamped") = false)
+      .def(py::init<const std::filesystem::path &, const Overrides &, std::uint64_t, int, bool>(),
+           py::arg("model"), py::arg("overrides") = Overrides{}, py::arg("seed") = 0,
+           py::arg("parts") = 1, py::arg("clamped") = false)
       .def("volts", &Excited::volts, py::arg("volts"), py::arg("signals"),
            "Plays (n,) volts, each held for one step. Returns (len(signals), n): the signals just "
            "after each new voltage acts. Raises SimulationError.")

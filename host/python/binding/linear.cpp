@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "host/python/binding/model.hpp"
+
 namespace py = pybind11;
 using forceaxis::sim::kGround;
 using forceaxis::sim::LinearMode;
@@ -21,14 +23,6 @@ using forceaxis::sim::Model;
 void add_linear(py::module_ &m);
 
 namespace {
-
-using Overrides = std::map<std::string, double>;
-
-Model load(const std::filesystem::path &file, const Overrides &overrides) {
-  std::vector<forceaxis::sim::Override> values;
-  for (const auto &[name, value] : overrides) values.push_back({name, value});
-  return forceaxis::sim::load_model(file, values);
-}
 
 py::dict linear(const std::filesystem::path &file, const std::vector<std::string> &inputs,
                 const std::vector<std::string> &outputs, const Overrides &overrides,

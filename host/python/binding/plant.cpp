@@ -11,10 +11,11 @@
 #include <string>
 #include <vector>
 
+#include "host/python/binding/model.hpp"
+
 namespace py = pybind11;
 using forceaxis::sim::Event;
 using forceaxis::sim::Model;
-using forceaxis::sim::Override;
 using forceaxis::sim::Plant;
 using forceaxis::sim::PlantOptions;
 using forceaxis::sim::SensorCodes;
@@ -23,16 +24,12 @@ py::dict energy_dict(const forceaxis::sim::EnergyAudit &e);  // core.cpp
 
 namespace {
 
-std::unique_ptr<Plant> make_plant(const std::filesystem::path &model,
-                                  const std::map<std::string, double> &overrides,
+std::unique_ptr<Plant> make_plant(const std::filesystem::path &model, const Overrides &overrides,
                                   std::uint64_t seed, bool audit) {
-  std::vector<Override> changes;
-  for (const auto &[name, value] : overrides) changes.push_back({name, value});
   PlantOptions options;
   options.audit = audit;
   options.seed = seed;
-  return std::make_unique<Plant>(
-      std::make_shared<const Model>(forceaxis::sim::load_model(model, changes)), options);
+  return std::make_unique<Plant>(std::make_shared<const Model>(load(model, overrides)), options);
 }
 
 py::tuple codes(Plant &plant) {
@@ -67,9 +64,8 @@ void add_plant(py::module_ &m) {
                     "Wrong models raise InputError, plants that cannot be stepped on "
                     "SimulationError.")
       .def(
-          py::init(&make_plant), py::arg("model"),
-          py::arg("overrides") = std::map<std::string, double>{}, py::arg("seed") = 0,
-          py::arg("audit") = false,
+          py::init(&make_plant), py::arg("model"), py::arg("overrides") = Overrides{},
+          py::arg("seed") = 0, py::arg("audit") = false,
           "`overrides` replaces parameters of the model file, `seed` is that of its noise, `audit` "
           "keeps the energy balance.")
       .def("step", &Plant::step, py::arg("code"), py::arg("enable") = true,

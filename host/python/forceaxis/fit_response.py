@@ -204,7 +204,6 @@ def read_response(path, model, held=None, **given):
     `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded,
     and `held`, {parameter: value}, adds to it. Raises InputError.
     """
-
     path = Path(path)
     file = path / "response.npz" if path.is_dir() else path
     given = {key: value for key, value in given.items() if value is not None}

@@ -460,6 +460,7 @@ class Bench:
 
 
 def unstable(where, text):
+    """The InputError of a response that grows."""
     return InputError(
         f"{where}: excitation: expected a response that settles, got an unstable excitation: {text}"
         "; lower the level, or close a loop that holds the axis"
@@ -554,12 +555,6 @@ def measure_setup(setup, where, plant_set=None):
     nothing = np.zeros(0)
     overrides = dict(setup.set)
     facts = linear.facts(setup.model, overrides)
-    for name in [*overrides, *(plant_set or {})]:
-        if name not in facts["parameters"]:
-            raise InputError(
-                f"{where}: set.{name}: expected a parameter that the model uses: "
-                + ", ".join(facts["parameters"])
-            )
     units = facts["signals"] | {
         "adc0": "count",
         "adc1": "count",
