@@ -87,7 +87,7 @@ def generate_header(table):
             )
         out.append(f"}} {type_name};\n\n")
     out.append(
-        "/* First 32 bits of the table's SHA-256: two programs with the same one mean the same. */\n"
+        "/* First 32 bits of the table's SHA-256: programs with the same one mean the same. */\n"
         f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
         f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n\n'
     )

@@ -31,8 +31,8 @@ begins with `{digest}`.
 * **address**: CANopen index:sub-index in hexadecimal, then the Modbus register: h holding, i input.
   The sub-index 0 of an index that has others reads the highest of them, where it is no object.
 * **type** with the unit of one raw step; **range** and **default** are raw values x unit.
-* **access**: rw, ro, wo; *s*: kept by the parameter store; *p*: a PDO may carry it; then when a write
-  is taken, always if nothing is said. `+id`: the node id is added to the default.
+* **access**: rw, ro, wo; *s*: kept by the parameter store; *p*: a PDO may carry it; then when a
+  write is taken, always if nothing is said. `+id`: the node id is added to the default.
 * An object written as `name_1..n` is n objects; their addresses follow each other.
 
 """
@@ -176,8 +176,8 @@ def generate_man(table):
         '.TH FORCEAXIS\\-OBJECTS 7 2026\\-01\\-01 forceaxis "forceaxis manual"\n',
         ".SH NAME\nforceaxis\\-objects \\- objects of the axis firmware and their addresses\n",
         ".SH DESCRIPTION\n"
-        "Each object has a name, an address in CANopen (index:sub\\-index, hexadecimal) and most a\n"
-        "Modbus register (h holding, i input, hexadecimal).\n"
+        "Each object has a name, an address in CANopen (index:sub\\-index, hexadecimal) and most\n"
+        "a Modbus register (h holding, i input, hexadecimal).\n"
         "Ranges and defaults are engineering values: raw value times unit.\n"
         "s: kept by the parameter store.\n"
         "p: a PDO may carry it.\n"

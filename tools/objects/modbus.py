@@ -32,8 +32,8 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
   otherwise; a request that reads or writes one half of it is refused. Negative values are two's
   complement over the object's registers; an 8-bit one is extended to 16 bits.
 * Engineering value = raw value x unit. One request sees the values of one tick.
-* Exceptions: 1 function, 2 address, 3 value out of range, 4 not in this state or another bus owns the
-  axis (`command_source`), 6 busy. A refused request changes nothing.
+* Exceptions: 1 function, 2 address, 3 value out of range, 4 not in this state or another bus owns
+  the axis (`command_source`), 6 busy. A refused request changes nothing.
 * `object_table_hash` reads {digest} with this table: compare it before you write.
 
 """
@@ -59,9 +59,11 @@ def generate_csv(table):
     for space in ("holding", "input"):
         for address, name, o, _ in rows(table, space == "holding"):
             sheet.writerow(
-                [space, address, register_width(o), name, o["type"], o["unit"]]
-                + [repr(float(o["scale"])), o["min"], o["max"], o["access"], o["writable"]]
-                + [o["meaning"], values_text(o, ";")]
+                [
+                    *(space, address, register_width(o), name, o["type"], o["unit"]),
+                    *(repr(float(o["scale"])), o["min"], o["max"], o["access"], o["writable"]),
+                    *(o["meaning"], values_text(o, ";")),
+                ]
             )
     return out.getvalue()
 

@@ -1,6 +1,7 @@
 """The object table: read, checked, every default filled in."""
 
 import hashlib
+import itertools
 import re
 import tomllib
 from typing import NamedTuple
@@ -394,7 +395,7 @@ def registers(entries, writable):
         for _, name, o, i in expand(entries)
         if o["modbus"] is not None and (o["access"] == "rw") == writable
     )
-    for (first, width, name), (second, _, other) in zip(found, found[1:], strict=False):
+    for (first, width, name), (second, _, other) in itertools.pairwise(found):
         if first + width > second:
             fail(f"object {other}", "modbus", f"expected an unused register, {name} is there")
     return found

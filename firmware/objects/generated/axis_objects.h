@@ -637,7 +637,7 @@ typedef struct {
   uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
 } device_signals_t;
 
-/* First 32 bits of the table's SHA-256: two programs with the same one mean the same. */
+/* First 32 bits of the table's SHA-256: programs with the same one mean the same. */
 #define AXIS_OBJECTS_HASH32 UINT32_C(0xb8e0eb11)
 #define AXIS_OBJECTS_HASH_TEXT "b8e0eb11"
 
