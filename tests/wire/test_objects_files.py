@@ -146,6 +146,7 @@ def test_the_lists_of_the_data_sheet_follow_the_ranges_of_cia_301(sheet):
     for key, text in sheet["OptionalObjects"].items():
         outside = key == "SupportedObjects" or not 0x2000 <= int(text, 0) <= 0x5FFF
         assert outside
+    assert set(sheet["DummyUsage"].values()) == {"1"}
     info = sheet["DeviceInfo"]
     assert (info["NrOfRXPDO"], info["NrOfTXPDO"]) == ("4", "4")
     assert info["BaudRate_1000"] == "1" and info["LSS_Supported"] == "0"
@@ -361,6 +362,8 @@ def test_cantools_names_modes_and_states(dbc):
     assert dbc.decode_message(0x706, b"\x05") == {"nmt_state": "operational"}
     assert dbc.decode_message(0x000, b"\x81\x03") == {"nmt_command": "reset_node", "nmt_node": 3}
     assert dbc.decode_message(0x084, bytes.fromhex("1123210600000000"))["emcy_code"] == 0x2311
+    lost = dbc.decode_message(0x081, bytes.fromhex("3081110800000000"))
+    assert lost == {"emcy_code": "heartbeat_lost", "emcy_register": 0x11, "emcy_info": 8}
     assert dbc.get_message_by_frame_id(0x80).length == 0
     assert dbc.get_message_by_name("AXIS1_TPDO1").cycle_time == default_of(*AT[0x1800, 5][1:])
 
@@ -422,17 +425,58 @@ def test_fixed_registers(modbus, space):
     assert {a: found.get(a) for a in FIXED[space]} == FIXED[space]
 
 
+# CiA 402, statusword: bits 0 to 15, as the map names them.
+STATUSWORD = [
+    "ready_to_switch_on",
+    "switched_on",
+    "operation_enabled",
+    "fault",
+    "voltage_enabled",
+    "quick_stop",
+    "switch_on_disabled",
+    "warning",
+    "manufacturer_8",
+    "remote",
+    "target_reached",
+    "internal_limit_active",
+    "mode_12",
+    "mode_13",
+    "manufacturer_14",
+    "manufacturer_15",
+]
+
+
+def sources():
+    """All of the protocols' C."""
+    return "".join(p.read_text() for p in sorted((ROOT / "firmware/proto").glob("*.[ch]")))
+
+
+def test_every_error_code_of_the_firmware_has_its_name_in_the_table():
+    named = {value: text for value, text in AT[0x603F, 0][1]["values"]}
+    faults = re.findall(r"\[AXIS_FAULT_(\w+)\] = (0x\w{4}),", sources())
+    assert {name.lower() for name, _ in faults} == set(AT[0x2021, 0][1]["enum"])
+    for name, code in faults:
+        assert named[int(code, 16)] == name.lower()
+    others = re.findall(r"\bEMCY_(\w+) = (0x\w{4})\b", sources())
+    assert others
+    for name, code in others:
+        assert int(code, 16) in named, name
+
+
 @pytest.mark.parametrize("kind", ["coil", "discrete"])
 def test_bits_are_those_of_the_firmware(modbus, kind):
-    """The server's own enum says the same as the table."""
-    server = (ROOT / "firmware/proto/modbus.h").read_text()
-    names = re.findall(rf"\bMODBUS_{kind.upper()}_(\w+) = (\d+)", server)
-    in_c = {name.lower(): int(value) for name, value in names if name != "COUNT"}
+    """The server's own enum says the same as the table; it names the statusword's bits as one."""
+    names = re.findall(rf"\bMODBUS_{kind.upper()}_(\w+) = (\d+)", sources())
+    in_c = {name.lower(): int(value) for name, value in names}
     generated = (GENERATED / "axis_objects.h").read_text()
     names = re.findall(rf"\bAXIS_{kind.upper()}_(\w+) = (\d+)", generated)
     in_header = {name.lower(): int(value) for name, value in names}
     in_map = {r["name"]: int(r["address"]) for r in modbus if r["space"] == kind}
     assert in_map == in_header
+    assert in_c.pop("count") == len(in_map)
+    if kind == "discrete":
+        first = in_c.pop("statusword")
+        assert [in_map.pop(name) for name in STATUSWORD] == list(range(first, first + 16))
     assert in_map == in_c
 
 
@@ -495,7 +539,7 @@ int main(void) {
 
 
 def test_the_firmware_has_the_same_addresses(tmp_path):
-    """The tables of the firmware, compiled and printed; objects count from 1 in the table's order."""
+    """The firmware's tables, compiled and printed; objects count from 1 in the table's order."""
     (tmp_path / "probe.c").write_text(PROBE)
     source = GENERATED / "axis_objects.c"
     command = ["cc", "-std=c11", f"-I{ROOT}", tmp_path / "probe.c", source]

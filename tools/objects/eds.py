@@ -155,7 +155,7 @@ def generate(table):
     out = [
         section("FileInfo", file_info()),
         section("DeviceInfo", device_info(found)),
-        section("DummyUsage", ((f"Dummy{i:04X}", 0) for i in range(1, 8))),
+        section("DummyUsage", ((f"Dummy{i:04X}", 1) for i in range(1, 8))),
         section("Comments", [("Lines", len(lines)), *lines]),
     ]
     for name in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):

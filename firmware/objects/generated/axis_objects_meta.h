@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "b8e0eb11ddd27406aed2fafe854322e0b2d2790d3665b33fb938b4eced5e33ce"
+#define AXIS_OBJECTS_HASH "d94860de036a21aaf5c66bb660c2242d3a11cc76f7bac27c795d321726b67544"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */

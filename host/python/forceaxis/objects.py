@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "b8e0eb11ddd27406aed2fafe854322e0b2d2790d3665b33fb938b4eced5e33ce"
+OBJECTS_HASH = "d94860de036a21aaf5c66bb660c2242d3a11cc76f7bac27c795d321726b67544"
 
 OBJECTS = (
     AxisObject(
@@ -1693,7 +1693,27 @@ OBJECTS = (
         node_id=False,
         mappable=True,
         enum=(),
-        values=(),
+        values=(
+            (0, "none"),
+            (21808, "store_failed"),
+            (24592, "source_lost"),
+            (25376, "parameter_refused"),
+            (29440, "adc_range"),
+            (29445, "sensor_invalid"),
+            (29456, "overspeed"),
+            (33040, "can_overrun"),
+            (33056, "can_passive"),
+            (33072, "heartbeat_lost"),
+            (33088, "can_off"),
+            (33296, "pdo_short"),
+            (33312, "pdo_long"),
+            (33344, "sync_length"),
+            (33360, "pdo_timeout"),
+            (34321, "following_error"),
+            (34322, "limit_switches"),
+            (65285, "enable_lost"),
+            (65286, "force_max"),
+        ),
     ),
     AxisObject(
         number=69,
