@@ -29,11 +29,12 @@ The map of the RTU server in the firmware and of the TCP server at the gateway; 
 axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unless told `-0`).
 
 * A 32-bit object takes two registers, the higher half first unless `modbus_word_order` says
-  otherwise; a request that reads or writes one half of it is refused. Negative values are two's
-  complement over the object's registers; an 8-bit one is extended to 16 bits.
+  otherwise; a request for one half of it is refused. Negative values are two's complement over the
+  object's registers; an 8-bit one is extended to 16 bits.
 * Engineering value = raw value x unit. One request sees the values of one tick.
-* Exceptions: 1 function, 2 address, 3 value out of range, 4 not in this state or another bus owns
-  the axis (`command_source`), 6 busy. A refused request changes nothing.
+* Exceptions: 1 function, 2 no such register or bit, 3 value out of range or half of a 32-bit
+  object, 4 not in this state or another bus owns the axis (`command_source`), 6 the store is at
+  work. A refused request changes nothing.
 * `object_table_hash` reads {digest} with this table: compare it before you write.
 
 """

@@ -574,7 +574,7 @@ typedef struct {
   int16_t target_force; /* wanted contact force [per mille] */
   uint16_t force_limit; /* bound of the target force [per mille] */
   uint16_t limit_cycle_losses; /* contacts lost within one second that count as a limit cycle; 0 means off [1] */
-  int8_t modes_of_operation; /* requested mode of operation; 0 none; those below 0 are this firmware's own [1] */
+  int8_t modes_of_operation; /* requested mode of operation; those below 0 are this firmware's own [1] */
   uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
   int8_t homing_method; /* 35 or 37: where the axis stands [1] */
   uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
@@ -660,8 +660,8 @@ typedef struct {
 } device_signals_t;
 
 /* First 32 bits of the table's SHA-256: programs with the same one mean the same. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xd94860de)
-#define AXIS_OBJECTS_HASH_TEXT "d94860de"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x1be28f5f)
+#define AXIS_OBJECTS_HASH_TEXT "1be28f5f"
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };

@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "d94860de036a21aaf5c66bb660c2242d3a11cc76f7bac27c795d321726b67544"
+#define AXIS_OBJECTS_HASH "1be28f5f03fa4739d99bde8b55020adf377841acb36ad81e81df0d0343c83bd4"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -170,7 +170,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x6041, 0, 0, 0},
     {68, 2, "error_code", "signal", "drive", "CiA 402 code of the latched fault, 0 without one", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x603F, 0, 2, 0},
-    {69, 1, "modes_of_operation", "parameter", "drive", "requested mode of operation; 0 none; those below 0 are this firmware's own", "i8", "1",
+    {69, 1, "modes_of_operation", "parameter", "drive", "requested mode of operation; those below 0 are this firmware's own", "i8", "1",
      1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "rw", "any", "", 0x6060, 0, 1, 0},
     {70, 1, "modes_of_operation_display", "signal", "drive", "mode of operation in force", "i8", "1",
      1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "ro", "any", "", 0x6061, 0, 1, 0},

@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "d94860de036a21aaf5c66bb660c2242d3a11cc76f7bac27c795d321726b67544"
+OBJECTS_HASH = "1be28f5f03fa4739d99bde8b55020adf377841acb36ad81e81df0d0343c83bd4"
 
 OBJECTS = (
     AxisObject(
@@ -1720,7 +1720,7 @@ OBJECTS = (
         name="modes_of_operation",
         kind="parameter",
         part="drive",
-        meaning="requested mode of operation; 0 none; those below 0 are this firmware's own",
+        meaning="requested mode of operation; those below 0 are this firmware's own",
         type="i8",
         unit="1",
         scale=1.0,
