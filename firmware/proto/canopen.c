@@ -31,8 +31,8 @@ static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   }
 }
 
+/* `value` is not read before it was sent or received once. */
 static void init_pdo(pdo_t *pdo) {
-  pdo->value = 0;
   pdo->bits = 0;
   pdo->pending = 0;
   pdo->syncs = 0;
@@ -381,10 +381,11 @@ void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(can
 /* --- parameters ------------------------------------------------------------------------------- */
 
 /* CiA 301, table of restricted CAN-IDs. */
+enum { RESTRICTED = 6 };
 static const struct {
   uint16_t first;
   uint16_t last;
-} restricted[] = {
+} restricted[RESTRICTED] = {
     {0x000, 0x07F},                 /* NMT, and reserved for safety */
     {0x101, 0x180}, {0x581, 0x5FF}, /* SDO, from the server */
     {0x601, 0x67F},                 /* SDO, to the server */
@@ -392,7 +393,7 @@ static const struct {
 };
 
 static bool is_restricted(uint16_t id) {
-  for (uint8_t i = 0; i < sizeof(restricted) / sizeof(restricted[0]); i++) {
+  for (uint8_t i = 0; i < RESTRICTED; i++) {
     if (id >= restricted[i].first && id <= restricted[i].last) {
       return true;
     }
