@@ -17,10 +17,8 @@ static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8)
 static uint8_t entry_bits(uint32_t entry) { return (uint8_t)fx_field(entry, 0, 8); }
 
 static bool is_mappable(const axis_object_t *object, bool transmit) {
-  if (object->block == AXIS_BLOCK_NONE || object->block == AXIS_BLOCK_CANOPEN_PARAMETER) {
-    return false;
-  }
-  return transmit ? object->access != AXIS_ACCESS_WO : object->access != AXIS_ACCESS_RO;
+  const uint8_t refusing = transmit ? AXIS_ACCESS_WO : AXIS_ACCESS_RO;
+  return object->mappable != 0 && object->access != refusing;
 }
 
 /* FW_OK and the object (none: a dummy), or why the entry cannot be mapped. */

@@ -6,10 +6,10 @@
  *
  * Mapping: COB-ID with bit 31, mapped 0, entries, mapped n, COB-ID without bit 31. An entry is
  * refused (FW_ERROR_STATE) while its PDO is valid or `mapped` is not 0; so is `mapped` while the
- * PDO is valid. Into an RPDO go objects that can be written, and the dummies 0001h..0007h; into a
- * TPDO objects that can be read; into neither a command or a parameter of communication
- * (1000h..1FFFh). An entry 0 is empty and may be written, but not be among those mapped. All
- * together 64 bits. A TPDO or RPDO with nothing mapped is valid and does nothing.
+ * PDO is valid. Into an RPDO go mappable objects that can be written, and the dummies
+ * 0001h..0007h; into a TPDO mappable objects that can be read. An entry 0 is empty and may be
+ * written, but not be among those mapped. All together 64 bits. A TPDO or RPDO with nothing mapped
+ * is valid and does nothing.
  *
  * COB-IDs: 11 bits. Bits 0 to 29 do not change while the PDO is valid (FW_ERROR_STATE); one that
  * CiA 301 restricts is refused when it would become valid (FW_ERROR_RANGE). Bit 30 may be written
