@@ -18,8 +18,7 @@ typedef struct canopen canopen_t;
 #define SDO_ABORT_COMMAND UINT32_C(0x05040001)    /* block transfer; a segment out of turn */
 #define SDO_ABORT_WRITE_ONLY UINT32_C(0x06010001) /* a command cannot be read */
 #define SDO_ABORT_READ_ONLY UINT32_C(0x06010002)
-#define SDO_ABORT_NO_OBJECT UINT32_C(0x06020000)  /* no such index; or to be mapped and not there \
-                                                   */
+#define SDO_ABORT_NO_OBJECT UINT32_C(0x06020000)  /* no such index, or none to map */
 #define SDO_ABORT_MAPPING UINT32_C(0x06040041)    /* cannot be mapped into this PDO */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042) /* the objects mapped do not fit */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)  /* two heartbeat consumers for one node */
