@@ -33,6 +33,11 @@ static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a - (uint32_t)b);
 }
 
+/* a + b modulo 2^32. Overflow: wraps, which is the purpose. */
+static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
+  return fx_s32_from_u32((uint32_t)a + (uint32_t)b);
+}
+
 /* --- saturation ------------------------------------------------------------------------------- */
 
 /* x limited to low..high; low <= high. Overflow: cannot. */
@@ -233,8 +238,7 @@ static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
     return most;
   }
   /* A distance below 2^37 loses at most its lowest six bits, and only if it does not fit. */
-  return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n
-                                         : (uint32_t)(d_q16 >> 6) / n << 6);
+  return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
 }
 
 /* --- ratios of two parameters -------------------------------------------------------------------
