@@ -38,7 +38,9 @@ static void enter(cia402_t *drive, uint8_t state) {
   if (state == drive->signals.drive_state) {
     return;
   }
-  cia402_leave_mode(drive);
+  if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+    cia402_leave_mode(drive);
+  }
   drive->outside_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     /* What was asked for before a fault must be asked for again. */
@@ -61,9 +63,31 @@ static void derive(cia402_t *drive) {
 }
 
 void cia402_init(cia402_t *drive) {
-  *drive = (cia402_t){0};
+  /* Field by field: all at once would ask the compiler for memset. */
+  drive->origin_cnt = 0;
+  drive->setpoint = (cia402_setpoint_t){0};
+  drive->buffered = (cia402_setpoint_t){0};
+  drive->outside_tick = 0;
+  drive->velocity_sum = 0;
+  for (uint8_t i = 0; i < CIA402_MEAN_TICKS; i++) {
+    drive->velocities[i] = 0;
+  }
+  drive->velocity_next = 0;
+  drive->contact = (contact_t){0};
+  drive->lent = (cia402_lent_t){0};
+  drive->tracking = CIA402_TRACKING_NONE;
+  drive->leaving = 0;
+  drive->leaving_to = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
+  drive->fault = AXIS_FAULT_NONE;
+  drive->controlled = 0;
+  drive->limited = 0;
+  drive->position_written = 0;
+  drive->velocity_written = 0;
+  drive->force_written = 0;
   value_store_defaults(&drive->params, AXIS_BLOCK_DRIVE_PARAMETER);
   value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
+  profile_set(&drive->trajectory, drive->signals.position_actual);
+  cia402_leave_mode(drive);
   derive(drive);
 }
 
@@ -176,7 +200,8 @@ static void react(cia402_t *drive, axis_t *axis) {
 
 void cia402_before(cia402_t *drive, axis_t *axis) {
   drive->limited = 0;
-  if (is_powered(state_of(drive))) {
+  if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
+      state_of(drive) == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     watch_following(drive, axis);
   } else if (wants_other_mode(drive)) {
     change_mode(drive);
