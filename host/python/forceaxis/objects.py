@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "1be28f5f03fa4739d99bde8b55020adf377841acb36ad81e81df0d0343c83bd4"
+OBJECTS_HASH = "c17a122d57309a590fbd39cad489f7ad3808939948922c7671a9dc6951800aa3"
 
 OBJECTS = (
     AxisObject(
@@ -2583,7 +2583,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -2607,7 +2607,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -2631,7 +2631,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=2250000,
         access="rw",
@@ -2867,7 +2867,7 @@ OBJECTS = (
         name="contact_force",
         kind="parameter",
         part="drive",
-        meaning="reading above which the axis counts as in contact",
+        meaning="magnitude of the reading above which the axis counts as in contact",
         type="i32",
         unit="count",
         scale=0.00390625,
@@ -3039,7 +3039,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -3179,7 +3179,7 @@ OBJECTS = (
         name="contact",
         kind="signal",
         part="drive",
-        meaning="1 while the reading is above contact_force",
+        meaning="1 while the magnitude of the reading is above contact_force",
         type="u8",
         unit="1",
         scale=1.0,
