@@ -9,7 +9,9 @@ _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_HEAD_BYTES + STORE_
                                                  (unsigned)STORE_ENTRY_BYTES * AXIS_OBJ_COUNT,
                "a sector holds every stored parameter");
 
-#define MAGIC UINT32_C(0x31534146) /* "FAS1" */
+/* First word of a record: a set of parameters, or the wish for none. */
+#define MAGIC_SET UINT32_C(0x31534146)       /* "FAS1" */
+#define MAGIC_FORGOTTEN UINT32_C(0x31464146) /* "FAF1" */
 
 enum { PIECE_BYTES = 16, READ_BACK_BYTES = 64, BLANK = 0xFF };
 
@@ -18,6 +20,7 @@ enum { STEP_IDLE, STEP_ERASE, STEP_BLANK, STEP_HEAD, STEP_ENTRIES, STEP_CRC, STE
 /* The head of a record, and where it is. */
 typedef struct {
   uint32_t begin;
+  uint32_t magic;
   uint32_t hash;
   uint32_t sequence;
   uint32_t entries; /* bytes */
@@ -71,7 +74,11 @@ static uint32_t record_bytes(uint32_t entries) {
 
 /* Whether a whole record begins here, in a sector that ends there. */
 static bool read_record(const store_t *store, uint32_t at, uint32_t end, record_t *record) {
-  if (end - at < record_bytes(0) || word_at(store, at) != MAGIC) {
+  if (end - at < record_bytes(0)) {
+    return false;
+  }
+  record->magic = word_at(store, at);
+  if (record->magic != MAGIC_SET && record->magic != MAGIC_FORGOTTEN) {
     return false;
   }
   record->begin = at;
@@ -179,7 +186,7 @@ uint8_t store_load(store_t *store, fw_t *fw) {
     return AXIS_STORE_STATE_FAILED;
   }
   settle(store, record.begin);
-  if (record.entries == 0) {
+  if (record.magic == MAGIC_FORGOTTEN) {
     return AXIS_STORE_STATE_EMPTY;
   }
   store->set = record.begin;
@@ -310,7 +317,7 @@ static bool step_blank(store_t *store) {
 
 static bool step_head(store_t *store) {
   uint8_t head[STORE_HEAD_BYTES];
-  fx_store_le(&head[0], MAGIC, 4);
+  fx_store_le(&head[0], (store->forget != 0) ? MAGIC_FORGOTTEN : MAGIC_SET, 4);
   fx_store_le(&head[4], AXIS_OBJECTS_HASH32, 4);
   fx_store_le(&head[8], store->sequence, 4);
   fx_store_le(&head[12], store->entries, 4);
@@ -366,7 +373,7 @@ static bool step_read_back(store_t *store) {
   }
   store->home = store->sector;
   store->tail = end + STORE_CRC_BYTES - store->sector * store->memory->sector_bytes;
-  store->set = store->begin;
+  store->set = (store->forget != 0) ? STORE_NOWHERE : store->begin;
   store->step = STEP_IDLE;
   return true;
 }

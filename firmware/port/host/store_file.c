@@ -76,21 +76,31 @@ static bool erase_sector(void *context, uint8_t sector) {
                      STORE_FILE_SECTOR_BYTES);
 }
 
+static bool is_blank(store_file_t *store_file, uint32_t count) {
+  bool blank = true;
+  for (uint32_t i = 0; i < count; i++) {
+    uint8_t byte;
+    read_bytes(store_file, i, &byte, 1);
+    blank = blank && byte == 0xFF;
+  }
+  return blank;
+}
+
 /* A file that was just made, or whose making was cut off, holds nothing yet. */
-static const char *check_size(int file) {
+static const char *check_contents(store_file_t *store_file) {
+  const int file = store_file->file;
   struct stat status;
   if (fstat(file, &status) != 0) {
     return strerror(errno);
   }
-  if (!S_ISREG(status.st_mode) || status.st_size > FILE_BYTES) {
+  if (S_ISREG(status.st_mode) && status.st_size == FILE_BYTES) {
+    return NULL;
+  }
+  if (!S_ISREG(status.st_mode) || status.st_size > FILE_BYTES ||
+      !is_blank(store_file, (uint32_t)status.st_size)) {
     return "expected a parameter store of 32768 bytes";
   }
-  const uint32_t size = (uint32_t)status.st_size;
-  const uint32_t whole = size - size % CHUNK_BYTES;
-  if (size < FILE_BYTES && !erase_range(file, whole, FILE_BYTES - whole)) {
-    return strerror(errno);
-  }
-  return NULL;
+  return erase_range(file, 0, FILE_BYTES) ? NULL : strerror(errno);
 }
 
 const char *store_file_open(store_file_t *store_file, const char *path) {
@@ -99,14 +109,14 @@ const char *store_file_open(store_file_t *store_file, const char *path) {
     return strerror(errno);
   }
   const char *wrong = (flock(file, LOCK_EX | LOCK_NB) == 0) ? NULL : "another process has it";
+  store_file->file = file;
   if (wrong == NULL) {
-    wrong = check_size(file);
+    wrong = check_contents(store_file);
   }
   if (wrong != NULL) {
     close(file);
     return wrong;
   }
-  store_file->file = file;
   store_file->memory = (store_memory_t){
       .context = store_file,
       .sector_bytes = STORE_FILE_SECTOR_BYTES,
