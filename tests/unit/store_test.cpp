@@ -183,8 +183,8 @@ class Axis {
       const axis_object_t &entry = axis_objects[i];
       if (entry.stored == 0 || static_cast<int>(random() % 100) >= percent) continue;
       const bool u32 = entry.type == AXIS_TYPE_U32;
-      const int64_t low = u32 ? static_cast<uint32_t>(entry.min) : entry.min;
-      const int64_t high = u32 ? static_cast<uint32_t>(entry.max) : entry.max;
+      const int64_t low = u32 ? int64_t{static_cast<uint32_t>(entry.min)} : int64_t{entry.min};
+      const int64_t high = u32 ? int64_t{static_cast<uint32_t>(entry.max)} : int64_t{entry.max};
       const int64_t value = low + static_cast<int64_t>(random()) % (high - low + 1);
       Write(i, static_cast<int32_t>(static_cast<uint32_t>(value)));  // may be refused
     }
