@@ -12,6 +12,9 @@ using std::chrono::milliseconds;
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
+// The plant takes so many records of no use before it looks at the clock.
+constexpr unsigned kUselessWithoutClock = 16;
+
 // The firmware looks at the clock when nothing came, and else every so many calls.
 constexpr unsigned kCallsPerLook = 512;
 
@@ -38,7 +41,9 @@ std::string axes_text(unsigned axes) {
 unsigned PlantExchange::take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                              milliseconds wait) {
   std::array<LinkOutputs, 2 * kMostAxes> came;
+  const std::uint64_t foreign = transport_.foreign();
   const std::size_t n = transport_.receive(came, wait);
+  idle_ = n == 0 && transport_.foreign() == foreign;
   unsigned answered = 0;
   for (std::size_t k = 0; k < n; ++k) {
     for (std::size_t i = 0; i < inputs.size(); ++i) {
@@ -59,13 +64,11 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   transport_.send(inputs);
   statistics_.sent += inputs.size();
   unsigned missing = (1U << inputs.size()) - 1;
-  // What is usual needs no clock.
-  while (missing != 0) {
-    const std::uint64_t before = statistics_.received + transport_.foreign();
+  // What is usual needs no clock: answers, and now and then a late one of the tick before.
+  for (unsigned useless = 0; missing != 0;) {
     const unsigned answered = take(inputs, outputs, kFirstRepeat) & missing;
     missing &= ~answered;
-    if (missing != 0 && answered == 0 &&
-        (heard_ == 0 || statistics_.received + transport_.foreign() == before)) {
+    if (answered == 0 && (idle_ || ++useless == kUselessWithoutClock)) {
       wait_on(inputs, outputs, missing);
       break;
     }
@@ -73,7 +76,7 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   for (const LinkInputs &in : inputs) heard_ |= bit(in.axis);
 }
 
-// Nothing came in the first wait: repeat what is missing until it comes or the time is over.
+// The answer is late: repeat what is missing until it comes or the time is over.
 void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                             unsigned missing) {
   using Clock = std::chrono::steady_clock;
@@ -94,13 +97,13 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
       }
     }
     if (silent != 0) {
-      throw LinkSilent("axis_node (" + axes_text(silent) + ") silent for " +
-                       seconds_text(allowed) + " at tick " + std::to_string(inputs[0].tick) +
+      throw LinkSilent("axis_node (" + axes_text(silent) + ") silent for " + seconds_text(allowed) +
+                       " at tick " + std::to_string(inputs[0].tick) +
                        ((heard_ & silent) != 0 ? ": it ended or hangs"
                                                : ": it never answered; is it running, on this "
                                                  "link and with this run id?"));
     }
-    if (stop && stop()) throw LinkSilent("stopped while waiting for axis_node");
+    if (late) late();
     if (now >= repeat_at) {
       for (std::size_t i = 0; i < inputs.size(); ++i) {
         if ((missing >> i & 1U) == 0) continue;

@@ -41,21 +41,24 @@ class PlantExchange {
       : transport_(transport), timeouts_(timeouts) {}
 
   // One tick of some axes. outputs[i] becomes the answer to inputs[i]. Throws LinkSilent naming the
-  // axes that did not answer in time, TransportError. `stop` is asked while waiting; true ends the
-  // wait with LinkSilent.
+  // axes that did not answer in time, TransportError.
   void exchange(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs);
 
-  std::function<bool()> stop;
+  // Called now and then while an answer is late; what it throws ends the exchange.
+  std::function<void()> late;
+
   LinkStatistics statistics() const;
 
  private:
-  void wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs, unsigned missing);
+  void wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
+               unsigned missing);
   unsigned take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                 std::chrono::milliseconds wait);
 
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
+  bool idle_ = false;   // nothing at all came in the last wait
   unsigned heard_ = 0;  // bit axis - 1: it has answered before
 };
 

@@ -94,10 +94,9 @@ RunResult PlantSide::finish() {
   metrics_.force_ripple_count = force_.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
   metrics_.position_ripple_count = position_.peak_to_peak();
   metrics_.contact_losses = contact_losses(plant_) - losses_before_window_;
-  metrics_.in_contact =
-      !contact_forces_.empty() &&
-      std::all_of(contact_forces_.begin(), contact_forces_.end(),
-                  [this](std::size_t i) { return plant_.signal_at(i) > 0; });
+  metrics_.in_contact = !contact_forces_.empty() &&
+                        std::all_of(contact_forces_.begin(), contact_forces_.end(),
+                                    [this](std::size_t i) { return plant_.signal_at(i) > 0; });
   if (!contact_forces_.empty()) metrics_.final_force_N = plant_.signal_at(contact_forces_.front());
 
   result_.fault = enum_text(AXIS_OBJ_FAULT, first_fault_);
@@ -108,8 +107,7 @@ RunResult PlantSide::finish() {
   result_.edge_margin = plant_.edge_margin();
   result_.trace_hash = hash_.hex();
   if (experiment_->criterion) {
-    result_.verdict =
-        judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
+    result_.verdict = judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
   }
   return std::move(result_);
 }

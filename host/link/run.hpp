@@ -55,7 +55,7 @@ struct RunResult {
   std::vector<sim::Event> events;  // the first 100,000
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;
-  double edge_margin = 0;  // LSB
+  double edge_margin = 0;     // LSB
   std::string trace_hash;     // hex, the plant's side
   std::string firmware_hash;  // the firmware's side, if RunOptions asks for it
   Metrics metrics;

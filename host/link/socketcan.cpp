@@ -105,8 +105,8 @@ class CanTransport : public Transport<Out, In> {
       messages[i].msg_hdr.msg_iov = &parts[i];
       messages[i].msg_hdr.msg_iovlen = 1;
     }
-    const int n = recvmmsg(socket_, messages.data(), static_cast<unsigned>(most), MSG_WAITFORONE,
-                           nullptr);
+    const int n =
+        recvmmsg(socket_, messages.data(), static_cast<unsigned>(most), MSG_WAITFORONE, nullptr);
     if (n < 0) {
       if (errno == EAGAIN || errno == EINTR) return 0;
       throw TransportError(interface_ + ": expected to be able to receive, " + why(errno));
@@ -185,8 +185,8 @@ std::optional<LinkInputs> link_inputs_of(const can_frame &frame) {
   in.tick = frame.can_id >> kTickShift & (kTicksInId - 1);
   in.din = frame.can_id >> kDinShift & 15;
   in.sensor_valid = frame.can_dlc == kInputBytes;
-  in.encoder_cnt = static_cast<std::int32_t>(get16(frame.data) |
-                                             static_cast<std::uint32_t>(get16(frame.data + 2)) << 16);
+  in.encoder_cnt = static_cast<std::int32_t>(
+      get16(frame.data) | static_cast<std::uint32_t>(get16(frame.data + 2)) << 16);
   in.adc0_code = get16(frame.data + 4);
   in.adc1_code = get16(frame.data + 6);
   return in;
