@@ -274,7 +274,8 @@ def report(out, threads, as_json):
     name="bench",
     cls=Verb,
     epilog="""forceaxis bench --case A --tool forceaxis --tool odeint
-    forceaxis bench --check""",
+    forceaxis bench --check
+    forceaxis bench --link""",
 )
 @click.option(
     "--case", "cases", multiple=True, type=click.Choice(["A", "B", "full"]), help="Default: all."
@@ -290,18 +291,36 @@ def report(out, threads, as_json):
 @click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
 @click.option("--linear", is_flag=True, help="Also frequency responses, critical gains, advice.")
 @click.option(
+    "--link",
+    "links",
+    is_flag=True,
+    help="Only the lock-step's rate over LCM and SocketCAN, as a share of a ping-pong between two "
+    "bare programs; exit status 1 unless what is promised holds.",
+)
+@click.option(
     "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
 )
 @as_json
-def bench_(cases, tools, repeat, sweeps, linear, check, as_json):
+def bench_(cases, tools, repeat, sweeps, linear, links, check, as_json):
     """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
 
     Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
     the contact force is from an independent extended-precision integration. Run it on an idle
     machine.
     """
-    from forceaxis import bench
+    from forceaxis import bench, bench_link
 
+    if links:
+        rows = bench_link.run(min(repeat, 10))
+        checks = bench_link.check(rows)
+        if as_json:
+            told = [{"check": text, "held": held} for text, held in checks]
+            click.echo(json.dumps({"link": rows, "checks": told}))
+        else:
+            click.echo("\n".join(bench_link.describe(rows)))
+            for text, held in checks:
+                click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
+        sys.exit(not all(held for _, held in checks))
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
     result = bench.run(
