@@ -90,8 +90,9 @@ LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
   return out;
 }
 
-LinkOutputs FirmwareSide::lose_sensors() {
+LinkOutputs FirmwareSide::lose_sensors(std::uint8_t axis) {
   LinkInputs in = last_;
+  in.axis = axis;
   in.tick = next_tick();
   in.sensor_valid = 0;
   return run_tick(in);

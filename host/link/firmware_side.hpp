@@ -32,7 +32,7 @@ class FirmwareSide {
 
   // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
   // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
-  LinkOutputs lose_sensors();
+  LinkOutputs lose_sensors(std::uint8_t axis);
 
   // Ends the trace hash.
   std::string hash() { return hash_.hex(); }

@@ -93,7 +93,8 @@ int run(const nodes::NodeOptions &options, bool serving) {
     silent |= now_silent;
     for (const auto &axis : axes) {
       if ((now_silent >> (axis->number - 1) & 1U) == 0) continue;
-      const host::LinkOutputs out = axis->firmware.lose_sensors();
+      const host::LinkOutputs out =
+          axis->firmware.lose_sensors(static_cast<std::uint8_t>(axis->number));
       transport->send({&out, 1});
       ++lost_records;
       axis->lost = nodes::JsonObject()
