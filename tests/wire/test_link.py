@@ -212,10 +212,13 @@ def test_one_flipped_bit_changes_the_result(can):
     assert hashes(flipped["axis"]) != [in_process(SHORT)]
 
 
-def test_a_refused_write_is_told_by_the_other_process():
-    file = ROOT / "sim" / "experiments" / "position_step.toml"
+def test_what_the_firmware_refuses_is_told_by_the_other_process(tmp_path):
+    file = tmp_path / "refused.toml"
+    text = EXPERIMENT.read_text().replace("../models", str(ROOT / "sim" / "models"))
+    file.write_text(f"{text}\n[[at]]\ntime_s = 0.5\nfirmware = {{ adc_bits = 8 }}\n")
     plain = json.loads(forceaxis("run", file, "--json").stdout)
     over = json.loads(forceaxis("run", file, "--link", "lcm", "--json").stdout)
+    assert plain["refused"][0]["object"] == "adc_bits" and plain["refused"][0]["tick"] == 750
     for key in ("trace_hash", "refused", "metrics", "energy", "fault", "verdict", "events"):
         assert over[key] == plain[key]
     done = forceaxis(
