@@ -15,6 +15,7 @@ A bad table ends with status 2 and one line: file, object, key, what was expecte
 
 import argparse
 import hashlib
+import itertools
 import json
 import re
 import sys
@@ -235,7 +236,7 @@ def registers(entries, writable):
             width = 2 if TYPES[o["type"]][0] == 4 else 1
             found.append((o["modbus"] + i * width, width, name))
     found.sort()
-    for (first, width, name), (second, _, other) in zip(found, found[1:], strict=False):
+    for (first, width, name), (second, _, other) in itertools.pairwise(found):
         if first + width > second:
             fail(f"object {other}", "modbus", f"expected an unused register, {name} is there")
     return found
@@ -355,7 +356,7 @@ def generate_header(entries, specials, digest):
             )
         out.append(f"}} {type_name};\n\n")
     out.append(
-        "/* First 32 bits of the table's SHA-256: two programs with the same one mean the same. */\n"
+        "/* First 32 bits of the table's SHA-256: programs that have the same mean the same. */\n"
         f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
         f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n\n'
     )

@@ -581,7 +581,7 @@ typedef struct {
   uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
 } device_signals_t;
 
-/* First 32 bits of the table's SHA-256: two programs with the same one mean the same. */
+/* First 32 bits of the table's SHA-256: programs that have the same mean the same. */
 #define AXIS_OBJECTS_HASH32 UINT32_C(0x77157e4f)
 #define AXIS_OBJECTS_HASH_TEXT "77157e4f"
 
