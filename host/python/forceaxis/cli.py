@@ -11,7 +11,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
 
-from forceaxis import cli_frequency, cli_identify, experiments, new, objects, paths, sweeps, tables
+from forceaxis import (
+    cli_frequency,
+    cli_identify,
+    cli_live,
+    experiments,
+    new,
+    objects,
+    paths,
+    sweeps,
+    tables,
+)
 from forceaxis._core import InputError, SimulationError
 from forceaxis.cli_common import File, Folder, Verb, as_json, threads
 
@@ -351,7 +361,7 @@ def objects_(pattern, as_json):
         click.echo(f"{o.name:26} {o.access:3} {o.meaning} [{span}{when}]")
 
 
-for verb in (*cli_frequency.VERBS, cli_identify.identify):
+for verb in (*cli_frequency.VERBS, cli_identify.identify, *cli_live.VERBS):
     cli.add_command(verb)
 
 

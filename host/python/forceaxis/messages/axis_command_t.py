@@ -80,7 +80,7 @@ class axis_command_t(object):
 
         self.timeout_us = 0
         """
-        how long the client waits in all; the gateway drops what is older than that by wall_utime, so
+        how much longer the client waits; the gateway drops what is older than that by wall_utime, so
         that nothing moves late
         LCM Type: int64_t
         """
