@@ -170,8 +170,8 @@ def info(log_path, as_json):
 def export(log_path, out, csv, npz, as_json):
     """Write states, events, commands, captures, clock and truth of a log as CSV and NPZ.
 
-    One table per channel, named as it is; each capture is one of its own, AXIS_1_CAPTURE_1. Units are
-    in the columns' names: force_cnt_q8 is in 1/256 of a count, force_count in counts, time_s in
+    One table per channel, named as it is; each capture is one of its own, AXIS_1_CAPTURE_1. Units
+    are in the columns' names: force_cnt_q8 is in 1/256 of a count, force_count in counts, time_s in
     seconds. What was not available or got lost is an empty field, in NPZ nan.
     """
     from forceaxis import log_tables
