@@ -14,7 +14,7 @@ from textual.widgets import Footer, Static
 from forceaxis import charts, paths
 from forceaxis._core import InputError
 from forceaxis.captures import unit_of
-from forceaxis.watch import STALE_S, clock_word
+from forceaxis.watch import STALE_S, clock_word, known
 
 SMALLEST = (60, 16)
 FULL, COMPACT, SLIM = 8, 4, 3  # heights of a panel, with its border
@@ -64,7 +64,7 @@ class AxisPanel(Static):
 
     def show(self, words, heard_age_s, height, chosen):
         """Draws `words` (AxisWatch.words, None: only other messages were heard)."""
-        width = max(10, self.size.width - 4)
+        width = max(10, self.content_size.width)
         silent = words is None or heard_age_s > STALE_S
         state = (words or {}).get("drive_state") or "no state yet"
         colour = QUIET if silent else STATE_COLOURS.get(state, WARN)
@@ -81,17 +81,14 @@ class AxisPanel(Static):
             self.border_subtitle = ""
             self.update(Text("commands heard, no state", style=QUIET))
             return
-        lost = f" · lost {words['lost']}" if words["lost"] else ""
+        lost = f" · [bold {BAD}]lost {words['lost']}[/]" if words["lost"] else ""
         self.border_subtitle = f"{age(words['age_s'])} · {words['rate_per_s']:.0f}/s{lost}"
         lines = {FULL: full, COMPACT: compact, SLIM: slim}[height](words, width)
         if words["objects_mismatch"]:
             lines[-1] = Text(words["objects_mismatch"], style=f"bold {BAD}")
             if len(words["objects_mismatch"]) > width:
-                theirs, ours = (
-                    words["objects_mismatch"].split()[2],
-                    words["objects_mismatch"].split()[6],
-                )
-                lines[-1] = Text(f"object table {theirs}, here {ours}", style=f"bold {BAD}")
+                theirs, ours = (words["objects_mismatch"].split()[i] for i in (2, 6))
+                lines[-1] = Text(f"table {theirs}, here {ours}", style=f"bold {BAD}")
         for line in lines:
             line.truncate(width, overflow="ellipsis")
         self.update(Text("\n").join(lines))
@@ -109,7 +106,7 @@ def mode_text(words):
     mode, native = words["mode"], words["native_mode"]
     text = Text(mode or "mode -", style=VALUE)
     if native:
-        text.append(f" · {native} law", style=QUIET)
+        text.append(" · no law" if native == "disabled" else f" · {native} law", style=QUIET)
     return text
 
 
@@ -117,8 +114,10 @@ def fault_text(words):
     fault, code = words["fault"], words["error_code"]
     if fault in (None, "none") and not code:
         return Text("fault -" if fault is None else "no fault", style=QUIET)
-    known = "" if not code else f" · {code:04X}h"
-    return Text(f"FAULT {fault or '-'}{known}", style=f"bold {BAD}")
+    name = fault if fault not in (None, "none") else ""
+    return Text(
+        " ".join(t for t in ("FAULT", name, f"{code:04X}h" if code else "") if t), f"bold {BAD}"
+    )
 
 
 def limit_text(words):
@@ -151,16 +150,14 @@ def force_value(words):
 
 
 def row(name, value, note=""):
-    return Text.assemble(
-        (f"{name:9}", QUIET), (f"{value:>15}", VALUE), ("  " + note if note else "", QUIET)
-    )
+    return Text.assemble((f"{name:9}", QUIET), (f"{value:>13}", VALUE), (f" {note}", QUIET))
 
 
 def full(words, width):
     owner = words["command_source"]
     count = "" if words["force_cnt"] is None else f"{words['force_cnt']:.2f} count"
-    if words["target_force_permille"] is not None and words["force_permille"] is not None:
-        count = f"{words['force_permille'] / 10:g} of {words['target_force_permille'] / 10:g} %"
+    if words["target_force_N"] is not None:
+        count = f"target {words['target_force_N']:.1f}"
     speed = signed(words["velocity_cnt_per_s"])
     flags = contact_text(words)
     for bit in words["status"] or ():
@@ -203,7 +200,11 @@ def slim(words, width):
         (f" {signed(words['position_cnt'])}", VALUE),
         (f" {signed(words['dac_code'])}", QUIET),
     )
-    return [spread(width, values, trouble_text(words))]
+    trouble = trouble_text(words)
+    if words["limit_cycle"]:
+        trouble = Text("LIMIT CYCLE", style=f"bold {BAD}")
+    trouble.truncate(16, overflow="ellipsis")
+    return [spread(width, values, trouble)]
 
 
 class Monitor(App):
@@ -382,22 +383,25 @@ class Monitor(App):
             lost = sum(a.lost() for a in axes)
             rivals = [a.number for a in axes if a.rivals()]
             clock, received = self.watch.clock, self.watch.received
-        text = Text("forceaxis ", style="bold")
-        text.append(self.source.name, style=QUIET)
-        if self.source.replayed:
-            text.append(f" · {self.source.position_s():.1f} s", style=QUIET)
-            if self.source.ended:
-                text.append(" · END", style=f"bold {WARN}")
-        text.append(f" · {received} messages", style=QUIET)
-        text.append(f" · lost {lost}", style=f"bold {BAD}" if lost else QUIET)
-        if clock is not None:
-            speed = clock.speed_permille / 1000
-            text.append(f" · simulator {clock_word(clock)} x {speed:.2f}", style=QUIET)
+        text = Text("forceaxis", style="bold")
         if rivals:
             named = ", ".join(map(str, rivals))
             text.append(f" · TWO PUBLISHERS on axis {named}", style=f"bold {BAD}")
         if self.source.trouble:
             text.append(f" · {self.source.trouble}", style=f"bold {BAD}")
+        text.append(f" · lost {lost}", style=f"bold {BAD}" if lost else QUIET)
+        if self.source.replayed:
+            text.append(f" · at {self.source.position_s():.1f} s", style=QUIET)
+            if self.source.ended:
+                text.append(" · END", style=f"bold {WARN}")
+        if clock is not None:
+            speed = (
+                ""
+                if known(clock.speed_permille) is None
+                else f" x {clock.speed_permille / 1e3:.2f}"
+            )
+            text.append(f" · simulator {clock_word(clock)}{speed}", style=QUIET)
+        text.append(f" · {received} messages · {self.source.name}", style=QUIET)
         right = Text()
         if self.frozen:
             right.append(f" FROZEN {self.frozen} ", style=f"bold #121212 on {IS}")
@@ -457,17 +461,16 @@ class Monitor(App):
 def strip_charts(axis, width, height, now_us, span_s):
     """Force, position and codes over the last span_s, as many of them as fit."""
     now = now_us / 1e6
-    # The newest sample at the right edge: its age is in the panel.
     data = axis.trace.since(now - span_s)
     time_s = data["time"] - now
-    unit = "N" if axis.newtons_per_count() else "count"
+    unit = axis.forces()[2] if axis.state else ""
     plots = [
         ("force", unit, data["force"], data["force_target"], ("is", "target"), 1.0),
         ("position", "cnt", data["position"], data["position_target"], ("is", "target"), 10.0),
         ("code", "", data["code"], data["command"], ("out", "before limits"), 10.0),
     ]
     room = height - 1
-    count = 3 if room >= 11 else 2 if room >= 7 else 1
+    count = 3 if room >= 9 else 2 if room >= 6 else 1
     heights = [room // count + (1 if i < room % count else 0) for i in range(count)]
     parts = []
     for (name, measure, is_, wanted, legend, least), rows in zip(plots, heights, strict=False):

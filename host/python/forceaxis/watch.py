@@ -74,16 +74,7 @@ class AxisWatch:
     def take_state(self, state, wall_us):
         self.state, self.heard_us = state, wall_us
         self.arrivals.append(wall_us)
-        newtons = self.newtons_per_count()
-        force, target = known(state.force_cnt_q8), known(state.target_force_permille)
-        if force is not None:
-            force = force / 256 * (newtons or 1.0)
-        elif known(state.force_permille) is not None and known(state.rated_force_mN):
-            force = state.force_permille * state.rated_force_mN * 1e-6
-        if target is not None and newtons and known(state.rated_force_mN):
-            target = target * state.rated_force_mN * 1e-6
-        else:
-            target = None
+        force, target, _ = self.forces()
         self.trace.add(
             [
                 np.nan if v is None else v
@@ -99,10 +90,21 @@ class AxisWatch:
             ]
         )
 
-    def newtons_per_count(self):
-        """N per count of an 8-bit ADC; None where the gateway did not tell."""
-        scale = self.state and known(self.state.force_scale_uN)
-        return scale * 1e-6 if scale else None
+    def forces(self):
+        """(force, target, unit): in N where scale or rated force are known, else in counts; None
+        where not available."""
+        state = self.state
+        count, share = known(state.force_cnt_q8), known(state.force_permille)
+        wanted, rated = known(state.target_force_permille), known(state.rated_force_mN)
+        scale = known(state.force_scale_uN)
+        force, unit = (None if count is None else count / 256), "count"
+        if count is not None and scale:
+            force, unit = force * scale * 1e-6, "N"
+        elif share is not None and rated:
+            force, unit = share * rated * 1e-6, "N"
+        in_newtons = unit == "N" or force is None
+        target = wanted * rated * 1e-6 if wanted is not None and rated and in_newtons else None
+        return force, target, "N" if in_newtons else unit
 
     def age_s(self, now_us):
         """How old the drive's own values are: since the message came, and before it was sent."""
@@ -137,8 +139,8 @@ class AxisWatch:
         if state is None:
             return None
         say = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
-        newtons, force = self.newtons_per_count(), known(state.force_cnt_q8)
-        mode = known(state.mode_display)
+        count, mode = known(state.force_cnt_q8), known(state.mode_display)
+        force, target, unit = self.forces()
         return {
             "drive_state": say(state.statusword, drive_words.drive_state),
             "status": say(state.statusword, lambda w: drive_words.status_bits(w, mode)),
@@ -158,8 +160,9 @@ class AxisWatch:
             "target_position_cnt": known(state.target_position_cnt),
             "following_error_cnt": known(state.following_error_cnt),
             "velocity_cnt_per_s": known(state.velocity_cnt_per_s),
-            "force_cnt": None if force is None else force / 256,
-            "force_N": None if force is None or not newtons else force / 256 * newtons,
+            "force_cnt": None if count is None else count / 256,
+            "force_N": force if unit == "N" else None,
+            "target_force_N": target,
             "force_permille": known(state.force_permille),
             "target_force_permille": known(state.target_force_permille),
             "dac_code": known(state.dac_code),
