@@ -1,5 +1,6 @@
-"""What a gateway publishes, made up: states of several axes at a steady rate with known values, losses
-and faults, and answers to commands. A process of its own for the tests of monitor, logs and client.
+"""What a gateway publishes, made up: states of several axes at a steady rate with known values,
+losses and faults, and answers to commands. A process of its own for the tests of monitor, logs and
+client.
 
     gateway_stand_in.py --url URL --axes 1,2 --rate 50 --count 100 --drop 7 --double 11
 
@@ -12,7 +13,6 @@ import math
 import time
 
 import lcm
-
 from forceaxis.lcm_bus import NOT_AVAILABLE, TABLE_HASH, blank, channel_of, decode, new_run_id
 from forceaxis.messages import (
     axis_capture_t,
@@ -51,7 +51,9 @@ def state_of(axis, k, faulty=False, mismatch=False):
 def lively(s, axis, k):
     """The same with values worth looking at: what the screenshots show."""
     t = k / 50
-    wave = math.exp(-0.4 * (t % 8)) * math.sin(2 * math.pi * 1.3 * t) if axis != 2 else math.sin(9 * t)
+    wave = (
+        math.exp(-0.4 * (t % 8)) * math.sin(2 * math.pi * 1.3 * t) if axis != 2 else math.sin(9 * t)
+    )
     f = 30 + (6 if axis == 2 else 14) * wave
     s.force_cnt_q8, s.target_force_permille = round(256 * max(0, f)), 498
     s.force_permille = round(max(0, f) * 1.96 / 118 * 1000)

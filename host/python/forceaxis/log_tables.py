@@ -21,7 +21,8 @@ class Columns:
 
     def add(self, row):
         for name, value in row.items():
-            if value is None:
+            if value is None:  # a column all the same, so that tables of one type are alike
+                self._columns.setdefault(name, array("q"))
                 continue
             column = self._columns.get(name)
             wanted = {int: "q", float: "d"}.get(type(value))
@@ -147,7 +148,7 @@ def event_word(kind):
 
 
 def state_words(state):
-    """Drive state, modes, fault and limit of an axis_state_t as texts; None where not available."""
+    """Drive state, modes, fault and limit of an axis_state_t as texts, empty where not available."""
     say = {
         "drive_state": (state.statusword, drive_words.drive_state),
         "mode_text": (state.mode_display, drive_words.mode),
@@ -155,7 +156,7 @@ def state_words(state):
         "fault_text": (state.fault, lambda n: drive_words.enum("fault", n)),
         "limit_text": (state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
     }
-    return {k: None if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in say.items()}
+    return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in say.items()}
 
 
 def truth_rows(message):
