@@ -7,11 +7,16 @@ tools/test), else a port of its own with ttl 0.
 import asyncio
 import csv
 import ctypes
+import fcntl
 import json
+import os
+import pty
+import select
 import socket
 import struct
 import subprocess
 import sys
+import termios
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,7 +32,7 @@ from forceaxis.messages import axis_capture_t, axis_event_t, axis_state_t
 from forceaxis.monitor import AxisPanel, Monitor
 from forceaxis.sources import Live, Replay
 from forceaxis.watch import Watch
-from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, sample, state_of, truth
+from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, Gateway, sample, state_of, truth
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -412,6 +417,34 @@ def test_silence_a_silent_node_and_two_publishers_are_named(url):
     run_monitor(Live(watch, url), watch, steps)
 
 
+def test_the_command_runs_in_a_terminal_records_and_leaves_it_whole(url, tmp_path):
+    path, (ours, theirs) = tmp_path / "new" / "session.log", pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    settings, shown = termios.tcgetattr(theirs), b""
+    with gateway(url, axes="1,2"):
+        process = subprocess.Popen(
+            [FORCEAXIS, "monitor", "--url", url, "--record", path],
+            stdin=theirs, stdout=theirs, stderr=theirs, env=os.environ | {"TERM": "xterm-256color"},
+        )  # fmt: skip
+        end, asked = time.monotonic() + 15, False
+        while process.poll() is None and time.monotonic() < end:
+            if select.select([ours], [], [], 0.1)[0]:
+                shown += os.read(ours, 65536)
+            if b"operation enabled" in shown and path.stat().st_size > 20_000 and not asked:
+                os.write(ours, b"q")
+                asked = True
+        process.kill()
+    while select.select([ours], [], [], 0.1)[0]:
+        shown += os.read(ours, 65536)
+    assert process.returncode == 0
+    assert termios.tcgetattr(theirs) == settings
+    text = shown.decode(errors="replace")
+    assert "Traceback" not in text
+    assert f"{len(list(logs.LogReader(path)))} messages" in text
+    os.close(ours)
+    os.close(theirs)
+
+
 # --- one snapshot -------------------------------------------------------------------------------
 
 
@@ -719,6 +752,39 @@ def test_a_client_captures_what_the_recorder_holds(url):
             axis.capture(["no_such"])
         with pytest.raises(InputError, match="1 to 8"):
             axis.capture([])
+
+
+def test_a_capture_of_which_a_block_is_lost_says_so(url):
+    """The block of samples 64 to 127 does not come; the others are there, those are NaN."""
+    watch, gateway = Watch(), Gateway(url, [1])
+    source = Live(watch, url)
+    try:
+        gateway.capture(1, None, 200, lose=1)
+        assert until(lambda: 1 in watch.axes and watch.axes[1].capture)
+        assert until(lambda: len(watch.events) == 1)
+        _, held = watch.axes[1].capture
+        assert held.missing == 64 and not held.complete
+        values = held.values("force")
+        assert np.flatnonzero(np.isnan(values)).tolist() == list(range(64, 128))
+        assert values[128] == sample(1, 0, 128) / 256
+        assert watch.axes[1].lost() == 1
+    finally:
+        source.close()
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_watching(url):
+    watch = Watch()
+    source = Live(watch, url)
+    try:
+        source.record(Path("/dev/shm") / f"forceaxis-{os.getpid()}.log")
+        os.unlink(source.writer.path)
+        source.writer._file.close()
+        source.writer._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115
+        with gateway(url, axes="1", count=20):
+            assert until(lambda: watch.received > 10)
+        assert "No space left" in source.trouble and source.writer is None
+    finally:
+        source.close()
 
 
 def test_nobody_answers(url):

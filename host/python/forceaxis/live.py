@@ -33,6 +33,7 @@ from forceaxis.lcm_bus import (
 )
 from forceaxis.messages import axis_command_t, axis_event_t, axis_state_t
 
+STRAGGLERS_S = 1.0
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
@@ -161,18 +162,19 @@ class AxisClient:
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
         command_id = self._command_id
 
-        def ready():
-            held, ended = self._captures.get(command_id), self._ended(command_id)
-            if (held and held.complete) or (ended and ended.code < 0):
-                return held or ended
-            return None
+        def complete():
+            held = self._captures.get(command_id)
+            return held if held and held.complete else None
 
         with self._news:
-            found = self._await(ready, timeout_s)
-            held, ended = self._captures.get(command_id), self._ended(command_id)
+            found = self._await(lambda: complete() or self._ended(command_id), timeout_s)
+            if found is not None:
+                # Blocks may come after the event that ends it; those that are lost never do.
+                self._await(complete, STRAGGLERS_S)
+            held, ended = self._captures.pop(command_id, None), self._ended(command_id)
         if ended and ended.code < 0:
             raise Refused(ended)
-        if found is None and not (held and ended):
+        if found is None or held is None:
             raise self._silence(f"a capture within {timeout_s:g} s")
         return held
 
@@ -263,6 +265,8 @@ class AxisClient:
                 self._heard += 1
             elif message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
+                if len(self._captures) > 16:  # nobody waits for the oldest any more
+                    del self._captures[min(self._captures)]
             self._news.notify_all()
 
     def _await(self, ready, timeout_s):

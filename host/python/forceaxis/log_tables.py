@@ -148,7 +148,7 @@ def event_word(kind):
 
 
 def state_words(state):
-    """Drive state, modes, fault and limit of an axis_state_t as texts, empty where not available."""
+    """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
     say = {
         "drive_state": (state.statusword, drive_words.drive_state),
         "mode_text": (state.mode_display, drive_words.mode),

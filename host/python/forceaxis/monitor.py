@@ -79,7 +79,7 @@ class AxisPanel(Static):
         self.border_title = head
         if words is None:
             self.border_subtitle = ""
-            self.update(Text("commands heard, no state", style=QUIET))
+            self.update(Text("no state heard yet", style=QUIET))
             return
         lost = f" · [bold {BAD}]lost {words['lost']}[/]" if words["lost"] else ""
         self.border_subtitle = f"{age(words['age_s'])} · {words['rate_per_s']:.0f}/s{lost}"

@@ -3,6 +3,7 @@
 import threading
 import time
 
+from forceaxis import paths
 from forceaxis.lcm_bus import Bus, default_url, now_us
 from forceaxis.logs import LogReader, LogWriter, expect_messages
 
@@ -14,6 +15,7 @@ class Live:
 
     def __init__(self, watch, url=None, axis=None):
         self.watch, self.url, self.writer = watch, url or default_url(), None
+        self.unwritten = None  # why a recording ended of itself
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
         channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
@@ -25,7 +27,7 @@ class Live:
 
     @property
     def trouble(self):
-        return self._bus.trouble
+        return self._bus.trouble or self.unwritten
 
     def now_us(self):
         return now_us()
@@ -33,21 +35,28 @@ class Live:
     def _take(self, channel, data, wall_us):
         with self._lock:
             if self.writer:
-                self.writer.write(channel, data, wall_us)
+                try:
+                    self.writer.write(channel, data, wall_us)
+                except OSError as error:  # a full disk ends the recording, not the watching
+                    path, self.writer = self.writer.path, None
+                    self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
         self.watch.take(channel, data, wall_us)
 
     def record(self, path):
         """Begins a log; InputError where the file is there."""
         writer = LogWriter(path)
         with self._lock:
-            self.writer = writer
+            self.writer, self.unwritten = writer, None
 
     def stop_recording(self):
         """The finished LogWriter, or None."""
         with self._lock:
             writer, self.writer = self.writer, None
         if writer:
-            writer.close()
+            try:
+                writer.close()
+            except OSError as error:
+                self.unwritten = f"recording: {paths.display(writer.path)}: {error.strerror}"
         return writer
 
     def close(self):
