@@ -32,8 +32,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDERS = ("core", "fx", "app", "objects/generated")
-OPTIONAL_FOLDERS = ("proto",)
+FOLDERS = ("core", "fx", "app", "proto", "objects/generated")
 PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
 # What else there is below firmware/.
 OTHER_FILES = {"CMakeLists.txt", "objects/axis_objects.toml"}
@@ -47,8 +46,8 @@ HEAP = ("malloc", "calloc", "realloc", "aligned_alloc", "free", "alloca", "strdu
 MAY_INCLUDE = {
     "fx": ("fx/",),
     "core": ("core/", "fx/", "objects/generated/"),
-    "app": ("app/", "core/", "fx/", "objects/generated/"),
-    "proto": ("proto/", "app/", "core/", "fx/", "objects/generated/"),
+    "proto": ("proto/", "core/", "fx/", "objects/generated/"),
+    "app": ("app/", "proto/", "core/", "fx/", "objects/generated/"),
     "objects/generated": ("objects/generated/",),
 }
 # Helpers of the compiler that a target may call. None is needed.
@@ -280,8 +279,8 @@ def check_includes(root, findings):
 
 
 def folder_of(name):
-    """The folder of FOLDERS, OPTIONAL_FOLDERS or PORTS that a path below firmware/ lies in."""
-    for folder in (*FOLDERS, *OPTIONAL_FOLDERS, PORTS):
+    """The folder of FOLDERS or PORTS that a path below firmware/ lies in."""
+    for folder in (*FOLDERS, PORTS):
         if name.startswith(folder + "/"):
             return folder
     return None

@@ -1,9 +1,11 @@
 #include "firmware/app/fw.h"
 
-#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/core/value.h"
+#include "firmware/fx/fx.h"
+
+_Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 
 /* Where each block of the object table lies in fw_t. */
 static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
@@ -11,6 +13,12 @@ static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
     [AXIS_BLOCK_AXIS_SIGNAL] = (uint16_t)offsetof(fw_t, axis.signals),
     [AXIS_BLOCK_RECORDER_PARAMETER] = (uint16_t)offsetof(fw_t, recorder.params),
     [AXIS_BLOCK_RECORDER_SIGNAL] = (uint16_t)offsetof(fw_t, recorder.signals),
+    [AXIS_BLOCK_DRIVE_PARAMETER] = (uint16_t)offsetof(fw_t, drive.params),
+    [AXIS_BLOCK_DRIVE_SIGNAL] = (uint16_t)offsetof(fw_t, drive.signals),
+    [AXIS_BLOCK_CANOPEN_PARAMETER] = (uint16_t)offsetof(fw_t, canopen.params),
+    [AXIS_BLOCK_CANOPEN_SIGNAL] = (uint16_t)offsetof(fw_t, canopen.signals),
+    [AXIS_BLOCK_DEVICE_PARAMETER] = (uint16_t)offsetof(fw_t, device),
+    [AXIS_BLOCK_DEVICE_SIGNAL] = (uint16_t)offsetof(fw_t, device_signals),
 };
 
 static uint16_t object_offset(const axis_object_t *object) {
@@ -21,9 +29,9 @@ static bool object_exists(uint16_t object) {
   return object != AXIS_OBJ_NONE && object < AXIS_OBJ_COUNT;
 }
 
-static bool object_readable(int32_t object) {
-  return object > AXIS_OBJ_NONE && object < AXIS_OBJ_COUNT &&
-         axis_objects[object].access != AXIS_ACCESS_WO;
+/* Whether it has a value that can be read in any tick. */
+static bool object_readable(uint16_t object) {
+  return object_exists(object) && axis_objects[object].block != AXIS_BLOCK_NONE;
 }
 
 static recorder_channel_t object_channel(uint16_t object) {
@@ -31,14 +39,193 @@ static recorder_channel_t object_channel(uint16_t object) {
   return (recorder_channel_t){.offset = object_offset(entry), .type = entry->type};
 }
 
-void fw_init(fw_t *fw, void *recorder_buffer, uint32_t recorder_bytes) {
+/* Blocks that matter only to a firmware on a bus. */
+static bool is_of_axis(const axis_object_t *entry) {
+  return entry->block == AXIS_BLOCK_AXIS_PARAMETER || entry->block == AXIS_BLOCK_AXIS_SIGNAL ||
+         entry->block == AXIS_BLOCK_RECORDER_PARAMETER ||
+         entry->block == AXIS_BLOCK_RECORDER_SIGNAL;
+}
+
+static bool in_axis_or_recorder(uint16_t object) {
+  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
+         is_of_axis(&axis_objects[object]);
+}
+
+static void wake(fw_t *fw) {
+  if (fw->live == 0) {
+    fw->live = 1;
+    cia402_wake(&fw->drive, &fw->axis);
+  }
+}
+
+/* Every parameter and signal at its power-up value; what was stored replaces the defaults. */
+static void power_up(fw_t *fw) {
+  const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
   axis_init(&fw->axis);
-  recorder_init(&fw->recorder, recorder_buffer, recorder_bytes);
+  recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
+  cia402_init(&fw->drive);
+  canopen_init(&fw->canopen, node_id);
+  modbus_init(&fw->modbus, node_id);
+  value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
+  fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
+  fw->device_signals.node_id = node_id;
+  fw->canopen.signals.serial_number = fw->config.serial_number;
+  fw->source_silence = 0;
+  fw->device_signals.store_state = store_load(&fw->store, fw);
+}
+
+void fw_init(fw_t *fw, const fw_config_t *config) {
+  fw->config = *config;
+  fw->live = 0;
+  value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
+  store_init(&fw->store, config->memory);
+  power_up(fw);
+  if (config->buses != 0) {
+    wake(fw);
+    canopen_start(&fw->canopen);
+  }
+}
+
+static void carry_out_reset(fw_t *fw) {
+  const uint8_t reset = canopen_take_reset(&fw->canopen);
+  if (reset == CANOPEN_RESET_NONE) {
+    return;
+  }
+  if (reset == CANOPEN_RESET_NODE) {
+    const uint32_t ticks = fw->axis.signals.tick_count;
+    power_up(fw);
+    fw->axis.signals.tick_count = ticks;
+    cia402_wake(&fw->drive, &fw->axis);
+  } else {
+    canopen_init(&fw->canopen, fw->device_signals.node_id);
+    fw->canopen.signals.serial_number = fw->config.serial_number;
+    store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
+  }
+  canopen_start(&fw->canopen);
+}
+
+/* The lock: a foreign owner that is silent for too long loses the axis to canopen. */
+static void watch_source(fw_t *fw) {
+  if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
+    return;
+  }
+  fw->source_silence += 1;
+  if (fw->source_silence > fx_ticks_from_ms(fw->device.watchdog)) {
+    fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+    cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
+  }
+}
+
+static void serve_store(fw_t *fw) {
+  const uint8_t state = store_tick(&fw->store, fw);
+  if (state != AXIS_STORE_STATE_COUNT) {
+    if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
+      canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+    }
+    fw->device_signals.store_state = state;
+  }
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  if (fw->live == 0) {
+    axis_tick(&fw->axis, inputs, outputs);
+    recorder_tick(&fw->recorder, fw);
+    return;
+  }
+  watch_source(fw);
+  cia402_before(&fw->drive, &fw->axis);
   axis_tick(&fw->axis, inputs, outputs);
+  cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
+  if (fw->config.buses != 0) {
+    canopen_tick(&fw->canopen, fw);
+    modbus_tick(&fw->modbus, fw);
+    carry_out_reset(fw);
+  }
+  serve_store(fw);
+}
+
+void fw_can_receive(fw_t *fw, const can_frame_t *frame) {
+  canopen_receive(&fw->canopen, fw, frame);
+}
+
+bool fw_can_transmit(fw_t *fw, can_frame_t *frame) { return canopen_transmit(&fw->canopen, frame); }
+
+void fw_can_lost(fw_t *fw, uint16_t frames) { canopen_lost(&fw->canopen, fw, frames); }
+
+void fw_can_bus(fw_t *fw, uint8_t state) { canopen_bus(&fw->canopen, fw, state); }
+
+void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
+  modbus_receive(&fw->modbus, fw, bytes, count);
+}
+
+uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
+  return modbus_transmit(&fw->modbus, bytes, room);
+}
+
+/* One more, up to the largest number it can hold. */
+static void count_up(uint16_t *counter, uint16_t by) {
+  *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
+}
+
+void fw_overrun(fw_t *fw) {
+  count_up(&fw->device_signals.overruns, 1);
+  if (fw->config.buses != 0) {
+    canopen_emergency(&fw->canopen, FW_EMERGENCY_OVERRUN, 0);
+  }
+}
+
+void fw_source_alive(fw_t *fw, uint8_t source) {
+  if (source == fw->device.command_source) {
+    fw->source_silence = 0;
+  }
+}
+
+void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault) {
+  if (source == fw->device.command_source) {
+    fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+    cia402_owner_lost(&fw->drive, &fw->axis, fault);
+  }
+}
+
+const axis_address_t *fw_address(uint16_t index, uint8_t sub) {
+  uint16_t low = 0;
+  uint16_t high = AXIS_ADDRESSES_COUNT;
+  while (low < high) {
+    const uint16_t middle = fx_half(low + high);
+    const axis_address_t *address = &axis_addresses[middle];
+    if (address->index == index && address->sub == sub) {
+      return address;
+    }
+    if (address->index < index || (address->index == index && address->sub < sub)) {
+      low = (uint16_t)(middle + 1);
+    } else {
+      high = middle;
+    }
+  }
+  return NULL;
+}
+
+/* The number of the object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
+static uint16_t object_at(int32_t address) {
+  const uint32_t bits = (uint32_t)address;
+  const axis_address_t *found = fw_address((uint16_t)fx_field(bits, 8, 16), (uint8_t)bits);
+  return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
+}
+
+uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count) {
+  return recorder_bytes(&fw->recorder, offset, bytes, count);
+}
+
+const char *fw_text(const fw_t *fw, uint16_t index) {
+  switch (index) {
+    case 0x1008:
+      return "forceaxis";
+    case 0x1009:
+      return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
+    default:
+      return FW_VERSION " " AXIS_OBJECTS_HASH_TEXT;
+  }
 }
 
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
@@ -49,7 +236,8 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   if (entry->access == AXIS_ACCESS_WO) {
     return FW_ERROR_WRITE_ONLY;
   }
-  *value = value_load(fw, object_offset(entry), entry->type);
+  *value = (entry->block == AXIS_BLOCK_NONE) ? entry->initial
+                                             : value_load(fw, object_offset(entry), entry->type);
   return FW_OK;
 }
 
@@ -66,15 +254,46 @@ static bool writable_now(const fw_t *fw, const axis_object_t *entry) {
   }
 }
 
+static bool in_range(const axis_object_t *entry, int32_t value) {
+  if (entry->type == AXIS_TYPE_U32) {
+    return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
+  }
+  return value >= entry->min && value <= entry->max;
+}
+
+/* Only the owner writes; a bus takes the lock by writing its own number, the owner canopen's. */
+static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+  const uint8_t owner = fw->device.command_source;
+  if (source == FW_SOURCE_LOCAL) {
+    return false;
+  }
+  if (object == AXIS_OBJ_COMMAND_SOURCE) {
+    return value != source && !(source == owner && value == AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+  return source != owner;
+}
+
+/* A native mode over a bus would go round the state machine of the drive. */
+static int check_mode(const fw_t *fw, uint8_t source, int32_t value) {
+  const bool refused = source != FW_SOURCE_LOCAL || fw->axis.signals.fault != AXIS_FAULT_NONE;
+  return (value != AXIS_MODE_DISABLED && refused) ? FW_ERROR_STATE : FW_OK;
+}
+
 /* What a range alone cannot say. */
-static int check_rules(const fw_t *fw, uint16_t object, int32_t value) {
+static int check_rules(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   const axis_params_t *params = &fw->axis.params;
   bool in_range = true;
+  switch (axis_objects[object].block) {
+    case AXIS_BLOCK_DRIVE_PARAMETER:
+      return cia402_check(&fw->drive, &fw->axis, object, value);
+    case AXIS_BLOCK_CANOPEN_PARAMETER:
+      return canopen_check(&fw->canopen, object, value);
+    default:
+      break;
+  }
   switch (object) {
     case AXIS_OBJ_MODE:
-      return (value != AXIS_MODE_DISABLED && fw->axis.signals.fault != AXIS_FAULT_NONE)
-                 ? FW_ERROR_STATE
-                 : FW_OK;
+      return check_mode(fw, source, value);
     case AXIS_OBJ_FORCE_SIGN:
       in_range = value != 0;
       break;
@@ -93,7 +312,7 @@ static int check_rules(const fw_t *fw, uint16_t object, int32_t value) {
     case AXIS_OBJ_RECORDER_SIGNAL_7:
     case AXIS_OBJ_RECORDER_SIGNAL_8:
     case AXIS_OBJ_RECORDER_TRIGGER_SOURCE:
-      in_range = value == AXIS_OBJ_NONE || object_readable(value);
+      in_range = value == 0 || object_readable(object_at(value));
       break;
     default:
       break;
@@ -106,25 +325,40 @@ static int arm_recorder(fw_t *fw) {
   recorder_channel_t channels[RECORDER_CHANNELS];
   uint8_t count = 0;
   for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-    if (params->recorder_signal[i] != AXIS_OBJ_NONE) {
-      channels[count] = object_channel(params->recorder_signal[i]);
+    const uint16_t object = object_at((int32_t)params->recorder_signal[i]);
+    if (object != AXIS_OBJ_NONE) {
+      channels[count] = object_channel(object);
       count++;
+      if (!in_axis_or_recorder(object)) {
+        wake(fw);
+      }
     }
   }
   recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
   if (params->recorder_trigger_edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
-    if (params->recorder_trigger_source == AXIS_OBJ_NONE) {
+    const uint16_t source = object_at((int32_t)params->recorder_trigger_source);
+    if (source == AXIS_OBJ_NONE) {
       return FW_ERROR_RANGE;
     }
-    trigger = object_channel(params->recorder_trigger_source);
+    trigger = object_channel(source);
   }
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
 
 static int give_command(fw_t *fw, uint16_t object, int32_t value) {
-  if (object == AXIS_OBJ_FAULT_RESET) {
-    axis_fault_reset(&fw->axis);
-    return FW_OK;
+  switch (object) {
+    case AXIS_OBJ_FAULT_RESET:
+      axis_fault_reset(&fw->axis);
+      cia402_fault_reset(&fw->drive, &fw->axis);
+      return FW_OK;
+    case AXIS_OBJ_STORE_PARAMETERS:
+    case AXIS_OBJ_STORE_ALL:
+      return store_save(&fw->store, fw);
+    case AXIS_OBJ_RESTORE_DEFAULTS:
+    case AXIS_OBJ_RESTORE_ALL:
+      return store_forget(&fw->store);
+    default:
+      break;
   }
   if (value != 0) {
     return arm_recorder(fw);
@@ -133,7 +367,28 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
   return FW_OK;
 }
 
-int fw_object_write(fw_t *fw, uint16_t object, int32_t value) {
+/* Whoever depends on a parameter is told. */
+static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value) {
+  switch (axis_objects[object].block) {
+    case AXIS_BLOCK_AXIS_PARAMETER:
+      axis_parameter_written(&fw->axis, object, previous, value);
+      if (object == AXIS_OBJ_MODE) {
+        cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
+      }
+      break;
+    case AXIS_BLOCK_DRIVE_PARAMETER:
+      cia402_written(&fw->drive, &fw->axis, object, previous, value);
+      break;
+    case AXIS_BLOCK_CANOPEN_PARAMETER:
+      canopen_written(&fw->canopen, object, previous, value);
+      break;
+    default:
+      fw->source_silence = 0; /* the lock or its watchdog */
+      break;
+  }
+}
+
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   if (!object_exists(object)) {
     return FW_ERROR_NO_OBJECT;
   }
@@ -141,23 +396,29 @@ int fw_object_write(fw_t *fw, uint16_t object, int32_t value) {
   if (entry->access == AXIS_ACCESS_RO) {
     return FW_ERROR_READ_ONLY;
   }
-  if (value < entry->min || value > entry->max) {
+  if (!in_range(entry, value)) {
     return FW_ERROR_RANGE;
+  }
+  if (is_locked(fw, source, object, value)) {
+    return FW_ERROR_LOCKED;
   }
   if (!writable_now(fw, entry)) {
     return FW_ERROR_STATE;
   }
+  if (!in_axis_or_recorder(object)) {
+    wake(fw);
+  }
   if (entry->block == AXIS_BLOCK_NONE) {
     return give_command(fw, object, value);
   }
-  const int refusal = check_rules(fw, object, value);
+  const int refusal = check_rules(fw, source, object, value);
   if (refusal != FW_OK) {
     return refusal;
   }
   const uint16_t offset = object_offset(entry);
   const int32_t previous = value_load(fw, offset, entry->type);
   value_store(fw, offset, entry->type, value);
-  axis_parameter_written(&fw->axis, object, previous, value);
+  announce(fw, object, previous, value);
   return FW_OK;
 }
 

@@ -1,53 +1,76 @@
 #ifndef FIRMWARE_APP_FW_H_
 #define FIRMWARE_APP_FW_H_
 
-/* The firmware as every port and every simulation runs it: the axis, its recorder and its objects.
- * The caller owns the state; nothing here allocates, blocks or keeps globals. */
+/* The firmware as every port and every simulation runs it: the axis, its recorder and objects, the
+ * drive profile, the protocols and the parameter store. The caller owns the state; nothing here
+ * allocates, blocks or keeps globals. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/app/store.h"
 #include "firmware/core/axis.h"
 #include "firmware/core/recorder.h"
+#include "firmware/proto/access.h"
+#include "firmware/proto/can.h"
+#include "firmware/proto/canopen.h"
+#include "firmware/proto/cia402.h"
+#include "firmware/proto/modbus.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
 
+/* The firmware's own version; software_version adds the hash of the object table. */
+#define FW_VERSION "0.1.0"
+
+/* Emergencies that are no fault of the axis (CiA 301, 7.2.7.1; FF00h and above are ours). */
+enum { FW_EMERGENCY_STORE = 0x5530, FW_EMERGENCY_OVERRUN = 0xFF04 };
+
+/* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
 typedef struct {
+  void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
+  uint32_t recorder_bytes;
+  const store_memory_t *memory; /* NULL: parameters are not kept */
+  const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
+  uint32_t serial_number;
+  uint8_t node_id; /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
+  uint8_t buses;   /* 1: CANopen and Modbus are served */
+} fw_config_t;
+
+struct fw {
   axis_t axis;
   recorder_t recorder;
-} fw_t;
+  cia402_t drive;
+  canopen_t canopen;
+  modbus_t modbus;
+  store_t store;
+  device_params_t device;
+  device_signals_t device_signals;
+  fw_config_t config;
+  uint32_t source_silence; /* ticks since the owner's last valid request */
+  uint8_t live;            /* drive and protocols are served; see fw_tick() */
+};
 
-/* Refusals. A refused call changes nothing. */
-typedef enum {
-  FW_OK = 0,
-  FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
-  FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
-  FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
-  FW_ERROR_RANGE = -4,      /* outside the range of the object, or at odds with another one */
-  FW_ERROR_STATE = -5,      /* not in this state of the axis or the recorder */
-  FW_ERROR_NO_DATA = -6     /* no finished recording, or no sample of this index */
-} fw_error_t;
+/* Power-up: stored parameters, else defaults; axis disabled, recorder idle. */
+void fw_init(fw_t *fw, const fw_config_t *config);
 
-/* Power-up: every parameter at its default, axis disabled, recorder idle. The buffer stays with the
- * caller and must outlive fw; it needs no alignment and may be NULL with 0 bytes. */
-void fw_init(fw_t *fw, void *recorder_buffer, uint32_t recorder_bytes);
-
-/* One tick: axis_tick(), then the recorder. */
+/* One tick: drive, axis, recorder, protocols. A firmware on no bus whose objects beyond axis and
+ * recorder were never touched skips all but axis and recorder, which see no difference. */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits.
- * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
-int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
+/* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
+ * none); frames that were lost; the state of the bus, CAN_BUS_, at each change. */
+void fw_can_receive(fw_t *fw, const can_frame_t *frame);
+bool fw_can_transmit(fw_t *fw, can_frame_t *frame);
+void fw_can_lost(fw_t *fw, uint16_t frames);
+void fw_can_bus(fw_t *fw, uint8_t state);
 
-/* Writes a raw value or gives a command, between ticks; the next tick sees it.
- * FW_ERROR_RANGE: outside the object's range (nothing is clipped); force_sign 0; position_min above
- *   position_max; a recorder channel or trigger that is no readable object; recorder_arm with no
- *   channel, or with a pretrigger or length that the buffer does not hold.
- * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
- *   or done) while it is not; a mode other than disabled while a fault is latched.
- * The soft limits and position_setpoint are not checked against each other, in either order: a
- *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
-int fw_object_write(fw_t *fw, uint16_t object, int32_t value);
+/* Modbus RTU: bytes that were received; bytes to send, at most `room`, 0: none. */
+void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
+uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
+
+/* The port missed the time of a tick. */
+void fw_overrun(fw_t *fw);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
  * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or

@@ -87,6 +87,10 @@ void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *output
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
+/* Latches a fault from outside the axis (AXIS_FAULT_) as one of its own: unless another one is
+ * latched already, and off in the next tick. */
+void axis_fault(axis_t *axis, uint8_t fault);
+
 /* Clears the latched fault. The axis stays disabled until a mode is written. */
 void axis_fault_reset(axis_t *axis);
 

@@ -148,3 +148,24 @@ int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[REC
   }
   return recorder->channel_count;
 }
+
+uint32_t recorder_bytes(const recorder_t *recorder, uint32_t offset, uint8_t *bytes,
+                        uint32_t count) {
+  const recorder_signals_t *signals = &recorder->signals;
+  if (signals->recorder_state != AXIS_RECORDER_STATE_DONE) {
+    return 0;
+  }
+  const uint32_t all = signals->recorder_count * recorder->sample_bytes;
+  const uint32_t ring = signals->recorder_capacity * recorder->sample_bytes;
+  uint32_t given = 0;
+  while (given < count && offset < all) {
+    uint32_t at = recorder->first_index * recorder->sample_bytes + offset;
+    if (at >= ring) {
+      at -= ring;
+    }
+    bytes[given] = recorder->buffer[at];
+    given += 1;
+    offset += 1;
+  }
+  return given;
+}

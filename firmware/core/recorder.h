@@ -62,4 +62,9 @@ void recorder_tick(recorder_t *recorder, const void *base);
  * same 32 bits. Returns the number of channels, or -1 if it is not done or has no such sample. */
 int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 
+/* The same recording as bytes, oldest sample first: up to `count` of them from `offset`. Returns
+ * how many there were. */
+uint32_t recorder_bytes(const recorder_t *recorder, uint32_t offset, uint8_t *bytes,
+                        uint32_t count);
+
 #endif

@@ -169,6 +169,23 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 /* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
+/* --- time and fields ----------------------------------------------------------------------------
+ */
+
+/* Ticks of 1/1500 s that last at least this long. Rounding: up. Overflow: cannot, ms <= 2^31. */
+static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (ms & 1); }
+
+/* The same of multiples of 100 us, at most 65535. Rounding: up. Overflow: cannot. */
+static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3 + 19) / 20; }
+
+/* `width` (1..31) bits of a word from bit `first` (0..31) up. */
+static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
+  return (bits >> first) & (((uint32_t)1 << width) - 1);
+}
+
+/* floor(n / 2). */
+static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
+
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
 

@@ -11,9 +11,27 @@
 // One axis with good inputs: enable chain closed, sensors valid, everything 0.
 class AxisFixture : public ::testing::Test {
  protected:
-  AxisFixture() { fw_init(&fw_, buffer_.data(), buffer_.size()); }
+  AxisFixture() { PowerUp(); }
 
-  int Write(uint16_t object, int32_t value) { return fw_object_write(&fw_, object, value); }
+  void PowerUp() { PowerUp(buffer_.data(), static_cast<uint32_t>(buffer_.size())); }
+  void PowerUp(void *recorder_buffer, uint32_t recorder_bytes) {
+    fw_config_t config{};
+    config.recorder_buffer = recorder_buffer;
+    config.recorder_bytes = recorder_bytes;
+    fw_init(&fw_, &config);
+  }
+
+  int Write(uint16_t object, int32_t value) {
+    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
+  }
+
+  // How the recorder is told of an object: index times 256 plus sub-index.
+  static int32_t Address(uint16_t object) {
+    for (const axis_address_t &a : axis_addresses) {
+      if (a.what == AXIS_ADDRESS_OBJECT && a.value == object) return a.index * 256 + a.sub;
+    }
+    return 0xFFFFFF;  // none
+  }
 
   void Set(uint16_t object, int32_t value) {
     ASSERT_EQ(Write(object, value), FW_OK) << "object " << object << " value " << value;

@@ -13,7 +13,7 @@ class Axis : public AxisFixture {};
 
 TEST_F(Axis, PowerUpIsDisabledWithCodeZero) {
   std::memset(&fw_, 0xA5, sizeof(fw_));
-  fw_init(&fw_, buffer_.data(), buffer_.size());
+  PowerUp();
   EXPECT_EQ(Read(AXIS_OBJ_MODE), AXIS_MODE_DISABLED);
   for (int i = 0; i < 3; ++i) {
     outputs_ = {77, 1, 1};
@@ -415,7 +415,7 @@ TEST_F(Latency, SaturationIsReportedWithTheCodeItLimits) {
 // never did: the axis does not jump when the limit lets go.
 TEST_F(Latency, AChangeContinuesFromTheLimitedCode) {
   for (int latency : {0, 1}) {
-    fw_init(&fw_, buffer_.data(), buffer_.size());
+    PowerUp();
     Set(AXIS_OBJ_LATENCY_TICKS, latency);
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
     Set(AXIS_OBJ_OUTPUT_LIMIT, 100);

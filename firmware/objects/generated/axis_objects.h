@@ -73,7 +73,219 @@ enum {
   AXIS_OBJ_RECORDER_COUNT = 63,
   AXIS_OBJ_RECORDER_CAPACITY = 64,
   AXIS_OBJ_RECORDER_TRIGGER_INDEX = 65,
-  AXIS_OBJ_COUNT = 66 /* one past the last number */
+  AXIS_OBJ_CONTROLWORD = 66,
+  AXIS_OBJ_STATUSWORD = 67,
+  AXIS_OBJ_ERROR_CODE = 68,
+  AXIS_OBJ_MODES_OF_OPERATION = 69,
+  AXIS_OBJ_MODES_OF_OPERATION_DISPLAY = 70,
+  AXIS_OBJ_SUPPORTED_DRIVE_MODES = 71,
+  AXIS_OBJ_DRIVE_STATE = 72,
+  AXIS_OBJ_ABORT_CONNECTION_OPTION = 73,
+  AXIS_OBJ_QUICK_STOP_OPTION = 74,
+  AXIS_OBJ_SHUTDOWN_OPTION = 75,
+  AXIS_OBJ_DISABLE_OPERATION_OPTION = 76,
+  AXIS_OBJ_HALT_OPTION = 77,
+  AXIS_OBJ_FAULT_REACTION_OPTION = 78,
+  AXIS_OBJ_POSITION_DEMAND = 79,
+  AXIS_OBJ_POSITION_INTERNAL = 80,
+  AXIS_OBJ_POSITION_ACTUAL = 81,
+  AXIS_OBJ_FOLLOWING_ERROR_WINDOW = 82,
+  AXIS_OBJ_FOLLOWING_ERROR_TIMEOUT = 83,
+  AXIS_OBJ_POSITION_WINDOW = 84,
+  AXIS_OBJ_POSITION_WINDOW_TIME = 85,
+  AXIS_OBJ_TARGET_POSITION = 86,
+  AXIS_OBJ_HOME_OFFSET = 87,
+  AXIS_OBJ_POSITION_LIMIT_MIN = 88,
+  AXIS_OBJ_POSITION_LIMIT_MAX = 89,
+  AXIS_OBJ_POLARITY = 90,
+  AXIS_OBJ_FOLLOWING_ERROR = 91,
+  AXIS_OBJ_ENCODER_INCREMENTS = 92,
+  AXIS_OBJ_ENCODER_REVOLUTIONS = 93,
+  AXIS_OBJ_VELOCITY_SENSOR = 94,
+  AXIS_OBJ_VELOCITY_DEMAND = 95,
+  AXIS_OBJ_VELOCITY_ACTUAL = 96,
+  AXIS_OBJ_VELOCITY_WINDOW = 97,
+  AXIS_OBJ_VELOCITY_WINDOW_TIME = 98,
+  AXIS_OBJ_VELOCITY_THRESHOLD = 99,
+  AXIS_OBJ_VELOCITY_THRESHOLD_TIME = 100,
+  AXIS_OBJ_VELOCITY_MAX = 101,
+  AXIS_OBJ_TRAJECTORY_VELOCITY = 102,
+  AXIS_OBJ_TRAJECTORY_ACCELERATION = 103,
+  AXIS_OBJ_TRAJECTORY_DECELERATION = 104,
+  AXIS_OBJ_QUICK_STOP_DECELERATION = 105,
+  AXIS_OBJ_TARGET_VELOCITY = 106,
+  AXIS_OBJ_TARGET_FORCE = 107,
+  AXIS_OBJ_FORCE_LIMIT = 108,
+  AXIS_OBJ_FORCE_DEMAND = 109,
+  AXIS_OBJ_RATED_FORCE = 110,
+  AXIS_OBJ_FORCE_ACTUAL = 111,
+  AXIS_OBJ_CURRENT_ACTUAL = 112,
+  AXIS_OBJ_FORCE_SLOPE = 113,
+  AXIS_OBJ_FORCE_SCALE = 114,
+  AXIS_OBJ_CONTACT_FORCE = 115,
+  AXIS_OBJ_APPROACH_VELOCITY_MAX = 116,
+  AXIS_OBJ_STIFFNESS = 117,
+  AXIS_OBJ_DAMPING = 118,
+  AXIS_OBJ_HOMING_METHOD = 119,
+  AXIS_OBJ_HOMING_SPEED_1 = 120,
+  AXIS_OBJ_HOMING_SPEED_2 = 121,
+  AXIS_OBJ_HOMING_ACCELERATION = 122,
+  AXIS_OBJ_HOMING_METHODS_1 = 123,
+  AXIS_OBJ_HOMING_METHODS_2 = 124,
+  AXIS_OBJ_INTERPOLATION_PERIOD = 125,
+  AXIS_OBJ_INTERPOLATION_EXPONENT = 126,
+  AXIS_OBJ_DRIVE_INPUTS = 127,
+  AXIS_OBJ_CONTACT = 128,
+  AXIS_OBJ_CONTACT_LOSSES = 129,
+  AXIS_OBJ_LIMIT_CYCLE_LOSSES = 130,
+  AXIS_OBJ_LIMIT_CYCLE = 131,
+  AXIS_OBJ_FORCE_SATURATED = 132,
+  AXIS_OBJ_FORCE_PEAK = 133,
+  AXIS_OBJ_OBJECT_TABLE_HASH = 134,
+  AXIS_OBJ_COMMAND_SOURCE = 135,
+  AXIS_OBJ_WATCHDOG = 136,
+  AXIS_OBJ_STORE_PARAMETERS = 137,
+  AXIS_OBJ_RESTORE_DEFAULTS = 138,
+  AXIS_OBJ_STORE_STATE = 139,
+  AXIS_OBJ_MODBUS_WORD_ORDER = 140,
+  AXIS_OBJ_OVERRUNS = 141,
+  AXIS_OBJ_NODE_ID = 142,
+  AXIS_OBJ_CAN_LOST = 143,
+  AXIS_OBJ_DEVICE_TYPE = 144,
+  AXIS_OBJ_ERROR_REGISTER = 145,
+  AXIS_OBJ_ERROR_HISTORY_COUNT = 146,
+  AXIS_OBJ_ERROR_HISTORY_1 = 147,
+  AXIS_OBJ_ERROR_HISTORY_2 = 148,
+  AXIS_OBJ_ERROR_HISTORY_3 = 149,
+  AXIS_OBJ_ERROR_HISTORY_4 = 150,
+  AXIS_OBJ_ERROR_HISTORY_5 = 151,
+  AXIS_OBJ_ERROR_HISTORY_6 = 152,
+  AXIS_OBJ_ERROR_HISTORY_7 = 153,
+  AXIS_OBJ_ERROR_HISTORY_8 = 154,
+  AXIS_OBJ_SYNC_COB_ID = 155,
+  AXIS_OBJ_STORE_ALL = 156,
+  AXIS_OBJ_RESTORE_ALL = 157,
+  AXIS_OBJ_EMCY_COB_ID = 158,
+  AXIS_OBJ_EMCY_INHIBIT_TIME = 159,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 160,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 161,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 162,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 163,
+  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 164,
+  AXIS_OBJ_VENDOR_ID = 165,
+  AXIS_OBJ_PRODUCT_CODE = 166,
+  AXIS_OBJ_REVISION_NUMBER = 167,
+  AXIS_OBJ_SERIAL_NUMBER = 168,
+  AXIS_OBJ_ERROR_BEHAVIOUR = 169,
+  AXIS_OBJ_SDO_SERVER_RECEIVE = 170,
+  AXIS_OBJ_SDO_SERVER_TRANSMIT = 171,
+  AXIS_OBJ_SDO_MODBUS_RECEIVE = 172,
+  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 173,
+  AXIS_OBJ_SDO_LCM_RECEIVE = 174,
+  AXIS_OBJ_SDO_LCM_TRANSMIT = 175,
+  AXIS_OBJ_RPDO_COB_ID_1 = 176,
+  AXIS_OBJ_RPDO_COB_ID_2 = 177,
+  AXIS_OBJ_RPDO_COB_ID_3 = 178,
+  AXIS_OBJ_RPDO_COB_ID_4 = 179,
+  AXIS_OBJ_RPDO_TRANSMISSION_1 = 180,
+  AXIS_OBJ_RPDO_TRANSMISSION_2 = 181,
+  AXIS_OBJ_RPDO_TRANSMISSION_3 = 182,
+  AXIS_OBJ_RPDO_TRANSMISSION_4 = 183,
+  AXIS_OBJ_RPDO_TIMEOUT_1 = 184,
+  AXIS_OBJ_RPDO_TIMEOUT_2 = 185,
+  AXIS_OBJ_RPDO_TIMEOUT_3 = 186,
+  AXIS_OBJ_RPDO_TIMEOUT_4 = 187,
+  AXIS_OBJ_RPDO_MAPPED_1 = 188,
+  AXIS_OBJ_RPDO_MAPPED_2 = 189,
+  AXIS_OBJ_RPDO_MAPPED_3 = 190,
+  AXIS_OBJ_RPDO_MAPPED_4 = 191,
+  AXIS_OBJ_RPDO_MAPPING_1 = 192,
+  AXIS_OBJ_RPDO_MAPPING_2 = 193,
+  AXIS_OBJ_RPDO_MAPPING_3 = 194,
+  AXIS_OBJ_RPDO_MAPPING_4 = 195,
+  AXIS_OBJ_RPDO_MAPPING_5 = 196,
+  AXIS_OBJ_RPDO_MAPPING_6 = 197,
+  AXIS_OBJ_RPDO_MAPPING_7 = 198,
+  AXIS_OBJ_RPDO_MAPPING_8 = 199,
+  AXIS_OBJ_RPDO_MAPPING_9 = 200,
+  AXIS_OBJ_RPDO_MAPPING_10 = 201,
+  AXIS_OBJ_RPDO_MAPPING_11 = 202,
+  AXIS_OBJ_RPDO_MAPPING_12 = 203,
+  AXIS_OBJ_RPDO_MAPPING_13 = 204,
+  AXIS_OBJ_RPDO_MAPPING_14 = 205,
+  AXIS_OBJ_RPDO_MAPPING_15 = 206,
+  AXIS_OBJ_RPDO_MAPPING_16 = 207,
+  AXIS_OBJ_RPDO_MAPPING_17 = 208,
+  AXIS_OBJ_RPDO_MAPPING_18 = 209,
+  AXIS_OBJ_RPDO_MAPPING_19 = 210,
+  AXIS_OBJ_RPDO_MAPPING_20 = 211,
+  AXIS_OBJ_RPDO_MAPPING_21 = 212,
+  AXIS_OBJ_RPDO_MAPPING_22 = 213,
+  AXIS_OBJ_RPDO_MAPPING_23 = 214,
+  AXIS_OBJ_RPDO_MAPPING_24 = 215,
+  AXIS_OBJ_RPDO_MAPPING_25 = 216,
+  AXIS_OBJ_RPDO_MAPPING_26 = 217,
+  AXIS_OBJ_RPDO_MAPPING_27 = 218,
+  AXIS_OBJ_RPDO_MAPPING_28 = 219,
+  AXIS_OBJ_RPDO_MAPPING_29 = 220,
+  AXIS_OBJ_RPDO_MAPPING_30 = 221,
+  AXIS_OBJ_RPDO_MAPPING_31 = 222,
+  AXIS_OBJ_RPDO_MAPPING_32 = 223,
+  AXIS_OBJ_TPDO_COB_ID_1 = 224,
+  AXIS_OBJ_TPDO_COB_ID_2 = 225,
+  AXIS_OBJ_TPDO_COB_ID_3 = 226,
+  AXIS_OBJ_TPDO_COB_ID_4 = 227,
+  AXIS_OBJ_TPDO_TRANSMISSION_1 = 228,
+  AXIS_OBJ_TPDO_TRANSMISSION_2 = 229,
+  AXIS_OBJ_TPDO_TRANSMISSION_3 = 230,
+  AXIS_OBJ_TPDO_TRANSMISSION_4 = 231,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 232,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 233,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 234,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 235,
+  AXIS_OBJ_TPDO_EVENT_TIME_1 = 236,
+  AXIS_OBJ_TPDO_EVENT_TIME_2 = 237,
+  AXIS_OBJ_TPDO_EVENT_TIME_3 = 238,
+  AXIS_OBJ_TPDO_EVENT_TIME_4 = 239,
+  AXIS_OBJ_TPDO_MAPPED_1 = 240,
+  AXIS_OBJ_TPDO_MAPPED_2 = 241,
+  AXIS_OBJ_TPDO_MAPPED_3 = 242,
+  AXIS_OBJ_TPDO_MAPPED_4 = 243,
+  AXIS_OBJ_TPDO_MAPPING_1 = 244,
+  AXIS_OBJ_TPDO_MAPPING_2 = 245,
+  AXIS_OBJ_TPDO_MAPPING_3 = 246,
+  AXIS_OBJ_TPDO_MAPPING_4 = 247,
+  AXIS_OBJ_TPDO_MAPPING_5 = 248,
+  AXIS_OBJ_TPDO_MAPPING_6 = 249,
+  AXIS_OBJ_TPDO_MAPPING_7 = 250,
+  AXIS_OBJ_TPDO_MAPPING_8 = 251,
+  AXIS_OBJ_TPDO_MAPPING_9 = 252,
+  AXIS_OBJ_TPDO_MAPPING_10 = 253,
+  AXIS_OBJ_TPDO_MAPPING_11 = 254,
+  AXIS_OBJ_TPDO_MAPPING_12 = 255,
+  AXIS_OBJ_TPDO_MAPPING_13 = 256,
+  AXIS_OBJ_TPDO_MAPPING_14 = 257,
+  AXIS_OBJ_TPDO_MAPPING_15 = 258,
+  AXIS_OBJ_TPDO_MAPPING_16 = 259,
+  AXIS_OBJ_TPDO_MAPPING_17 = 260,
+  AXIS_OBJ_TPDO_MAPPING_18 = 261,
+  AXIS_OBJ_TPDO_MAPPING_19 = 262,
+  AXIS_OBJ_TPDO_MAPPING_20 = 263,
+  AXIS_OBJ_TPDO_MAPPING_21 = 264,
+  AXIS_OBJ_TPDO_MAPPING_22 = 265,
+  AXIS_OBJ_TPDO_MAPPING_23 = 266,
+  AXIS_OBJ_TPDO_MAPPING_24 = 267,
+  AXIS_OBJ_TPDO_MAPPING_25 = 268,
+  AXIS_OBJ_TPDO_MAPPING_26 = 269,
+  AXIS_OBJ_TPDO_MAPPING_27 = 270,
+  AXIS_OBJ_TPDO_MAPPING_28 = 271,
+  AXIS_OBJ_TPDO_MAPPING_29 = 272,
+  AXIS_OBJ_TPDO_MAPPING_30 = 273,
+  AXIS_OBJ_TPDO_MAPPING_31 = 274,
+  AXIS_OBJ_TPDO_MAPPING_32 = 275,
+  AXIS_OBJ_NMT_STATE = 276,
+  AXIS_OBJ_SYNC_COUNT = 277,
+  AXIS_OBJ_COUNT = 278 /* one past the last number */
 };
 
 enum {
@@ -106,7 +318,11 @@ enum {
   AXIS_FAULT_OVERSPEED = 5,
   AXIS_FAULT_FORCE_MAX = 6,
   AXIS_FAULT_FOLLOWING_ERROR = 7,
-  AXIS_FAULT_COUNT = 8
+  AXIS_FAULT_HEARTBEAT_LOST = 8,
+  AXIS_FAULT_SOURCE_LOST = 9,
+  AXIS_FAULT_CAN_OFF = 10,
+  AXIS_FAULT_PDO_TIMEOUT = 11,
+  AXIS_FAULT_COUNT = 12
 };
 
 enum {
@@ -134,6 +350,42 @@ enum {
   AXIS_RECORDER_STATE_RECORDING = 2,
   AXIS_RECORDER_STATE_DONE = 3,
   AXIS_RECORDER_STATE_COUNT = 4
+};
+
+enum {
+  AXIS_DRIVE_STATE_NOT_READY = 0,
+  AXIS_DRIVE_STATE_SWITCH_ON_DISABLED = 1,
+  AXIS_DRIVE_STATE_READY_TO_SWITCH_ON = 2,
+  AXIS_DRIVE_STATE_SWITCHED_ON = 3,
+  AXIS_DRIVE_STATE_OPERATION_ENABLED = 4,
+  AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE = 5,
+  AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE = 6,
+  AXIS_DRIVE_STATE_FAULT = 7,
+  AXIS_DRIVE_STATE_COUNT = 8
+};
+
+enum {
+  AXIS_COMMAND_SOURCE_CANOPEN = 0,
+  AXIS_COMMAND_SOURCE_MODBUS = 1,
+  AXIS_COMMAND_SOURCE_LCM = 2,
+  AXIS_COMMAND_SOURCE_COUNT = 3
+};
+
+enum {
+  AXIS_STORE_STATE_EMPTY = 0,
+  AXIS_STORE_STATE_LOADED = 1,
+  AXIS_STORE_STATE_OTHER_TABLE = 2,
+  AXIS_STORE_STATE_SAVING = 3,
+  AXIS_STORE_STATE_SAVED = 4,
+  AXIS_STORE_STATE_RESTORED = 5,
+  AXIS_STORE_STATE_FAILED = 6,
+  AXIS_STORE_STATE_COUNT = 7
+};
+
+enum {
+  AXIS_MODBUS_WORD_ORDER_HIGH_FIRST = 0,
+  AXIS_MODBUS_WORD_ORDER_LOW_FIRST = 1,
+  AXIS_MODBUS_WORD_ORDER_COUNT = 2
 };
 
 typedef struct {
@@ -188,10 +440,10 @@ typedef struct {
 } axis_signals_t;
 
 typedef struct {
+  uint32_t recorder_signal[8]; /* object recorded in this channel: CANopen index times 256 plus sub-index; 0 means none [1] */
+  uint32_t recorder_trigger_source; /* object watched by the trigger: CANopen index times 256 plus sub-index [1] */
   int32_t recorder_trigger_level; /* raw value, for a u32 source the same 32 bits: rising is from below it to it or above, falling from above it to it or below [1] */
-  uint16_t recorder_signal[8]; /* object number recorded in this channel; 0 means none [1] */
   uint16_t recorder_decimation; /* ticks from one sample to the next [tick] */
-  uint16_t recorder_trigger_source; /* object number watched by the trigger [1] */
   uint16_t recorder_pretrigger; /* samples kept from before the trigger [1] */
   uint16_t recorder_length; /* samples of a recording; 0 means as many as the buffer holds [1] */
   uint8_t recorder_trigger_edge; /* how the source must pass the level from one tick to the next [enum] */
@@ -204,6 +456,135 @@ typedef struct {
   uint8_t recorder_state; /* what the recorder does [enum] */
 } recorder_signals_t;
 
+typedef struct {
+  uint32_t following_error_window; /* largest following error; 4294967295 means off [count] */
+  uint32_t position_window; /* distance from the target at which it counts as reached [count] */
+  int32_t target_position; /* wanted position [count] */
+  int32_t home_offset; /* position that homing gives the place where the axis stands [count] */
+  int32_t position_limit_min; /* targets below it are drawn to it; the smallest value means none [count] */
+  int32_t position_limit_max; /* targets above it are drawn to it; the largest value means none [count] */
+  uint32_t encoder_increments; /* encoder counts in that many motor revolutions [count] */
+  uint32_t encoder_revolutions; /* motor revolutions in that many encoder counts [1] */
+  uint32_t velocity_max; /* bound of every target and profile velocity [count/s] */
+  uint32_t trajectory_velocity; /* speed of profile position [count/s] */
+  uint32_t trajectory_acceleration; /* acceleration of the profiles [count/s^2] */
+  uint32_t trajectory_deceleration; /* deceleration of the profiles, and of slowing down [count/s^2] */
+  uint32_t quick_stop_deceleration; /* deceleration of the quick-stop ramp [count/s^2] */
+  int32_t target_velocity; /* wanted velocity [count/s] */
+  uint32_t rated_force; /* the force of 1000 per mille [mN] */
+  uint32_t force_slope; /* rate at which the force mode changes its force [per mille/s] */
+  uint32_t force_scale; /* force of one count of an 8-bit reading [uN] */
+  int32_t contact_force; /* reading above which the axis counts as in contact [1/256 count] */
+  uint32_t approach_velocity_max; /* speed at which the force modes approach out of contact [count/s] */
+  uint32_t stiffness; /* force per position error in the stiffness and impedance modes, reading counts per encoder count [1/65536 count/count] */
+  uint32_t damping; /* force per velocity error in the damping and impedance modes, reading counts per encoder count a tick [1/256 count tick/count] */
+  uint32_t homing_speed[2]; /* speeds of homing; methods 35 and 37 do not move [count/s] */
+  uint32_t homing_acceleration; /* acceleration of homing; methods 35 and 37 do not move [count/s^2] */
+  uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
+  int16_t abort_connection_option; /* when the owner of the axis is lost: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop [1] */
+  int16_t quick_stop_option; /* 0 disable at once, 1 slow down then disable, 2 quick-stop ramp then disable, 5 and 6 the same ramps but stay in quick stop [1] */
+  int16_t shutdown_option; /* on shutdown: 0 disable at once, 1 slow down first [1] */
+  int16_t disable_operation_option; /* on disable operation: 0 disable at once, 1 slow down first [1] */
+  int16_t halt_option; /* on halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
+  int16_t fault_reaction_option; /* on a fault that leaves the sensors usable: 0 disable at once, 1 slow down first, 2 quick-stop ramp first [1] */
+  uint16_t following_error_timeout; /* how long the window may be left [ms] */
+  uint16_t position_window_time; /* how long the position must stay in the window [ms] */
+  uint16_t velocity_window; /* distance from the target velocity at which it counts as reached [count/s] */
+  uint16_t velocity_window_time; /* how long the velocity must stay in the window [ms] */
+  uint16_t velocity_threshold; /* below it the axis counts as standing [count/s] */
+  uint16_t velocity_threshold_time; /* how long it must stay below [ms] */
+  int16_t target_force; /* wanted contact force [per mille] */
+  uint16_t force_limit; /* bound of the target force [per mille] */
+  uint16_t limit_cycle_losses; /* contacts lost within one second that count as a limit cycle; 0 means off [1] */
+  int8_t modes_of_operation; /* 1 profile position, 3 profile velocity, 4 force, 6 homing, 8 cyclic position, 9 cyclic velocity, 10 cyclic force; -1 force in counts, -2 open loop, -3 excitation, -4 native position, -5 guarded move, -6 stiffness, -7 damping, -8 impedance; 0 none [1] */
+  uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
+  int8_t homing_method; /* 35 or 37: where the axis stands [1] */
+  uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
+  int8_t interpolation_exponent; /* power of ten of the period, in s [1] */
+} drive_params_t;
+
+typedef struct {
+  uint32_t supported_drive_modes; /* bits: 0 pp, 2 pv, 3 tq, 5 hm, 7 csp, 8 csv, 9 cst, 16 manufacturer [1] */
+  int32_t position_demand; /* position the trajectory asks for [count] */
+  int32_t position_internal; /* encoder count [count] */
+  int32_t position_actual; /* position [count] */
+  int32_t following_error; /* position demand minus position [count] */
+  int32_t velocity_sensor; /* velocity over one tick, unfiltered [count/s] */
+  int32_t velocity_demand; /* velocity the trajectory asks for [count/s] */
+  int32_t velocity_actual; /* velocity, mean of the last 16 ticks [count/s] */
+  uint32_t drive_inputs; /* bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain [1] */
+  int32_t force_peak; /* largest reading since force control was switched on [1/256 count] */
+  uint16_t statusword; /* CiA 402 statusword [1] */
+  uint16_t error_code; /* CiA 402 code of the latched fault, 0 without one [1] */
+  int16_t force_demand; /* force the force law is asked for [per mille] */
+  int16_t force_actual; /* contact force [per mille] */
+  int16_t current_actual; /* code of the motor current, per mille of its range [per mille] */
+  uint16_t contact_losses; /* contacts lost since force control was switched on [1] */
+  int8_t modes_of_operation_display; /* mode of operation in force [1] */
+  uint8_t drive_state; /* state of the CiA 402 machine [enum] */
+  int8_t homing_methods[2]; /* supported homing methods [1] */
+  uint8_t contact; /* 1 while the reading is above contact_force [1] */
+  uint8_t limit_cycle; /* 1 while contact is lost that often [1] */
+  uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
+} drive_signals_t;
+
+typedef struct {
+  uint32_t sync_cob_id; /* COB-ID of SYNC; the axis consumes it [1] */
+  uint32_t emcy_cob_id; /* COB-ID of EMCY; bit 31: off [1] */
+  uint32_t consumer_heartbeat[4]; /* a node whose heartbeat is watched: id in bits 16 to 22, time in ms in bits 0 to 15 [1] */
+  uint32_t rpdo_cob_id[4]; /* COB-ID; bit 31: not valid [1] */
+  uint32_t rpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
+  uint32_t tpdo_cob_id[4]; /* COB-ID; bit 31: not valid, bit 30: no RTR [1] */
+  uint32_t tpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
+  uint16_t emcy_inhibit_time; /* shortest time from one EMCY to the next [100.0 us] */
+  uint16_t producer_heartbeat_time; /* time from one heartbeat to the next; 0 means none [ms] */
+  uint16_t rpdo_timeout[4]; /* longest time from one to the next while the drive is enabled; 0 means none [ms] */
+  uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100.0 us] */
+  uint16_t tpdo_event_time[4]; /* longest time from one to the next; 0 means none [ms] */
+  uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
+  uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
+  uint8_t rpdo_transmission[4]; /* 0 to 240: taken over at the next SYNC, 254 and 255 at once [1] */
+  uint8_t rpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
+  uint8_t tpdo_transmission[4]; /* 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 on change and by the event timer [1] */
+  uint8_t tpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
+} canopen_params_t;
+
+typedef struct {
+  uint32_t device_type; /* CiA 402 servo drive [1] */
+  uint32_t error_history[8]; /* latest emergency first: error code, and the fault in bits 16 to 23 [1] */
+  uint32_t vendor_id; /* 0: none assigned [1] */
+  uint32_t product_code; /* one axis with force control [1] */
+  uint32_t revision_number; /* major and minor, 16 bits each [1] */
+  uint32_t serial_number; /* of the port [1] */
+  uint32_t sdo_server_receive; /* COB-ID of requests, from CANopen [1] */
+  uint32_t sdo_server_transmit; /* COB-ID of answers, to CANopen [1] */
+  uint32_t sdo_modbus_receive; /* COB-ID of requests, from a gateway for its Modbus clients [1] */
+  uint32_t sdo_modbus_transmit; /* COB-ID of answers, to a gateway for its Modbus clients [1] */
+  uint32_t sdo_lcm_receive; /* COB-ID of requests, from a gateway for its LCM clients [1] */
+  uint32_t sdo_lcm_transmit; /* COB-ID of answers, to a gateway for its LCM clients [1] */
+  uint16_t sync_count; /* SYNCs received [1] */
+  uint8_t error_register; /* bits: 0 any error, 1 current, 4 communication, 5 profile, 7 manufacturer [1] */
+  uint8_t nmt_state; /* 0 initialising, 4 stopped, 5 operational, 127 pre-operational [1] */
+} canopen_signals_t;
+
+typedef struct {
+  uint16_t watchdog; /* a source other than canopen is lost when it is silent for that long [ms] */
+  uint8_t command_source; /* bus that may write; another one takes it by writing its own number [enum] */
+  uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
+} device_params_t;
+
+typedef struct {
+  uint32_t object_table_hash; /* first 32 bits of the SHA-256 of this table [1] */
+  uint16_t overruns; /* ticks that came too late [1] */
+  uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
+  uint8_t store_state; /* what the parameter store did last [enum] */
+  uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
+} device_signals_t;
+
+/* First 32 bits of the table's SHA-256: programs that have the same mean the same. */
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x77157e4f)
+#define AXIS_OBJECTS_HASH_TEXT "77157e4f"
+
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };
 enum { AXIS_WRITABLE_ANY = 0, AXIS_WRITABLE_DISABLED = 1, AXIS_WRITABLE_RECORDER_IDLE = 2 };
@@ -213,7 +594,13 @@ enum {
   AXIS_BLOCK_AXIS_SIGNAL = 1,
   AXIS_BLOCK_RECORDER_PARAMETER = 2,
   AXIS_BLOCK_RECORDER_SIGNAL = 3,
-  AXIS_BLOCK_NONE = 4
+  AXIS_BLOCK_DRIVE_PARAMETER = 4,
+  AXIS_BLOCK_DRIVE_SIGNAL = 5,
+  AXIS_BLOCK_CANOPEN_PARAMETER = 6,
+  AXIS_BLOCK_CANOPEN_SIGNAL = 7,
+  AXIS_BLOCK_DEVICE_PARAMETER = 8,
+  AXIS_BLOCK_DEVICE_SIGNAL = 9,
+  AXIS_BLOCK_NONE = 10
 };
 
 typedef struct {
@@ -225,10 +612,44 @@ typedef struct {
   uint8_t type;      /* AXIS_TYPE_ */
   uint8_t access;    /* AXIS_ACCESS_ */
   uint8_t writable;  /* AXIS_WRITABLE_ */
+  uint8_t stored;    /* kept by the parameter store */
+  uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */
 } axis_object_t;
 
-/* Indexed by object number; entry 0 is unused. Signals of type u32 carry the 32
- * bits of their range in min and max. */
+/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32
+ * bits of their values in min, max and initial. */
 extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];
+
+/* What lies at a CANopen address. */
+enum {
+  AXIS_ADDRESS_OBJECT = 0, /* value: the object's number */
+  AXIS_ADDRESS_COUNT = 1,  /* value: the highest sub-index, u8, read only */
+  AXIS_ADDRESS_TEXT = 2,   /* a text, read only */
+  AXIS_ADDRESS_DOMAIN = 3  /* bytes of any number, read only */
+};
+
+typedef struct {
+  uint16_t index;
+  uint8_t sub;
+  uint8_t what; /* AXIS_ADDRESS_ */
+  uint16_t value;
+} axis_address_t;
+
+typedef struct {
+  uint16_t first; /* register; 32-bit objects take two */
+  uint16_t object;
+} axis_register_t;
+
+enum {
+  AXIS_ADDRESSES_COUNT = 303,
+  AXIS_HOLDING_COUNT = 86,
+  AXIS_INPUT_COUNT = 43
+};
+
+/* By index, then sub-index. */
+extern const axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT];
+/* Modbus registers, by number: those that can be written, those that cannot. */
+extern const axis_register_t axis_holding[AXIS_HOLDING_COUNT];
+extern const axis_register_t axis_input[AXIS_INPUT_COUNT];
 
 #endif

@@ -17,8 +17,12 @@ extern "C" {
 
 typedef struct axis_host axis_host_t;
 
-/* A powered-up axis with a recorder buffer of FW_RECORDER_BYTES, or NULL without memory. */
+/* A powered-up axis on no bus, with a recorder buffer of FW_RECORDER_BYTES, or NULL without
+ * memory. */
 axis_host_t *axis_host_create(void);
+
+/* The same with what `config` says; a recorder buffer is given it where the config has none. */
+axis_host_t *axis_host_create_with(const fw_config_t *config);
 
 /* NULL is allowed. */
 void axis_host_destroy(axis_host_t *host);
@@ -27,7 +31,17 @@ void axis_host_tick(axis_host_t *host, const axis_inputs_t *inputs, axis_outputs
 
 int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
 
+/* As FW_SOURCE_LOCAL: the source lock does not hold it. */
 int axis_host_write(axis_host_t *host, uint16_t object, int32_t value);
+
+/* Buses: fw.h says when and how. */
+void axis_host_can_receive(axis_host_t *host, const can_frame_t *frame);
+bool axis_host_can_transmit(axis_host_t *host, can_frame_t *frame);
+void axis_host_can_lost(axis_host_t *host, uint16_t frames);
+void axis_host_can_bus(axis_host_t *host, uint8_t state);
+void axis_host_modbus_receive(axis_host_t *host, const uint8_t *bytes, uint16_t count);
+uint16_t axis_host_modbus_transmit(axis_host_t *host, uint8_t *bytes, uint16_t room);
+void axis_host_overrun(axis_host_t *host);
 
 int axis_host_recorder_read(const axis_host_t *host, uint32_t index,
                             int32_t values[RECORDER_CHANNELS]);

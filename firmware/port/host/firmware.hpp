@@ -9,6 +9,7 @@
 
 extern "C" {
 #include "firmware/app/fw.h"
+#include "firmware/app/store.h"
 #include "firmware/core/axis.h"
 #include "firmware/core/faults.h"
 #include "firmware/core/laws.h"
@@ -20,6 +21,11 @@ extern "C" {
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
+#include "firmware/proto/access.h"
+#include "firmware/proto/can.h"
+#include "firmware/proto/canopen.h"
+#include "firmware/proto/cia402.h"
+#include "firmware/proto/modbus.h"
 }
 
 #endif

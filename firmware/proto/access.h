@@ -1,0 +1,72 @@
+#ifndef FIRMWARE_PROTO_ACCESS_H_
+#define FIRMWARE_PROTO_ACCESS_H_
+
+/* What a protocol sees of the firmware: its objects, and whom they belong to. Implemented by
+ * firmware/app/fw.c, so that protocols do not depend on how the firmware is put together. */
+
+#include <stdint.h>
+
+#include "firmware/objects/generated/axis_objects.h"
+
+typedef struct fw fw_t;
+
+/* Who asks. The first three are the values of command_source. */
+typedef enum {
+  FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
+  FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
+  FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
+  FW_SOURCE_LOCAL /* the port itself or a test bench; the lock does not hold it */
+} fw_source_t;
+
+/* Refusals. A refused call changes nothing. */
+typedef enum {
+  FW_OK = 0,
+  FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
+  FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
+  FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
+  FW_ERROR_RANGE = -4,      /* outside the range of the object, or at odds with another one */
+  FW_ERROR_STATE = -5,      /* not in this state of the axis, the recorder or the PDO */
+  FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
+  FW_ERROR_LOCKED = -7,     /* another source owns the axis */
+  FW_ERROR_BUSY = -8,       /* the store is still at work */
+  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits */
+} fw_error_t;
+
+/* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Anyone may read.
+ * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
+int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
+
+/* The one way a value gets in: writes a raw value or gives a command on behalf of `source`,
+ * between ticks; the next tick sees it. Nothing is clipped.
+ * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
+ *   command_source, and the owner canopen's.
+ * FW_ERROR_RANGE: outside the object's range; force_sign 0; position_min above position_max; a
+ *   recorder channel or trigger that is no readable object; recorder_arm with no channel, or with
+ *   a pretrigger or length that the buffer does not hold; a mode of operation or homing method
+ *   that there is none of.
+ * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
+ *   or done) while it is not; a native mode other than disabled while a fault is latched, or over a
+ *   bus, which uses controlword and modes_of_operation; a PDO's mapping while the PDO is valid.
+ * FW_ERROR_MAPPING, FW_ERROR_BUSY: as above.
+ * The soft limits and position_setpoint are not checked against each other, in either order: a
+ *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
+
+/* What lies at a CANopen address, or NULL. */
+const axis_address_t *fw_address(uint16_t index, uint8_t sub);
+
+/* A valid request of this source was received: feeds its watchdog if it owns the axis. */
+void fw_source_alive(fw_t *fw, uint8_t source);
+
+/* The bus of this source has gone. If it owns the axis, `fault` (AXIS_FAULT_) is latched or what
+ * else abort_connection_option says. */
+void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault);
+
+/* The finished recording as bytes, oldest sample first, each packed as recorder.h says. Returns how
+ * many of `count` bytes from `offset` were there. */
+uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count);
+
+/* Text of an AXIS_ADDRESS_TEXT object, ended by 0. */
+const char *fw_text(const fw_t *fw, uint16_t index);
+
+#endif
