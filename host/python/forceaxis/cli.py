@@ -14,6 +14,7 @@ import click
 from forceaxis import (
     cli_frequency,
     cli_identify,
+    cli_live,
     cli_objects,
     experiments,
     link,
@@ -400,7 +401,12 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     sys.exit(usertests.status(outcomes))
 
 
-for verb in (*cli_frequency.VERBS, cli_identify.identify, cli_objects.objects_):
+for verb in (
+    *cli_frequency.VERBS,
+    cli_identify.identify,
+    *cli_live.VERBS,
+    cli_objects.objects_,
+):
     cli.add_command(verb)
 
 
