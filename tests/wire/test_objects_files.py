@@ -210,8 +210,7 @@ def test_dcfchk_accepts_the_data_sheet(node):
     done = subprocess.run(
         [BIN / "dcfchk", "-n", str(node), EDS], capture_output=True, text=True, check=False
     )
-    assert (done.returncode, done.stdout) == (0, "")
-    assert [line for line in done.stderr.splitlines() if "EDS" in line or "Limit" in line] == []
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_dcfchk_would_object(tmp_path):
