@@ -116,12 +116,20 @@ def check_titles(names):
         seen[name] = where
 
 
+def title_of(o, index):
+    """Name of one of the indices that an entry lies at: numbered, if there are several."""
+    if not o.get("index_step") and o.get("per_index") == o.get("count"):
+        return o["title"]
+    return f"{o['title']} {(index - o['index']) // (o['index_step'] or 1) + 1}"
+
+
 def describe(index, subs, records):
     """{section: keys} of an index; the first section is its own."""
     if set(subs) == {0}:
-        return {f"{index:04X}": dict(variable(subs[0]))}
+        keys = dict(variable(subs[0]))
+        return {f"{index:04X}": keys | {"ParameterName": title_of(subs[0].entry, index)}}
     first = subs[min(sub for sub in subs if sub)]
-    title, array = records.get(index, (first.entry["title"], is_array(subs)))
+    title, array = records.get(index, (title_of(first.entry, index), is_array(subs)))
     own = {
         "ParameterName": title,
         "ObjectType": f"0x{ARRAY if array else RECORD:X}",
