@@ -11,7 +11,7 @@ from textual.binding import Binding
 from textual.containers import Grid, Vertical
 from textual.widgets import Footer, Static
 
-from forceaxis import charts, paths
+from forceaxis import charts, drive_words, paths
 from forceaxis._core import InputError
 from forceaxis.captures import unit_of
 from forceaxis.watch import STALE_S, clock_word, known
@@ -114,10 +114,9 @@ def fault_text(words):
     fault, code = words["fault"], words["error_code"]
     if fault in (None, "none") and not code:
         return Text("fault -" if fault is None else "no fault", style=QUIET)
-    name = fault if fault not in (None, "none") else ""
-    return Text(
-        " ".join(t for t in ("FAULT", name, f"{code:04X}h" if code else "") if t), f"bold {BAD}"
-    )
+    if fault in (None, "none"):  # what only the drive profile or a bus calls an error
+        return Text(f"FAULT {drive_words.emergency(code)}", f"bold {BAD}")
+    return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 
 
 def limit_text(words):
