@@ -482,7 +482,7 @@ def test_once_with_nothing_to_hear_is_status_1(url):
 def test_no_multicast_route_is_one_line_that_says_how():
     for verb in ("monitor --once", "monitor --once --url udpm://239.255.76.67:7667?ttl=0"):
         done = subprocess.run(
-            ["unshare", "-n", FORCEAXIS, *verb.split()],
+            ["unshare", "-rn", FORCEAXIS, *verb.split()],
             capture_output=True, text=True, check=False, timeout=30,
         )  # fmt: skip
         refused(done, "multicast route", "ip route add 224.0.0.0/4 dev lo")
@@ -664,6 +664,15 @@ def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
     summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
     assert summary["channels"]["EXAMPLE"]["type"] is None
     refused(forceaxis("log", "export", path, "--out", tmp_path / "o"), "foreign.log", "forceaxis")
+    # Our types are known on any channel.
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    state = state_of(1, 5)
+    state.run_id, state.seq = 1, 0
+    log.write_event(1_000_000, "COPY_OF_STATE", state.encode())
+    log.close()
+    summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
+    assert summary["channels"]["COPY_OF_STATE"]["type"] == "axis_state_t"
+    assert log_tables.export(path, tmp_path / "o")["tables"][0]["rows"] == 1
 
 
 def test_lcm_logplayer_plays_a_recorded_log_and_the_monitor_replays_it(recorded, url):
