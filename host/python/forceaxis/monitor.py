@@ -1,5 +1,6 @@
 """`forceaxis monitor`: watch axes live in the terminal. It never writes to an axis."""
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -9,6 +10,7 @@ from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Grid, Vertical
+from textual.css.query import NoMatches
 from textual.widgets import Footer, Static
 
 from forceaxis import charts, drive_words, paths
@@ -314,6 +316,8 @@ class Monitor(App):
     def choose(self, number):
         self.chosen, self.capture_shown = number, False
         self.draw()
+        for panel in self.query(f"#axis-{number}"):
+            panel.scroll_visible(animate=False)
 
     # --- drawing -------------------------------------------------------------------------------
 
@@ -322,6 +326,11 @@ class Monitor(App):
             self.draw()
 
     def draw(self):
+        # A timer may still fire while the screen is taken down.
+        with contextlib.suppress(NoMatches):
+            self._draw()
+
+    def _draw(self):
         width, height = self.size
         small = width < SMALLEST[0] or height < SMALLEST[1]
         self.query_one("#body").display = not small
