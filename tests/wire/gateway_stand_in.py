@@ -35,7 +35,7 @@ def state_of(axis, k, faulty=False, mismatch=False):
     s.nmt_state, s.age_us = s.NMT_OPERATIONAL, 1000
     s.statusword = FAULT if faulty else OPERATION_ENABLED if axis != 3 else DISABLED
     s.mode_display, s.native_mode = 10 if axis != 3 else 1, 3 if axis != 3 else 0
-    s.fault, s.error_code = (6, 0xFF02) if faulty else (0, 0)
+    s.fault, s.error_code = (6, 0xFF06) if faulty else (0, 0)
     s.limit_reason = 1 if axis == 2 else 0
     s.contact, s.limit_cycle = int(axis != 3), int(axis == 2)
     s.position_cnt, s.velocity_cnt_per_s = 1000 * axis + k, 50 * axis
@@ -185,7 +185,7 @@ def main():
         if k == 10:
             for axis in axes:
                 if axis == args.fault:
-                    gateway.event(axis, axis_event_t.EVENT_EMCY, "EMCY FF02h: force_max", 0xFF02)
+                    gateway.event(axis, axis_event_t.EVENT_EMCY, "EMCY FF06h: force_max", 0xFF06)
                     gateway.event(axis, axis_event_t.EVENT_FAULT, "fault force_max", 6)
                 if axis == args.mismatch:
                     gateway.event(
@@ -196,7 +196,7 @@ def main():
                         0x1234ABCD,
                     )
             gateway.event(axes[0], axis_event_t.EVENT_DRIVE_STATE, "operation enabled", 0x1637)
-            gateway.event(axes[0], axis_event_t.EVENT_MODE, "mode cyclic torque", 10)
+            gateway.event(axes[0], axis_event_t.EVENT_MODE, "mode cyclic force", 10)
         if args.capture and k == 20:
             gateway.capture(axes[0], None, args.capture)
         if k % 5 == 0:

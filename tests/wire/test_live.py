@@ -173,7 +173,7 @@ def test_every_statusword_is_named_as_cia_402_names_it():
 
 
 def test_words_for_numbers_that_nobody_knows():
-    assert drive_words.mode(10) == "cyclic torque"
+    assert drive_words.mode(10) == "cyclic force"
     assert drive_words.mode(-77) == "mode -77"
     assert drive_words.enum("fault", 6) == "force_max"
     assert drive_words.enum("fault", 200) == "200"
@@ -275,15 +275,15 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
         await settle(pilot, lambda: watch.axes[1].lost() >= 2)
         await settle(pilot, lambda: "force_max" in panel_text(app, 4))
         words = panel_text(app, 1)
-        assert "operation enabled" in words and "cyclic torque" in words and "force law" in words
+        assert "operation enabled" in words and "cyclic force" in words and "force law" in words
         assert "in contact" in words and "target reached" in words and "no fault" in words
         assert "LIMIT CYCLE" in panel_text(app, 2) and "limit dac_saturation" in panel_text(app, 2)
         assert "switch on disabled" in panel_text(app, 3) and "apart" in panel_text(app, 3)
-        assert "fault" in panel_text(app, 4) and "FAULT force_max FF02h" in panel_text(app, 4)
+        assert "fault" in panel_text(app, 4) and "FAULT force_max FF06h" in panel_text(app, 4)
         mismatch = f"table 1234abcd in the firmware, {TABLE_HASH:08x} here"
         assert mismatch in panel_text(app, 3)
         assert "lost" in panel_text(app, 1) and "lost" in head_text(app)
-        assert "EMCY FF02h" in str(app.query_one("#events").render())
+        assert "EMCY FF06h" in str(app.query_one("#events").render())
         assert "simulator running x 1.00" in head_text(app)
         # Numbers are those of one state: force k/256 counts of 1.96 N, position 1000 + k.
         with watch.lock:
@@ -459,7 +459,7 @@ def test_once_json_is_one_object_of_what_is_heard(url):
     axis = shown["axes"]["1"]
     k = round(axis["force_cnt"] * 256)
     assert axis["drive_state"] == "operation enabled" and axis["statusword"] == OPERATION_ENABLED
-    assert (axis["mode"], axis["native_mode"], axis["fault"]) == ("cyclic torque", "force", "none")
+    assert (axis["mode"], axis["native_mode"], axis["fault"]) == ("cyclic force", "force", "none")
     assert axis["position_cnt"] == 1000 + k and axis["command_code"] == k + 1
     assert axis["force_N"] == pytest.approx(k / 256 * 1.96, rel=1e-12)
     assert axis["target_force_N"] == pytest.approx(59.0, rel=1e-12)
@@ -482,7 +482,7 @@ def test_once_with_nothing_to_hear_is_status_1(url):
 def test_no_multicast_route_is_one_line_that_says_how():
     for verb in ("monitor --once", "monitor --once --url udpm://239.255.76.67:7667?ttl=0"):
         done = subprocess.run(
-            ["unshare", "-n", FORCEAXIS, *verb.split()],
+            ["unshare", "-rn", FORCEAXIS, *verb.split()],
             capture_output=True, text=True, check=False, timeout=30,
         )  # fmt: skip
         refused(done, "multicast route", "ip route add 224.0.0.0/4 dev lo")
@@ -565,15 +565,15 @@ def test_exported_values_are_those_that_were_sent(recorded, tmp_path):
         with (tmp_path / f"AXIS_{axis}_STATE.csv").open() as file:
             rows = list(csv.DictReader(file))
         assert [int(r["position_cnt"]) for r in rows] == [1000 * axis + k for k in sent]
-        assert rows[0]["mode_text"] == "cyclic torque"
+        assert rows[0]["mode_text"] == "cyclic force"
     with (tmp_path / "AXIS_1_EVENT.csv").open() as file:
         events = list(csv.DictReader(file))
     assert [e["kind_text"] for e in events] == ["drive state", "mode", "capture"]
-    assert events[1]["text"] == "mode cyclic torque" and events[1]["command_id"] == ""
+    assert events[1]["text"] == "mode cyclic force" and events[1]["command_id"] == ""
     capture = np.load(tmp_path / "AXIS_1_CAPTURE_1.npz")
     assert capture["tick"].tolist() == list(range(3000, 3150))
     assert capture["force_count"].tolist() == [sample(1, 0, i) / 256 for i in range(150)]
-    assert capture["dac_code_code"].tolist() == [sample(1, 1, i) for i in range(150)]
+    assert capture["dac_code"].tolist() == [sample(1, 1, i) for i in range(150)]
     assert capture["time_s"].tolist() == [t / 1500 for t in range(3000, 3150)]
     plant = np.load(tmp_path / "SIM_TRUTH.npz")
     ticks = [30 * k + i for k in range(0, COUNT, 5) for i in range(30)]
@@ -664,6 +664,15 @@ def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
     summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
     assert summary["channels"]["EXAMPLE"]["type"] is None
     refused(forceaxis("log", "export", path, "--out", tmp_path / "o"), "foreign.log", "forceaxis")
+    # Our types are known on any channel.
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    state = state_of(1, 5)
+    state.run_id, state.seq = 1, 0
+    log.write_event(1_000_000, "COPY_OF_STATE", state.encode())
+    log.close()
+    summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
+    assert summary["channels"]["COPY_OF_STATE"]["type"] == "axis_state_t"
+    assert log_tables.export(path, tmp_path / "o")["tables"][0]["rows"] == 1
 
 
 def test_lcm_logplayer_plays_a_recorded_log_and_the_monitor_replays_it(recorded, url):

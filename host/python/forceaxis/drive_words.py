@@ -16,17 +16,17 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
-# 6061h; negative numbers are the manufacturer's.
+# Where the object table names no value (`values` of the object), or the number is not an object's.
 MODES = {
-    0: "no mode",
+    0: "none",
     1: "profile position",
     3: "profile velocity",
-    4: "profile torque",
+    4: "force",
     6: "homing",
     8: "cyclic position",
     9: "cyclic velocity",
-    10: "cyclic torque",
-    -1: "force in counts",
+    10: "cyclic force",
+    -1: "force counts",
     -2: "open loop",
     -3: "excitation",
     -4: "native position",
@@ -35,7 +35,6 @@ MODES = {
     -7: "damping",
     -8: "impedance",
 }
-
 NODE_STATES = {
     0: "booting",
     4: "stopped",
@@ -43,11 +42,10 @@ NODE_STATES = {
     127: "pre-operational",
     -1: "silent",
 }
-
 EMERGENCIES = {
     0x0000: "error reset",
     0x2310: "current",
-    0x5530: "parameter store",
+    0x5530: "store",
     0x6010: "watchdog",
     0x6320: "parameter",
     0x7305: "encoder",
@@ -55,7 +53,7 @@ EMERGENCIES = {
     0x8110: "CAN overrun",
     0x8120: "CAN passive",
     0x8130: "heartbeat lost",
-    0x8140: "CAN bus-off recovered",
+    0x8140: "CAN off",
     0x8210: "PDO length",
     0x8240: "SYNC length",
     0x8611: "following error",
@@ -102,7 +100,9 @@ def status_bits(statusword, mode=None):
 
 
 def mode(number):
-    return MODES.get(number, f"mode {number}")
+    """The mode of operation (6061h) in words."""
+    said = _named("modes_of_operation_display", number) or MODES.get(number)
+    return said.replace("_", " ") if said else f"mode {number}"
 
 
 def node_state(number):
@@ -110,13 +110,26 @@ def node_state(number):
 
 
 def emergency(code):
-    text = EMERGENCIES.get(code)
-    return f"EMCY {code:04X}h {text}" if text else f"EMCY {code:04X}h"
+    """An EMCY code in words, with its number."""
+    text = EMERGENCIES.get(code) if code == 0 else _named("error_code", code)
+    text = text or EMERGENCIES.get(code)
+    return f"EMCY {code:04X}h {text.replace('_', ' ')}" if text else f"EMCY {code:04X}h"
 
 
 def enum(name, raw):
-    """Text of an enum object's raw value; the number where the table has no text for it."""
+    """Text of an object's raw value; the number where the table has no text for it."""
+    return _named(name, raw) or str(raw)
+
+
+def texts(known):
+    """{text: raw value} of an object whose values have names, else empty."""
+    return {t: i for i, t in enumerate(known.enum)} | {
+        text: value for value, text in getattr(known, "values", ())
+    }
+
+
+def _named(name, raw):
     known = BY_NAME.get(name)
-    if known and 0 <= raw < len(known.enum):
-        return known.enum[raw]
-    return str(raw)
+    if known is None:
+        return None
+    return next((text for text, value in texts(known).items() if value == raw), None)

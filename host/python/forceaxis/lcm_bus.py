@@ -10,7 +10,7 @@ import time
 
 import lcm
 
-from forceaxis import objects
+from forceaxis import messages, objects
 from forceaxis._core import InputError
 from forceaxis.messages import (
     axis_capture_t,
@@ -38,6 +38,12 @@ _TYPES = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
+# The link's records too, which a monitor does not show but a log may hold.
+_BY_FINGERPRINT = {
+    t._get_packed_fingerprint(): t
+    for t in vars(messages).values()
+    if hasattr(t, "_get_packed_fingerprint")
+}
 _CHANNEL = re.compile(r"AXIS_([1-9][0-9]?)_(STATE|COMMAND|EVENT|CAPTURE)|SIM_()(CLOCK|TRUTH)")
 
 
@@ -53,14 +59,15 @@ def channel_of(name):
     return (int(match[1]), match[2]) if match[1] else (None, match[4])
 
 
-def type_of(channel):
-    """The message type that a channel carries, or None."""
-    return _TYPES.get(channel_of(channel)[1])
+def type_of(channel, data=b""):
+    """The message type that a channel carries: by its name, else by what the data begin with; None
+    where it is not one of forceaxis."""
+    return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
 def decode(channel, data):
-    """The message, or Undecodable."""
-    carried = type_of(channel)
+    """The message, or Undecodable. The channel or the data must be of a known type."""
+    carried = type_of(channel, data)
     try:
         return carried.decode(data)
     except Exception as error:  # generated code fails in any way on bytes that are not its type
@@ -154,8 +161,8 @@ class Gaps:
         if seq >= expected:
             self.lost += seq - expected
             missing.update(range(max(expected, seq - self.KEPT), seq))
-            while len(missing) > self.KEPT:
-                missing.remove(min(missing))
+            if len(missing) > self.KEPT:
+                missing.intersection_update(sorted(missing)[-self.KEPT :])
             run[0] = seq + 1
         elif seq in missing:
             missing.remove(seq)

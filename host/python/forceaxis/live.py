@@ -21,7 +21,7 @@ from collections import deque
 
 from forceaxis._core import InputError
 from forceaxis.captures import Assembly
-from forceaxis.drive_words import BY_NAME
+from forceaxis.drive_words import BY_NAME, texts
 from forceaxis.lcm_bus import (
     AXES,
     NOT_AVAILABLE,
@@ -62,14 +62,14 @@ def to_raw(name, value):
     """Raw value of an engineering value or enum text; InputError where the table does not allow
     it. Of a CANopen address the value is raw already."""
     known = object_named(name)
-    if known and isinstance(value, str) and value in known.enum:
-        return known.enum.index(value)
+    if known and isinstance(value, str) and value in texts(known):
+        return texts(known)[value]
     if known is None:
         wanted, low, high = "an integer of at most 32 bits", -(2**31), 2**32 - 1
     else:
         low, high = known.min, known.max
         span = f"{low * known.scale:g} to {high * known.scale:g}"
-        wanted = f"one of {', '.join(known.enum)}" if known.enum else f"{span} {known.unit}"
+        wanted = f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {known.unit}"
     try:
         if known is None:
             raw = int(value, 0) if isinstance(value, str) else int(value)
@@ -87,8 +87,9 @@ def from_raw(name, raw):
     known = BY_NAME.get(name)
     if known is None:
         return raw
-    if known.enum and 0 <= raw < len(known.enum):
-        return known.enum[raw]
+    for text, value in texts(known).items():
+        if value == raw:
+            return text
     return raw if known.scale == 1 else raw * known.scale
 
 

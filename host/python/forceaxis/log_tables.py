@@ -8,7 +8,7 @@ import numpy as np
 from forceaxis import drive_words, paths
 from forceaxis.captures import Assembly, unit_of
 from forceaxis.drive_words import BY_NAME
-from forceaxis.lcm_bus import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode
+from forceaxis.lcm_bus import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.logs import LogReader, expect_messages
 from forceaxis.messages import axis_event_t, axis_state_t
 
@@ -71,7 +71,7 @@ def export(path, out, kinds=("csv", "npz")):
     undecodable, others, gaps = 0, set(), {}
     for entry in reader:
         _, kind = channel_of(entry.channel)
-        if kind is None:
+        if type_of(entry.channel, entry.data) is None:
             others.add(entry.channel)
             continue
         try:
@@ -123,6 +123,7 @@ def message_row(message, wall_us):
         value = getattr(message, name)
         if kind is None and not name.startswith("num_"):
             named = {"utime": "utime_us", "wall_utime": "wall_utime_us"}.get(name, name)
+            value = int(value) if isinstance(value, bool) else value
             row[named] = None if value == NOT_AVAILABLE else value
     if isinstance(message, axis_state_t):
         row |= state_words(message)
@@ -180,14 +181,16 @@ def capture_columns(held):
 
 
 def column_name(name):
-    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension."""
+    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension
+    or where the name ends in it, dac_code."""
     return _with_unit(name, unit_of(name))
 
 
 def _with_unit(name, unit):
-    if unit in ("", "1"):
+    word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
+    if unit in ("", "1") or name.endswith(f"_{word}"):
         return name
-    return f"{name}_{unit.replace('/', '_per_').replace('^', '').replace(' ', '_')}"
+    return f"{name}_{word}"
 
 
 def _engineering(name, raw):

@@ -129,12 +129,20 @@ def info(path):
     for entry in reader:
         row = channels.setdefault(
             entry.channel,
-            {"count": 0, "bytes": 0, "first": entry.wall_us, "gaps": Gaps(), "bad": 0},
+            {
+                "type": None,
+                "count": 0,
+                "bytes": 0,
+                "first": entry.wall_us,
+                "gaps": Gaps(),
+                "bad": 0,
+            },
         )
         row["count"] += 1
         row["bytes"] += len(entry.data)
         row["last"] = entry.wall_us
-        if type_of(entry.channel):
+        if carried := type_of(entry.channel, entry.data):
+            row["type"] = carried.__name__
             try:
                 message = decode(entry.channel, entry.data)
             except Undecodable:
@@ -150,15 +158,15 @@ def info(path):
         "span_s": (last - first) / 1e6,
         "start_wall_us": first,
         "damage": reader.damage,
-        "channels": {name: _row(name, row) for name, row in sorted(channels.items(), key=_order)},
+        "channels": {name: _row(row) for name, row in sorted(channels.items(), key=_order)},
     }
 
 
-def _row(name, row):
+def _row(row):
     span = (row["last"] - row["first"]) / 1e6
-    carried, gaps = type_of(name), row["gaps"]
+    carried, gaps = row["type"], row["gaps"]
     return {
-        "type": carried.__name__ if carried else None,
+        "type": carried,
         "count": row["count"],
         "bytes": row["bytes"],
         "span_s": span,

@@ -1,5 +1,6 @@
 """`forceaxis monitor`: watch axes live in the terminal. It never writes to an axis."""
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -9,9 +10,10 @@ from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Grid, Vertical
+from textual.css.query import NoMatches
 from textual.widgets import Footer, Static
 
-from forceaxis import charts, paths
+from forceaxis import charts, drive_words, paths
 from forceaxis._core import InputError
 from forceaxis.captures import unit_of
 from forceaxis.watch import STALE_S, clock_word, known
@@ -114,10 +116,9 @@ def fault_text(words):
     fault, code = words["fault"], words["error_code"]
     if fault in (None, "none") and not code:
         return Text("fault -" if fault is None else "no fault", style=QUIET)
-    name = fault if fault not in (None, "none") else ""
-    return Text(
-        " ".join(t for t in ("FAULT", name, f"{code:04X}h" if code else "") if t), f"bold {BAD}"
-    )
+    if fault in (None, "none"):  # what only the drive profile or a bus calls an error
+        return Text(f"FAULT {drive_words.emergency(code)}", f"bold {BAD}")
+    return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 
 
 def limit_text(words):
@@ -315,6 +316,8 @@ class Monitor(App):
     def choose(self, number):
         self.chosen, self.capture_shown = number, False
         self.draw()
+        for panel in self.query(f"#axis-{number}"):
+            panel.scroll_visible(animate=False)
 
     # --- drawing -------------------------------------------------------------------------------
 
@@ -323,6 +326,11 @@ class Monitor(App):
             self.draw()
 
     def draw(self):
+        # A timer may still fire while the screen is taken down.
+        with contextlib.suppress(NoMatches):
+            self._draw()
+
+    def _draw(self):
         width, height = self.size
         small = width < SMALLEST[0] or height < SMALLEST[1]
         self.query_one("#body").display = not small
