@@ -130,6 +130,9 @@ static void communication_error(canopen_t *canopen) {
 
 static void ask_reset(canopen_t *canopen, fw_t *fw, uint8_t reset) {
   leave_axis(fw);
+  /* The reset empties the output. */
+  fw_can_count_lost(fw, canopen->output.lost);
+  canopen->output.lost = 0;
   enter(canopen, CANOPEN_INITIALISING);
   canopen->reset = reset;
 }

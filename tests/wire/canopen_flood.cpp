@@ -10,7 +10,7 @@
 //   1 frame in     a length (bit 7: remote), b identifier, d data
 //   2 tick done    c error code, fault in bits 16 to 23, active mode in bits 24 to 31
 //   3 frame out    as 1
-//   4 no more frames out
+//   4 no more frames out (after such as came out or were lost)
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
 //                  Logged when it has changed; otherwise it has not
 //   6 TPDO a's mapped objects now hold d (logged when it changes)
@@ -151,13 +151,14 @@ class Flood {
       uint64_t data = 0;
       for (int i = 0; i < frame.length; ++i)
         data |= static_cast<uint64_t>(frame.data[i]) << (8 * i);
+      told_empty_ = false;
       Log(kFrameOut, frame.length, frame.id, 0, data);
     }
-    Log(kNoMore);
+    if (!told_empty_) Log(kNoMore);
+    told_empty_ = true;
   }
 
   void Tick() {
-    // A drive whose fault comes and goes; its own state machine is tested elsewhere.
     fw_tick(&fw_, &inputs_, &outputs_);
     LogValues();
     Log(kTick, 0, 0,
@@ -394,7 +395,7 @@ class Flood {
   }
 
   void Ticks() {
-    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(60) ? Below(400) : 1 + Below(3);
+    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3);
     for (uint32_t i = 0; i < ticks; ++i) {
       Tick();
       if (!lazy_) Drain();
@@ -434,6 +435,7 @@ class Flood {
   void Lose() {
     const uint16_t frames = static_cast<uint16_t>(1 + Below(3));
     fw_can_lost(&fw_, frames);
+    told_empty_ = false;
     Log(kLost, 0, 0, frames);
     LogState();
   }
@@ -506,6 +508,7 @@ class Flood {
   uint8_t refused_ = 0;
   uint16_t server_ = 0;
   bool lazy_ = false;
+  bool told_empty_ = false;
   uint64_t sent_ = 0;
   uint64_t dumped_ = 0;
 };
