@@ -10,7 +10,7 @@
 //   1 frame in     a length (bit 7: remote), b identifier, d data
 //   2 tick done    c error code, fault in bits 16 to 23, active mode in bits 24 to 31
 //   3 frame out    as 1
-//   4 no more frames out (after such as came out or were lost)
+//   4 no more frames out (not repeated while nothing has changed)
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
 //                  Logged when it has changed; otherwise it has not
 //   6 TPDO a's mapped objects now hold d (logged when it changes)
@@ -115,6 +115,7 @@ class Flood {
                      static_cast<uint64_t>(Read(AXIS_OBJ_CAN_LOST))};
     if (std::memcmp(&now, &state_, sizeof(now)) == 0) return;
     state_ = now;
+    told_empty_ = false;
     log_.push_back(now);
   }
 
