@@ -49,7 +49,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     const size_t length = (what & 0x40) != 0 ? (what >> 2) & 0xF : 8;
     if (what >= 0xF0) {
       /* Once in a while longer than a transfer may wait. */
-      node_wait(&node, what == 0xFF ? 8000 : 1u << (what & 7));
+      node_wait(&node, what == 0xFF ? 8000 : 1u << (what & 3));
       (void)drain(&node, 0);
     } else if (what >= 0xE0 && size >= 2) {
       node_send(&node, 0, data, 2);
