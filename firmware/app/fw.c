@@ -410,8 +410,10 @@ static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value)
     case AXIS_BLOCK_CANOPEN_PARAMETER:
       canopen_written(&fw->canopen, object, previous, value);
       break;
-    default:
+    case AXIS_BLOCK_DEVICE_PARAMETER:
       fw->source_silence = 0; /* the lock or its watchdog */
+      break;
+    default:
       break;
   }
 }

@@ -50,6 +50,14 @@ static inline void node_tick(node_t *node, uint32_t ticks) {
   }
 }
 
+/* The node's share of many ticks: nothing else of the firmware moves. */
+static inline void node_wait(node_t *node, uint32_t ticks) {
+  node_tick(node, 1);
+  for (uint32_t i = 1; i < ticks; i++) {
+    canopen_tick(&node->fw.canopen, &node->fw);
+  }
+}
+
 /* Expedited download over the default server, 0 or the abort code. Other frames are dropped. */
 static inline uint32_t node_write(node_t *node, uint16_t index, uint8_t sub, uint32_t value,
                                   uint8_t bytes) {

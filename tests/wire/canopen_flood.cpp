@@ -10,7 +10,7 @@
 //   1 frame in     a length (bit 7: remote), b identifier, d data
 //   2 tick done    c error code, fault in bits 16 to 23, active mode in bits 24 to 31
 //   3 frame out    as 1
-//   4 no more frames out
+//   4 no more frames out (not repeated while nothing has changed)
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
 //                  Logged when it has changed; otherwise it has not
 //   6 TPDO a's mapped objects now hold d (logged when it changes)
@@ -115,6 +115,7 @@ class Flood {
                      static_cast<uint64_t>(Read(AXIS_OBJ_CAN_LOST))};
     if (std::memcmp(&now, &state_, sizeof(now)) == 0) return;
     state_ = now;
+    told_empty_ = false;
     log_.push_back(now);
   }
 
@@ -151,13 +152,14 @@ class Flood {
       uint64_t data = 0;
       for (int i = 0; i < frame.length; ++i)
         data |= static_cast<uint64_t>(frame.data[i]) << (8 * i);
+      told_empty_ = false;
       Log(kFrameOut, frame.length, frame.id, 0, data);
     }
-    Log(kNoMore);
+    if (!told_empty_) Log(kNoMore);
+    told_empty_ = true;
   }
 
   void Tick() {
-    // A drive whose fault comes and goes; its own state machine is tested elsewhere.
     fw_tick(&fw_, &inputs_, &outputs_);
     LogValues();
     Log(kTick, 0, 0,
@@ -369,6 +371,18 @@ class Flood {
     server_ = 0;
   }
 
+  // The way to an axis that is active, so that time-outs and resets find one.
+  void Enable() {
+    server_ = 0x600;
+    static constexpr uint32_t modes[] = {1, 3, 4, 8, 10};
+    Write(0x6060, 0, Pick(modes), 1);
+    for (uint32_t word : {0x80u, 0x00u, 0x06u, 0x07u, 0x0Fu}) {
+      Write(0x6040, 0, word, 2);
+      Tick();
+    }
+    server_ = 0;
+  }
+
   void Nmt() {
     static constexpr uint8_t commands[] = {1, 1, 1, 1, 1, 1, 2, 128, 128, 129, 130, 3};
     const uint8_t command = Pick(commands);
@@ -394,7 +408,7 @@ class Flood {
   }
 
   void Ticks() {
-    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(60) ? Below(400) : 1 + Below(3);
+    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3);
     for (uint32_t i = 0; i < ticks; ++i) {
       Tick();
       if (!lazy_) Drain();
@@ -434,6 +448,7 @@ class Flood {
   void Lose() {
     const uint16_t frames = static_cast<uint16_t>(1 + Below(3));
     fw_can_lost(&fw_, frames);
+    told_empty_ = false;
     Log(kLost, 0, 0, frames);
     LogState();
   }
@@ -471,6 +486,8 @@ class Flood {
       std::vector<uint8_t> data(8);
       for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
       Request(data[0], static_cast<uint16_t>(random_()), data[1], static_cast<uint32_t>(random_()));
+    } else if (choice < 985) {
+      Enable();
     } else if (choice < 990) {
       Record_();
     } else if (choice < 993) {
@@ -506,6 +523,7 @@ class Flood {
   uint8_t refused_ = 0;
   uint16_t server_ = 0;
   bool lazy_ = false;
+  bool told_empty_ = false;
   uint64_t sent_ = 0;
   uint64_t dumped_ = 0;
 };
