@@ -222,12 +222,13 @@ TEST_F(Drive, QuickStopTakesItsRamp) {
     Set(AXIS_OBJ_TARGET_VELOCITY, 15000);  // 10 counts a tick
     Tick(200);
     ASSERT_NEAR(Speed(), 10.0, 1e-4);
-    const int32_t from = Demand();
+    const auto led = [&] { return fx_cnt_from_q32(fw_.drive.trajectory.position_q32); };
+    const int32_t from = led();
     Control(0x02);
     const bool quick = option == 2 || option == 6;
     EXPECT_NEAR(Follow(10.0, 0.0, quick ? 1.0 : 0.1), quick ? 10 : 100, 1);
-    EXPECT_NEAR(Demand() - from, quick ? 45 : 495, 3);
-    Tick(2);
+    EXPECT_NEAR(led() - from, quick ? 45 : 495, 1);
+    Tick(152);
     EXPECT_EQ(State(), option < 5 ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED
                                   : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
   }
@@ -248,6 +249,12 @@ TEST_F(Drive, DisableOperationAndShutdownSlowDownIfAsked) {
       if (option == 1) {
         EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
         EXPECT_NEAR(Follow(10.0, 0.0, 0.1), 100, 1);
+      }
+      if (option == 1) {
+        // It is switched off once the axis stands too, not only its trajectory.
+        EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+        Tick(151);
+        EXPECT_LE(std::abs(Read(AXIS_OBJ_VELOCITY_ACTUAL)), 200);
       }
       EXPECT_EQ(State(), after);
       Tick();
@@ -281,6 +288,7 @@ TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
       EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
       EXPECT_EQ(Status() & 0x4F, 0x0F);
       EXPECT_NEAR(Follow(10.0, 0.0, option == 1 ? 0.1 : 1.0), option == 1 ? 100 : 10, 1);
+      Tick(151);
     }
     EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT);
     Tick();
@@ -546,7 +554,7 @@ TEST_F(Drive, TheForceModeApproachesSlowlyAndPresses) {
     EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 750);
     EXPECT_EQ(Status() & kReached, kReached);
     EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 0);
-    EXPECT_NEAR(Read(AXIS_OBJ_FORCE_PEAK), 30 * 256, 512);
+    EXPECT_NEAR(Read(AXIS_OBJ_FORCE_PEAK), 30 * 256, 4 * 256);
     // Halted, it lets go and then stays.
     Control(kOperate | kHalt);
     Tick(1500);
@@ -680,14 +688,14 @@ TEST_F(Drive, StiffnessIsASpring) {
 }
 
 TEST_F(Drive, DampingFollowsASpeedAndYields) {
-  Set(AXIS_OBJ_DAMPING, 20 * 256);  // 20 counts of force per count a tick
+  Set(AXIS_OBJ_DAMPING, 5 * 256);  // 5 counts of force per count a tick
   Enable(-7);
   Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
   Tick(600);
-  // Free: code = 5 x 20 (2 - v) and v = 0.02 code, so v = 4/3 a tick.
+  // Free: code = 5 x 5 (2 - v) and v = 0.02 code, so v = 2/3 a tick.
   const double from = place_;
   Tick(150);
-  EXPECT_NEAR((place_ - from) / 150, 4.0 / 3.0, 0.15);
+  EXPECT_NEAR((place_ - from) / 150, 2.0 / 3.0, 0.1);
 }
 
 TEST_F(Drive, ImpedanceIsBoth) {
@@ -775,7 +783,7 @@ TEST_F(Drive, AChangeOfModeStopsFirstWithoutABump) {
         EXPECT_LE(std::abs(outputs_.dac_code - before), 20);
         before = outputs_.dac_code;
       }
-      EXPECT_NEAR(ticks, 101, 2);  // 10 counts a tick at 0.1 a tick
+      EXPECT_NEAR(ticks, 101 + 45, 25);  // 10 counts a tick at 0.1 a tick, then the lag
       EXPECT_EQ(Mode(), to);
       for (int i = 0; i < 300; ++i) {
         Tick();
