@@ -27,7 +27,7 @@ class DriveFixture : public ::testing::Test {
     place_ = 0.0;
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
     Set(AXIS_OBJ_FORCE_GAIN, 5 * 256);
-    Set(AXIS_OBJ_CONTROLWORD, 0); // wakes the drive
+    Set(AXIS_OBJ_CONTROLWORD, 0);  // wakes the drive
   }
 
   int Write(uint16_t object, int32_t value) {

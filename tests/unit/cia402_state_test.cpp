@@ -19,7 +19,7 @@ struct Pattern {
 
 // "Switch on" and "enable operation" differ by bit 3.
 const Pattern kPatterns[] = {
-    {kShutdown, "0x110"},   {kSwitchOn, "00111"},  {kEnable, "01111"},
+    {kShutdown, "0x110"},       {kSwitchOn, "00111"},  {kEnable, "01111"},
     {kDisableVoltage, "0xx0x"}, {kQuickStop, "0x01x"},
 };
 
@@ -44,13 +44,13 @@ enum Reached { NR, SD, RS, SO, OE, QS, FR, FA };
 
 //                       none shutdown switch-on enable disable-voltage quick-stop
 const Reached kNext[8][6] = {{NR, NR, NR, NR, NR, NR},   // NR
-                           {SD, RS, SD, SD, SD, SD},   // SD
-                           {RS, RS, SO, OE, SD, SD},   // RS
-                           {SO, RS, SO, OE, SD, SD},   // SO
-                           {OE, RS, SO, OE, SD, QS},   // OE
-                           {QS, QS, QS, QS, SD, QS},   // QS, option below 5
-                           {FR, FR, FR, FR, FR, FR},   // FR
-                           {FA, FA, FA, FA, FA, FA}};  // FA, but for the edge of bit 7
+                             {SD, RS, SD, SD, SD, SD},   // SD
+                             {RS, RS, SO, OE, SD, SD},   // RS
+                             {SO, RS, SO, OE, SD, SD},   // SO
+                             {OE, RS, SO, OE, SD, QS},   // OE
+                             {QS, QS, QS, QS, SD, QS},   // QS, option below 5
+                             {FR, FR, FR, FR, FR, FR},   // FR
+                             {FA, FA, FA, FA, FA, FA}};  // FA, but for the edge of bit 7
 
 class DriveState : public DriveFixture {
  protected:
@@ -258,9 +258,10 @@ TEST_F(DriveState, TheEnableChainShowsAsVoltageAndItsLossAsAFault) {
   Tick();
   EXPECT_EQ(State(), FA);
   EXPECT_EQ(Status() & 0x10, 0);
+  Tick();
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x5);
   inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
-  Tick();
+  Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x10002);
 }
 
