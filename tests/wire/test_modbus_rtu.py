@@ -1,7 +1,7 @@
 """Modbus RTU over a pty pair: the firmware in real time, asked by libmodbus and by pymodbus.
 
-The firmware is served by tests/wire/modbus_bench.cpp; socat is the line. Both clients read and write
-every register of the map; what must stay silent is sent as raw bytes."""
+The firmware is served by tests/wire/modbus_bench.cpp; socat is the line. Both clients read and
+write every register of the map; what must stay silent is sent as raw bytes."""
 
 import os
 import random
@@ -13,9 +13,8 @@ import time
 from pathlib import Path
 
 import pytest
-from pymodbus.client import ModbusSerialClient
-
 from forceaxis.objects import OBJECTS
+from pymodbus.client import ModbusSerialClient
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "build/release/tests/wire"
