@@ -149,6 +149,35 @@ TEST_F(Modbus, TheCrcIsThatOfTheSpecification) {
             (Bytes{0x11, 0x03, 0x00, 0x6B, 0x00, 0x03, 0x76, 0x87}));
 }
 
+// Catalogue values of both CRCs; ticks of 3.5 characters by hand: 57750 / baud, rounded up.
+TEST(FxSerial, CrcsSilenceAndBits) {
+  uint16_t crc16 = 0xFFFF;
+  uint32_t crc32 = UINT32_MAX;
+  for (const char c : std::string("123456789")) {
+    crc16 = fx_crc16_modbus(crc16, static_cast<uint8_t>(c));
+    crc32 = fx_crc32(crc32, static_cast<uint8_t>(c));
+  }
+  EXPECT_EQ(crc16, 0x4B37);
+  EXPECT_EQ(~crc32, 0xCBF43926u);
+  const std::pair<uint32_t, uint32_t> silences[] = {
+      {0, 57750}, {1, 57750}, {1200, 49}, {9600, 7},   {19200, 4},
+      {28875, 2}, {57600, 2}, {57750, 1}, {115200, 1}, {UINT32_MAX, 1}};
+  for (const auto &[baud, ticks] : silences) EXPECT_EQ(fx_ticks_of_silence(baud), ticks) << baud;
+  uint8_t row[3] = {0xFF, 0xFF, 0xFF};
+  for (uint32_t n = 0; n < 10; ++n) fx_bit_append(row, n, n % 3 == 0);
+  EXPECT_EQ(row[0], 0x49);
+  EXPECT_EQ(row[1], 0x02);
+  EXPECT_EQ(row[2], 0xFF);
+  EXPECT_TRUE(fx_bit_get(row, 9));
+  EXPECT_FALSE(fx_bit_get(row, 8));
+  fx_store_be16(row, 0x1234);
+  EXPECT_EQ(row[0], 0x12);
+  EXPECT_EQ(fx_load_be16(row), 0x1234);
+  for (const auto &[bits, octets] : {std::pair{0u, 0u}, {1u, 1u}, {8u, 1u}, {9u, 2u}}) {
+    EXPECT_EQ(fx_octets(bits), octets);
+  }
+}
+
 // --- registers ----------------------------------------------------------------------------------
 
 // Each object of the map reads as it is, alone, in both word orders.

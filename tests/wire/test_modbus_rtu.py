@@ -140,7 +140,8 @@ def test_both_clients_read_every_register_alike(line, pymodbus):
             else:
                 assert o.access == "ro", f"{o.name}: {first} and {answer.registers}"
             value = from_words(o, answer.registers)
-            assert o.min <= value <= o.max or o.type == "u32", o.name
+            in_range = o.min <= value <= o.max or o.type == "u32"
+            assert in_range or o.kind == "command", o.name
     print(f"\n{len(HOLDING)} holding and {len(INPUT)} input objects, {steady} of them at rest")
     assert steady > len(HOLDING) + len(INPUT) // 2
 
@@ -250,7 +251,7 @@ def test_exceptions_as_documented(line, pymodbus):
     assert pymodbus.write_register(7, 2, device_id=UNIT).exception_code == 4
     assert ask(6, 7, 1) == []
     # A function that there is none of.
-    assert pymodbus.read_fifo_queue(0, device_id=UNIT).exception_code == 1
+    assert pymodbus.read_fifo_queue(address=0, device_id=UNIT).exception_code == 1
 
 
 def test_the_other_functions(line, pymodbus):
@@ -278,6 +279,9 @@ def test_the_other_functions(line, pymodbus):
 
 
 def test_coils_and_discrete_inputs(line, pymodbus):
+    line.kill()  # other tests leave limits that an axis in motion breaks
+    line.power_up()
+    assert line.libmodbus(16, 7, 1, 60000) == []
     assert line.libmodbus(6, 1, 8) == []
     assert line.libmodbus(5, 0, 1) == []
     time.sleep(0.05)
