@@ -281,6 +281,47 @@ def test_a_partner_that_never_comes_is_named():
         assert "is it running, on this link and with this run id?" in told["stderr"]
 
 
+# --- buses and their journal ---------------------------------------------------------------------
+
+
+def test_the_journal_of_an_axis_on_buses_gives_the_same_hash_in_process(can, tmp_path):
+    done = can["buses"]
+    assert hashes(done["plant"]) == hashes(done["axis"])
+    assert done["store_bytes"] == 2 * 16384
+    lines = done["journal"].splitlines()
+    kinds = collections.Counter(line.split()[0] for line in lines)
+    assert kinds["can"] > 150 and kinds["modbus"] >= 3 and kinds["write"] == 5
+    assert lines[-1] == f"end 1501 {hashes(done['axis'])[0]}"
+    ticks = [int(line.split()[1]) for line in lines if line.split()[0] in ("can", "modbus")]
+    assert ticks == sorted(ticks)
+    journal = tmp_path / "axis.log"
+    journal.write_text(done["journal"])
+    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    assert summary["trace_hash"] == hashes(done["axis"])[0]
+    assert summary["replay"]["same"] is True
+    assert summary["replay"]["entries"] == sum(kinds[k] for k in ("can", "modbus", "write"))
+
+
+def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
+    run_id = ["--run-id", link.new_run_id(), "--set", SHORT]
+    journal = tmp_path / "axis.log"
+    axis = start("axis_node", *run_id, "--journal", journal)
+    assert end(start("plant_node", *run_id))["status"] == 0
+    assert hashes(end(axis)) == [in_process(SHORT)]
+    forceaxis("replay", journal)
+    text = journal.read_text()
+    for changed, status, word in (
+        ("", 2, "expected a readable journal"),
+        (text.replace("write 0 force_gain", "write 0 force_gian"), 2, "line 7"),
+        (text.replace("inputs_hash ", "inputs_hash 0"), 2, "has changed since"),
+        (text[: text.index("end ")], 1, "expected a line `end`"),
+        (text.replace("force_gain 1280", "force_gain 1281"), 1, "expected the trace hash"),
+    ):
+        journal.write_text(changed)
+        done = forceaxis("replay", journal, status=status)
+        assert word in done.stderr and done.stderr.count("\n") == 1
+
+
 # --- runs do not meet ----------------------------------------------------------------------------
 
 
