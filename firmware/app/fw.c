@@ -58,6 +58,48 @@ static void wake(fw_t *fw) {
   }
 }
 
+/* --- emergencies that are no faults ----------------------------------------------------------- */
+
+/* What a contact that comes and goes, or a late port, could repeat every tick. */
+static void tell_held(fw_t *fw, uint16_t code) {
+  const uint8_t i = (uint8_t)(code - FW_HELD_FIRST);
+  const uint32_t now = fw->axis.signals.tick_count;
+  if (fw->told[i] != 0 && now - fw->told_tick[i] < FW_HOLD_TICKS) {
+    return;
+  }
+  fw->told[i] = 1;
+  fw->told_tick[i] = now;
+  canopen_emergency(&fw->canopen, code, 0);
+}
+
+enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
+
+/* Edges of what the drive watches. A contact is lost only while force is controlled. */
+static void watch_contact(fw_t *fw) {
+  const drive_signals_t *signals = &fw->drive.signals;
+  const uint8_t before = fw->contact_seen;
+  const uint8_t now = (uint8_t)(((signals->contact != 0) ? SEEN_CONTACT : 0) |
+                                ((signals->force_saturated != 0) ? SEEN_SATURATED : 0) |
+                                ((signals->limit_cycle != 0) ? SEEN_LIMIT_CYCLE : 0));
+  if (now == before) {
+    return;
+  }
+  fw->contact_seen = now;
+  const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
+  const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
+  if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
+    tell_held(fw, FW_EMERGENCY_CONTACT_LOST);
+  }
+  if ((risen & SEEN_SATURATED) != 0) {
+    tell_held(fw, FW_EMERGENCY_FORCE_SATURATED);
+  }
+  if ((risen & SEEN_LIMIT_CYCLE) != 0) {
+    tell_held(fw, FW_EMERGENCY_LIMIT_CYCLE);
+  }
+}
+
+/* --- power-up and resets ---------------------------------------------------------------------- */
+
 /* Every parameter and signal at its power-up value; what was stored replaces the defaults. */
 static void power_up(fw_t *fw) {
   const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
@@ -71,7 +113,20 @@ static void power_up(fw_t *fw) {
   fw->device_signals.node_id = node_id;
   fw->canopen.signals.serial_number = fw->config.serial_number;
   fw->source_silence = 0;
+  for (uint8_t i = 0; i < FW_HELD; i++) {
+    fw->told[i] = 0;
+  }
+  fw->contact_seen = 0;
   fw->device_signals.store_state = store_load(&fw->store, fw);
+}
+
+/* The node boots up; what was to be loaded and could not be is told as soon as it may be. */
+static void boot(fw_t *fw) {
+  canopen_start(&fw->canopen);
+  const uint8_t state = fw->device_signals.store_state;
+  if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE) {
+    canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+  }
 }
 
 void fw_init(fw_t *fw, const fw_config_t *config) {
@@ -82,7 +137,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   power_up(fw);
   if (config->buses != 0) {
     wake(fw);
-    canopen_start(&fw->canopen);
+    boot(fw);
   }
 }
 
@@ -101,25 +156,47 @@ static void carry_out_reset(fw_t *fw) {
     power_up(fw);
     fw->axis.signals.tick_count = ticks;
     cia402_wake(&fw->drive, &fw->axis);
+    boot(fw);
   } else {
     canopen_init(&fw->canopen, fw->device_signals.node_id);
     fw->canopen.signals.serial_number = fw->config.serial_number;
     store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
+    canopen_start(&fw->canopen);
   }
-  canopen_start(&fw->canopen);
   /* A port tells changes only. */
   canopen_bus(&fw->canopen, fw, bus);
 }
 
-/* The lock: a foreign owner that is silent for too long loses the axis to canopen. */
+/* --- the lock --------------------------------------------------------------------------------- */
+
+/* canopen owns the axis from now on, and is watched from now on. */
+static void give_to_canopen(fw_t *fw) {
+  fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+  canopen_owns(&fw->canopen);
+}
+
+/* Whoever gives the axis away while it is enabled may find nobody there to take it. */
+static void look_for_canopen(fw_t *fw) {
+  const uint8_t fault = canopen_lost_for(&fw->canopen);
+  if (fault != AXIS_FAULT_NONE) {
+    cia402_owner_lost(&fw->drive, &fw->axis, fault);
+  }
+}
+
+/* A foreign owner that is silent for too long loses the axis to canopen. */
 static void watch_source(fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
     return;
   }
   fw->source_silence += 1;
   if (fw->source_silence > fx_ticks_from_ms(fw->device.watchdog)) {
-    fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+    const uint8_t owner = fw->device.command_source;
+    give_to_canopen(fw);
     cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
+    /* A fault is told by its error code. */
+    if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
+      canopen_emergency(&fw->canopen, FW_EMERGENCY_SOURCE, owner);
+    }
   }
 }
 
@@ -145,6 +222,7 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
   if (fw->config.buses != 0) {
+    watch_contact(fw);
     canopen_tick(&fw->canopen, fw);
     modbus_tick(&fw->modbus, fw);
     carry_out_reset(fw);
@@ -178,7 +256,7 @@ static void count_up(uint16_t *counter, uint16_t by) {
 void fw_overrun(fw_t *fw) {
   count_up(&fw->device_signals.overruns, 1);
   if (fw->config.buses != 0) {
-    canopen_emergency(&fw->canopen, FW_EMERGENCY_OVERRUN, 0);
+    tell_held(fw, FW_EMERGENCY_OVERRUN);
   }
 }
 
@@ -193,6 +271,11 @@ void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault) {
     fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
     cia402_owner_lost(&fw->drive, &fw->axis, fault);
   }
+}
+
+uint8_t fw_fault(const fw_t *fw) {
+  const uint8_t latched = fw->axis.signals.fault;
+  return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
 const axis_address_t *fw_address(uint16_t index, uint8_t sub) {
@@ -395,8 +478,22 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
   return refusal;
 }
 
+/* The lock or its watchdog was written. */
+static void announce_device(fw_t *fw, uint8_t source, uint16_t object, int32_t previous,
+                            int32_t value) {
+  fw->source_silence = 0;
+  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous &&
+      value == AXIS_COMMAND_SOURCE_CANOPEN) {
+    give_to_canopen(fw);
+    /* If it took the axis itself it is there. */
+    if (source != FW_SOURCE_CANOPEN) {
+      look_for_canopen(fw);
+    }
+  }
+}
+
 /* Whoever depends on a parameter is told. */
-static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value) {
+static void announce(fw_t *fw, uint8_t source, uint16_t object, int32_t previous, int32_t value) {
   switch (axis_objects[object].block) {
     case AXIS_BLOCK_AXIS_PARAMETER:
       axis_parameter_written(&fw->axis, object, previous, value);
@@ -411,7 +508,7 @@ static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value)
       canopen_written(&fw->canopen, object, previous, value);
       break;
     case AXIS_BLOCK_DEVICE_PARAMETER:
-      fw->source_silence = 0; /* the lock or its watchdog */
+      announce_device(fw, source, object, previous, value);
       break;
     default:
       break;
@@ -471,7 +568,7 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   const uint16_t offset = object_offset(entry);
   const int32_t previous = value_load(fw, offset, entry->type);
   value_store(fw, offset, entry->type, value);
-  announce(fw, object, previous, value);
+  announce(fw, source, object, previous, value);
   return FW_OK;
 }
 

@@ -67,6 +67,9 @@ void fw_source_alive(fw_t *fw, uint8_t source);
  * else abort_connection_option says. */
 void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault);
 
+/* The latched fault (AXIS_FAULT_), or the one that a fault reaction under way will latch. */
+uint8_t fw_fault(const fw_t *fw);
+
 /* The finished recording as bytes, oldest sample first, each packed as recorder.h says. Returns how
  * many of `count` bytes from `offset` were there. */
 uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count);

@@ -300,9 +300,7 @@ static void look_at_drive(canopen_t *canopen, const fw_t *fw) {
   int32_t code = 0;
   (void)fw_object_read(fw, AXIS_OBJ_ERROR_CODE, &code);
   if (code != canopen->emcy.drive_code) {
-    int32_t fault = AXIS_FAULT_NONE;
-    (void)fw_object_read(fw, AXIS_OBJ_FAULT, &fault);
-    emcy_drive(canopen, (uint16_t)code, (uint8_t)fault);
+    emcy_drive(canopen, (uint16_t)code, fw_fault(fw));
   }
 }
 
@@ -339,6 +337,22 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
   }
   canopen->emcy.overrun_told = 0;
   return false;
+}
+
+/* --- the lock --------------------------------------------------------------------------------- */
+
+void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
+
+uint8_t canopen_lost_for(const canopen_t *canopen) {
+  if (canopen->bus == CAN_BUS_OFF) {
+    return AXIS_FAULT_CAN_OFF;
+  }
+  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
+    if (canopen->heartbeat_lost[i] != 0) {
+      return AXIS_FAULT_HEARTBEAT_LOST;
+    }
+  }
+  return (canopen->signals.nmt_state == CANOPEN_STOPPED) ? AXIS_FAULT_SOURCE_LOST : AXIS_FAULT_NONE;
 }
 
 /* --- what the port tells ---------------------------------------------------------------------- */

@@ -88,6 +88,13 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 /* An object of the node was `previous` and now is `value`. Writing what it was changes nothing. */
 void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int32_t value);
 
+/* The node owns the axis from now on: deadlines of RPDOs that are not running begin anew. */
+void canopen_owns(canopen_t *canopen);
+
+/* Why nobody can be reached over the node: the fault (AXIS_FAULT_) of a bus that is off, a lost
+ * heartbeat, a stopped node; AXIS_FAULT_NONE. */
+uint8_t canopen_lost_for(const canopen_t *canopen);
+
 /* The recorder was stopped or armed: what is being uploaded is gone. */
 void canopen_recording_replaced(canopen_t *canopen);
 

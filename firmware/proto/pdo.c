@@ -308,6 +308,15 @@ void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
 }
 
+void pdo_restart_deadlines(canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0 &&
+        canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0) {
+      canopen->rpdo_waiting[i] = 1;
+    }
+  }
+}
+
 void pdo_watch(canopen_t *canopen, const fw_t *fw) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (canopen->rpdo_waiting[i] != 0 && is_active(fw)) {

@@ -118,17 +118,23 @@ class Node:
         self.ring = deque()
         self.lost = 0  # frames that are not counted yet
         self.can_lost = 0
-        self.owner = 0
-        self.silence = 0
-        self.watchdog = AT[0x2302, 0].default
         self.values = [0] * 4  # of what TPDOs map
         self.refused = 0
         self.recording = 0
         self.active = 0
         self.bus = 0
+        self.ticks = 0
+        self.power_up()
         self.start()
 
     # --- resets ---------------------------------------------------------------------------------
+
+    def power_up(self):
+        self.owner = 0
+        self.silence = 0
+        self.watchdog = AT[0x2302, 0].default
+        self.contact = 0
+        self.held_until = {}  # of emergencies that are not repeated at once
 
     def start(self):
         self.od = {
@@ -388,7 +394,7 @@ class Node:
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
             if entry >> 8 == 0x230100 and data & 0xFF == 0:
-                self.owner = 0  # CANopen takes the lock
+                self.own(0)  # CANopen takes the lock
             data >>= width
         if self.refused >> i & 1:
             self.tell(i, 0x6320)
@@ -583,7 +589,7 @@ class Node:
         if at == (0x2301, 0):
             if value != server and not (server == self.owner and value == 0):
                 raise Abort(0x08000021)
-            self.owner, self.silence = value, 0
+            self.own(value)
         elif server != self.owner:
             raise Abort(0x08000021)
         elif o.kind == "command" and o.part in ("canopen", "device"):
@@ -691,12 +697,36 @@ class Node:
 
     # --- time -----------------------------------------------------------------------------------
 
-    def tick(self, seen):
+    def own(self, source):
+        before, self.owner = self.owner, source
+        self.silence = 0
+        if source == 0 and before:
+            for i in range(4):
+                valid = not self.od[0x1400 + i, 1] & OFF
+                if valid and self.od[0x1400 + i, 5] and self.timers[DEADLINE + i] == NEVER:
+                    self.unwatched[i] = True
+
+    def watch_contact(self, seen):
+        contact, self.contact = self.contact, seen & 7
+        risen, fallen = self.contact & ~contact, contact & ~self.contact
+        edges = (fallen & 1 and seen & 8, 0xFF01), (risen & 2, 0xFF02), (risen & 4, 0xFF03)
+        for edge, code in edges:
+            if edge and self.ticks >= self.held_until.get(code, 0):
+                self.held_until[code] = self.ticks + 1500
+                self.emergency(code)
+
+    def tick(self, contact, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
+        was_active, self.active = self.active, active
         if self.owner:
             self.silence += 1
             if self.silence > ticks_of_ms(self.watchdog):
-                self.owner = 0
+                owner = self.owner
+                self.own(0)
+                if was_active and not code:
+                    self.emergency(0x6010, owner)
+        self.ticks += 1
+        self.watch_contact(contact)
         if self.nmt != INITIALISING:
             if self.now >= self.next:
                 self.run_timers(active)
@@ -737,8 +767,8 @@ class Node:
 
     def after_reset(self):
         if self.reset == 129:
-            self.owner = 0
-            self.watchdog = AT[0x2302, 0].default
+            self.power_up()
+            self.active = 0
         bus, self.bus = self.bus, 0
         self.start()
         self.told_bus(bus)
@@ -833,7 +863,7 @@ def check(log, node):
             if kind == FRAME_IN:
                 node.receive(a, b, d)
             elif kind == TICK:
-                node.tick(c)
+                node.tick(a, c)
             elif kind == FRAME_OUT:
                 node.sent_frame(a, b, d)
             elif kind == NO_MORE:
