@@ -1,0 +1,272 @@
+"""What test_faults.py does to real processes on real CAN, in one guest, under tools/vcan.
+
+Prints one JSON object. With an argument it is one of the masters that get killed.
+
+Only the standard library, so that the guest does not spend its time on imports.
+"""
+
+import contextlib
+import json
+import os
+import select
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+NODES = ROOT / "build" / "release" / "host"
+EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
+SECONDS = 60  # never over: each ends when it has seen enough
+FRAME = struct.Struct("<IB3x8s")
+HEARTBEAT_MS = 100
+WATCHDOG_MS = 200
+
+
+class Bus:
+    """vcan0 as a client sees it."""
+
+    def __init__(self):
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.bind(("vcan0",))
+        self.emergencies = []
+        self.beats = 0
+
+    def send(self, can_id, data):
+        self.socket.send(FRAME.pack(can_id, len(data), data.ljust(8, b"\0")))
+
+    def receive(self, seconds):
+        """(id, data) of the next frame, or None."""
+        if not select.select([self.socket], [], [], max(0, seconds))[0]:
+            return None
+        try:
+            can_id, length, data = FRAME.unpack(self.socket.recv(FRAME.size))
+        except OSError:  # the interface went down: told once
+            return None
+        if can_id == 0x81:
+            self.emergencies.append(int.from_bytes(data[:2], "little"))
+        self.beats += can_id == 0x77F
+        return can_id, data[:length]
+
+    def listen(self, seconds, until=lambda: False):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not until():
+            self.receive(min(0.05, end - time.monotonic()))
+        return until()
+
+    def ask(self, request):
+        """The answer of the first SDO server."""
+        self.send(0x601, request)
+        end = time.monotonic() + 1
+        while (left := end - time.monotonic()) > 0:
+            frame = self.receive(left)
+            if frame and frame[0] == 0x581:
+                return frame[1]
+        raise SystemExit(f"no answer to {request.hex()}")
+
+    def write(self, index, sub, value, size):
+        """0 or the abort code."""
+        command = 0x23 | (4 - size) << 2
+        request = struct.pack("<BHB", command, index, sub) + value.to_bytes(4, "little")
+        answer = self.ask(request)
+        return 0 if answer[0] == 0x60 else int.from_bytes(answer[4:], "little")
+
+    def read(self, index, sub=0):
+        answer = self.ask(struct.pack("<BHB4x", 0x40, index, sub))
+        return int.from_bytes(answer[4:], "little") if answer[0] != 0x80 else None
+
+
+def crc(frame):
+    value = 0xFFFF
+    for byte in frame:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return frame + value.to_bytes(2, "little")
+
+
+def registers(fd, function, first, value):
+    """A request of one register to unit 1; its answer without CRC, or b""."""
+    os.write(fd, crc(struct.pack(">BBHH", 1, function, first, value)))
+    answer = b""
+    while len(answer) < (8 if function == 6 else 7) and select.select([fd], [], [], 0.5)[0]:
+        answer += os.read(fd, 64)
+    return answer[:-2]
+
+
+# --- the masters that get killed -----------------------------------------------------------------
+
+
+def heartbeat_master():
+    bus = Bus()
+    while True:
+        bus.send(0x77F, b"\x05")
+        time.sleep(0.03)
+
+
+def modbus_master(fd):
+    registers(fd, 6, 7, 1)  # command_source: modbus
+    registers(fd, 6, 8, WATCHDOG_MS)
+    while True:
+        registers(fd, 4, 0, 1)
+        time.sleep(0.03)
+
+
+# --- what happens to whom ------------------------------------------------------------------------
+
+
+def start(name, *args):
+    words = [str(NODES / name), str(EXPERIMENT), "--link", "socketcan"]
+    words += ["--set", f"experiment.duration_s={SECONDS}", *args]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    ready = process.stdout.readline()
+    if "ready" not in ready:
+        raise SystemExit(f"{name}: {process.communicate()}")
+    return process
+
+
+def end(process):
+    out, error = process.communicate(timeout=60)
+    lines = [line for line in out.splitlines() if line.startswith("{")]
+    return {
+        "status": process.returncode,
+        "stderr": error,
+        **(json.loads(lines[-1]) if lines else {}),
+    }
+
+
+def master(*args, **options):
+    return subprocess.Popen([sys.executable, __file__, *args], **options)
+
+
+def outputs_of(log):
+    """{tick: (code, amplifier and brake, fault)} of what candump saw on the link."""
+    outputs = {}
+    for line in log.splitlines():
+        if not line.startswith("("):
+            continue
+        can_id, data = line.split()[2].split("#")
+        if int(can_id, 16) >> 28 & 1:
+            code, out, tick, fault, _ = struct.unpack("<hBHBB", bytes.fromhex(data))
+            outputs[tick] = code, out, fault
+    return outputs
+
+
+def entries(journal, kind):
+    """Of the journal: [tick, ...] of this kind, as lists of words."""
+    words = [line.split() for line in journal.splitlines()]
+    return [[int(w[1]), *w[2:]] for w in words if w and w[0] == kind]
+
+
+@contextlib.contextmanager
+def bench(*axis_args):
+    """An axis on its buses, its plant, and what was seen of them, filled in at the end."""
+    seen = {}
+    client, device = os.openpty()
+    tty.setraw(client)
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as log:
+        journal = Path(folder) / "journal"
+        dump = subprocess.Popen(["candump", "-L", "-r", "8000000", "vcan1"], stdout=log, stderr=log)
+        axis = start(
+            "axis_node", "--can", "vcan0", "--modbus", os.ttyname(device), "--modbus-baud", "9600",
+            "--journal", str(journal), *axis_args,
+        )  # fmt: skip
+        seen["bus"] = Bus()
+        plant = start("plant_node", "--pace", "real")
+        seen |= {"line": client, "plant": plant}
+        yield seen
+        plant.kill()
+        seen |= {"plant": end(plant), "axis": end(axis)}
+        time.sleep(0.1)
+        dump.terminate()
+        dump.wait(10)
+        log.seek(0)
+        outputs = outputs_of(log.read())
+        seen["journal"] = journal.read_text()
+    os.close(client)
+    os.close(device)
+    seen["emergencies"] = seen.pop("bus").emergencies
+    del seen["line"]
+    on = [tick for tick, (_, out, _) in outputs.items() if out == 3]
+    seen["on"] = [min(on), max(on)]
+    after = [outputs[tick] for tick in sorted(outputs) if tick > max(on)]
+    seen["after"] = sorted(set(after))
+
+
+def killed_supervisor():
+    with bench() as seen:
+        bus = seen["bus"]
+        assert bus.write(0x1016, 1, 0x7F0000 | HEARTBEAT_MS, 4) == 0
+        supervisor = master("heartbeat")
+        bus.listen(10, lambda: bus.beats > 20)
+        seen["alive"] = bus.read(0x2021)
+        supervisor.kill()
+        supervisor.wait()
+        bus.listen(2, lambda: 0x8130 in bus.emergencies)
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+        seen["register"] = registers(seen["line"], 4, 2, 1).hex()
+    beats = [t for t, can_id, *_ in entries(seen["journal"], "can") if can_id == "77f"]
+    return seen | {"last": beats[-1], "journal": len(seen["journal"])}
+
+
+def killed_plant():
+    with bench("--timeout", "0.5", "--hold", "2") as seen:
+        bus = seen["bus"]
+        bus.listen(0.5)
+        seen["plant"].kill()
+        bus.listen(2, lambda: 0x7305 in bus.emergencies)
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+        seen["register"] = registers(seen["line"], 4, 2, 1).hex()
+    return seen | {"journal": len(seen["journal"])}
+
+
+def lost_bus():
+    with bench() as seen:
+        bus = seen["bus"]
+        bus.listen(0.5)
+        subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
+        time.sleep(0.5)
+        seen["register"] = registers(seen["line"], 4, 2, 1).hex()
+        subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
+        bus.listen(2, lambda: 0x8140 in bus.emergencies)
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+    told = entries(seen["journal"], "bus")
+    return seen | {"told": told, "journal": len(seen["journal"])}
+
+
+def two_masters():
+    with bench() as seen:
+        bus = seen["bus"]
+        line = seen["line"]
+        rival = master("modbus", str(line), pass_fds=[line])
+        end_by = time.monotonic() + 10
+        while bus.read(0x2301) != 1 and time.monotonic() < end_by:
+            bus.listen(0.02)
+        seen["owner"] = bus.read(0x2301)
+        bus.listen(0.3)
+        seen["refused"] = bus.write(0x6040, 0, 0, 2)
+        seen["alive"] = bus.read(0x2021)
+        rival.kill()
+        rival.wait()
+        bus.listen(2, lambda: 0x6010 in bus.emergencies)
+        seen["owner_after"] = bus.read(0x2301)
+        seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
+        seen["rival_after"] = registers(line, 6, 0, 6).hex()
+    # What the rival sent, before this client asked once more.
+    asked = [t for t, *_ in entries(seen["journal"], "modbus") if t <= seen["on"][1]]
+    return seen | {"last": asked[-1], "journal": len(seen["journal"])}
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["heartbeat"]:
+        heartbeat_master()
+    elif sys.argv[1:2] == ["modbus"]:
+        modbus_master(int(sys.argv[2]))
+    else:
+        scenarios = killed_supervisor, killed_plant, lost_bus, two_masters
+        chosen = [s for s in scenarios if sys.argv[1:] in ([], [s.__name__])]
+        json.dump({s.__name__: s() for s in chosen}, sys.stdout)

@@ -1,0 +1,88 @@
+"""Real processes die, a real bus goes down, two masters fight: the axis is off, and named.
+
+Within the ticks that firmware/app/fw.h states, and by the same name on every bus.
+
+Ticks are those of the link, as candump saw it, and of the axis' journal.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import fault_session
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SENSOR_INVALID, HEARTBEAT_LOST, SOURCE_LOST, CAN_OFF = 1, 8, 9, 10
+HEARTBEAT_TICKS = 150  # of 100 ms
+WATCHDOG_TICKS = 300  # of 200 ms
+
+
+@pytest.fixture(scope="module")
+def session():
+    done = subprocess.run(
+        [ROOT / "tools" / "vcan", sys.executable, fault_session.__file__],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def expect(seen, fault, code):
+    """Off for good, code 0, and the same name by SDO, Modbus and emergency."""
+    assert seen["after"] == [[0, 0, fault]]
+    assert (seen["fault"], seen["error_code"]) == (fault, code)
+    assert seen["register"] == f"010402{code:04x}"
+    assert code in seen["emergencies"]
+
+
+def test_a_killed_supervisor_is_missed(session):
+    seen = session["killed_supervisor"]
+    assert seen["alive"] == 0
+    expect(seen, HEARTBEAT_LOST, 0x8130)
+    assert (
+        seen["on"][1] - seen["last"] == HEARTBEAT_TICKS
+    )  # off in the next one, N + 2 with its own
+    assert seen["axis"]["axes"][0]["fault"] == "heartbeat_lost"
+
+
+def test_a_killed_plant_is_missed(session):
+    seen = session["killed_plant"]
+    assert (seen["fault"], seen["error_code"]) == (SENSOR_INVALID, 0x7305)
+    assert seen["register"] == "0104027305"
+    assert 0x7305 in seen["emergencies"]
+    axis = seen["axis"]
+    assert axis["status"] == 1
+    assert "plant_node silent for 500 ms" in axis["stderr"]
+    lost = axis["axes"][0]["after_silence"]
+    # One tick after the last one that the plant asked for.
+    assert lost["tick"] == seen["on"][1] + 1
+    assert (lost["dac_code"], lost["amp_enable"], lost["brake_release"]) == (0, False, False)
+    assert axis["axes"][0]["fault"] == "sensor_invalid"
+
+
+def test_a_lost_bus_is_seen(session):
+    seen = session["lost_bus"]
+    expect(seen, CAN_OFF, 0x8140)
+    (down, state), (up, active) = seen["told"]
+    assert (state, active) == ("2", "0")
+    assert seen["on"][1] == down - 1  # told before tick `down`, which is off
+    assert up > down
+    assert seen["axis"]["axes"][0]["fault"] == "can_off"
+
+
+def test_of_two_masters_one_owns_and_is_missed(session):
+    seen = session["two_masters"]
+    assert (seen["owner"], seen["refused"], seen["alive"]) == (1, 0x08000021, 0)
+    assert seen["after"] == [[0, 0, SOURCE_LOST]]
+    assert (seen["fault"], seen["error_code"]) == (SOURCE_LOST, 0x6010)
+    assert 0x6010 in seen["emergencies"]
+    assert seen["on"][1] - seen["last"] == WATCHDOG_TICKS - 1  # off N + 1 with the request's own
+    assert seen["owner_after"] == 0
+    assert seen["rival_after"] == "018604"
+    assert seen["axis"]["axes"][0]["fault"] == "source_lost"
