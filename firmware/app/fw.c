@@ -78,9 +78,10 @@ enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
 static void watch_contact(fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
   const uint8_t before = fw->contact_seen;
-  const uint8_t now = (uint8_t)(((signals->contact != 0) ? SEEN_CONTACT : 0) |
-                                ((signals->force_saturated != 0) ? SEEN_SATURATED : 0) |
-                                ((signals->limit_cycle != 0) ? SEEN_LIMIT_CYCLE : 0));
+  /* Each of them is 0 or 1. */
+  const uint8_t now =
+      (uint8_t)(signals->contact * SEEN_CONTACT + signals->force_saturated * SEEN_SATURATED +
+                signals->limit_cycle * SEEN_LIMIT_CYCLE);
   if (now == before) {
     return;
   }
@@ -142,14 +143,14 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
 }
 
 static void carry_out_reset(fw_t *fw) {
+  if (fw->canopen.reset == CANOPEN_RESET_NONE) {
+    return;
+  }
   /* Who saves and resets at once means the reset to find what was saved. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
     return;
   }
   const uint8_t reset = canopen_take_reset(&fw->canopen);
-  if (reset == CANOPEN_RESET_NONE) {
-    return;
-  }
   const uint8_t bus = fw->canopen.bus;
   if (reset == CANOPEN_RESET_NODE) {
     const uint32_t ticks = fw->axis.signals.tick_count;
@@ -328,6 +329,12 @@ const char *fw_text(const fw_t *fw, uint16_t index) {
   }
 }
 
+int32_t fw_object_value(const fw_t *fw, uint16_t object) {
+  const axis_object_t *entry = &axis_objects[object];
+  return (entry->block == AXIS_BLOCK_NONE) ? entry->initial
+                                           : value_load(fw, object_offset(entry), entry->type);
+}
+
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   if (!object_exists(object)) {
     return FW_ERROR_NO_OBJECT;
@@ -336,8 +343,7 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   if (entry->access == AXIS_ACCESS_WO) {
     return FW_ERROR_WRITE_ONLY;
   }
-  *value = (entry->block == AXIS_BLOCK_NONE) ? entry->initial
-                                             : value_load(fw, object_offset(entry), entry->type);
+  *value = fw_object_value(fw, object);
   return FW_OK;
 }
 

@@ -74,11 +74,9 @@ static bool triggered(recorder_t *recorder, const void *base) {
 
 static void store_sample(recorder_t *recorder, const void *base) {
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
-  for (uint8_t i = 0; i < recorder->channel_count; i++) {
-    const recorder_channel_t channel = recorder->channels[i];
-    const uint8_t bytes = value_bytes(channel.type);
-    fx_store_le(to, (uint32_t)value_load(base, channel.offset, channel.type), bytes);
-    to += bytes;
+  const recorder_channel_t *end = &recorder->channels[recorder->channel_count];
+  for (const recorder_channel_t *channel = recorder->channels; channel != end; channel++) {
+    to += value_pack(base, channel->offset, channel->type, to);
   }
   recorder->write_index += 1;
   if (recorder->write_index == recorder->signals.recorder_capacity) {

@@ -1,12 +1,5 @@
 #include "firmware/fx/fx.h"
 
-void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
-  for (uint8_t i = 0; i < bytes; i++) {
-    to[i] = (uint8_t)(value & 0xFFu);
-    value >>= 8;
-  }
-}
-
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
   uint32_t value = 0;
   for (uint8_t i = bytes; i > 0; i--) {

@@ -165,8 +165,18 @@ static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) 
 /* --- samples of the recorder --------------------------------------------------------------------
  */
 
-/* The low `bytes` (1, 2 or 4) bytes of a value, least significant first. */
-void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes);
+/* The low `bytes` (1, 2 or 4) bytes of a value, least significant first. Written out, they are one
+ * store on chips that can. */
+static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
+  to[0] = (uint8_t)(value & 0xFFu);
+  if (bytes > 1) {
+    to[1] = (uint8_t)((value >> 8) & 0xFFu);
+  }
+  if (bytes > 2) {
+    to[2] = (uint8_t)((value >> 16) & 0xFFu);
+    to[3] = (uint8_t)(value >> 24);
+  }
+}
 
 /* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);

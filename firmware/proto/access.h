@@ -36,6 +36,9 @@ typedef enum {
  * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 
+/* The same of an object that is known to exist and to be readable: what is mapped, every tick. */
+int32_t fw_object_value(const fw_t *fw, uint16_t object);
+
 /* The one way a value gets in: writes a raw value or gives a command on behalf of `source`,
  * between ticks; the next tick sees it. Nothing is clipped.
  * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to

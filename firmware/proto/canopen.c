@@ -297,8 +297,7 @@ static void count_lost(canopen_t *canopen, fw_t *fw) {
 }
 
 static void look_at_drive(canopen_t *canopen, const fw_t *fw) {
-  int32_t code = 0;
-  (void)fw_object_read(fw, AXIS_OBJ_ERROR_CODE, &code);
+  const int32_t code = fw_object_value(fw, AXIS_OBJ_ERROR_CODE);
   if (code != canopen->emcy.drive_code) {
     emcy_drive(canopen, (uint16_t)code, fw_fault(fw));
   }

@@ -13,6 +13,7 @@ static int32_t until(const canopen_timers_t *timers, uint32_t tick) {
 void canopen_timers_init(canopen_timers_t *timers) {
   timers->now = 0;
   timers->next = FAR;
+  timers->looked_at = 0;
   for (uint8_t i = 0; i < CANOPEN_TIMERS; i++) {
     timers->at[i] = 0;
     timers->running[i] = 0;
@@ -30,22 +31,28 @@ void canopen_timer_start(canopen_timers_t *timers, uint8_t timer, uint32_t ticks
 void canopen_timer_stop(canopen_timers_t *timers, uint8_t timer) { timers->running[timer] = 0; }
 
 uint8_t canopen_timer_take(canopen_timers_t *timers) {
-  if (until(timers, timers->next) > 0) {
-    return CANOPEN_TIMERS;
+  if (timers->looked_at == 0) {
+    if (until(timers, timers->next) > 0) {
+      return CANOPEN_TIMERS;
+    }
+    timers->next = timers->now + FAR; /* and earlier, as they are found or started meanwhile */
   }
-  uint32_t next = timers->now + FAR;
-  for (uint8_t i = 0; i < CANOPEN_TIMERS; i++) {
+  uint32_t next = timers->next;
+  for (uint32_t i = timers->looked_at; i < CANOPEN_TIMERS; i++) {
     if (timers->running[i] == 0) {
       continue;
     }
     if (until(timers, timers->at[i]) <= 0) {
       timers->running[i] = 0;
-      return i;
+      timers->looked_at = (uint8_t)(i + 1);
+      timers->next = next;
+      return (uint8_t)i;
     }
     if (until(timers, timers->at[i]) < until(timers, next)) {
       next = timers->at[i];
     }
   }
   timers->next = next;
+  timers->looked_at = 0;
   return CANOPEN_TIMERS;
 }

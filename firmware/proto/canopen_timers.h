@@ -29,6 +29,7 @@ typedef struct {
   uint32_t next;
   uint32_t at[CANOPEN_TIMERS]; /* tick in which it runs out */
   uint8_t running[CANOPEN_TIMERS];
+  uint8_t looked_at; /* timers that canopen_timer_take() has passed; 0 between ticks */
 } canopen_timers_t;
 
 void canopen_timers_init(canopen_timers_t *timers);
@@ -37,7 +38,8 @@ void canopen_timers_init(canopen_timers_t *timers);
 void canopen_timer_start(canopen_timers_t *timers, uint8_t timer, uint32_t ticks);
 void canopen_timer_stop(canopen_timers_t *timers, uint8_t timer);
 
-/* A timer that has run out, and is stopped by this; CANOPEN_TIMERS: none. */
+/* A timer that has run out, and is stopped by this; CANOPEN_TIMERS: none. To be called until then,
+ * all in one tick: the timers are gone through once. */
 uint8_t canopen_timer_take(canopen_timers_t *timers);
 
 #endif

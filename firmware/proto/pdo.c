@@ -153,9 +153,8 @@ static uint64_t pack(const canopen_t *canopen, const fw_t *fw, uint8_t i) {
   uint32_t bit = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
     const uint8_t bits = entry_bits(entries[k]);
-    int32_t part = 0;
-    (void)fw_object_read(fw, pdo->objects[k], &part);
-    value = fx_payload_put(value, (uint32_t)part, bit, bits);
+    const uint32_t part = (uint32_t)fw_object_value(fw, pdo->objects[k]);
+    value = fx_payload_put(value, part, bit, bits);
     bit += bits;
   }
   return value;
