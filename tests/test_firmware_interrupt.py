@@ -16,7 +16,7 @@ from test_firmware_targets import (  # noqa: F401 (cortex_m4 is a fixture)
     load_objects,
 )
 
-TICK_MAX = 1500  # fw_tick()
+TICK_MAX = 1500  # fw_tick(), without what comes in between ticks
 NODE = 5
 TICKS = 6000
 CHANNELS = [0x202000, 0x202300, 0x202400, 0x202500, 0x606400, 0x607700]

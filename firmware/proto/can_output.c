@@ -19,12 +19,7 @@ can_frame_t *can_output_add(can_output_t *output, uint16_t id, uint8_t length, u
   at = (at < CAN_OUTPUT_FRAMES) ? at : (uint8_t)(at - CAN_OUTPUT_FRAMES);
   output->count = (uint8_t)(output->count + 1);
   can_frame_t *frame = &output->frames[at];
-  frame->id = id;
-  frame->length = length;
-  frame->remote = 0;
-  for (uint8_t i = 0; i < 8; i++) {
-    frame->data[i] = 0;
-  }
+  *frame = (can_frame_t){.id = id, .length = length};
   return frame;
 }
 

@@ -149,9 +149,10 @@ void pdo_operational(canopen_t *canopen, bool operational) {
 static uint64_t pack(const canopen_t *canopen, const fw_t *fw, uint8_t i) {
   const pdo_t *pdo = &canopen->tpdo[i];
   const uint32_t *entries = &canopen->params.tpdo_mapping[i * PDO_ENTRIES];
+  const uint32_t end = pdo->bits;
   uint64_t value = 0;
   uint32_t bit = 0;
-  for (uint8_t k = 0; bit < pdo->bits; k++) {
+  for (uint32_t k = 0; bit < end; k++) {
     const uint8_t bits = entry_bits(entries[k]);
     const uint32_t part = (uint32_t)fw_object_value(fw, pdo->objects[k]);
     value = fx_payload_put(value, part, bit, bits);
