@@ -91,6 +91,8 @@ def crc(frame):
 
 def registers(fd, function, first, value):
     """A request of one register to unit 1; its answer without CRC, or b""."""
+    while select.select([fd], [], [], 0)[0]:  # an answer to somebody who was killed
+        os.read(fd, 64)
     os.write(fd, crc(struct.pack(">BBHH", 1, function, first, value)))
     answer = b""
     while len(answer) < (8 if function == 6 else 7) and select.select([fd], [], [], 0.5)[0]:
