@@ -20,4 +20,84 @@ int32_t fx_sign_extend(uint32_t value, uint8_t bits) {
   return fx_s32_from_u32((value ^ sign) - sign);
 }
 
+uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
+  /* 1500 * 10^exponent as a fraction, exponent 0 first. */
+  static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
+  static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
+  const uint8_t row = (uint8_t)-exponent;
+  return ((uint32_t)mantissa * ticks[row] + per[row] - 1) / per[row];
+}
+
+fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
+  uint64_t left = a;
+  uint64_t by = b;
+  int32_t shift = 31 - (int32_t)e;
+  for (; left < by; left <<= 1) {
+    shift += 1;
+  }
+  for (; left >= by << 1; by <<= 1) {
+    shift -= 1;
+  }
+  /* by <= left < 2 by: long division, the first bit is a one. */
+  uint32_t mantissa = 0;
+  for (uint8_t i = 0; i < 32; i++) {
+    const bool one = left >= by;
+    mantissa = (mantissa << 1) | (uint32_t)one;
+    left = (one ? left - by : left) << 1;
+  }
+  if (shift < 0) {
+    return (fx_ratio_t){.mantissa = UINT32_MAX, .shift = 0};
+  }
+  return (fx_ratio_t){.mantissa = mantissa, .shift = (uint8_t)shift};
+}
+
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
+
+void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
+  for (uint8_t i = 0; i < bytes; i++) {
+    to[i] = (uint8_t)(payload & 0xFFu);
+    payload >>= 8;
+  }
+}
+
+uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
+  uint64_t payload = 0;
+  for (uint8_t i = bytes; i > 0; i--) {
+    payload = (payload << 8) | (uint64_t)from[i - 1];
+  }
+  return payload;
+}
+
+uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
+  uint32_t c = (uint32_t)crc ^ byte;
+  for (uint8_t i = 0; i < 8; i++) {
+    c = ((c & 1u) != 0) ? (c >> 1) ^ 0xA001u : c >> 1;
+  }
+  return (uint16_t)c;
+}
+
+uint32_t fx_crc32(uint32_t crc, uint8_t byte) {
+  crc ^= byte;
+  for (uint8_t i = 0; i < 8; i++) {
+    crc = ((crc & 1u) != 0) ? (crc >> 1) ^ UINT32_C(0xEDB88320) : crc >> 1;
+  }
+  return crc;
+}
+
+void fx_store_be16(uint8_t *to, uint16_t value) {
+  to[0] = (uint8_t)((uint32_t)value >> 8);
+  to[1] = (uint8_t)(value & 0xFFu);
+}
+
+uint16_t fx_load_be16(const uint8_t *from) {
+  return (uint16_t)(((uint32_t)from[0] << 8) | (uint32_t)from[1]);
+}
+
+bool fx_bit_get(const uint8_t *from, uint32_t n) {
+  return (((uint32_t)from[n >> 3] >> (n & 7u)) & 1u) != 0;
+}
+
+void fx_bit_append(uint8_t *to, uint32_t n, bool bit) {
+  const uint32_t before = ((n & 7u) == 0) ? 0 : to[n >> 3];
+  to[n >> 3] = (uint8_t)(before | ((uint32_t)(bit ? 1 : 0) << (n & 7u)));
+}
