@@ -1,6 +1,6 @@
 #pragma once
-// The in-process run: the firmware's fw_tick around the plant, one record a tick.
-#include <array>
+// What a run gives, and the in-process run: the firmware's fw_tick around the plant, one record a
+// tick, passed by one direct call.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -9,22 +9,11 @@
 #include <vector>
 
 #include "host/link/experiment.hpp"
+#include "host/link/firmware_side.hpp"
+#include "host/link/records.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace forceaxis::host {
-
-// What crosses the seam in one tick. The trace hash is SHA-256 over these fields, little-endian and
-// unpadded, in this order, all ticks.
-struct TickRecord {
-  std::uint32_t tick;
-  std::int32_t encoder_cnt;
-  std::uint16_t adc0_code;
-  std::uint16_t adc1_code;
-  std::uint8_t din;
-  std::int16_t dac_code;
-  std::uint8_t out;  // bit 0 amp_enable, bit 1 brake_release
-};
-inline constexpr std::size_t kTickRecordBytes = 16;
 
 // What the firmware says of itself after each tick.
 struct FirmwareRecord {
@@ -35,19 +24,15 @@ struct FirmwareRecord {
 struct RunOptions {
   bool trace = true;  // keep records and signals; without, only metrics, hash and verdict
   bool audit = true;  // energy audit
+  // The firmware's side hashes as well, which a run over a link does anyway; in process the two
+  // can only agree.
+  bool firmware_hash = false;
   // Asked every 1024 ticks; true ends the run with RunStopped.
   std::function<bool()> stop = {};
 };
 
 struct RunStopped : std::runtime_error {
   RunStopped() : std::runtime_error("the run was stopped") {}
-};
-
-// A write of an [[at]] that the firmware refused, as it must in some states.
-struct Refusal {
-  std::int64_t tick;
-  std::string object;
-  std::string reason;
 };
 
 // Over the criterion's window, or the last second without a criterion.
@@ -70,8 +55,9 @@ struct RunResult {
   std::vector<sim::Event> events;  // the first 100,000
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;
-  double edge_margin = 0;  // LSB
-  std::string trace_hash;  // hex
+  double edge_margin = 0;     // LSB
+  std::string trace_hash;     // hex, the plant's side
+  std::string firmware_hash;  // the firmware's side, if RunOptions asks for it
   Metrics metrics;
   std::string fault;  // name of the first fault of the run, "none"
   std::vector<Refusal> refused;

@@ -13,12 +13,14 @@
 
 #include "host/link/experiment.hpp"
 #include "host/link/run.hpp"
+#include "host/python/binding/result.hpp"
 
 namespace py = pybind11;
 
 void add_bench(py::module_ &m);   // bench.cpp
 void add_excite(py::module_ &m);  // excite.cpp
 void add_linear(py::module_ &m);  // linear.cpp
+void add_link(py::module_ &m);    // link.cpp
 void add_plant(py::module_ &m);   // plant.cpp
 
 using forceaxis::host::Criterion;
@@ -43,37 +45,6 @@ py::dict energy_dict(const forceaxis::sim::EnergyAudit &e) {
 
 namespace {
 
-template <class T, class Rows, class Get>
-py::array_t<T> column(const Rows &rows, Get get) {
-  py::array_t<T> values(static_cast<py::ssize_t>(rows.size()));
-  T *out = values.mutable_data();
-  for (const auto &row : rows) *out++ = static_cast<T>(get(row));
-  return values;
-}
-
-py::dict to_dict(const Metrics &m) {
-  py::dict d;
-  d["force_ripple_count"] = m.force_ripple_count;
-  d["position_ripple_count"] = m.position_ripple_count;
-  d["contact_losses"] = m.contact_losses;
-  d["in_contact"] = m.in_contact;
-  d["peak_force_N"] = m.peak_force_N;
-  d["final_force_N"] = m.final_force_N;
-  d["saturated_ticks"] = m.saturated_ticks;
-  d["last_adc_change_tick"] = m.last_adc_change_tick;
-  return d;
-}
-
-py::object to_dict(const std::optional<Criterion> &c) {
-  if (!c) return py::none();
-  py::dict d;
-  d["window_s"] = c->window_s;
-  d["force_ripple_max_count"] = c->force_ripple_max_count;
-  d["position_ripple_max_count"] = c->position_ripple_max_count;
-  d["contact_held"] = c->contact_held;
-  return d;
-}
-
 Criterion criterion_from(const py::dict &d) {
   Criterion c;
   c.window_s = d["window_s"].cast<double>();
@@ -92,81 +63,20 @@ Metrics metrics_from(const py::dict &d) {
   return m;
 }
 
-struct Result {
-  Experiment experiment;
-  RunResult run;
-
-  py::dict columns() const {
-    py::dict d;
-    const auto &records = run.records;
-    d["encoder"] = column<std::int32_t>(records, [](const auto &r) { return r.encoder_cnt; });
-    d["adc0"] = column<std::uint16_t>(records, [](const auto &r) { return r.adc0_code; });
-    d["adc1"] = column<std::uint16_t>(records, [](const auto &r) { return r.adc1_code; });
-    d["din"] = column<std::uint8_t>(records, [](const auto &r) { return r.din; });
-    d["dac"] = column<std::int16_t>(records, [](const auto &r) { return r.dac_code; });
-    d["out"] = column<std::uint8_t>(records, [](const auto &r) { return r.out; });
-    d["fault"] = column<std::uint8_t>(run.firmware, [](const auto &r) { return r.fault; });
-    d["limit_reason"] =
-        column<std::uint8_t>(run.firmware, [](const auto &r) { return r.limit_reason; });
-    const std::size_t width = run.signal_names.size();
-    for (std::size_t j = 0; j < width; ++j) {
-      py::array_t<double> values(static_cast<py::ssize_t>(records.size()));
-      double *out = values.mutable_data();
-      for (std::size_t k = 0; k < records.size(); ++k) out[k] = run.signals[k * width + j];
-      d[py::str(run.signal_names[j])] = values;
-    }
-    return d;
-  }
-
-  py::list refused() const {
-    py::list list;
-    for (const auto &r : run.refused) {
-      py::dict d;
-      d["tick"] = r.tick;
-      d["object"] = r.object;
-      d["reason"] = r.reason;
-      list.append(d);
-    }
-    return list;
-  }
-
-  py::list events() const {
-    py::list list;
-    for (const auto &e : run.events) list.append(py::make_tuple(e.time_s, e.element, e.from, e.to));
-    return list;
-  }
-};
-
 std::unique_ptr<Result> run_one(const std::filesystem::path &file,
-                                const std::vector<std::string> &overrides) {
+                                const std::vector<std::string> &overrides, bool firmware_hash) {
   py::gil_scoped_release release;
   auto result = std::make_unique<Result>();
   result->experiment = forceaxis::host::load_experiment(file, overrides);
-  if (!result->experiment.unused.empty()) {
-    throw forceaxis::sim::InputError(file.string(), "set." + result->experiment.unused.front(),
-                                     "expected a parameter that the model or the experiment uses, "
-                                     "this one changes nothing here; remove it");
-  }
-  const auto interrupted = [] {
-    const py::gil_scoped_acquire acquire;
-    return PyErr_CheckSignals() != 0;
-  };
+  expect_used(result->experiment);
   try {
-    result->run = forceaxis::host::run(result->experiment, {.stop = interrupted});
+    result->run = forceaxis::host::run(result->experiment,
+                                       {.firmware_hash = firmware_hash, .stop = interrupted});
   } catch (const forceaxis::host::RunStopped &) {
     const py::gil_scoped_acquire acquire;
     throw py::error_already_set();
   }
   return result;
-}
-
-// Parameters of the model that [set] or --set moved.
-std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
-  std::vector<std::string> names;
-  for (const auto &p : model.parameters) {
-    if (p.overridden && p.used) names.push_back(p.name);
-  }
-  return names;
 }
 
 // What an experiment is, without running it.
@@ -218,8 +128,8 @@ py::dict to_dict(const Outcome &o) {
   }
   d["verdict"] = o.run.verdict;
   d["fault"] = o.run.fault;
-  d["metrics"] = to_dict(o.run.metrics);
-  d["criterion"] = to_dict(o.criterion);
+  d["metrics"] = ::to_dict(o.run.metrics);
+  d["criterion"] = ::to_dict(o.criterion);
   d["overridden"] = o.overridden;
   d["trace_hash"] = o.run.trace_hash;
   d["edge_margin"] = o.run.edge_margin;
@@ -318,6 +228,11 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
+      .def_property_readonly(
+          "firmware_hash", [](const Result &r) { return r.run.firmware_hash; },
+          "the trace hash of the firmware's side; empty unless asked for")
+      .def_property_readonly("overridden",
+                             [](const Result &r) { return overridden(*r.experiment.model); })
       .def_property_readonly("inputs_hash", [](const Result &r) { return r.experiment.hash; })
       .def_property_readonly("seed", [](const Result &r) { return r.experiment.seed; })
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
@@ -340,7 +255,9 @@ PYBIND11_MODULE(_core, m) {
            "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
 
   m.def("run", &run_one, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
-        "Run one experiment file with overrides NAME=VALUE. Raises InputError.");
+        py::arg("firmware_hash") = false,
+        "Run one experiment file with overrides NAME=VALUE. Raises InputError. firmware_hash: the "
+        "firmware's side hashes the trace as well.");
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         "Read an experiment without running it: title, inputs_hash, criterion, parameters with "
         "value and unit, and the overrides that change nothing. Raises InputError.");
@@ -367,5 +284,6 @@ PYBIND11_MODULE(_core, m) {
   add_linear(m);
   add_bench(m);
   add_excite(m);
+  add_link(m);
   add_plant(m);
 }

@@ -11,7 +11,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
 
-from forceaxis import cli_frequency, cli_identify, experiments, new, objects, paths, sweeps, tables
+from forceaxis import (
+    cli_frequency,
+    cli_identify,
+    experiments,
+    link,
+    new,
+    objects,
+    paths,
+    sweeps,
+    tables,
+)
 from forceaxis._core import InputError, SimulationError
 from forceaxis.cli_common import File, Folder, Verb, as_json, threads
 
@@ -22,10 +32,39 @@ def cli():
     """Firmware for force-controlled axes around an exact plant: run it before you flash it."""
 
 
+def linked(command):
+    """The options of a verb that can run the firmware as another process."""
+    for option in (
+        click.option("--inject", default="", hidden=True, help="For tests: faults of the link."),
+        click.option("--link-can", default="vcan1", show_default=True, help="CAN interface."),
+        click.option("--lcm-url", default="", help="Default: a port of the run's own."),
+        click.option(
+            "--link",
+            "kind",
+            type=click.Choice(link.KINDS),
+            help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
+            "usual, but both sides hash the trace. Where the kernel has no CAN, socketcan runs in "
+            "a guest (tools/vcan).",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def link_of(kind, lcm_url, link_can, inject):
+    """The link asked for, or None; may go on in a guest that has CAN."""
+    if kind is None:
+        return None
+    over = link.Link(kind, lcm_url, link_can, inject)
+    link.under_vcan(over)
+    return over
+
+
 @cli.command(
     cls=Verb,
     epilog="""forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7
-    forceaxis run sim/experiments/contact.toml --set b_w=363 --json""",
+    forceaxis run sim/experiments/contact.toml --set b_w=363 --json
+    forceaxis run sim/experiments/contact.toml --link lcm""",
 )
 @click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
@@ -41,14 +80,17 @@ def cli():
     type=Folder(),
     help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
 )
+@linked
 @as_json
-def run(experiment, overrides, out, as_json):
+def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
     """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
 
     Prints the verdict, the trace hash, the closest approach to a code edge, the events and the
     energy audit. An unstable verdict is a result: the exit status is 0 whenever the run was done.
+    With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
+    of the trace differ or one falls silent.
     """
-    done = experiments.run(experiment, overrides)
+    done = experiments.run(experiment, overrides, link_of(kind, lcm_url, link_can, inject))
     if out:
         experiments.write(done, out)
     if as_json:
@@ -57,6 +99,8 @@ def run(experiment, overrides, out, as_json):
         click.echo(experiments.describe(done.summary))
         if out:
             click.echo(f"files        {paths.display(out)}")
+    if "link" in done.summary:
+        link.expect_same(done.summary["link"])
 
 
 @cli.command(
@@ -179,16 +223,20 @@ def sweep(
 @cli.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
 @click.option("--fit", is_flag=True, help="Find the fitted constants again instead of using them.")
 @threads
+@linked
 @as_json
-def tables_(fit, threads, as_json):
+def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
     """Run the 55 cells of the thesis's stability tables and set ours beside the measurement.
 
-    Exit status 1 if fewer cells match than the parameter file is known for.
+    Exit status 1 if fewer cells match than the parameter file is known for. With --link the
+    firmware is one process of its own for all cells.
     """
+    if fit and kind:
+        raise click.UsageError("expected --fit without --link; a fit is thousands of runs")
     if fit:
         click.echo(json.dumps(tables.fit(threads), indent=None if as_json else 2))
         return
-    result = tables.run(threads)
+    result = tables.run(threads, link_of(kind, lcm_url, link_can, inject))
     if as_json:
         click.echo(json.dumps(result))
     else:
@@ -226,7 +274,8 @@ def report(out, threads, as_json):
     name="bench",
     cls=Verb,
     epilog="""forceaxis bench --case A --tool forceaxis --tool odeint
-    forceaxis bench --check""",
+    forceaxis bench --check
+    forceaxis bench --link""",
 )
 @click.option(
     "--case", "cases", multiple=True, type=click.Choice(["A", "B", "full"]), help="Default: all."
@@ -242,18 +291,36 @@ def report(out, threads, as_json):
 @click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
 @click.option("--linear", is_flag=True, help="Also frequency responses, critical gains, advice.")
 @click.option(
+    "--link",
+    "links",
+    is_flag=True,
+    help="Only the lock-step's rate over LCM and SocketCAN, as a share of a ping-pong between two "
+    "bare programs; exit status 1 unless what is promised holds.",
+)
+@click.option(
     "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
 )
 @as_json
-def bench_(cases, tools, repeat, sweeps, linear, check, as_json):
+def bench_(cases, tools, repeat, sweeps, linear, links, check, as_json):
     """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
 
     Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
     the contact force is from an independent extended-precision integration. Run it on an idle
     machine.
     """
-    from forceaxis import bench
+    from forceaxis import bench, bench_link
 
+    if links:
+        rows = bench_link.run(min(repeat, 10))
+        checks = bench_link.check(rows)
+        if as_json:
+            told = [{"check": text, "held": held} for text, held in checks]
+            click.echo(json.dumps({"link": rows, "checks": told}))
+        else:
+            click.echo("\n".join(bench_link.describe(rows)))
+            for text, held in checks:
+                click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
+        sys.exit(not all(held for _, held in checks))
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
     result = bench.run(
@@ -363,7 +430,7 @@ def main():
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))
-    except SimulationError as error:
+    except (SimulationError, link.LinkError) as error:
         fail(str(error), status=1)
     except click.exceptions.Abort:
         sys.exit(130)

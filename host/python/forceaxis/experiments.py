@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, link, objects, paths
 from forceaxis._core import InputError
 
 
@@ -33,15 +33,23 @@ class Run:
         return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
 
 
-def run(experiment, overrides=()):
-    """Run one experiment file. Raises InputError with file, key and what was expected."""
+def run(experiment, overrides=(), over=None):
+    """Run one experiment file; over: a link.Link, with the firmware in another process.
+
+    Raises InputError with file, key and what was expected; with a link also LinkError.
+    """
     experiment = Path(experiment)
-    result = _core.run(str(experiment), list(overrides))
+    if over:
+        result, told = link.run(over, experiment, overrides)
+    else:
+        result, told = _core.run(str(experiment), list(overrides)), None
     columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     columns |= result.columns()
     command = ["forceaxis", "run", paths.display(experiment)]
     for text in overrides:
         command += ["--set", text]
+    if over:
+        command += over.words()
     summary = {
         "experiment": paths.display(experiment),
         "title": result.title,
@@ -51,7 +59,7 @@ def run(experiment, overrides=()):
         if result.verdict == "unstable"
         else [],
         "fault": result.fault,
-        "refused": result.refused,
+        "refused": told["refused"] if told else result.refused,
         "trace_hash": result.trace_hash,
         "edge_margin": result.edge_margin if math.isfinite(result.edge_margin) else None,
         "ticks": len(result.tick),
@@ -64,6 +72,8 @@ def run(experiment, overrides=()):
         "seed": result.seed,
         "command": shlex.join(command),
     }
+    if told:
+        summary["link"] = {k: v for k, v in told.items() if k != "refused"}
     text = tomllib.loads(experiment.read_text(encoding="utf-8-sig"))
     plot = text.get("plot", {})
     check_plot(experiment, plot, columns)
@@ -134,6 +144,7 @@ def describe(summary):
         ),
         ("edge margin", "nothing converted" if margin is None else f"{margin:.3g} LSB"),
         ("trace hash", summary["trace_hash"]),
+        *(link.describe(summary["link"]) if "link" in summary else []),
         ("again", summary["command"]),
     ]
     lines[3:3] = [

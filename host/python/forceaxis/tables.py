@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from forceaxis import _core, paths
+from forceaxis import _core, link, paths
 
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
@@ -113,16 +113,21 @@ def fitted():
     return {c.name: values[c.name]["value"] for c in load().constants}
 
 
-def run_jobs(jobs, threads, title):
-    """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal."""
+def run_jobs(jobs, threads, title, over=None):
+    """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal.
+
+    over: a link.Link; then the firmware is another process and the runs follow each other.
+    """
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(title, total=len(jobs))
-        return _core.run_many(
-            jobs,
-            threads or os.cpu_count() or 1,
-            lambda done, total: bar.update(task, completed=done),
-        )
+
+        def progress(done, _):
+            bar.update(task, completed=done)
+
+        if over and over.kind != "inproc":
+            return link.run_many(over, jobs, progress)
+        return _core.run_many(jobs, threads or os.cpu_count() or 1, progress)
 
 
 def key_of(cell):
@@ -132,14 +137,14 @@ def key_of(cell):
     return f"{', '.join(words)}, gain {cell['force_gain']}, set-point {setpoint or 'not stated'}"
 
 
-def run(threads=None):
-    """Run the cells with the parameter file's constants.
+def run(threads=None, over=None):
+    """Run the cells with the parameter file's constants, over a link.Link if one is given.
 
     Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
     "total", "fitted": {constant: value}, "overridden": [printed parameters that were changed]}.
     """
     tables = load()
-    outcomes = run_jobs([tables.job(c) for c in tables.cells], threads, "tables")
+    outcomes = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
     for cell, outcome in zip(tables.cells, outcomes, strict=True):
         keep = ("metrics", "criterion", "fault", "trace_hash")

@@ -1,0 +1,112 @@
+#pragma once
+// Stop and wait. The plant is master: it sends the inputs of a tick, repeats them until the outputs
+// of that tick have come, and only then goes on. The firmware computes a tick once, answers a
+// repeated one from memory and ignores every other. So whatever a transport loses, doubles or
+// delays, both sides pass through the same ticks with the same values.
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "host/link/transport.hpp"
+
+namespace forceaxis::host {
+
+// Records, as one side sees them.
+struct LinkStatistics {
+  std::uint64_t sent = 0;        // handed to the transport, repeats included
+  std::uint64_t received = 0;    // of this run and a hosted axis
+  std::uint64_t repeated = 0;    // sent again: no answer in time (plant), asked again (firmware)
+  std::uint64_t duplicates = 0;  // received, and of a tick that was done already
+  std::uint64_t foreign = 0;     // not of this run, or malformed
+};
+
+// After how long without a word the partner counts as silent.
+struct LinkTimeouts {
+  std::chrono::milliseconds start{5000};  // before its first record
+  std::chrono::milliseconds running{1000};
+};
+
+struct LinkSilent : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+class PlantExchange {
+ public:
+  PlantExchange(PlantTransport &transport, const LinkTimeouts &timeouts)
+      : transport_(transport), timeouts_(timeouts) {}
+
+  // One tick of some axes. outputs[i] becomes the answer to inputs[i]. Throws LinkSilent naming the
+  // axes that did not answer in time, TransportError.
+  void exchange(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs);
+
+  // Called now and then while an answer is late; what it throws ends the exchange.
+  std::function<void()> late;
+
+  LinkStatistics statistics() const;
+
+ private:
+  void wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
+               unsigned missing);
+  unsigned take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
+                std::chrono::milliseconds wait);
+
+  PlantTransport &transport_;
+  LinkTimeouts timeouts_;
+  LinkStatistics statistics_;
+  bool idle_ = false;   // nothing at all came in the last wait
+  unsigned heard_ = 0;  // bit axis - 1: it has answered before
+};
+
+// The firmware's end, for some axes in one process.
+class AxisExchange {
+ public:
+  // `compute` is called once a tick and axis, in order; `axes` are the numbers hosted here.
+  using Compute = std::function<LinkOutputs(const LinkInputs &)>;
+  // Until which tick each axis runs, in the order of `axes`.
+  AxisExchange(AxisTransport &transport, const LinkTimeouts &timeouts,
+               std::span<const std::uint8_t> axes, std::span<const std::int64_t> last_ticks,
+               Compute compute);
+
+  // Serves what has come within `wait`. Returns the axes of which the plant has fallen silent, as
+  // bits axis - 1; those are then finished.
+  unsigned serve(std::chrono::milliseconds wait);
+
+  // Every axis has done its last tick or fallen silent. A plant may still miss the last answer:
+  // go on serving until quiet() says that it has been so for a while.
+  bool finished() const { return running_ == 0; }
+  std::chrono::milliseconds quiet() const;
+
+  LinkStatistics statistics() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  struct Axis {
+    bool hosted = false;
+    bool fresh = false;  // heard of since the last look at the clock
+    std::int64_t last_tick = 0;
+    Clock::time_point heard{};
+    LinkOutputs answer{};  // to the tick done last; its tick is -1 before the first
+  };
+
+  unsigned supervise();
+
+  AxisTransport &transport_;
+  LinkTimeouts timeouts_;
+  Compute compute_;
+  std::array<Axis, kMostAxes> axes_{};
+  unsigned running_ = 0;  // bits axis - 1
+  unsigned calls_ = 0;
+  Clock::time_point heard_;
+  LinkStatistics statistics_;
+};
+
+// "axis 1", "axes 1, 3": of bits axis - 1.
+std::string axes_text(unsigned axes);
+
+}  // namespace forceaxis::host

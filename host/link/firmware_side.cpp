@@ -1,0 +1,101 @@
+#include "host/link/firmware_side.hpp"
+
+#include <new>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "host/link/objects.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+const char *refusal_text(int error) {
+  switch (error) {
+    case FW_ERROR_RANGE:
+      return "outside its range or at odds with another object";
+    case FW_ERROR_STATE:
+      return "not in this state of the axis: a fault is latched, or it must be disabled or idle";
+    default:
+      return "cannot be written";
+  }
+}
+
+}  // namespace
+
+FirmwareSide::FirmwareSide(const Experiment &experiment, bool hash)
+    : experiment_(&experiment),
+      axis_(axis_host_create()),
+      action_(experiment.actions.begin()),
+      hashing_(hash) {
+  if (!axis_) throw std::bad_alloc();
+  last_.tick = -1;
+  write_initial();
+}
+
+void FirmwareSide::write_initial() {
+  const auto write = [this](const ObjectWrite &w) {
+    return axis_host_write(axis_.get(), w.object, w.raw);
+  };
+  std::vector<ObjectWrite> left = experiment_->initial;
+  while (!left.empty()) {
+    std::vector<ObjectWrite> refused;
+    for (const ObjectWrite &w : left) {
+      if (write(w) != FW_OK) refused.push_back(w);
+    }
+    if (refused.size() == left.size()) {
+      const ObjectWrite &w = refused.front();
+      throw sim::InputError(
+          experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
+          "expected a value that the firmware takes beside the others, it refused " +
+              std::to_string(w.raw) + " (raw): " + refusal_text(write(w)));
+    }
+    left = refused;
+  }
+}
+
+std::int32_t FirmwareSide::read(std::uint16_t object) const {
+  std::int32_t value = 0;
+  axis_host_read(axis_.get(), object, &value);
+  return value;
+}
+
+LinkOutputs FirmwareSide::run_tick(const LinkInputs &in) {
+  axis_inputs_t inputs{};
+  inputs.encoder_cnt = in.encoder_cnt;
+  inputs.adc_code[0] = in.adc0_code;
+  inputs.adc_code[1] = in.adc1_code;
+  inputs.din = in.din;
+  inputs.sensor_valid = in.sensor_valid;
+  axis_outputs_t outputs{};
+  axis_host_tick(axis_.get(), &inputs, &outputs);
+  return {in.tick,
+          outputs.dac_code,
+          static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0)),
+          static_cast<std::uint8_t>(read(AXIS_OBJ_FAULT)),
+          static_cast<std::uint8_t>(read(AXIS_OBJ_LIMIT_REASON)),
+          in.axis};
+}
+
+LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
+  for (; action_ != experiment_->actions.end() && action_->tick <= in.tick; ++action_) {
+    for (const ObjectWrite &w : action_->writes) {
+      const int error = axis_host_write(axis_.get(), w.object, w.raw);
+      if (error != FW_OK) {
+        refused_.push_back({in.tick, object_meta(w.object).name, refusal_text(error)});
+      }
+    }
+  }
+  const LinkOutputs out = run_tick(in);
+  if (hashing_) hash_.add(tick_record(in, out));
+  last_ = in;
+  return out;
+}
+
+LinkOutputs FirmwareSide::lose_sensors(std::uint8_t axis) {
+  LinkInputs in = last_;
+  in.axis = axis;
+  in.tick = next_tick();
+  in.sensor_valid = 0;
+  return run_tick(in);
+}
+
+}  // namespace forceaxis::host

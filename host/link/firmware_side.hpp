@@ -1,0 +1,62 @@
+#pragma once
+// The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
+// trace hash. It knows nothing of the plant but the records.
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "host/link/experiment.hpp"
+#include "host/link/records.hpp"
+#include "host/link/trace_hash.hpp"
+
+namespace forceaxis::host {
+
+// A write of an [[at]] that the firmware refused, as it must in some states.
+struct Refusal {
+  std::int64_t tick;
+  std::string object;
+  std::string reason;
+};
+
+class FirmwareSide {
+ public:
+  // Powers up and gives the initial writes; objects that bound each other are taken in whatever
+  // order works. Throws sim::InputError if the firmware refuses one. `hash` false: hash() is not
+  // asked for, and a tick is spared its share of it. The experiment must outlive the side.
+  FirmwareSide(const Experiment &experiment, bool hash);
+
+  // The coming tick: the writes due, then the firmware's own tick.
+  LinkOutputs tick(const LinkInputs &in);
+
+  // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
+  // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
+  LinkOutputs lose_sensors(std::uint8_t axis);
+
+  // Ends the trace hash.
+  std::string hash() { return hash_.hex(); }
+
+  std::int64_t next_tick() const { return last_.tick + 1; }
+  std::int32_t read(std::uint16_t object) const;
+  const std::vector<Refusal> &refused() const { return refused_; }
+  axis_host_t *axis() { return axis_.get(); }
+
+ private:
+  struct Deleter {
+    void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+  };
+
+  void write_initial();
+  LinkOutputs run_tick(const LinkInputs &in);
+
+  const Experiment *experiment_;
+  std::unique_ptr<axis_host_t, Deleter> axis_;
+  std::vector<Action>::const_iterator action_;
+  std::vector<Refusal> refused_;
+  LinkInputs last_{};
+  bool hashing_;
+  TraceHash hash_;
+};
+
+}  // namespace forceaxis::host

@@ -1,0 +1,182 @@
+#include "host/link/lcm_transport.hpp"
+
+#include <arpa/inet.h>
+#include <lcm/lcm.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <type_traits>
+
+#include "forceaxis/link_inputs_t.hpp"
+#include "forceaxis/link_outputs_t.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+constexpr char kGroup[] = "239.255.76.67";  // LCM's own
+constexpr std::int64_t kFirstPort = 20000, kPorts = 40000;
+constexpr int kTickRateHz = 1500;
+
+std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / kTickRateHz; }
+
+std::int64_t wall_microseconds() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+link_inputs_t message_of(const LinkInputs &in) {
+  link_inputs_t m{};
+  m.encoder = in.encoder_cnt;
+  m.adc0 = in.adc0_code;
+  m.adc1 = in.adc1_code;
+  m.digital_inputs = in.din;
+  m.sensor_valid = in.sensor_valid != 0;
+  return m;
+}
+
+link_outputs_t message_of(const LinkOutputs &out) {
+  link_outputs_t m{};
+  m.dac = out.dac_code;
+  m.outputs = out.out;
+  m.fault = out.fault;
+  m.limit_reason = out.limit_reason;
+  return m;
+}
+
+LinkInputs record_of(const link_inputs_t &m, std::uint8_t axis) {
+  return {m.seq,
+          m.encoder,
+          static_cast<std::uint16_t>(m.adc0),
+          static_cast<std::uint16_t>(m.adc1),
+          m.digital_inputs,
+          static_cast<std::uint8_t>(m.sensor_valid ? 1 : 0),
+          axis};
+}
+
+LinkOutputs record_of(const link_outputs_t &m, std::uint8_t axis) {
+  return {m.seq, m.dac, m.outputs, m.fault, m.limit_reason, axis};
+}
+
+std::string channel(bool inputs, int axis) {
+  return "AXIS_" + std::to_string(axis) + (inputs ? "_LINK_INPUTS" : "_LINK_OUTPUTS");
+}
+
+// LCM itself would only print warnings, and lose every message.
+void expect_route(const std::string &url) {
+  if (!url.starts_with("udpm://")) return;
+  const int s = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(1);
+  inet_pton(AF_INET, kGroup, &address.sin_addr);
+  const bool there = connect(s, reinterpret_cast<sockaddr *>(&address), sizeof address) == 0;
+  close(s);
+  if (!there) {
+    throw TransportError(url +
+                         ": expected a route for multicast, there is none; give the loopback "
+                         "interface one: `ip link set lo up multicast on && ip route add "
+                         "224.0.0.0/4 dev lo`");
+  }
+}
+
+template <class Out, class In>
+class LcmTransport : public Transport<Out, In> {
+  using OutMessage = decltype(message_of(Out{}));
+  using InMessage = decltype(message_of(In{}));
+  static constexpr bool kPlant = std::is_same_v<Out, LinkInputs>;
+
+ public:
+  LcmTransport(const std::string &url, std::int64_t run_id) : url_(url), run_id_(run_id) {
+    expect_route(url);
+    lcm_.reset(lcm_create(url.c_str()));
+    if (!lcm_) throw TransportError(url + ": expected an LCM URL such as " + lcm_url_of(run_id));
+    for (int i = 0; i < kMostAxes; ++i) {
+      Ear &ear = ears_[static_cast<std::size_t>(i)];
+      ear = {this, static_cast<std::uint8_t>(i + 1)};
+      lcm_subscribe(lcm_.get(), channel(!kPlant, i + 1).c_str(), &LcmTransport::hear, &ear);
+      channels_[static_cast<std::size_t>(i)] = channel(kPlant, i + 1);
+    }
+  }
+
+  void send(std::span<const Out> records) override {
+    const std::int64_t now = wall_microseconds();
+    for (const Out &record : records) {
+      OutMessage m = message_of(record);
+      m.utime = microseconds_at(record.tick);
+      m.wall_utime = now;
+      m.seq = record.tick;
+      m.run_id = run_id_;
+      std::array<std::uint8_t, 128> bytes;
+      const int n = m.encode(bytes.data(), 0, bytes.size());
+      if (lcm_publish(lcm_.get(), channels_[record.axis - 1U].c_str(), bytes.data(),
+                      static_cast<unsigned>(n)) != 0) {
+        throw TransportError(url_ + ": expected to be able to send, " + std::strerror(errno));
+      }
+    }
+  }
+
+  std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) override {
+    heard_ = records;
+    count_ = 0;
+    // One call hands over one message.
+    if (lcm_handle_timeout(lcm_.get(), static_cast<int>(wait.count())) < 0) {
+      throw TransportError(url_ + ": expected to be able to receive");
+    }
+    return count_;
+  }
+
+  std::uint64_t foreign() const override { return foreign_; }
+
+ private:
+  struct Ear {
+    LcmTransport *self;
+    std::uint8_t axis;
+  };
+  struct Destroy {
+    void operator()(lcm_t *lcm) const { lcm_destroy(lcm); }
+  };
+
+  static void hear(const lcm_recv_buf_t *buffer, const char *, void *user) {
+    const Ear &ear = *static_cast<const Ear *>(user);
+    LcmTransport &self = *ear.self;
+    InMessage m;
+    if (m.decode(buffer->data, 0, static_cast<int>(buffer->data_size)) < 0 ||
+        m.run_id != self.run_id_ || self.count_ == self.heard_.size()) {
+      ++self.foreign_;
+      return;
+    }
+    self.heard_[self.count_++] = record_of(m, ear.axis);
+  }
+
+  std::string url_;
+  std::int64_t run_id_;
+  std::unique_ptr<lcm_t, Destroy> lcm_;
+  std::array<Ear, kMostAxes> ears_{};
+  std::array<std::string, kMostAxes> channels_;
+  std::span<In> heard_;  // where receive() wants what comes
+  std::size_t count_ = 0;
+  std::uint64_t foreign_ = 0;
+};
+
+}  // namespace
+
+std::string lcm_url_of(std::int64_t run_id) {
+  const std::int64_t port = kFirstPort + (run_id % kPorts + kPorts) % kPorts;
+  return std::string("udpm://") + kGroup + ":" + std::to_string(port) + "?ttl=0";
+}
+
+std::unique_ptr<PlantTransport> lcm_plant_transport(const std::string &url, std::int64_t run_id) {
+  return std::make_unique<LcmTransport<LinkInputs, LinkOutputs>>(url, run_id);
+}
+
+std::unique_ptr<AxisTransport> lcm_axis_transport(const std::string &url, std::int64_t run_id) {
+  return std::make_unique<LcmTransport<LinkOutputs, LinkInputs>>(url, run_id);
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,142 @@
+#include "host/link/linked_run.hpp"
+
+#include <time.h>
+
+#include <array>
+#include <utility>
+
+#include "host/link/lcm_transport.hpp"
+#include "host/link/plant_side.hpp"
+#include "host/link/socketcan.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::string url_of(const LinkOptions &options) {
+  return options.lcm_url.empty() ? lcm_url_of(options.run_id) : options.lcm_url;
+}
+
+bool injects(const Injection &injection) {
+  return injection.drop > 0 || injection.duplicate > 0 || injection.flip_tick.has_value();
+}
+
+std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
+                                                     InjectionCounts &counts) {
+  auto transport = options.kind == "lcm" ? lcm_plant_transport(url_of(options), options.run_id)
+                                         : can_plant_transport(options.can_interface);
+  if (!injects(options.injection)) return transport;
+  return injecting(std::move(transport), options.injection, counts);
+}
+
+// Ticks at their times: tick k at k / 1500 s after the first, exactly.
+class Pacer {
+ public:
+  void wait_for(std::int64_t tick) {
+    if (!started_) {
+      started_ = true;
+      start_ns_ = now_ns();
+    }
+    const std::int64_t due_ns = start_ns_ + tick * 2000000 / 3;
+    if (now_ns() > due_ns + 2000000 / 3) ++overruns;
+    const timespec due{due_ns / 1000000000, due_ns % 1000000000};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
+    }
+  }
+  std::int64_t overruns = 0;
+
+ private:
+  static std::int64_t now_ns() {
+    timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return std::int64_t{now.tv_sec} * 1000000000 + now.tv_nsec;
+  }
+  bool started_ = false;
+  std::int64_t start_ns_ = 0;
+};
+
+}  // namespace
+
+std::string link_text(const LinkOptions &options) {
+  if (options.kind == "lcm") {
+    return "lcm " + url_of(options) + " run " + std::to_string(options.run_id);
+  }
+  return "socketcan " + options.can_interface;
+}
+
+struct LinkedPlants::Ends {
+  Ends(std::span<const Experiment> experiments, std::uint8_t first, const RunOptions &run_options,
+       const LinkOptions &options)
+      : first_axis(first) {
+    if (options.kind != "lcm") {
+      claim = std::make_unique<CanClaim>(options.can_interface, "plant");
+    }
+    transport = open_plant_transport(options, report.injected);
+    exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
+    exchange->late = [stop = run_options.stop] {
+      if (stop && stop()) throw RunStopped();
+    };
+    plants.reserve(experiments.size());
+    for (const Experiment &experiment : experiments) plants.emplace_back(experiment, run_options);
+  }
+
+  std::uint8_t first_axis;
+  LinkReport report;
+  std::unique_ptr<CanClaim> claim;
+  std::unique_ptr<PlantTransport> transport;
+  std::unique_ptr<PlantExchange> exchange;
+  std::vector<PlantSide> plants;
+};
+
+LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t first_axis,
+                           const RunOptions &run_options, const LinkOptions &options)
+    : ends_(std::make_unique<Ends>(experiments, first_axis, run_options, options)) {}
+
+LinkedPlants::~LinkedPlants() = default;
+
+std::vector<RunResult> LinkedPlants::run(bool real_time) {
+  Ends &ends = *ends_;
+  Pacer pacer;
+  Clock::time_point first_answer{};
+  std::array<LinkInputs, kMostAxes> inputs;
+  std::array<LinkOutputs, kMostAxes> outputs;
+  std::array<PlantSide *, kMostAxes> running;
+  for (std::int64_t tick = 0;; ++tick) {
+    std::size_t n = 0;
+    if (real_time && tick > 0) pacer.wait_for(tick - 1);
+    for (std::size_t i = 0; i < ends.plants.size(); ++i) {
+      if (!ends.plants[i].running()) continue;
+      running[n] = &ends.plants[i];
+      inputs[n] = ends.plants[i].sense();
+      inputs[n].axis = static_cast<std::uint8_t>(ends.first_axis + i);
+      ++n;
+    }
+    if (n == 0) break;
+    ends.exchange->exchange({inputs.data(), n}, {outputs.data(), n});
+    for (std::size_t i = 0; i < n; ++i) running[i]->act(outputs[i]);
+    ends.report.ticks = tick + 1;
+    ends.report.overruns = pacer.overruns;
+    if (tick == 0) first_answer = Clock::now();
+  }
+  ends.report.seconds = std::chrono::duration<double>(Clock::now() - first_answer).count();
+  std::vector<RunResult> results;
+  for (PlantSide &plant : ends.plants) results.push_back(plant.finish());
+  return results;
+}
+
+LinkReport LinkedPlants::report() const {
+  LinkReport report = ends_->report;
+  report.statistics = ends_->exchange->statistics();
+  return report;
+}
+
+std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,
+                                                   InjectionCounts &counts) {
+  auto transport = options.kind == "lcm" ? lcm_axis_transport(url_of(options), options.run_id)
+                                         : can_axis_transport(options.can_interface);
+  if (!injects(options.injection)) return transport;
+  return injecting(std::move(transport), options.injection, counts);
+}
+
+}  // namespace forceaxis::host

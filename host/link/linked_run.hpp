@@ -1,0 +1,59 @@
+#pragma once
+// A run whose firmware is another process: the plant's end of it, for one or several axes.
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/link/exchange.hpp"
+#include "host/link/inject.hpp"
+#include "host/link/run.hpp"
+
+namespace forceaxis::host {
+
+struct LinkOptions {
+  std::string kind = "lcm";             // or "socketcan"
+  std::string can_interface = "vcan1";  // of its own, no other traffic
+  std::string lcm_url;                  // empty: lcm_url_of(run_id)
+  std::int64_t run_id = 1;
+  LinkTimeouts timeouts;
+  Injection injection;
+};
+
+// Where the records go, for messages.
+std::string link_text(const LinkOptions &options);
+
+struct LinkReport {
+  LinkStatistics statistics;
+  InjectionCounts injected;
+  std::int64_t ticks = 0;     // of the longest axis
+  double seconds = 0;         // from the first answer to the last
+  std::int64_t overruns = 0;  // paced ticks that began more than a tick late
+};
+
+// The plants of a run. Opened (and known to be possible) before somebody is told that it is ready.
+class LinkedPlants {
+ public:
+  // experiments[i] is that of axis first_axis + i; they must outlive this. Throws TransportError.
+  LinkedPlants(std::span<const Experiment> experiments, std::uint8_t first_axis,
+               const RunOptions &run_options, const LinkOptions &options);
+  ~LinkedPlants();
+
+  // All ticks. `real_time`: a tick begins at its time on the wall clock and not earlier. The
+  // results' `refused` are empty, those are known to the other process. Throws what the run in
+  // process throws, LinkSilent, TransportError. report() tells in either case.
+  std::vector<RunResult> run(bool real_time);
+
+  LinkReport report() const;
+
+ private:
+  struct Ends;
+  std::unique_ptr<Ends> ends_;
+};
+
+// The firmware's end of the link; `counts` must outlive it.
+std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,
+                                                   InjectionCounts &counts);
+
+}  // namespace forceaxis::host

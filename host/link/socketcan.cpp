@@ -1,0 +1,262 @@
+#include "host/link/socketcan.hpp"
+
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstddef>
+#include <cstring>
+
+namespace forceaxis::host {
+namespace {
+
+constexpr std::uint32_t kToPlant = 1U << 28;
+constexpr std::uint32_t kUnused = 0x1FF;
+constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9;
+constexpr std::int64_t kTicksInId = 4096;
+constexpr std::int64_t kTicksInData = 65536;
+constexpr std::uint8_t kInputBytes = 8, kOutputBytes = 7;
+
+void put16(std::uint8_t *at, std::uint16_t value) {
+  at[0] = static_cast<std::uint8_t>(value);
+  at[1] = static_cast<std::uint8_t>(value >> 8);
+}
+std::uint16_t get16(const std::uint8_t *at) {
+  return static_cast<std::uint16_t>(at[0] | at[1] << 8);
+}
+
+canid_t id_of(std::uint8_t axis, std::int64_t tick) {
+  return CAN_EFF_FLAG | static_cast<std::uint32_t>(axis - 1) << kAxisShift |
+         static_cast<std::uint32_t>(tick % kTicksInId) << kTickShift;
+}
+
+// 0 if the identifier is not one of ours.
+std::uint8_t axis_of(canid_t id) {
+  const std::uint32_t axis = id >> kAxisShift & 7U;
+  const bool ours = (id & CAN_EFF_FLAG) != 0 && (id & (CAN_RTR_FLAG | CAN_ERR_FLAG)) == 0 &&
+                    (id & kUnused) == 0 && axis < kMostAxes;
+  return ours ? static_cast<std::uint8_t>(axis + 1) : 0;
+}
+
+// The tick nearest to `near` that is `residue` mod `modulus`.
+std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t near) {
+  std::int64_t ahead = (residue - near) % modulus;
+  if (ahead < 0) ahead += modulus;
+  return near + (ahead >= modulus / 2 ? ahead - modulus : ahead);
+}
+
+std::string why(int error) { return std::strerror(error); }
+
+// Both ends: frames out, frames in, several with one call of the kernel.
+template <class Out, class In>
+class CanTransport : public Transport<Out, In> {
+ public:
+  CanTransport(const std::string &interface, std::optional<In> (*decode)(const can_frame &),
+               std::uint32_t direction, std::int64_t modulus)
+      : interface_(interface), socket_(open_can(interface)), decode_(decode), modulus_(modulus) {
+    // The kernel passes on only what comes from the other side.
+    const can_filter filter{CAN_EFF_FLAG | direction,
+                            CAN_EFF_FLAG | CAN_RTR_FLAG | kToPlant | kUnused};
+    setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_FILTER, &filter, sizeof filter);
+  }
+  ~CanTransport() override { close(socket_); }
+
+  void send(std::span<const Out> records) override {
+    std::array<can_frame, kFrames> frames;
+    std::array<iovec, kFrames> parts;
+    std::array<mmsghdr, kFrames> messages{};
+    for (std::size_t i = 0; i < records.size(); ++i) {
+      frames[i] = can_frame_of(records[i]);
+      expected_[records[i].axis - 1U] = records[i].tick;
+      parts[i] = {&frames[i], sizeof frames[i]};
+      messages[i].msg_hdr.msg_iov = &parts[i];
+      messages[i].msg_hdr.msg_iovlen = 1;
+    }
+    for (std::size_t done = 0; done < records.size();) {
+      const int n =
+          records.size() - done == 1
+              ? (write(socket_, &frames[done], sizeof frames[done]) == sizeof frames[done] ? 1 : -1)
+              : sendmmsg(socket_, &messages[done], static_cast<unsigned>(records.size() - done), 0);
+      if (n > 0) {
+        done += static_cast<std::size_t>(n);
+      } else if (errno != EINTR && errno != ENOBUFS) {
+        throw TransportError(interface_ + ": expected to be able to send, " + why(errno));
+      } else if (errno == ENOBUFS) {
+        usleep(500);  // a real controller's queue is full: it drains at the speed of the bus
+      }
+    }
+  }
+
+  std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) override {
+    set_wait(wait);
+    std::array<can_frame, kFrames> frames;
+    std::array<iovec, kFrames> parts;
+    std::array<mmsghdr, kFrames> messages{};
+    const std::size_t most = std::min(records.size(), kFrames);
+    for (std::size_t i = 0; i < most; ++i) {
+      parts[i] = {&frames[i], sizeof frames[i]};
+      messages[i].msg_hdr.msg_iov = &parts[i];
+      messages[i].msg_hdr.msg_iovlen = 1;
+    }
+    const int n =
+        recvmmsg(socket_, messages.data(), static_cast<unsigned>(most), MSG_WAITFORONE, nullptr);
+    if (n < 0) {
+      if (errno == EAGAIN || errno == EINTR) return 0;
+      throw TransportError(interface_ + ": expected to be able to receive, " + why(errno));
+    }
+    std::size_t count = 0;
+    for (int i = 0; i < n; ++i) {
+      const std::optional<In> record =
+          messages[static_cast<std::size_t>(i)].msg_len == sizeof(can_frame)
+              ? decode_(frames[static_cast<std::size_t>(i)])
+              : std::nullopt;
+      if (!record) {
+        ++foreign_;
+        continue;
+      }
+      records[count] = *record;
+      records[count].tick = unwrap(record->tick, modulus_, expected_[record->axis - 1U]);
+      ++count;
+    }
+    return count;
+  }
+
+  std::uint64_t foreign() const override { return foreign_; }
+
+ private:
+  static constexpr std::size_t kFrames = 2 * kMostAxes;
+
+  // The waiting time is the socket's, so that a usual tick needs no call for it.
+  void set_wait(std::chrono::milliseconds wait) {
+    if (wait == wait_) return;
+    const timeval time{wait.count() / 1000, wait.count() % 1000 * 1000};
+    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
+    wait_ = wait;
+  }
+
+  std::string interface_;
+  int socket_;
+  std::optional<In> (*decode_)(const can_frame &);
+  std::int64_t modulus_;
+  std::chrono::milliseconds wait_{-1};
+  std::array<std::int64_t, kMostAxes> expected_{};  // the tick sent last
+  std::uint64_t foreign_ = 0;
+};
+
+}  // namespace
+
+can_frame can_frame_of(const LinkInputs &in) {
+  can_frame frame{};
+  frame.can_id = id_of(in.axis, in.tick) | static_cast<std::uint32_t>(in.din & 15) << kDinShift;
+  if (in.sensor_valid == 0) return frame;
+  frame.can_dlc = kInputBytes;
+  const auto encoder = static_cast<std::uint32_t>(in.encoder_cnt);
+  put16(frame.data, static_cast<std::uint16_t>(encoder));
+  put16(frame.data + 2, static_cast<std::uint16_t>(encoder >> 16));
+  put16(frame.data + 4, in.adc0_code);
+  put16(frame.data + 6, in.adc1_code);
+  return frame;
+}
+
+can_frame can_frame_of(const LinkOutputs &out) {
+  can_frame frame{};
+  frame.can_id = id_of(out.axis, out.tick) | kToPlant;
+  frame.can_dlc = kOutputBytes;
+  put16(frame.data, static_cast<std::uint16_t>(out.dac_code));
+  frame.data[2] = out.out;
+  put16(frame.data + 3, static_cast<std::uint16_t>(out.tick % kTicksInData));
+  frame.data[5] = out.fault;
+  frame.data[6] = out.limit_reason;
+  return frame;
+}
+
+std::optional<LinkInputs> link_inputs_of(const can_frame &frame) {
+  LinkInputs in{};
+  in.axis = axis_of(frame.can_id & ~(15U << kDinShift));
+  if (in.axis == 0 || (frame.can_id & kToPlant) != 0) return std::nullopt;
+  if (frame.can_dlc != kInputBytes && frame.can_dlc != 0) return std::nullopt;
+  in.tick = frame.can_id >> kTickShift & (kTicksInId - 1);
+  in.din = frame.can_id >> kDinShift & 15;
+  in.sensor_valid = frame.can_dlc == kInputBytes;
+  in.encoder_cnt = static_cast<std::int32_t>(
+      get16(frame.data) | static_cast<std::uint32_t>(get16(frame.data + 2)) << 16);
+  in.adc0_code = get16(frame.data + 4);
+  in.adc1_code = get16(frame.data + 6);
+  return in;
+}
+
+std::optional<LinkOutputs> link_outputs_of(const can_frame &frame) {
+  LinkOutputs out{};
+  out.axis = axis_of(frame.can_id);
+  if (out.axis == 0 || (frame.can_id & kToPlant) == 0) return std::nullopt;
+  if (frame.can_dlc != kOutputBytes) return std::nullopt;
+  out.dac_code = static_cast<std::int16_t>(get16(frame.data));
+  out.out = frame.data[2];
+  out.tick = get16(frame.data + 3);
+  out.fault = frame.data[5];
+  out.limit_reason = frame.data[6];
+  // Identifier and data must speak of the same tick.
+  if ((frame.can_id >> kTickShift & (kTicksInId - 1)) != out.tick % kTicksInId) return std::nullopt;
+  return out;
+}
+
+int open_can(const std::string &interface) {
+  const int s = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
+  if (s < 0) {
+    throw TransportError(interface + ": expected a kernel with SocketCAN, it has none (" +
+                         why(errno) + "); run this under tools/vcan");
+  }
+  ifreq request{};
+  interface.copy(request.ifr_name, sizeof request.ifr_name - 1);
+  sockaddr_can address{};
+  address.can_family = AF_CAN;
+  address.can_ifindex = static_cast<int>(if_nametoindex(interface.c_str()));
+  const bool up = address.can_ifindex != 0 && ioctl(s, SIOCGIFFLAGS, &request) == 0 &&
+                  (request.ifr_flags & IFF_UP) != 0;
+  if (!up || bind(s, reinterpret_cast<sockaddr *>(&address), sizeof address) != 0) {
+    close(s);
+    throw TransportError(interface +
+                         ": expected a CAN interface that is up; make one with `ip link add " +
+                         interface + " type vcan && ip link set " + interface +
+                         " up`, or run this under tools/vcan");
+  }
+  return s;
+}
+
+CanClaim::CanClaim(const std::string &interface, const std::string &role)
+    : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+  // A name in the abstract space belongs to one socket of a network namespace.
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  const std::string text = "forceaxis-link/" + interface + "/" + role;
+  text.copy(name.sun_path + 1, sizeof name.sun_path - 2);
+  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 +
+                                             std::min(text.size(), sizeof name.sun_path - 2));
+  if (bind(socket_, reinterpret_cast<sockaddr *>(&name), length) != 0) {
+    close(socket_);
+    throw TransportError(interface + ": expected to be the only " + role +
+                         " here, another run holds it; wait for it, or take another interface or a "
+                         "network namespace (tools/vcan)");
+  }
+}
+
+CanClaim::~CanClaim() { close(socket_); }
+
+std::unique_ptr<PlantTransport> can_plant_transport(const std::string &interface) {
+  return std::make_unique<CanTransport<LinkInputs, LinkOutputs>>(interface, link_outputs_of,
+                                                                 kToPlant, kTicksInData);
+}
+
+std::unique_ptr<AxisTransport> can_axis_transport(const std::string &interface) {
+  return std::make_unique<CanTransport<LinkOutputs, LinkInputs>>(interface, link_inputs_of, 0U,
+                                                                 kTicksInId);
+}
+
+}  // namespace forceaxis::host

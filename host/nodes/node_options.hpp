@@ -1,0 +1,54 @@
+#pragma once
+// What axis_node and plant_node have in common: arguments, errors, reports.
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "host/link/linked_run.hpp"
+#include "host/nodes/json.hpp"
+
+namespace forceaxis::nodes {
+
+// What only the command line can get wrong: exit status 2.
+struct UsageError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+struct NodeOptions {
+  std::vector<std::string> files;  // experiments of the axes, from the first on
+  std::vector<std::string> sets;   // NAME=VALUE for all axes, or N:NAME=VALUE
+  int first_axis = 1;
+  int axes = 0;  // 0: as many as there are files; else one file for all of them
+  std::string inject;
+  double start_timeout_s = 5;
+  double timeout_s = 1;
+  host::LinkOptions link;
+};
+
+// Adds the options to `app`. They are complete after finish_options(), which throws UsageError.
+void add_options(CLI::App &app, NodeOptions &options);
+void finish_options(NodeOptions &options);
+
+// The overrides of one axis.
+std::vector<std::string> overrides_of(const NodeOptions &options, int axis);
+
+// The experiments, one an axis. Throws sim::InputError.
+std::vector<host::Experiment> load_experiments(const NodeOptions &options);
+
+// "1" or "1-6".
+std::string axes_range(const NodeOptions &options);
+
+// Statistics of one end, injected faults included.
+std::string statistics_json(const host::LinkStatistics &statistics,
+                            const host::InjectionCounts &injected);
+
+// Runs a program: what it throws becomes one line on standard error and an exit status, 2 for what
+// the user must change, 1 for a run that failed.
+int guarded(const char *name, const std::function<int()> &program);
+
+// CLI11's complaint as one line and status 2; its help with 0.
+int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error);
+
+}  // namespace forceaxis::nodes

@@ -1,0 +1,85 @@
+// The plant's end of a run whose firmware is another process.
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include "host/link/lcm_transport.hpp"
+#include "host/link/linked_run.hpp"
+#include "host/python/binding/result.hpp"
+
+namespace py = pybind11;
+
+void add_link(py::module_ &m);
+
+namespace {
+
+using forceaxis::host::LinkOptions;
+using forceaxis::host::LinkReport;
+
+std::chrono::milliseconds milliseconds_of(double seconds) {
+  return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000 + 0.5));
+}
+
+py::dict to_dict(const LinkReport &r) {
+  const double rate = r.seconds > 0 ? static_cast<double>(r.ticks - 1) / r.seconds : 0;
+  py::dict d, s;
+  s["sent"] = r.statistics.sent;
+  s["received"] = r.statistics.received;
+  s["repeated"] = r.statistics.repeated;
+  s["duplicates"] = r.statistics.duplicates;
+  s["foreign"] = r.statistics.foreign;
+  s["dropped"] = r.injected.dropped;
+  s["doubled"] = r.injected.doubled;
+  s["flipped"] = r.injected.flipped;
+  s["on_wire"] = r.statistics.sent - r.injected.dropped + r.injected.doubled;
+  d["ticks_per_s"] = rate;
+  d["real_time"] = rate / forceaxis::sim::kTickRateHz;
+  d["overruns"] = r.overruns;
+  d["statistics"] = s;
+  return d;
+}
+
+py::tuple run_linked(const std::filesystem::path &file, const std::vector<std::string> &overrides,
+                     const std::string &kind, std::int64_t run_id, const std::string &lcm_url,
+                     const std::string &can_interface, double start_timeout_s, double timeout_s,
+                     const std::string &inject, bool real_time, bool trace) {
+  LinkOptions options;
+  options.kind = kind;
+  options.run_id = run_id;
+  options.lcm_url = lcm_url;
+  options.can_interface = can_interface;
+  options.timeouts = {milliseconds_of(start_timeout_s), milliseconds_of(timeout_s)};
+  if (!inject.empty()) options.injection = forceaxis::host::injection_of(inject);
+  auto result = std::make_unique<Result>();
+  LinkReport report;
+  try {
+    const py::gil_scoped_release release;
+    result->experiment = forceaxis::host::load_experiment(file, overrides);
+    expect_used(result->experiment);
+    forceaxis::host::LinkedPlants plants({&result->experiment, 1}, 1,
+                                         {.trace = trace, .audit = trace, .stop = interrupted},
+                                         options);
+    result->run = std::move(plants.run(real_time).front());
+    report = plants.report();
+  } catch (const forceaxis::host::RunStopped &) {
+    throw py::error_already_set();
+  }
+  return py::make_tuple(std::move(result), to_dict(report));
+}
+
+}  // namespace
+
+void add_link(py::module_ &m) {
+  py::register_exception<forceaxis::host::TransportError>(m, "TransportError", PyExc_RuntimeError);
+  py::register_exception<forceaxis::host::LinkSilent>(m, "LinkSilent", PyExc_RuntimeError);
+  m.def(
+      "lcm_url_of", [](std::int64_t run_id) { return forceaxis::host::lcm_url_of(run_id); },
+      py::arg("run_id"), "Where a run's records go when no other place is given.");
+  m.def("run_linked", &run_linked, py::arg("experiment"), py::arg("overrides"), py::arg("kind"),
+        py::arg("run_id"), py::arg("lcm_url") = "", py::arg("can_interface") = "vcan1",
+        py::arg("start_timeout_s") = 5.0, py::arg("timeout_s") = 1.0, py::arg("inject") = "",
+        py::arg("real_time") = false, py::arg("trace") = true,
+        "Run one experiment with the plant here and the firmware in an axis_node, as axis 1. "
+        "Returns (Result, {ticks_per_s, real_time, overruns, statistics}). Raises InputError, "
+        "SimulationError, TransportError, LinkSilent, ValueError for `inject`.");
+}

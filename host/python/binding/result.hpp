@@ -1,0 +1,114 @@
+#pragma once
+// A finished run as Python sees it, and what the ways to run one have in common.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host/link/experiment.hpp"
+#include "host/link/run.hpp"
+
+template <class T, class Rows, class Get>
+pybind11::array_t<T> column(const Rows &rows, Get get) {
+  pybind11::array_t<T> values(static_cast<pybind11::ssize_t>(rows.size()));
+  T *out = values.mutable_data();
+  for (const auto &row : rows) *out++ = static_cast<T>(get(row));
+  return values;
+}
+
+inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
+  pybind11::dict d;
+  d["force_ripple_count"] = m.force_ripple_count;
+  d["position_ripple_count"] = m.position_ripple_count;
+  d["contact_losses"] = m.contact_losses;
+  d["in_contact"] = m.in_contact;
+  d["peak_force_N"] = m.peak_force_N;
+  d["final_force_N"] = m.final_force_N;
+  d["saturated_ticks"] = m.saturated_ticks;
+  d["last_adc_change_tick"] = m.last_adc_change_tick;
+  return d;
+}
+
+inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> &c) {
+  if (!c) return pybind11::none();
+  pybind11::dict d;
+  d["window_s"] = c->window_s;
+  d["force_ripple_max_count"] = c->force_ripple_max_count;
+  d["position_ripple_max_count"] = c->position_ripple_max_count;
+  d["contact_held"] = c->contact_held;
+  return d;
+}
+
+struct Result {
+  forceaxis::host::Experiment experiment;
+  forceaxis::host::RunResult run;
+
+  pybind11::dict columns() const {
+    pybind11::dict d;
+    const auto &records = run.records;
+    d["encoder"] = column<std::int32_t>(records, [](const auto &r) { return r.encoder_cnt; });
+    d["adc0"] = column<std::uint16_t>(records, [](const auto &r) { return r.adc0_code; });
+    d["adc1"] = column<std::uint16_t>(records, [](const auto &r) { return r.adc1_code; });
+    d["din"] = column<std::uint8_t>(records, [](const auto &r) { return r.din; });
+    d["dac"] = column<std::int16_t>(records, [](const auto &r) { return r.dac_code; });
+    d["out"] = column<std::uint8_t>(records, [](const auto &r) { return r.out; });
+    d["fault"] = column<std::uint8_t>(run.firmware, [](const auto &r) { return r.fault; });
+    d["limit_reason"] =
+        column<std::uint8_t>(run.firmware, [](const auto &r) { return r.limit_reason; });
+    const std::size_t width = run.signal_names.size();
+    for (std::size_t j = 0; j < width; ++j) {
+      pybind11::array_t<double> values(static_cast<pybind11::ssize_t>(records.size()));
+      double *out = values.mutable_data();
+      for (std::size_t k = 0; k < records.size(); ++k) out[k] = run.signals[k * width + j];
+      d[pybind11::str(run.signal_names[j])] = values;
+    }
+    return d;
+  }
+
+  pybind11::list refused() const {
+    pybind11::list list;
+    for (const auto &r : run.refused) {
+      pybind11::dict d;
+      d["tick"] = r.tick;
+      d["object"] = r.object;
+      d["reason"] = r.reason;
+      list.append(d);
+    }
+    return list;
+  }
+
+  pybind11::list events() const {
+    pybind11::list list;
+    for (const auto &e : run.events)
+      list.append(pybind11::make_tuple(e.time_s, e.element, e.from, e.to));
+    return list;
+  }
+};
+
+// Parameters of the model that [set] or --set moved.
+inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
+  std::vector<std::string> names;
+  for (const auto &p : model.parameters) {
+    if (p.overridden && p.used) names.push_back(p.name);
+  }
+  return names;
+}
+
+// Refuses what changes nothing.
+inline void expect_used(const forceaxis::host::Experiment &experiment) {
+  if (experiment.unused.empty()) return;
+  throw forceaxis::sim::InputError(
+      experiment.file.string(), "set." + experiment.unused.front(),
+      "expected a parameter that the model or the experiment uses, this one changes nothing here; "
+      "remove it");
+}
+
+// Of a run that releases the lock: whether Python has been interrupted.
+inline bool interrupted() {
+  const pybind11::gil_scoped_acquire acquire;
+  return PyErr_CheckSignals() != 0;
+}

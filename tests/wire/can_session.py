@@ -1,0 +1,102 @@
+"""What test_link.py asks of real CAN, in one guest: run under tools/vcan, prints one JSON object.
+
+Only the standard library, so that the guest does not spend its time on imports.
+"""
+
+import collections
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+NODES = ROOT / "build" / "release" / "host"
+EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
+SHORT = ["--set", "experiment.duration_s=1"]
+CAN = ["--link", "socketcan"]
+
+
+def start(name, *args):
+    """A node with its ready line read."""
+    words = [str(NODES / name), str(EXPERIMENT), *CAN, *args]
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+    ready = process.stdout.readline()
+    if "ready" not in ready:
+        raise SystemExit(f"{name}: {process.communicate()}")
+    return process
+
+
+def end(process):
+    """{"status", "error", and what its JSON object says}."""
+    out, error = process.communicate(timeout=60)
+    return {"status": process.returncode, "stderr": error, **json.loads(out.splitlines()[-1])}
+
+
+def pair(*args, plant_args=()):
+    axis = start("axis_node", *args)
+    plant = start("plant_node", *args, *plant_args)
+    return {"plant": end(plant), "axis": end(axis)}
+
+
+def with_candump():
+    """A whole run, and how many frames of each direction candump saw."""
+    with tempfile.TemporaryFile("w+") as log:
+        dump = subprocess.Popen(
+            ["candump", "-L", "-d", "-r", "8000000", "vcan1"], stdout=log, stderr=log
+        )
+        time.sleep(0.3)
+        done = pair()
+        time.sleep(0.3)
+        dump.send_signal(signal.SIGINT)
+        dump.wait(10)
+        log.seek(0)
+        lines = log.read().splitlines()
+    frames = [line.split()[2] for line in lines if line.startswith("(")]
+    done["frames"] = collections.Counter(
+        "axis" if int(f.split("#")[0], 16) >> 28 & 1 else "plant" for f in frames
+    )
+    done["frames_of_first"] = frames[:2000] if len(frames) == 18002 else []
+    done["other"] = [line for line in lines if not line.startswith("(")]
+    return done
+
+
+def second_plant():
+    """Two plants on one interface: the second one is refused."""
+    first = start("plant_node", *SHORT, "--start-timeout", "2")
+    words = [str(NODES / "plant_node"), str(EXPERIMENT), *CAN, *SHORT]
+    second = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
+    first.kill()
+    first.communicate()
+    return {"status": second.returncode, "stderr": second.stderr}
+
+
+def killed_axis():
+    axis = start("axis_node")
+    plant = start("plant_node", "--pace", "real")
+    time.sleep(0.5)
+    axis.kill()
+    since = time.monotonic()
+    told = end(plant)
+    axis.communicate()
+    return told | {"after_s": time.monotonic() - since}
+
+
+def six_axes():
+    sets = [w for n in range(1, 7) for w in ("--set", f"{n}:firmware.force_gain={n + 1}")]
+    return pair("--axes", "6", *SHORT, *sets)
+
+
+if __name__ == "__main__":
+    result = {
+        "candump": with_candump(),
+        "second_plant": second_plant(),
+        "killed_axis": killed_axis(),
+        "six_axes": six_axes(),
+        "flipped": pair(*SHORT, plant_args=("--inject", "flip=100,bit=0")),
+    }
+    json.dump(result, sys.stdout)

@@ -1,0 +1,365 @@
+"""Lock-step over real transports: processes, datagrams and frames, lost, doubled and changed ones.
+
+Expected hashes are those of the run in process.
+"""
+
+import collections
+import contextlib
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import lcm
+import pytest
+from forceaxis import _core, link, tables
+
+ROOT = Path(__file__).resolve().parents[2]
+EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+NODES = ROOT / "build" / "release" / "host"
+VCAN = ROOT / "tools" / "vcan"
+SHORT = "experiment.duration_s=1"
+FAULTS = "drop=0.06,double=0.06,seed=3"
+
+
+def forceaxis(*args, status=0):
+    done = subprocess.run(
+        [FORCEAXIS, *map(str, args)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == status, done.stderr
+    return done
+
+
+def run(*args):
+    return json.loads(forceaxis("run", EXPERIMENT, *args, "--json").stdout)
+
+
+def in_process(*overrides):
+    return _core.run(str(EXPERIMENT), list(overrides)).trace_hash
+
+
+@contextlib.contextmanager
+def load():
+    """A process that never sleeps on every CPU but one, so that the two sides must wait."""
+    words = [sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(words) for _ in range(max(1, (os.cpu_count() or 1) - 1))]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def start(name, *args):
+    words = [str(NODES / name), str(EXPERIMENT), *map(str, args)]
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+    assert "ready" in process.stdout.readline()
+    return process
+
+
+def end(process):
+    out, error = process.communicate(timeout=60)
+    return {"status": process.returncode, "stderr": error, **json.loads(out.splitlines()[-1])}
+
+
+def hashes(report):
+    return [axis["trace_hash"] for axis in report["axes"]]
+
+
+@pytest.fixture(scope="module")
+def can():
+    """Everything that needs CAN frames, from one guest."""
+    done = subprocess.run(
+        [VCAN, sys.executable, Path(__file__).with_name("can_session.py")],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+# --- the same trace ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", link.KINDS)
+def test_the_trace_is_that_of_the_run_in_process_on_a_loaded_machine(kind):
+    with load():
+        summary = run("--link", kind)
+    told = summary["link"]
+    assert summary["trace_hash"] == in_process()
+    assert told["hashes"] == {"plant": summary["trace_hash"], "axis": summary["trace_hash"]}
+    assert told["kind"] == kind
+    assert len(set(told["pids"].values())) == (1 if kind == "inproc" else 2)
+    assert summary["verdict"] == "stable"
+    assert summary["energy"]["supplied_J"] > 0
+
+
+def test_lost_and_doubled_datagrams_change_nothing():
+    with load():
+        summary = run("--link", "lcm", "--inject", FAULTS)
+    told = summary["link"]
+    assert told["hashes"] == {"plant": in_process(), "axis": in_process()}
+    for end_ in told["statistics"].values():
+        assert end_["dropped"] > 0 and end_["doubled"] > 0
+        assert end_["dropped"] + end_["doubled"] >= 0.09 * end_["sent"]
+        assert end_["on_wire"] == end_["sent"] - end_["dropped"] + end_["doubled"]
+    plant, axis = told["statistics"]["plant"], told["statistics"]["axis"]
+    # Every loss costs a repeat, and nothing was sent but ticks and repeats.
+    assert plant["repeated"] >= plant["dropped"]
+    assert plant["sent"] == summary["ticks"] + plant["repeated"]
+    assert axis["received"] == plant["on_wire"]
+    assert axis["sent"] == summary["ticks"] + axis["repeated"]
+
+
+def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
+    url = _core.lcm_url_of(link.new_run_id())
+    log = tmp_path / "link.lcmlog"
+    logger = subprocess.Popen(["lcm-logger", "-q", "-f", f"--lcm-url={url}", log])
+    time.sleep(0.5)
+    summary = run("--link", "lcm", "--lcm-url", url)
+    time.sleep(0.5)
+    logger.send_signal(signal.SIGINT)
+    logger.wait(10)
+    seen = collections.defaultdict(list)
+    for event in lcm.EventLog(str(log)):
+        if event.channel == "LCM_SELF_TEST":  # of LCM itself, when a process joins
+            continue
+        # Fingerprint, then utime, wall_utime, seq (the tick), run_id.
+        _, _, utime, _, seq, run_id = struct.unpack(">2I4q", event.data[:40])
+        assert run_id == summary["link"]["run_id"]
+        assert utime == seq * 1_000_000 // 1500
+        seen[event.channel].append(seq)
+    assert set(seen) == {"AXIS_1_LINK_INPUTS", "AXIS_1_LINK_OUTPUTS"}
+    statistics = summary["link"]["statistics"]
+    for channel, end_ in (("AXIS_1_LINK_INPUTS", "plant"), ("AXIS_1_LINK_OUTPUTS", "axis")):
+        assert sorted(set(seen[channel])) == list(range(summary["ticks"]))
+        assert len(seen[channel]) == summary["ticks"] + statistics[end_]["repeated"]
+
+
+def test_candump_counts_a_frame_a_tick_and_direction(can):
+    done = can["candump"]
+    ticks = 9001
+    for end_ in ("plant", "axis"):
+        assert hashes(done[end_]) == [in_process()]
+        assert done["frames"][end_] == ticks + done[end_]["statistics"]["repeated"]
+    assert done["other"] == []  # candump speaks of dropped frames here
+    assert done["plant"]["pid"] != done["axis"]["pid"]
+    # The bytes, written again from the trace: axis 1, enable (bit 9), tick mod 4096 from bit 13 on.
+    result = _core.run(str(EXPERIMENT), [])
+    c = {name: values.tolist() for name, values in result.columns().items()}
+    expected = []
+    for k in range(len(done["frames_of_first"]) // 2):
+        there = struct.pack("<iHH", c["encoder"][k], c["adc0"][k], c["adc1"][k])
+        back = struct.pack("<hBHBB", c["dac"][k], c["out"][k], k, c["fault"][k],
+                           c["limit_reason"][k])  # fmt: skip
+        expected.append(f"{0x200 | k << 13:08X}#{there.hex().upper()}")
+        expected.append(f"{1 << 28 | k << 13:08X}#{back.hex().upper()}")
+    assert done["frames_of_first"] == expected
+
+
+def test_some_cells_of_the_tables_over_lcm_are_those_in_process():
+    known = tables.load()
+    jobs = [known.job(c) for c in known.cells[::11]]
+    ours = link.run_many(link.Link("lcm"), jobs)
+    for one, other in zip(ours, _core.run_many(jobs), strict=True):
+        assert one == other
+
+
+def test_six_axes(can):
+    sets = [w for n in range(1, 7) for w in ("--set", f"{n}:firmware.force_gain={n + 1}")]
+    common = ["--axes", 6, "--set", SHORT, "--run-id", link.new_run_id(), *sets]
+    axis = start("axis_node", *common)
+    plant = end(start("plant_node", *common))
+    expected = [in_process(SHORT, f"firmware.force_gain={n + 1}") for n in range(1, 7)]
+    assert len(set(expected)) == 6
+    assert hashes(plant) == hashes(end(axis)) == expected
+    assert plant["status"] == 0
+    for end_ in ("plant", "axis"):
+        assert hashes(can["six_axes"][end_]) == expected
+
+
+# --- what was changed is seen --------------------------------------------------------------------
+
+
+def test_one_flipped_bit_changes_the_result(can):
+    done = forceaxis(
+        "run", EXPERIMENT, "--set", SHORT, "--link", "lcm", "--inject", "flip=100", "--json",
+        status=1,
+    )  # fmt: skip
+    told = json.loads(done.stdout)["link"]
+    assert told["hashes"]["plant"] != told["hashes"]["axis"]
+    assert told["statistics"]["plant"]["flipped"] == 1
+    assert done.stderr.startswith("forceaxis: link lcm: expected the same trace hash on both sides")
+    assert done.stderr.count("\n") == 1
+    flipped = can["flipped"]
+    assert hashes(flipped["plant"]) != hashes(flipped["axis"])
+    assert hashes(flipped["axis"]) != [in_process(SHORT)]
+
+
+def test_what_the_firmware_refuses_is_told_by_the_other_process(tmp_path):
+    file = tmp_path / "refused.toml"
+    text = EXPERIMENT.read_text().replace("../models", str(ROOT / "sim" / "models"))
+    file.write_text(f"{text}\n[[at]]\ntime_s = 0.5\nfirmware = {{ adc_bits = 8 }}\n")
+    plain = json.loads(forceaxis("run", file, "--json").stdout)
+    over = json.loads(forceaxis("run", file, "--link", "lcm", "--json").stdout)
+    assert plain["refused"][0]["object"] == "adc_bits" and plain["refused"][0]["tick"] == 750
+    for key in ("trace_hash", "refused", "metrics", "energy", "fault", "verdict", "events"):
+        assert over[key] == plain[key]
+    done = forceaxis(
+        "run", EXPERIMENT, "--link", "lcm", "--set", "firmware.position_max=-300",
+        "--set", "firmware.position_min=-200", status=2,
+    )  # fmt: skip
+    assert "firmware.position_min: expected a value that the firmware takes" in done.stderr
+
+
+# --- who falls silent is named -------------------------------------------------------------------
+
+
+def test_a_killed_axis_node_is_named_in_the_stated_time(can):
+    run_id = ["--run-id", link.new_run_id()]
+    axis = start("axis_node", *run_id)
+    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.5")
+    time.sleep(0.5)
+    axis.kill()
+    axis.communicate()
+    since = time.monotonic()
+    told = end(plant)
+    assert 0.4 < time.monotonic() - since < 1.0
+    assert told["status"] == 1
+    assert told["error"].startswith("axis_node (axis 1) silent for 0.5 s at tick ")
+    assert told["stderr"] == f"plant_node: {told['error']}\n"
+    over_can = can["killed_axis"]
+    assert over_can["status"] == 1
+    assert "axis_node (axis 1) silent for 1 s at tick " in over_can["stderr"]
+    assert 0.9 < over_can["after_s"] < 2.0
+
+
+def test_a_killed_plant_disables_the_axis():
+    run_id = ["--run-id", link.new_run_id()]
+    axis = start("axis_node", *run_id, "--timeout", "0.5")
+    plant = start("plant_node", *run_id, "--pace", "real")
+    time.sleep(0.5)
+    plant.kill()
+    plant.communicate()
+    since = time.monotonic()
+    told = end(axis)
+    assert 0.4 < time.monotonic() - since < 1.0
+    assert told["status"] == 1
+    assert told["stderr"].startswith("axis_node: plant_node silent for 500 ms (axis 1)")
+    lost = told["axes"][0]["after_silence"]
+    assert lost == {
+        "tick": told["axes"][0]["ticks"],
+        "dac_code": 0,
+        "amp_enable": False,
+        "brake_release": False,
+        "fault": "sensor_invalid",
+    }
+
+
+def test_a_partner_that_never_comes_is_named():
+    for name, partner in (("plant_node", "axis_node"), ("axis_node", "plant_node")):
+        node = start(name, "--run-id", link.new_run_id(), "--start-timeout", "0.3")
+        told = end(node)
+        assert told["status"] == 1
+        assert f"{name}: {partner}" in told["stderr"] and "silent for" in told["stderr"]
+        assert "is it running, on this link and with this run id?" in told["stderr"]
+
+
+# --- runs do not meet ----------------------------------------------------------------------------
+
+
+def test_parallel_runs_on_one_port_do_not_meet():
+    url = _core.lcm_url_of(link.new_run_id())
+    words = [FORCEAXIS, "run", EXPERIMENT, "--link", "lcm", "--lcm-url", url, "--json", "--set"]
+    gains = [f"firmware.force_gain={n}" for n in (3, 4)]
+    both = [subprocess.Popen([*words, g], stdout=subprocess.PIPE, text=True) for g in gains]
+    summaries = [json.loads(p.communicate(timeout=60)[0]) for p in both]
+    for summary, gain in zip(summaries, gains, strict=True):
+        assert summary["link"]["hashes"] == dict.fromkeys(("plant", "axis"), in_process(gain))
+    # They did hear each other.
+    assert sum(s["link"]["statistics"]["plant"]["foreign"] for s in summaries) > 0
+    assert len({s["link"]["run_id"] for s in summaries}) == 2
+
+
+def test_an_interface_carries_one_plant(can):
+    assert can["second_plant"]["status"] == 1
+    assert can["second_plant"]["stderr"].startswith(
+        "plant_node: vcan1: expected to be the only plant here"
+    )
+
+
+# --- set-up that is missing is named -------------------------------------------------------------
+
+
+def test_no_route_for_multicast_says_how():
+    unshare = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]
+    words = [*unshare, NODES / "plant_node", EXPERIMENT]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
+    assert done.returncode == 1
+    assert "ip route add 224.0.0.0/4 dev lo" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_no_can_interface_says_how():
+    words = [NODES / "axis_node", EXPERIMENT, "--link", "socketcan", "--link-can", "nocan0"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("axis_node: nocan0: expected ") and "tools/vcan" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["axis_node", "plant_node"])
+@pytest.mark.parametrize(
+    ("args", "word"),
+    [
+        (["nowhere.toml"], "nowhere.toml"),
+        ([EXPERIMENT, "--axes", "7"], "--axes"),
+        ([EXPERIMENT, "--link", "pigeon"], "pigeon"),
+        ([EXPERIMENT, "--inject", "drop=2"], "drop=2"),
+        ([EXPERIMENT, "--inject", "lose=0.1"], "lose=0.1"),
+        ([EXPERIMENT, "--set", "2:m_r1=3"], "2:m_r1=3"),
+        ([EXPERIMENT, "--set", "firmware.force_gain=300"], "firmware.force_gain"),
+        ([EXPERIMENT, "--frobnicate"], "--frobnicate"),
+        ([], "EXPERIMENT"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(name, args, word):
+    done = subprocess.run(
+        [NODES / name, *args], capture_output=True, text=True, timeout=20, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"{name}: ") and done.stderr.count("\n") == 1
+    assert word in done.stderr
+
+
+@pytest.mark.parametrize("name", ["axis_node", "plant_node"])
+def test_help_has_an_example(name):
+    done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)
+    assert "Example:" in done.stdout and "--run-id" in done.stdout
+
+
+def test_vcan_passes_on_input_output_and_status():
+    script = "cat; echo said >&2; ip -o link show up | grep -c vcan; exit 7"
+    done = subprocess.run(
+        [VCAN, "sh", "-c", script], input="heard\n", capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 7
+    assert done.stdout == "heard\n2\n"
+    assert done.stderr == "said\n"
