@@ -65,7 +65,7 @@ static void power_up(fw_t *fw) {
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
   canopen_init(&fw->canopen, node_id);
-  modbus_init(&fw->modbus, node_id);
+  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
   fw->device_signals.node_id = node_id;
@@ -87,6 +87,10 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
 }
 
 static void carry_out_reset(fw_t *fw) {
+  /* Who saves and resets at once means the reset to find what was saved. */
+  if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
+    return;
+  }
   const uint8_t reset = canopen_take_reset(&fw->canopen);
   if (reset == CANOPEN_RESET_NONE) {
     return;
@@ -345,6 +349,14 @@ static int arm_recorder(fw_t *fw) {
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
 
+/* Who asks from now on sees that the store is at work. */
+static int begin_store(fw_t *fw, int refusal) {
+  if (refusal == FW_OK) {
+    fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
+  }
+  return refusal;
+}
+
 static int give_command(fw_t *fw, uint16_t object, int32_t value) {
   switch (object) {
     case AXIS_OBJ_FAULT_RESET:
@@ -353,10 +365,10 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
       return FW_OK;
     case AXIS_OBJ_STORE_PARAMETERS:
     case AXIS_OBJ_STORE_ALL:
-      return store_save(&fw->store, fw);
+      return begin_store(fw, store_save(&fw->store, fw));
     case AXIS_OBJ_RESTORE_DEFAULTS:
     case AXIS_OBJ_RESTORE_ALL:
-      return store_forget(&fw->store);
+      return begin_store(fw, store_forget(&fw->store));
     default:
       break;
   }
@@ -388,7 +400,8 @@ static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value)
   }
 }
 
-int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+/* What the table, the lock and the state say; the rest is check_rules(). */
+static int check_entry(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   if (!object_exists(object)) {
     return FW_ERROR_NO_OBJECT;
   }
@@ -405,13 +418,35 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   if (!writable_now(fw, entry)) {
     return FW_ERROR_STATE;
   }
+  /* A set of parameters is kept as it was at one moment. */
+  if (entry->stored != 0 && store_is_busy(&fw->store)) {
+    return FW_ERROR_BUSY;
+  }
+  return FW_OK;
+}
+
+int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+  const int refusal = check_entry(fw, source, object, value);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  return (axis_objects[object].block == AXIS_BLOCK_NONE) ? FW_OK
+                                                         : check_rules(fw, source, object, value);
+}
+
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+  int refusal = check_entry(fw, source, object, value);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  const axis_object_t *entry = &axis_objects[object];
   if (!in_axis_or_recorder(object)) {
     wake(fw);
   }
   if (entry->block == AXIS_BLOCK_NONE) {
     return give_command(fw, object, value);
   }
-  const int refusal = check_rules(fw, source, object, value);
+  refusal = check_rules(fw, source, object, value);
   if (refusal != FW_OK) {
     return refusal;
   }
@@ -420,6 +455,16 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   value_store(fw, offset, entry->type, value);
   announce(fw, object, previous, value);
   return FW_OK;
+}
+
+bool fw_object_restorable(uint16_t object, int32_t value) {
+  return object_exists(object) && axis_objects[object].stored != 0 &&
+         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
+}
+
+void fw_object_restore(fw_t *fw, uint16_t object, int32_t value) {
+  const axis_object_t *entry = &axis_objects[object];
+  value_store(fw, object_offset(entry), entry->type, value);
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

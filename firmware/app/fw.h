@@ -33,8 +33,9 @@ typedef struct {
   const store_memory_t *memory; /* NULL: parameters are not kept */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint8_t node_id; /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
-  uint8_t buses;   /* 1: CANopen and Modbus are served */
+  uint32_t modbus_baud; /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint8_t node_id;      /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
+  uint8_t buses;        /* 1: CANopen and Modbus are served */
 } fw_config_t;
 
 struct fw {
@@ -71,6 +72,11 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
 /* The port missed the time of a tick. */
 void fw_overrun(fw_t *fw);
+
+/* Stored parameters, for the store. Whether a value may be put into an object at power-up; and
+ * putting it there, without telling anyone: whoever depends on it starts afterwards. */
+bool fw_object_restorable(uint16_t object, int32_t value);
+void fw_object_restore(fw_t *fw, uint16_t object, int32_t value);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
  * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or

@@ -21,3 +21,37 @@ int32_t fx_sign_extend(uint32_t value, uint8_t bits) {
 }
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
+
+uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
+  uint32_t c = (uint32_t)crc ^ byte;
+  for (uint8_t i = 0; i < 8; i++) {
+    c = ((c & 1u) != 0) ? (c >> 1) ^ 0xA001u : c >> 1;
+  }
+  return (uint16_t)c;
+}
+
+uint32_t fx_crc32(uint32_t crc, uint8_t byte) {
+  crc ^= byte;
+  for (uint8_t i = 0; i < 8; i++) {
+    crc = ((crc & 1u) != 0) ? (crc >> 1) ^ UINT32_C(0xEDB88320) : crc >> 1;
+  }
+  return crc;
+}
+
+void fx_store_be16(uint8_t *to, uint16_t value) {
+  to[0] = (uint8_t)((uint32_t)value >> 8);
+  to[1] = (uint8_t)(value & 0xFFu);
+}
+
+uint16_t fx_load_be16(const uint8_t *from) {
+  return (uint16_t)(((uint32_t)from[0] << 8) | (uint32_t)from[1]);
+}
+
+bool fx_bit_get(const uint8_t *from, uint32_t n) {
+  return (((uint32_t)from[n >> 3] >> (n & 7u)) & 1u) != 0;
+}
+
+void fx_bit_append(uint8_t *to, uint32_t n, bool bit) {
+  const uint32_t before = ((n & 7u) == 0) ? 0 : to[n >> 3];
+  to[n >> 3] = (uint8_t)(before | ((uint32_t)(bit ? 1 : 0) << (n & 7u)));
+}

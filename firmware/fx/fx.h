@@ -169,6 +169,30 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 /* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
+/* --- checks and bytes of the serial bus and the store -------------------------------------------
+ */
+
+/* One byte into the CRC of Modbus RTU (CRC-16, reflected 8005h, from FFFFh): over a frame and its
+ * CRC, low byte first, it is 0. */
+uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte);
+
+/* One byte into CRC-32 (reflected 04C11DB7h). From and to UINT32_MAX; the usual CRC is the
+ * complement of the last. */
+uint32_t fx_crc32(uint32_t crc, uint8_t byte);
+
+/* 16 bits, most significant byte first. */
+void fx_store_be16(uint8_t *to, uint16_t value);
+uint16_t fx_load_be16(const uint8_t *from);
+
+/* Bit n of a row of bytes, least significant first. */
+bool fx_bit_get(const uint8_t *from, uint32_t n);
+
+/* The same of a row that is written from bit 0 up: the later bits of its byte become 0. */
+void fx_bit_append(uint8_t *to, uint32_t n, bool bit);
+
+/* How many bytes hold `bits` bits. */
+static inline uint32_t fx_octets(uint32_t bits) { return (bits + 7) >> 3; }
+
 /* --- time and fields ----------------------------------------------------------------------------
  */
 
@@ -177,6 +201,13 @@ static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (
 
 /* The same of multiples of 100 us, at most 65535. Rounding: up. Overflow: cannot. */
 static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3 + 19) / 20; }
+
+/* Ticks of 1/1500 s that last at least as long as 3.5 characters of 11 bits. Rounding: up.
+ * Overflow: cannot, baud 0 counts as 1. */
+static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
+  /* 3.5 x 11 x 1500 = 57750; more bits than that a second: one tick. */
+  return (baud >= 57750) ? 1 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
+}
 
 /* `width` (1..31) bits of a word from bit `first` (0..31) up. */
 static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {

@@ -47,10 +47,15 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
  * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
  *   or done) while it is not; a native mode other than disabled while a fault is latched, or over a
  *   bus, which uses controlword and modes_of_operation; a PDO's mapping while the PDO is valid.
- * FW_ERROR_MAPPING, FW_ERROR_BUSY: as above.
+ * FW_ERROR_BUSY: a stored parameter, or a command to the store, while the store is at work.
+ * FW_ERROR_MAPPING: as above.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
  *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
+
+/* What fw_object_write() would answer now; nothing is written. Of a command only what does not
+ * depend on its outcome: not whether the recorder's set-up fits, nor whether there is a store. */
+int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
 /* What lies at a CANopen address, or NULL. */
 const axis_address_t *fw_address(uint16_t index, uint8_t sub);
