@@ -33,6 +33,11 @@ static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a - (uint32_t)b);
 }
 
+/* a + b modulo 2^32. Overflow: wraps, which is the purpose. */
+static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
+  return fx_s32_from_u32((uint32_t)a + (uint32_t)b);
+}
+
 /* --- saturation ------------------------------------------------------------------------------- */
 
 /* x limited to low..high; low <= high. Overflow: cannot. */
@@ -212,6 +217,96 @@ static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
 /* `width` (1..31) bits of a word from bit `first` (0..31) up. */
 static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
   return (bits >> first) & (((uint32_t)1 << width) - 1);
+}
+
+/* The ticks of 1/1500 s that last at least mantissa * 10^exponent s, exponent -6..0. Rounding: up.
+ * Overflow: cannot. */
+uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent);
+
+/* --- rates: a second is 1500 ticks --------------------------------------------------------------
+ */
+
+/* The largest rate that fx_q16_from_per_s takes; beyond it, it is meant. */
+#define FX_PER_S_MAX ((uint32_t)49151999)
+
+/* floor(x * 2^16 / 1500): units per second as Q16 per tick. The floor keeps a bound a bound, and
+ * fx_per_s_from_q16 gives back the very x. Overflow: saturates above FX_PER_S_MAX. */
+static inline int32_t fx_q16_from_per_s(uint32_t x) {
+  const uint32_t rate = (x > FX_PER_S_MAX) ? FX_PER_S_MAX : x;
+  /* 2^16 / 1500 = 2^14 / 375, in two parts that stay within 32 bits. */
+  return (int32_t)(((rate / 375) << 14) + (((rate % 375) << 14) / 375));
+}
+
+/* floor(x * 2^16 / 1500^2): units per second squared as Q16 per tick squared; x below 2^30. */
+static inline int32_t fx_q16_from_per_s2(uint32_t x) {
+  return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
+}
+
+/* floor(x / 2^n), n 0..63. Scaling: n fractional bits fewer. Overflow: cannot. */
+static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
+  return (x < 0) ? (int64_t) ~(int64_t)(~(uint64_t)x >> n) : (int64_t)((uint64_t)x >> n);
+}
+
+/* floor(x * 1500 / 2^16 + 1/2): Q16 per tick as units per second. Overflow: cannot. */
+static inline int32_t fx_per_s_from_q16(int32_t x_q16) {
+  return (int32_t)fx_floor_shift_wide((int64_t)x_q16 * 375 + 8192, 14);
+}
+
+/* Counts in 16 ticks as counts per second, floor(x * 1500 / 16 + 1/2). Overflow: saturates. */
+static inline int32_t fx_per_s_from_16_ticks(int32_t x) {
+  return fx_saturate(fx_floor_shift_wide((int64_t)x * 375 + 2, 2), INT32_MIN, INT32_MAX);
+}
+
+/* Counts in one tick as counts per second. Overflow: saturates. */
+static inline int32_t fx_per_s_from_tick(int32_t x) {
+  return fx_saturate((int64_t)x * 1500, INT32_MIN, INT32_MAX);
+}
+
+/* A 1/n part of a distance, n > 0, at most `most`: the step that gets there in n more ticks.
+ * Rounding: down, by less than 2^-10 count; exact for n = 1. Overflow: cannot. */
+static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
+  if (d_q16 >= (uint64_t)(uint32_t)most * n) {
+    return most;
+  }
+  /* A distance below 2^37 loses at most its lowest six bits, and only if it does not fit. */
+  return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
+}
+
+/* --- ratios of two parameters -------------------------------------------------------------------
+ */
+
+/* mantissa / 2^shift, mantissa 2^31..2^32-1 (0 for a ratio too small to matter). */
+typedef struct {
+  uint32_t mantissa;
+  uint8_t shift;
+} fx_ratio_t;
+
+/* a / b * 2^e, a and b > 0, e -16..16, to 2^-31 of it (floor). Saturates just below 2^32. Costs
+ * some hundred instructions: for when a parameter is written, not for every tick. */
+fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
+
+/* x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to +-INT32_MAX. */
+static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
+  const uint32_t shift = (uint32_t)ratio.shift + n;
+  const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
+  if (shift > 63) {
+    return 0;
+  }
+  const uint64_t half = ((uint64_t)1 << shift) >> 1;
+  const uint64_t size = (product + half) >> shift;
+  const int32_t limited = (size > (uint64_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
+  return (x < 0) ? -limited : limited;
+}
+
+/* code * 1000 / 2^bits, bits 0..16. Rounding: down. Overflow: cannot. */
+static inline int16_t fx_per_mille_of_bits(uint16_t code, uint8_t bits) {
+  const uint32_t share = ((uint32_t)code * 1000) >> bits;
+  return (int16_t)((share > INT16_MAX) ? INT16_MAX : share);
+}
+
+/* 2^bits - 1, bits 0..16. */
+static inline uint16_t fx_highest_code(uint8_t bits) {
+  return (uint16_t)(((uint32_t)1 << bits) - 1);
 }
 
 /* floor(n / 2). */

@@ -474,7 +474,7 @@ typedef struct {
   uint32_t rated_force; /* the force of 1000 per mille [mN] */
   uint32_t force_slope; /* rate at which the force mode changes its force [per mille/s] */
   uint32_t force_scale; /* force of one count of an 8-bit reading [uN] */
-  int32_t contact_force; /* reading above which the axis counts as in contact [1/256 count] */
+  int32_t contact_force; /* magnitude of the reading above which the axis counts as in contact [1/256 count] */
   uint32_t approach_velocity_max; /* speed at which the force modes approach out of contact [count/s] */
   uint32_t stiffness; /* force per position error in the stiffness and impedance modes, reading counts per encoder count [1/65536 count/count] */
   uint32_t damping; /* force per velocity error in the damping and impedance modes, reading counts per encoder count a tick [1/256 count tick/count] */
@@ -523,7 +523,7 @@ typedef struct {
   int8_t modes_of_operation_display; /* mode of operation in force [1] */
   uint8_t drive_state; /* state of the CiA 402 machine [enum] */
   int8_t homing_methods[2]; /* supported homing methods [1] */
-  uint8_t contact; /* 1 while the reading is above contact_force [1] */
+  uint8_t contact; /* 1 while the magnitude of the reading is above contact_force [1] */
   uint8_t limit_cycle; /* 1 while contact is lost that often [1] */
   uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
 } drive_signals_t;
@@ -582,8 +582,8 @@ typedef struct {
 } device_signals_t;
 
 /* First 32 bits of the table's SHA-256: programs that have the same mean the same. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x77157e4f)
-#define AXIS_OBJECTS_HASH_TEXT "77157e4f"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xa6ebfb23)
+#define AXIS_OBJECTS_HASH_TEXT "a6ebfb23"
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };

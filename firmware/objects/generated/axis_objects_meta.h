@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "77157e4f43136a95d856de640021b123475d2e7c3d4d58a8855712d6c204560c"
+#define AXIS_OBJECTS_HASH "a6ebfb23cbcdac2380616b26804e7d0aa9b5c8b768e1e861e1263abb125da6e4"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -239,11 +239,11 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {102, 4, "trajectory_velocity", "parameter", "drive", "speed of profile position", "u32", "count/s",
      1.0, INT64_C(1), INT64_C(3072000), INT64_C(30000), "rw", "any", "", 0x6081, 0, 537, 1},
     {103, 4, "trajectory_acceleration", "parameter", "drive", "acceleration of the profiles", "u32", "count/s^2",
-     1.0, INT64_C(34), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x6083, 0, 539, 1},
+     1.0, INT64_C(35), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x6083, 0, 539, 1},
     {104, 4, "trajectory_deceleration", "parameter", "drive", "deceleration of the profiles, and of slowing down", "u32", "count/s^2",
-     1.0, INT64_C(34), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x6084, 0, 541, 1},
+     1.0, INT64_C(35), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x6084, 0, 541, 1},
     {105, 4, "quick_stop_deceleration", "parameter", "drive", "deceleration of the quick-stop ramp", "u32", "count/s^2",
-     1.0, INT64_C(34), INT64_C(575000000), INT64_C(2250000), "rw", "any", "", 0x6085, 0, 543, 1},
+     1.0, INT64_C(35), INT64_C(575000000), INT64_C(2250000), "rw", "any", "", 0x6085, 0, 543, 1},
     {106, 4, "target_velocity", "parameter", "drive", "wanted velocity", "i32", "count/s",
      1.0, INT64_C(-3072000), INT64_C(3072000), INT64_C(0), "rw", "any", "", 0x60FF, 0, 4, 0},
     {107, 2, "target_force", "parameter", "drive", "wanted contact force", "i16", "per mille",
@@ -262,7 +262,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(1), INT64_C(2147483647), INT64_C(10000), "rw", "any", "", 0x6087, 0, 548, 1},
     {114, 4, "force_scale", "parameter", "drive", "force of one count of an 8-bit reading", "u32", "uN",
      1.0, INT64_C(1), INT64_C(2147483647), INT64_C(2500000), "rw", "any", "", 0x2201, 0, 550, 1},
-    {115, 4, "contact_force", "parameter", "drive", "reading above which the axis counts as in contact", "i32", "count",
+    {115, 4, "contact_force", "parameter", "drive", "magnitude of the reading above which the axis counts as in contact", "i32", "count",
      0.00390625, INT64_C(1), INT64_C(65536), INT64_C(512), "rw", "any", "", 0x2202, 0, 552, 1},
     {116, 4, "approach_velocity_max", "parameter", "drive", "speed at which the force modes approach out of contact", "u32", "count/s",
      1.0, INT64_C(1), INT64_C(3072000), INT64_C(3000), "rw", "any", "", 0x2203, 0, 554, 1},
@@ -277,7 +277,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {121, 4, "homing_speed_2", "parameter", "drive", "speeds of homing; methods 35 and 37 do not move", "u32", "count/s",
      1.0, INT64_C(1), INT64_C(3072000), INT64_C(3000), "rw", "any", "", 0x6099, 2, -1, 1},
     {122, 4, "homing_acceleration", "parameter", "drive", "acceleration of homing; methods 35 and 37 do not move", "u32", "count/s^2",
-     1.0, INT64_C(34), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x609A, 0, -1, 1},
+     1.0, INT64_C(35), INT64_C(575000000), INT64_C(225000), "rw", "any", "", 0x609A, 0, -1, 1},
     {123, 1, "homing_methods_1", "signal", "drive", "supported homing methods", "i8", "1",
      1.0, INT64_C(-128), INT64_C(127), INT64_C(35), "ro", "any", "", 0x60E3, 1, -1, 0},
     {124, 1, "homing_methods_2", "signal", "drive", "supported homing methods", "i8", "1",
@@ -288,7 +288,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(-6), INT64_C(0), INT64_C(-3), "rw", "any", "", 0x60C2, 2, -1, 1},
     {127, 4, "drive_inputs", "signal", "drive", "bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x60FD, 0, -1, 0},
-    {128, 1, "contact", "signal", "drive", "1 while the reading is above contact_force", "u8", "1",
+    {128, 1, "contact", "signal", "drive", "1 while the magnitude of the reading is above contact_force", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2210, 0, 330, 0},
     {129, 2, "contact_losses", "signal", "drive", "contacts lost since force control was switched on", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2211, 0, 331, 0},

@@ -27,7 +27,7 @@ class AxisObject(NamedTuple):
     stored: bool  # kept by the parameter store
 
 
-OBJECTS_HASH = "77157e4f43136a95d856de640021b123475d2e7c3d4d58a8855712d6c204560c"
+OBJECTS_HASH = "a6ebfb23cbcdac2380616b26804e7d0aa9b5c8b768e1e861e1263abb125da6e4"
 
 OBJECTS = (
     AxisObject(
@@ -2109,7 +2109,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -2129,7 +2129,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -2149,7 +2149,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=2250000,
         access="rw",
@@ -2345,7 +2345,7 @@ OBJECTS = (
         name="contact_force",
         kind="parameter",
         part="drive",
-        meaning="reading above which the axis counts as in contact",
+        meaning="magnitude of the reading above which the axis counts as in contact",
         type="i32",
         unit="count",
         scale=0.00390625,
@@ -2489,7 +2489,7 @@ OBJECTS = (
         type="u32",
         unit="count/s^2",
         scale=1.0,
-        min=34,
+        min=35,
         max=575000000,
         default=225000,
         access="rw",
@@ -2605,7 +2605,7 @@ OBJECTS = (
         name="contact",
         kind="signal",
         part="drive",
-        meaning="1 while the reading is above contact_force",
+        meaning="1 while the magnitude of the reading is above contact_force",
         type="u8",
         unit="1",
         scale=1.0,

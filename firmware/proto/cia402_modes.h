@@ -1,0 +1,37 @@
+#ifndef FIRMWARE_PROTO_CIA402_MODES_H_
+#define FIRMWARE_PROTO_CIA402_MODES_H_
+
+/* What each mode of operation does in a tick, and how the axis comes to a stand. All of it writes
+ * mode and set-points of the axis for the coming tick. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/proto/cia402.h"
+
+/* True if the mode controls force. */
+bool cia402_controls_force(int8_t mode);
+
+/* True if the mode is one of 6060h. */
+bool cia402_mode_exists(int32_t mode);
+
+/* The axis disabled. */
+void cia402_rest(cia402_t *drive, axis_t *axis);
+
+/* One tick of the mode of operation in force. */
+void cia402_run(cia402_t *drive, axis_t *axis);
+
+/* One tick of slowing down at a rate in count/s^2, then of holding. True once the trajectory
+ * stands. It begins at the place and speed of the axis unless the axis follows it already. */
+bool cia402_slow_down(cia402_t *drive, axis_t *axis, uint32_t rate);
+
+/* The rising edge of "new set-point". */
+void cia402_take_setpoint(cia402_t *drive);
+
+/* Whatever was begun in a mode is forgotten: it was left, or the axis disabled. */
+void cia402_leave_mode(cia402_t *drive);
+
+/* Takes back what was lent for the tick. */
+void cia402_take_back(cia402_t *drive, axis_t *axis);
+
+#endif
