@@ -22,7 +22,9 @@ constexpr std::size_t kMostWaiting = 4096;
 
 std::string error_text(const can_frame &frame) {
   std::string text;
-  const auto add = [&text](const char *what) { text += (text.empty() ? "" : ", ") + std::string(what); };
+  const auto add = [&text](const char *what) {
+    text += (text.empty() ? "" : ", ") + std::string(what);
+  };
   if ((frame.can_id & CAN_ERR_BUSOFF) != 0) add("bus off");
   if ((frame.can_id & CAN_ERR_RESTARTED) != 0) add("controller restarted");
   if ((frame.can_id & CAN_ERR_TX_TIMEOUT) != 0) add("transmission timed out");

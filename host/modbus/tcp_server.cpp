@@ -21,8 +21,8 @@ struct MappingDeleter {
 
 // A mapping of what the request is about, filled with what was read.
 std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping_of(const Request &r, const Answer &a) {
-  const bool coils = r.function == kReadCoils || r.function == kWriteCoil ||
-                     r.function == kWriteCoils;
+  const bool coils =
+      r.function == kReadCoils || r.function == kWriteCoil || r.function == kWriteCoils;
   const bool discretes = r.function == kReadDiscretes;
   const bool input = r.function == kReadInput;
   unsigned first = r.first, end = first + r.count;
@@ -32,9 +32,9 @@ std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping_of(const Request &r, c
   }
   const unsigned count = end - first;
   const auto only = [count](bool wanted) { return wanted ? count : 0; };
-  std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping(modbus_mapping_new_start_address(
-      first, only(coils), first, only(discretes), first, only(!coils && !discretes && !input),
-      first, only(input)));
+  std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping(
+      modbus_mapping_new_start_address(first, only(coils), first, only(discretes), first,
+                                       only(!coils && !discretes && !input), first, only(input)));
   if (!mapping) return mapping;
   std::uint8_t *const bits = coils ? mapping->tab_bits : mapping->tab_input_bits;
   for (std::size_t i = 0; i < a.bits.size(); ++i) bits[i] = a.bits[i] ? 1 : 0;

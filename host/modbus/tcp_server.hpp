@@ -1,8 +1,8 @@
 #pragma once
 // A Modbus TCP server over libmodbus, for several clients and units, that never blocks.
 //
-// libmodbus makes the sockets and the answers. Its own way of receiving is not used: it waits for the
-// rest of a frame, loses step with functions that it does not know, and answers every unit id.
+// libmodbus makes the sockets and the answers. Its own way of receiving is not used: it waits for
+// the rest of a frame, loses step with functions that it does not know, and answers every unit id.
 // Frames are taken from the stream by the length in their header, and an answer is made from a
 // mapping that holds just what the request is about.
 #include <modbus/modbus.h>
@@ -32,7 +32,8 @@ class TcpServer {
   using HasUnit = std::function<bool(std::uint8_t unit)>;
   // A request of a unit: answer(client, ...) follows, at any time but not within the call. The
   // client's next request waits for it.
-  using Serve = std::function<void(std::uint64_t client, std::uint8_t unit, const Request &request)>;
+  using Serve =
+      std::function<void(std::uint64_t client, std::uint8_t unit, const Request &request)>;
 
   TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve);
   ~TcpServer();

@@ -83,8 +83,8 @@ class EventLoop {
   bool stopped_ = false;
 };
 
-// One value that somebody else will set, and one coroutine that awaits it. Whoever sets it may do so
-// at any time and in any call: the coroutine goes on from the loop.
+// One value that somebody else will set, and one coroutine that awaits it. Whoever sets it may do
+// so at any time and in any call: the coroutine goes on from the loop.
 template <class T>
 class Completion {
  public:

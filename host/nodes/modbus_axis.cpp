@@ -33,7 +33,7 @@ std::uint8_t exception_of(const ObjectResult &result) {
       break;
   }
   return result.abort >= 0x06090030 && result.abort <= 0x06090036 ? kExceptionValue
-                                                                   : kExceptionAddress;
+                                                                  : kExceptionAddress;
 }
 
 unsigned registers_of(std::uint16_t object) {
@@ -142,7 +142,7 @@ Task<std::uint8_t> ModbusAxis::write_words(std::uint16_t first, std::vector<std:
       raw = static_cast<std::uint32_t>(words[at + (low_first ? 1 : 0)]) << 16 |
             words[at + (low_first ? 0 : 1)];
     }
-    const std::int64_t value = !address.is_signed ? static_cast<std::int64_t>(raw)
+    const std::int64_t value = !address.is_signed   ? static_cast<std::int64_t>(raw)
                                : address.bytes == 4 ? static_cast<std::int32_t>(raw)
                                                     : static_cast<std::int16_t>(raw);
     const axis_object_meta_t &meta = host::object_meta(entry.object);
@@ -152,11 +152,11 @@ Task<std::uint8_t> ModbusAxis::write_words(std::uint16_t first, std::vector<std:
   co_return co_await write_all(std::move(writes));
 }
 
-// In the order of the registers, but what acts at once last, so that a controlword finds the targets
-// that were written with it.
+// In the order of the registers, but what acts at once last, so that a controlword finds the
+// targets that were written with it.
 Task<std::uint8_t> ModbusAxis::write_all(std::vector<Write> writes) {
-  const auto acting = std::ranges::stable_partition(
-      writes, [](const Write &w) { return !acts_at_once(w.object); });
+  const auto acting =
+      std::ranges::stable_partition(writes, [](const Write &w) { return !acts_at_once(w.object); });
   if (acting.size() > 1) co_return kExceptionValue;
   if (writes.size() > 1) {
     for (Write &w : writes) {
@@ -180,7 +180,7 @@ Task<std::uint8_t> ModbusAxis::write_all(std::vector<Write> writes) {
 
 Task<std::uint8_t> ModbusAxis::read_bits(bool coils, std::uint16_t first, std::uint16_t count,
                                          std::vector<bool> &bits) {
-  const unsigned all = coils ? MODBUS_COIL_COUNT : MODBUS_DISCRETE_COUNT;
+  const unsigned all = coils ? unsigned{MODBUS_COIL_COUNT} : unsigned{MODBUS_DISCRETE_COUNT};
   if (first + static_cast<unsigned>(count) > all) co_return kExceptionAddress;
   std::int64_t statusword = 0;
   if (!coils && first < MODBUS_DISCRETE_LIMIT_ACTIVE) {
@@ -299,8 +299,8 @@ Task<modbus::Answer> ModbusAxis::serve(modbus::Request r, bool writes_allowed) {
     case modbus::kMaskRegister:
       answer.exception = co_await read_words(true, r.first, 1, answer.words);
       if (answer.exception == 0) {
-        r.words = {static_cast<std::uint16_t>((answer.words[0] & r.and_mask) |
-                                              (r.or_mask & ~r.and_mask))};
+        r.words = {
+            static_cast<std::uint16_t>((answer.words[0] & r.and_mask) | (r.or_mask & ~r.and_mask))};
         answer.words.clear();
         answer.exception = co_await write_words(r.first, r.words);
       }

@@ -1,11 +1,11 @@
 #pragma once
-// Modbus requests of one axis, carried out over SDO: the map, order and exceptions of the firmware's
-// own RTU server (firmware/proto/modbus_map.h).
+// Modbus requests of one axis, carried out over SDO: the map, order and exceptions of the
+// firmware's own RTU server (firmware/proto/modbus_map.h).
 //
-// Each object is read afresh when it is asked for, one after the other: a 32-bit value is never torn,
-// but the values of one request come from consecutive ticks, about one object a millisecond. A
-// request that writes several objects is all or none as long as no other client writes the same ones:
-// those before the first refusal are given their previous values again.
+// Each object is read afresh when it is asked for, one after the other: a 32-bit value is never
+// torn, but the values of one request come from consecutive ticks, about one object a millisecond.
+// A request that writes several objects is all or none as long as no other client writes the same
+// ones: those before the first refusal are given their previous values again.
 #include "host/modbus/request.hpp"
 #include "host/nodes/object_port.hpp"
 
