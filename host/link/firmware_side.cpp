@@ -1,5 +1,6 @@
 #include "host/link/firmware_side.hpp"
 
+#include <array>
 #include <new>
 
 #include "firmware/objects/generated/axis_objects.h"
@@ -21,32 +22,35 @@ const char *refusal_text(int error) {
 
 }  // namespace
 
-FirmwareSide::FirmwareSide(const Experiment &experiment, bool hash)
+FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &options)
     : experiment_(&experiment),
-      axis_(axis_host_create()),
-      action_(experiment.actions.begin()),
-      hashing_(hash) {
+      options_(options),
+      axis_(options.config ? axis_host_create_with(options.config) : axis_host_create()),
+      action_(experiment.actions.begin()) {
   if (!axis_) throw std::bad_alloc();
+  signals_ = axis_host_signals(axis_.get());
   last_.tick = -1;
   write_initial();
 }
 
+int FirmwareSide::write(std::int64_t tick, const ObjectWrite &w) {
+  if (options_.writing) options_.writing(tick, w);
+  return axis_host_write(axis_.get(), w.object, w.raw);
+}
+
 void FirmwareSide::write_initial() {
-  const auto write = [this](const ObjectWrite &w) {
-    return axis_host_write(axis_.get(), w.object, w.raw);
-  };
   std::vector<ObjectWrite> left = experiment_->initial;
   while (!left.empty()) {
     std::vector<ObjectWrite> refused;
     for (const ObjectWrite &w : left) {
-      if (write(w) != FW_OK) refused.push_back(w);
+      if (write(0, w) != FW_OK) refused.push_back(w);
     }
     if (refused.size() == left.size()) {
       const ObjectWrite &w = refused.front();
       throw sim::InputError(
           experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
           "expected a value that the firmware takes beside the others, it refused " +
-              std::to_string(w.raw) + " (raw): " + refusal_text(write(w)));
+              std::to_string(w.raw) + " (raw): " + refusal_text(write(0, w)));
     }
     left = refused;
   }
@@ -70,22 +74,22 @@ LinkOutputs FirmwareSide::run_tick(const LinkInputs &in) {
   return {in.tick,
           outputs.dac_code,
           static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0)),
-          static_cast<std::uint8_t>(read(AXIS_OBJ_FAULT)),
-          static_cast<std::uint8_t>(read(AXIS_OBJ_LIMIT_REASON)),
+          signals_->fault,
+          signals_->limit_reason,
           in.axis};
 }
 
 LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
   for (; action_ != experiment_->actions.end() && action_->tick <= in.tick; ++action_) {
     for (const ObjectWrite &w : action_->writes) {
-      const int error = axis_host_write(axis_.get(), w.object, w.raw);
+      const int error = write(in.tick, w);
       if (error != FW_OK) {
         refused_.push_back({in.tick, object_meta(w.object).name, refusal_text(error)});
       }
     }
   }
   const LinkOutputs out = run_tick(in);
-  if (hashing_) hash_.add(tick_record(in, out));
+  if (options_.hash) hash_.add(tick_record(in, out));
   last_ = in;
   return out;
 }
@@ -96,6 +100,15 @@ LinkOutputs FirmwareSide::lose_sensors(std::uint8_t axis) {
   in.tick = next_tick();
   in.sensor_valid = 0;
   return run_tick(in);
+}
+
+void FirmwareSide::discard_output() {
+  can_frame_t frame;
+  while (axis_host_can_transmit(axis_.get(), &frame)) {
+  }
+  std::array<std::uint8_t, 512> bytes;
+  while (axis_host_modbus_transmit(axis_.get(), bytes.data(), bytes.size()) > 0) {
+  }
 }
 
 }  // namespace forceaxis::host

@@ -2,6 +2,7 @@
 // The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
 // trace hash. It knows nothing of the plant but the records.
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -20,12 +21,19 @@ struct Refusal {
   std::string reason;
 };
 
+struct FirmwareOptions {
+  bool hash = false;                    // whether hash() will be asked for
+  const fw_config_t *config = nullptr;  // NULL: an axis on no bus
+  // Told of every write of the experiment, before it is given, with its tick; initial ones have 0.
+  std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
+};
+
 class FirmwareSide {
  public:
   // Powers up and gives the initial writes; objects that bound each other are taken in whatever
-  // order works. Throws sim::InputError if the firmware refuses one. `hash` false: hash() is not
-  // asked for, and a tick is spared its share of it. The experiment must outlive the side.
-  FirmwareSide(const Experiment &experiment, bool hash);
+  // order works. Throws sim::InputError if the firmware refuses one. The experiment must outlive
+  // the side.
+  FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
   // The coming tick: the writes due, then the firmware's own tick.
   LinkOutputs tick(const LinkInputs &in);
@@ -33,6 +41,9 @@ class FirmwareSide {
   // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
   // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
   LinkOutputs lose_sensors(std::uint8_t axis);
+
+  // Takes what the firmware wants to say on its buses, where nobody listens.
+  void discard_output();
 
   // Ends the trace hash.
   std::string hash() { return hash_.hex(); }
@@ -48,14 +59,16 @@ class FirmwareSide {
   };
 
   void write_initial();
+  int write(std::int64_t tick, const ObjectWrite &w);
   LinkOutputs run_tick(const LinkInputs &in);
 
   const Experiment *experiment_;
+  FirmwareOptions options_;
+  const axis_signals_t *signals_;
   std::unique_ptr<axis_host_t, Deleter> axis_;
   std::vector<Action>::const_iterator action_;
   std::vector<Refusal> refused_;
   LinkInputs last_{};
-  bool hashing_;
   TraceHash hash_;
 };
 

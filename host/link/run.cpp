@@ -7,7 +7,7 @@ namespace forceaxis::host {
 
 RunResult run(const Experiment &experiment, const RunOptions &options) {
   PlantSide plant(experiment, options);
-  FirmwareSide firmware(experiment, options.firmware_hash);
+  FirmwareSide firmware(experiment, {.hash = options.firmware_hash});
   while (plant.running()) plant.act(firmware.tick(plant.sense()));
   RunResult result = plant.finish();
   result.refused = firmware.refused();

@@ -3,14 +3,21 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <array>
+#include <chrono>
+#include <deque>
 #include <iostream>
 #include <memory>
+#include <span>
 #include <sstream>
+#include <thread>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "host/link/firmware_side.hpp"
+#include "host/link/journal.hpp"
 #include "host/link/objects.hpp"
 #include "host/link/socketcan.hpp"
+#include "host/nodes/axis_buses.hpp"
 #include "host/nodes/node_options.hpp"
 
 namespace {
@@ -21,36 +28,137 @@ using std::chrono::milliseconds;
 constexpr milliseconds kServe{100};
 // The plant may miss the last answer and ask again, at most every 100 ms.
 constexpr milliseconds kLinger{250};
+// Of frames that an interface does not take; what comes then is lost, as on a bus that is down.
+constexpr std::size_t kMostUnsent = 256;
 
-// One axis of this node.
-struct Axis {
-  Axis(int n, const host::Experiment &e) : number(n), experiment(e), firmware(e, true) {}
+// What only this node has.
+struct AxisOptions {
+  std::string can;     // empty: no CANopen
+  std::string modbus;  // empty: no Modbus
+  int modbus_baud = 115200;
+  std::string store;
+  std::string journal;
+  double hold_s = 0;
+  bool serve = false;
 
+  bool buses() const { return !can.empty() || !modbus.empty(); }
+};
+
+// One axis of this node: its firmware, what that is attached to, and its journal.
+class Axis {
+ public:
+  Axis(int number, const host::Experiment &experiment, std::span<const std::string> overrides,
+       const AxisOptions &options, const std::string &suffix)
+      : number_(number), experiment_(experiment) {
+    if (!options.store.empty()) {
+      store_ = std::make_unique<host::StoreMemory>(options.store + suffix);
+      config_.memory = store_->memory();
+    }
+    config_.hardware = "host";
+    config_.node_id = static_cast<std::uint8_t>(number);
+    config_.buses = options.buses();
+    if (!options.journal.empty()) {
+      journal_ =
+          std::make_unique<host::JournalWriter>(options.journal + suffix, experiment, overrides);
+      journal_->power_up(config_, store_ ? store_->image() : std::span<const std::uint8_t>{});
+    }
+    if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
+    host::FirmwareOptions firmware{.hash = true, .config = &config_};
+    if (journal_) {
+      firmware.writing = [this](std::int64_t tick, const host::ObjectWrite &w) {
+        journal_->write(tick, w.object, w.raw);
+      };
+    }
+    firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
+    // The journal is given with the coming tick, which FirmwareSide knows.
+    ears_.frame = [this](const can_frame_t &frame) {
+      if (journal_) journal_->can(coming(), frame);
+      axis_host_can_receive(axis(), &frame);
+    };
+    ears_.lost = [this](std::uint16_t frames) {
+      if (journal_) journal_->lost(coming(), frames);
+      axis_host_can_lost(axis(), frames);
+    };
+    ears_.state = [this](std::uint8_t state) {
+      if (journal_) journal_->bus(coming(), state);
+      axis_host_can_bus(axis(), state);
+    };
+  }
+
+  host::LinkOutputs tick(const host::LinkInputs &in, nodes::ModbusPort *modbus) {
+    if (can_) can_->receive(ears_);
+    const host::LinkOutputs out = firmware_->tick(in);
+    say(modbus);
+    return out;
+  }
+
+  // The tick after the plant fell silent, and those that hold the axis there.
+  host::LinkOutputs lose_sensors(nodes::ModbusPort *modbus) {
+    if (can_) can_->receive(ears_);
+    const auto out = firmware_->lose_sensors(static_cast<std::uint8_t>(number_));
+    say(modbus);
+    return out;
+  }
+
+  void hear_modbus(std::span<const std::uint8_t> bytes) {
+    if (journal_) journal_->modbus(coming(), bytes);
+    axis_host_modbus_receive(axis(), bytes.data(), static_cast<std::uint16_t>(bytes.size()));
+  }
+
+  // After the last tick: closes hash and journal.
   std::string json() {
     std::string refused;
-    for (const host::Refusal &r : firmware.refused()) {
+    for (const host::Refusal &r : firmware_->refused()) {
       nodes::append(refused, nodes::JsonObject()
                                  .add("tick", r.tick)
                                  .add("object", r.object)
                                  .add("reason", r.reason)
                                  .text());
     }
+    const std::string hash = firmware_->hash();
+    if (journal_) journal_->end(coming(), hash);
     nodes::JsonObject o;
-    o.add("axis", number)
-        .add("experiment", experiment.file.string())
-        .add("inputs_hash", experiment.hash)
-        .add("ticks", firmware.next_tick())
-        .add("trace_hash", firmware.hash())
-        .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware.read(AXIS_OBJ_FAULT)))
+    o.add("axis", number_)
+        .add("experiment", experiment_.file.string())
+        .add("inputs_hash", experiment_.hash)
+        .add("ticks", coming())
+        .add("trace_hash", hash)
+        .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
         .raw("refused", "[" + refused + "]");
     if (!lost.empty()) o.raw("after_silence", lost);
     return o.text();
   }
 
-  int number;
-  const host::Experiment &experiment;
-  host::FirmwareSide firmware;
+  int number() const { return number_; }
+  std::int64_t coming() const { return firmware_->next_tick(); }
+
   std::string lost;  // what it answered after the plant fell silent
+
+ private:
+  axis_host_t *axis() { return firmware_->axis(); }
+
+  void say(nodes::ModbusPort *modbus) {
+    // Everything is taken from the firmware every tick, also what nobody listens to: that is what a
+    // replay does. Frames that the interface does not take now wait.
+    for (can_frame_t frame; axis_host_can_transmit(axis(), &frame);) {
+      if (can_ && unsent_.size() < kMostUnsent) unsent_.push_back(frame);
+    }
+    while (!unsent_.empty() && can_->send(unsent_.front())) unsent_.pop_front();
+    std::array<std::uint8_t, 512> bytes;
+    while (const std::uint16_t n = axis_host_modbus_transmit(axis(), bytes.data(), bytes.size())) {
+      if (modbus != nullptr) modbus->send({bytes.data(), n});
+    }
+  }
+
+  int number_;
+  const host::Experiment &experiment_;
+  fw_config_t config_{};
+  std::unique_ptr<host::StoreMemory> store_;
+  std::unique_ptr<host::JournalWriter> journal_;
+  std::unique_ptr<nodes::CanPort> can_;
+  nodes::CanPort::Ears ears_;
+  std::unique_ptr<host::FirmwareSide> firmware_;
+  std::deque<can_frame_t> unsent_;
 };
 
 // Whether somebody has written to standard input, or closed it.
@@ -59,8 +167,26 @@ bool asked_on_input() {
   return poll(&input, 1, 0) == 1;
 }
 
-// One run from ready to report. `serving`: standard input says when the plant has done.
-int run(const nodes::NodeOptions &options, bool serving) {
+// After the silence, at the pace of the wall clock: the buses go on, so that everyone who asks is
+// told the fault.
+void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
+  using Clock = std::chrono::steady_clock;
+  const auto start = Clock::now();
+  const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
+  for (std::int64_t k = 1; k <= ticks; ++k) {
+    std::this_thread::sleep_until(start + std::chrono::nanoseconds(k * 2000000 / 3));
+    if (modbus != nullptr) {
+      const auto bytes = modbus->receive();
+      for (const auto &axis : axes) {
+        if (!bytes.empty()) axis->hear_modbus(bytes);
+      }
+    }
+    for (const auto &axis : axes) axis->lose_sensors(modbus);
+  }
+}
+
+// One run from ready to report.
+int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
   std::vector<std::unique_ptr<Axis>> axes;
   std::vector<std::uint8_t> numbers;
@@ -68,7 +194,9 @@ int run(const nodes::NodeOptions &options, bool serving) {
   std::vector<std::unique_ptr<host::CanClaim>> claims;
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(std::make_unique<Axis>(number, experiments[i]));
+    axes.push_back(
+        std::make_unique<Axis>(number, experiments[i], nodes::overrides_of(options, number), own,
+                               experiments.size() > 1 ? "." + std::to_string(number) : ""));
     numbers.push_back(static_cast<std::uint8_t>(number));
     last_ticks.push_back(experiments[i].ticks);
     if (options.link.kind != "lcm") {
@@ -76,13 +204,22 @@ int run(const nodes::NodeOptions &options, bool serving) {
                                                         "axis " + std::to_string(number)));
     }
   }
+  std::unique_ptr<nodes::ModbusPort> modbus;
+  if (!own.modbus.empty()) {
+    modbus = std::make_unique<nodes::ModbusPort>(own.modbus, own.modbus_baud);
+  }
   host::InjectionCounts injected;
   const auto transport = host::open_axis_transport(options.link, injected);
-  host::AxisExchange exchange(
-      *transport, options.link.timeouts, numbers, last_ticks,
-      [&axes, first = options.first_axis](const host::LinkInputs &in) {
-        return axes[static_cast<std::size_t>(in.axis - first)]->firmware.tick(in);
-      });
+  const auto compute = [&](const host::LinkInputs &in) {
+    if (modbus) {
+      const auto bytes = modbus->receive();
+      for (const auto &axis : axes) {
+        if (!bytes.empty()) axis->hear_modbus(bytes);
+      }
+    }
+    return axes[static_cast<std::size_t>(in.axis - options.first_axis)]->tick(in, modbus.get());
+  };
+  host::AxisExchange exchange(*transport, options.link.timeouts, numbers, last_ticks, compute);
   std::cout << "axis_node ready pid " << getpid() << ", " << host::link_text(options.link)
             << ", axes " << nodes::axes_range(options) << std::endl;
 
@@ -92,9 +229,8 @@ int run(const nodes::NodeOptions &options, bool serving) {
     const unsigned now_silent = exchange.serve(kServe);
     silent |= now_silent;
     for (const auto &axis : axes) {
-      if ((now_silent >> (axis->number - 1) & 1U) == 0) continue;
-      const host::LinkOutputs out =
-          axis->firmware.lose_sensors(static_cast<std::uint8_t>(axis->number));
+      if ((now_silent >> (axis->number() - 1) & 1U) == 0) continue;
+      const host::LinkOutputs out = axis->lose_sensors(modbus.get());
       transport->send({&out, 1});
       ++lost_records;
       axis->lost = nodes::JsonObject()
@@ -106,8 +242,9 @@ int run(const nodes::NodeOptions &options, bool serving) {
                        .text();
     }
   }
-  while (silent == 0 && exchange.quiet() < kLinger && !(serving && asked_on_input())) {
-    exchange.serve(serving ? milliseconds{2} : milliseconds{50});
+  if (silent != 0) hold(axes, modbus.get(), own.hold_s);
+  while (silent == 0 && exchange.quiet() < kLinger && !(own.serve && asked_on_input())) {
+    exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
   }
 
   std::string list;
@@ -117,7 +254,7 @@ int run(const nodes::NodeOptions &options, bool serving) {
   std::string failure;
   if (silent != 0) {
     const auto &timeouts = options.link.timeouts;
-    const bool ever = axes[0]->firmware.next_tick() > 0;
+    const bool ever = axes[0]->coming() > 0;
     failure = "plant_node silent for " +
               std::to_string((ever ? timeouts.running : timeouts.start).count()) + " ms (" +
               host::axes_text(silent) + "): " +
@@ -134,13 +271,13 @@ int run(const nodes::NodeOptions &options, bool serving) {
   if (!failure.empty()) o.add("error", failure);
   std::cout << o.text() << std::endl;
   if (failure.empty()) return 0;
-  if (!serving) std::cerr << "axis_node: " << failure << '\n';
+  if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
   return 1;
 }
 
 // Runs as standard input asks for them, one a line: run number, experiment and overrides, separated
 // by tabs. What fails becomes {"error": ..., "status": 1 or 2} and the next line is read.
-int serve(const nodes::NodeOptions &base) {
+int serve(const nodes::NodeOptions &base, const AxisOptions &own) {
   for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;
     nodes::NodeOptions job = base;
@@ -156,7 +293,7 @@ int serve(const nodes::NodeOptions &base) {
       job.files = {field};
       while (std::getline(fields, field, '\t')) job.sets.push_back(field);
       nodes::finish_options(job);
-      run(job, true);
+      run(job, own);
     } catch (const sim::InputError &error) {
       fail(error.what(), 2);
     } catch (const nodes::UsageError &error) {
@@ -172,31 +309,48 @@ int serve(const nodes::NodeOptions &base) {
 
 int main(int argc, char **argv) {
   nodes::NodeOptions options;
-  bool serving = false;
+  AxisOptions own;
   CLI::App app(
       "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
       "Prints one line when ready and one JSON object at the end. If the plant falls silent, the\n"
       "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed\n"
       "(plant_node silent), 2 wrong usage or input.");
   nodes::add_options(app, options);
-  app.add_flag("--serve", serving,
+  app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
+  app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");
+  app.add_option("--modbus-baud", own.modbus_baud, "Its speed; 8 data bits, even parity.")
+      ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
+      ->capture_default_str();
+  app.add_option("--store", own.store,
+                 "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
+  app.add_option("--journal", own.journal,
+                 "File for everything the firmware takes in, for `forceaxis replay`; of several "
+                 "axes FILE.1, FILE.2, ...");
+  app.add_option("--hold", own.hold_s,
+                 "Seconds to go on serving the buses after the plant fell silent, disabled.")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_flag("--serve", own.serve,
                "Take runs from standard input, one a line: run number, experiment and overrides, "
                "separated by tabs.");
   app.footer(
       "Example:\n"
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
-      "  plant_node sim/experiments/contact.toml --link lcm --run-id 7");
+      "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
+      "with its buses, in real time, for clients of every kind:\n"
+      "  axis_node sim/experiments/contact.toml --can vcan0 --store axis.bin --journal axis.log &\n"
+      "  plant_node sim/experiments/contact.toml --pace real");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
     return nodes::refuse("axis_node", app, error);
   }
   return nodes::guarded("axis_node", [&] {
-    if (serving) return serve(options);
+    if (own.serve) return serve(options, own);
     if (options.files.empty()) {
       throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
     }
     nodes::finish_options(options);
-    return run(options, false);
+    return run(options, own);
   });
 }

@@ -142,7 +142,7 @@ void expect_same_trace(Wire &wire, std::uint64_t &repeated) {
         kContact,
         std::vector<std::string>{gain, "experiment.duration_s=0.5", "verdict.window_s=0.1"}));
     plants.emplace_back(experiments.back(), RunOptions{.trace = false, .audit = false});
-    firmwares.emplace_back(experiments.back(), true);
+    firmwares.emplace_back(experiments.back(), FirmwareOptions{.hash = true});
   }
   Wire::PlantEnd plant_end(wire);
   Wire::AxisEnd axis_end(wire);
@@ -242,7 +242,7 @@ TEST(Exchange, ASilentPartnerIsNamed) {
 // The tick after the silence: whatever the axis was doing, code 0 and disabled.
 TEST(Exchange, WithoutThePlantTheAxisIsDisabledInOneTick) {
   const Experiment e = load_experiment(kContact);
-  FirmwareSide firmware(e, true);
+  FirmwareSide firmware(e, {.hash = true});
   EXPECT_EQ(firmware.tick({0, 0, 0, 0, 1, 1, 1}).dac_code, 150);
   const LinkOutputs lost = firmware.lose_sensors(1);
   EXPECT_EQ(lost.tick, 1);

@@ -31,6 +31,9 @@ void axis_host_tick(axis_host_t *host, const axis_inputs_t *inputs, axis_outputs
 
 int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
 
+/* The signals of the axis as they stand, for those who look at them every tick. */
+const axis_signals_t *axis_host_signals(const axis_host_t *host);
+
 /* As FW_SOURCE_LOCAL: the source lock does not hold it. */
 int axis_host_write(axis_host_t *host, uint16_t object, int32_t value);
 

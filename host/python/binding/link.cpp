@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include "host/link/journal.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
 #include "host/python/binding/result.hpp"
@@ -67,6 +68,32 @@ py::tuple run_linked(const std::filesystem::path &file, const std::vector<std::s
   return py::make_tuple(std::move(result), to_dict(report));
 }
 
+py::tuple replay(const std::filesystem::path &file) {
+  auto result = std::make_unique<Result>();
+  forceaxis::host::Journal journal;
+  try {
+    const py::gil_scoped_release release;
+    journal = forceaxis::host::read_journal(file);
+    result->experiment = forceaxis::host::load_experiment(journal.experiment, journal.overrides);
+    if (result->experiment.hash != journal.inputs_hash) {
+      throw forceaxis::sim::InputError(
+          file.string(), "inputs_hash",
+          "expected the experiment and model that the journal was made with, " +
+              journal.experiment.string() + " or its model has changed since");
+    }
+    result->run = forceaxis::host::replay(journal, result->experiment, {.stop = interrupted});
+  } catch (const forceaxis::host::RunStopped &) {
+    throw py::error_already_set();
+  }
+  py::dict told;
+  told["experiment"] = journal.experiment.string();
+  told["overrides"] = journal.overrides;
+  told["entries"] = journal.entries.size();
+  told["ticks"] = journal.ticks < 0 ? py::object(py::none()) : py::cast(journal.ticks);
+  told["trace_hash"] = journal.trace_hash;
+  return py::make_tuple(std::move(result), told);
+}
+
 }  // namespace
 
 void add_link(py::module_ &m) {
@@ -82,4 +109,9 @@ void add_link(py::module_ &m) {
         "Run one experiment with the plant here and the firmware in an axis_node, as axis 1. "
         "Returns (Result, {ticks_per_s, real_time, overruns, statistics}). Raises InputError, "
         "SimulationError, TransportError, LinkSilent, ValueError for `inject`.");
+  m.def(
+      "replay", &replay, py::arg("journal"),
+      "Run again in process what axis_node --journal wrote down. Returns (Result, {experiment, "
+      "overrides, entries, ticks, trace_hash}) with ticks and hash of the run then; ticks is None "
+      "and the hash empty where the journal breaks off. Raises InputError.");
 }

@@ -104,6 +104,36 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
 
 
 @cli.command(
+    cls=Verb,
+    epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.log &
+    plant_node sim/experiments/contact.toml --pace real && forceaxis replay axis.log""",
+)
+@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--out", type=Folder(), help="Folder, as for run.")
+@as_json
+def replay(journal, out, as_json):
+    """Run again, in process, what a firmware on buses did: from the journal of its axis_node.
+
+    The same trace hash comes out; the exit status is 1 if it does not, or if the journal breaks off
+    without one.
+    """
+    done, told = experiments.replay(journal)
+    same = done.summary["trace_hash"] == told["trace_hash"]
+    done.summary["replay"] = told | {"same": same}
+    if out:
+        experiments.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(experiments.describe(done.summary))
+        click.echo(f"journal      {told['entries']} entries, trace hash {told['trace_hash']}")
+    if told["ticks"] is None:
+        fail(f"{journal}: expected a line `end`; the node was ended before its run was", status=1)
+    if not same:
+        fail(f"{journal}: expected the trace hash {told['trace_hash']} again", status=1)
+
+
+@cli.command(
     name="new",
     cls=Verb,
     epilog="""forceaxis new press

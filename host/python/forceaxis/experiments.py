@@ -43,13 +43,28 @@ def run(experiment, overrides=(), over=None):
         result, told = link.run(over, experiment, overrides)
     else:
         result, told = _core.run(str(experiment), list(overrides)), None
-    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
-    columns |= result.columns()
     command = ["forceaxis", "run", paths.display(experiment)]
     for text in overrides:
         command += ["--set", text]
     if over:
         command += over.words()
+    return finished(experiment, result, told, command)
+
+
+def replay(journal):
+    """Run again in process what `axis_node --journal` wrote down. Returns (the run, what was told).
+
+    Raises InputError.
+    """
+    result, told = _core.replay(str(journal))
+    command = ["forceaxis", "replay", paths.display(journal)]
+    return finished(Path(told["experiment"]), result, None, command), told
+
+
+def finished(experiment, result, told, command):
+    """The Run of a result; told: what its link says, or None."""
+    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
+    columns |= result.columns()
     summary = {
         "experiment": paths.display(experiment),
         "title": result.title,

@@ -1,0 +1,294 @@
+#include "host/link/journal.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstring>
+#include <optional>
+#include <stdexcept>
+
+#include "host/link/firmware_side.hpp"
+#include "host/link/objects.hpp"
+#include "host/link/plant_side.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+constexpr char kTitle[] = "forceaxis-journal 1";
+constexpr char kDigits[] = "0123456789abcdef";
+
+std::string hex_of(std::span<const std::uint8_t> bytes) {
+  if (bytes.empty()) return "-";
+  std::string text;
+  for (const std::uint8_t byte : bytes) {
+    text += kDigits[byte >> 4];
+    text += kDigits[byte & 15];
+  }
+  return text;
+}
+
+// One line of a journal, taken apart from the left. What does not fit is an InputError.
+class Line {
+ public:
+  Line(const std::filesystem::path &file, std::size_t number, std::string_view text)
+      : file_(file), number_(number), rest_(text) {}
+
+  [[noreturn]] void fail(const std::string &expected) const {
+    throw sim::InputError(file_.string(), "line " + std::to_string(number_),
+                          "expected " + expected);
+  }
+  std::string word(const std::string &what) {
+    if (rest_.empty()) fail(what);
+    const std::size_t space = std::min(rest_.find(' '), rest_.size());
+    const std::string found(rest_.substr(0, space));
+    rest_.remove_prefix(std::min(space + 1, rest_.size()));
+    return found;
+  }
+  std::string rest() const { return std::string(rest_); }
+
+  template <class T>
+  T number(const std::string &what, std::int64_t low, std::int64_t high, int base = 10) {
+    const std::string text = word(what);
+    std::int64_t value = 0;
+    const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value, base);
+    if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() || value < low ||
+        value > high) {
+      fail(what);
+    }
+    return static_cast<T>(value);
+  }
+  std::int64_t tick() { return number<std::int64_t>("a tick", 0, 1000000000); }
+
+  std::vector<std::uint8_t> bytes(const std::string &what, std::size_t most) {
+    const std::string text = word(what);
+    std::vector<std::uint8_t> bytes;
+    if (text == "-") return bytes;
+    if (text.size() % 2 != 0 || text.size() / 2 > most) fail(what);
+    for (std::size_t i = 0; i < text.size(); i += 2) {
+      unsigned value = 0;
+      const auto parsed = std::from_chars(&text[i], &text[i] + 2, value, 16);
+      if (parsed.ec != std::errc() || parsed.ptr != &text[i] + 2) fail(what);
+      bytes.push_back(static_cast<std::uint8_t>(value));
+    }
+    return bytes;
+  }
+
+ private:
+  const std::filesystem::path &file_;
+  std::size_t number_;
+  std::string_view rest_;
+};
+
+// An entry for the firmware, or nothing if `kind` is none.
+std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
+  if (kind == "write") {
+    const std::int64_t tick = line.tick();
+    const auto object = find_object(line.word("an object"));
+    if (!object) line.fail("the name of a firmware object");
+    const auto raw = line.number<std::int32_t>("a raw value", INT32_MIN, INT32_MAX);
+    return Journal::Entry{tick, [o = *object, raw](axis_host_t *a) { axis_host_write(a, o, raw); }};
+  }
+  if (kind == "can") {
+    const std::int64_t tick = line.tick();
+    can_frame_t frame{};
+    frame.id = line.number<std::uint16_t>("an identifier", 0, 0x7FF, 16);
+    const std::string length = line.word("a length or R");
+    frame.remote = length == "R";
+    if (frame.remote == 0) {
+      const auto data = line.bytes("up to 8 bytes", 8);
+      if (length != std::to_string(data.size())) line.fail("as many bytes as the length says");
+      frame.length = static_cast<std::uint8_t>(data.size());
+      std::copy(data.begin(), data.end(), frame.data);
+    }
+    return Journal::Entry{tick, [frame](axis_host_t *a) { axis_host_can_receive(a, &frame); }};
+  }
+  if (kind == "lost") {
+    const std::int64_t tick = line.tick();
+    const auto count = line.number<std::uint16_t>("a count", 1, 65535);
+    return Journal::Entry{tick, [count](axis_host_t *a) { axis_host_can_lost(a, count); }};
+  }
+  if (kind == "bus") {
+    const std::int64_t tick = line.tick();
+    const auto state = line.number<std::uint8_t>("a state", CAN_BUS_ACTIVE, CAN_BUS_OFF);
+    return Journal::Entry{tick, [state](axis_host_t *a) { axis_host_can_bus(a, state); }};
+  }
+  if (kind == "modbus") {
+    const std::int64_t tick = line.tick();
+    return Journal::Entry{tick, [bytes = line.bytes("bytes", 65535)](axis_host_t *a) {
+                            axis_host_modbus_receive(a, bytes.data(),
+                                                     static_cast<std::uint16_t>(bytes.size()));
+                          }};
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
+                             std::span<const std::string> overrides)
+    : out_(file, std::ios::trunc) {
+  if (!out_) throw std::runtime_error(file.string() + ": expected to be able to write here");
+  out_ << kTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
+  for (const std::string &text : overrides) out_ << "set " << text << '\n';
+  out_ << "inputs_hash " << experiment.hash << '\n';
+}
+
+void JournalWriter::power_up(const fw_config_t &config, std::span<const std::uint8_t> store) {
+  out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << '\n';
+  if (config.memory == nullptr) return;
+  // Erased bytes at the end are understood.
+  while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
+  out_ << "store " << hex_of(store) << '\n';
+}
+
+void JournalWriter::write(std::int64_t tick, std::uint16_t object, std::int32_t raw) {
+  out_ << "write " << tick << ' ' << object_meta(object).name << ' ' << raw << '\n';
+}
+
+void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
+  out_ << "can " << tick << ' ' << std::hex << frame.id << std::dec << ' ';
+  if (frame.remote != 0) {
+    out_ << "R\n";
+  } else {
+    out_ << int{frame.length} << ' ' << hex_of({frame.data, frame.length}) << '\n';
+  }
+}
+
+void JournalWriter::lost(std::int64_t tick, std::uint16_t frames) {
+  out_ << "lost " << tick << ' ' << frames << '\n';
+}
+
+void JournalWriter::bus(std::int64_t tick, std::uint8_t state) {
+  out_ << "bus " << tick << ' ' << int{state} << '\n';
+}
+
+void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> bytes) {
+  out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
+}
+
+void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
+  out_ << "end " << ticks << ' ' << hash << std::endl;
+}
+
+Journal read_journal(const std::filesystem::path &file) {
+  std::ifstream in(file);
+  Journal journal;
+  journal.file = file;
+  std::string text;
+  if (!std::getline(in, text) || text != kTitle) {
+    throw sim::InputError(file.string(), "line 1",
+                          std::string("expected a readable journal, \"") + kTitle + "\"");
+  }
+  for (std::size_t number = 2; std::getline(in, text); ++number) {
+    Line line(file, number, text);
+    const std::string kind = line.word("an entry");
+    if (auto entry = entry_of(kind, line)) {
+      journal.entries.push_back(std::move(*entry));
+    } else if (kind == "experiment") {
+      journal.experiment = line.rest();
+    } else if (kind == "set") {
+      journal.overrides.push_back(line.rest());
+    } else if (kind == "inputs_hash") {
+      journal.inputs_hash = line.rest();
+    } else if (kind == "config") {
+      journal.node_id = line.number<std::uint8_t>("a node", 0, 127);
+      journal.buses = line.number<std::uint8_t>("buses", 0, 1);
+    } else if (kind == "store") {
+      journal.store = line.bytes("bytes", 2 * StoreMemory::kSectorBytes);
+      journal.has_store = true;
+    } else if (kind == "end") {
+      journal.ticks = line.tick();
+      journal.trace_hash = line.rest();
+    } else {
+      line.fail(
+          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus or end");
+    }
+  }
+  if (journal.experiment.empty()) {
+    throw sim::InputError(file.string(), "experiment", "expected a line that names it");
+  }
+  return journal;
+}
+
+RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
+  Experiment silent = experiment;  // its writes come from the journal
+  silent.initial.clear();
+  for (Action &action : silent.actions) action.writes.clear();
+  StoreMemory store(journal.store);
+  fw_config_t config{};
+  config.hardware = "host";
+  config.node_id = journal.node_id;
+  config.buses = journal.buses;
+  if (journal.has_store) config.memory = store.memory();
+  FirmwareSide firmware(silent, {.hash = true, .config = &config});
+  PlantSide plant(silent, options);
+  auto entry = journal.entries.begin();
+  while (plant.running() && (journal.ticks < 0 || plant.tick() < journal.ticks)) {
+    for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
+      entry->give(firmware.axis());
+    }
+    plant.act(firmware.tick(plant.sense()));
+    firmware.discard_output();
+  }
+  RunResult result = plant.finish();
+  result.firmware_hash = firmware.hash();
+  return result;
+}
+
+StoreMemory::StoreMemory(std::span<const std::uint8_t> image)
+    : bytes_(2 * std::size_t{kSectorBytes}, 0xFF) {
+  std::copy_n(image.begin(), std::min(image.size(), bytes_.size()), bytes_.begin());
+  connect();
+}
+
+StoreMemory::StoreMemory(const std::filesystem::path &file)
+    : StoreMemory(std::span<const std::uint8_t>{}) {
+  file_ = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  const ssize_t n = file_ < 0 ? -1 : pread(file_, bytes_.data(), bytes_.size(), 0);
+  if (n < 0) {
+    throw std::runtime_error(file.string() + ": expected to be able to read and write here, " +
+                             std::strerror(errno));
+  }
+  const auto there = static_cast<std::uint32_t>(n);
+  const auto all = static_cast<std::uint32_t>(bytes_.size());
+  if (there < all && !put(there, all - there)) {
+    throw std::runtime_error(file.string() + ": expected to be able to write here");
+  }
+}
+
+StoreMemory::~StoreMemory() {
+  if (file_ >= 0) close(file_);
+}
+
+bool StoreMemory::put(std::uint32_t address, std::uint32_t count) {
+  return file_ < 0 || pwrite(file_, &bytes_[address], count, address) == ssize_t{count};
+}
+
+void StoreMemory::connect() {
+  memory_.context = this;
+  memory_.sector_bytes = kSectorBytes;
+  memory_.read = [](void *context, std::uint32_t address, std::uint8_t *bytes,
+                    std::uint32_t count) {
+    const auto &self = *static_cast<StoreMemory *>(context);
+    std::copy_n(&self.bytes_[address], count, bytes);
+  };
+  memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
+                       std::uint32_t count) {
+    auto &self = *static_cast<StoreMemory *>(context);
+    if (address + std::size_t{count} > self.bytes_.size()) return false;
+    // As flash does: bits only go from 1 to 0.
+    for (std::uint32_t i = 0; i < count; ++i) self.bytes_[address + i] &= bytes[i];
+    return self.put(address, count);
+  };
+  memory_.erase = [](void *context, std::uint8_t sector) {
+    auto &self = *static_cast<StoreMemory *>(context);
+    if (sector > 1) return false;
+    const std::uint32_t start = sector * kSectorBytes;
+    std::fill_n(&self.bytes_[start], kSectorBytes, std::uint8_t{0xFF});
+    return self.put(start, kSectorBytes);
+  };
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,96 @@
+#pragma once
+// A journal is everything that a firmware on buses took in, with the tick that was to see it: the
+// stored parameters at power-up, frames, bytes, the experiment's writes, in their order. Buses live
+// in wall time; with its journal a run can be had again in process, to the last bit.
+//
+// One axis, text, one entry a line:
+//   forceaxis-journal 1
+//   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
+//   config NODE BUSES / store HEX                          what the firmware was given at power-up
+//   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
+//   bus TICK STATE | modbus TICK HEX
+//   end TICKS HASH                                         how long it ran, and its trace hash
+// Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-".
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "host/link/run.hpp"
+
+namespace forceaxis::host {
+
+class JournalWriter {
+ public:
+  // Creates or replaces the file. Throws std::runtime_error naming it.
+  JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
+                std::span<const std::string> overrides);
+
+  void power_up(const fw_config_t &config, std::span<const std::uint8_t> store);
+  void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
+  void can(std::int64_t tick, const can_frame_t &frame);
+  void lost(std::int64_t tick, std::uint16_t frames);
+  void bus(std::int64_t tick, std::uint8_t state);
+  void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
+  void end(std::int64_t ticks, const std::string &hash);
+
+ private:
+  std::ofstream out_;
+};
+
+struct Journal {
+  struct Entry {
+    std::int64_t tick;
+    std::function<void(axis_host_t *)> give;  // to the firmware
+  };
+
+  std::filesystem::path file;
+  std::filesystem::path experiment;
+  std::vector<std::string> overrides;
+  std::string inputs_hash;
+  std::uint8_t node_id = 0;
+  std::uint8_t buses = 0;
+  std::vector<std::uint8_t> store;  // empty: there was none
+  bool has_store = false;
+  std::vector<Entry> entries;
+  std::int64_t ticks = -1;  // -1: the journal has no end
+  std::string trace_hash;
+};
+
+// Throws sim::InputError naming file and line.
+Journal read_journal(const std::filesystem::path &file);
+
+// The run of the journal in process. `experiment` must be that of the journal and gives the plant
+// and the impulses. Throws as run().
+RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
+
+// A flash of two sectors, in memory, and in a file if it has a name: what the firmware stores in.
+class StoreMemory {
+ public:
+  static constexpr std::uint32_t kSectorBytes = 16384;
+
+  // Reads the file if it is there. Throws std::runtime_error naming it.
+  explicit StoreMemory(const std::filesystem::path &file);
+  explicit StoreMemory(std::span<const std::uint8_t> image);
+  StoreMemory(const StoreMemory &) = delete;
+  StoreMemory &operator=(const StoreMemory &) = delete;
+  ~StoreMemory();
+
+  const store_memory_t *memory() const { return &memory_; }
+  std::span<const std::uint8_t> image() const { return bytes_; }
+
+ private:
+  void connect();
+  bool put(std::uint32_t address, std::uint32_t count);
+
+  std::vector<std::uint8_t> bytes_;
+  int file_ = -1;
+  store_memory_t memory_{};
+};
+
+}  // namespace forceaxis::host

@@ -1,0 +1,153 @@
+#include "host/nodes/axis_buses.hpp"
+
+#include <fcntl.h>
+#include <linux/can.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include "host/link/socketcan.hpp"
+
+namespace forceaxis::nodes {
+namespace {
+
+constexpr int kReceiveBytes = 4 << 20;   // thousands of frames: a flood is the firmware's business
+constexpr unsigned kCallsPerLook = 150;  // a tenth of a second: is an interface that was down up?
+constexpr std::size_t kModbusBytes = 1024;
+
+}  // namespace
+
+CanPort::CanPort(const std::string &interface)
+    : interface_(interface), socket_(host::open_can(interface)) {
+  const int on = 1;
+  setsockopt(socket_, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
+  if (setsockopt(socket_, SOL_SOCKET, SO_RCVBUFFORCE, &kReceiveBytes, sizeof kReceiveBytes) != 0) {
+    setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &kReceiveBytes, sizeof kReceiveBytes);
+  }
+  const can_err_mask_t errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
+  setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
+  const can_filter standard{0, CAN_EFF_FLAG};
+  setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_FILTER, &standard, sizeof standard);
+}
+
+CanPort::~CanPort() { close(socket_); }
+
+bool CanPort::is_up() const {
+  ifreq request{};
+  interface_.copy(request.ifr_name, sizeof request.ifr_name - 1);
+  return ioctl(socket_, SIOCGIFFLAGS, &request) == 0 && (request.ifr_flags & IFF_UP) != 0;
+}
+
+void CanPort::set_state(std::uint8_t state, const Ears &ears) {
+  if (state == state_) return;
+  state_ = state;
+  ears.state(state);
+}
+
+void CanPort::receive(const Ears &ears) {
+  // A bus that was lost is asked for now and then.
+  if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerLook == 0 && is_up()) {
+    set_state(CAN_BUS_ACTIVE, ears);
+  }
+  for (;;) {
+    can_frame frame;
+    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(std::uint32_t))> control;
+    iovec part{&frame, sizeof frame};
+    msghdr message{};
+    message.msg_iov = &part;
+    message.msg_iovlen = 1;
+    message.msg_control = control.data();
+    message.msg_controllen = control.size();
+    const ssize_t n = recvmsg(socket_, &message, MSG_DONTWAIT);
+    if (n < 0) {
+      if (errno == ENETDOWN || errno == ENODEV) set_state(CAN_BUS_OFF, ears);
+      if (errno == EINTR || errno == ENETDOWN) continue;
+      return;
+    }
+    for (cmsghdr *c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
+      if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SO_RXQ_OVFL) continue;
+      std::uint32_t dropped = 0;
+      std::memcpy(&dropped, CMSG_DATA(c), sizeof dropped);
+      const std::uint32_t more = dropped - dropped_;
+      dropped_ = dropped;
+      if (more > 0) ears.lost(static_cast<std::uint16_t>(std::min<std::uint32_t>(more, 65535)));
+    }
+    if (n != sizeof frame || (frame.can_id & CAN_EFF_FLAG) != 0) continue;
+    if ((frame.can_id & CAN_ERR_FLAG) != 0) {
+      constexpr int kPassive = CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE;
+      const bool controller = (frame.can_id & CAN_ERR_CRTL) != 0;
+      if ((frame.can_id & CAN_ERR_BUSOFF) != 0) {
+        set_state(CAN_BUS_OFF, ears);
+      } else if (controller && (frame.data[1] & kPassive) != 0) {
+        set_state(CAN_BUS_PASSIVE, ears);
+      } else if ((frame.can_id & CAN_ERR_RESTARTED) != 0 ||
+                 (controller && (frame.data[1] & CAN_ERR_CRTL_ACTIVE) != 0)) {
+        set_state(CAN_BUS_ACTIVE, ears);
+      }
+      continue;
+    }
+    can_frame_t heard{};
+    heard.id = static_cast<std::uint16_t>(frame.can_id & CAN_SFF_MASK);
+    heard.remote = (frame.can_id & CAN_RTR_FLAG) != 0;
+    heard.length = heard.remote != 0 ? std::uint8_t{0} : std::min<std::uint8_t>(frame.can_dlc, 8);
+    std::copy_n(frame.data, heard.length, heard.data);
+    ears.frame(heard);
+  }
+}
+
+bool CanPort::send(const can_frame_t &said) {
+  can_frame frame{};
+  frame.can_id = said.id | (said.remote != 0 ? CAN_RTR_FLAG : 0U);
+  frame.can_dlc = said.length;
+  std::copy_n(said.data, said.length, frame.data);
+  return ::send(socket_, &frame, sizeof frame, MSG_DONTWAIT) == sizeof frame;
+}
+
+ModbusPort::ModbusPort(const std::string &device, int baud)
+    : device_(open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC)),
+      buffer_(kModbusBytes) {
+  termios line{};
+  if (device_ < 0 || tcgetattr(device_, &line) != 0) {
+    const std::string why = std::strerror(errno);
+    if (device_ >= 0) close(device_);
+    throw host::TransportError(device + ": expected a serial device for Modbus, " + why);
+  }
+  static constexpr struct {
+    int baud;
+    speed_t speed;
+  } kSpeeds[] = {{9600, B9600},   {19200, B19200},   {38400, B38400},
+                 {57600, B57600}, {115200, B115200}, {230400, B230400}};
+  cfmakeraw(&line);
+  line.c_cflag |= PARENB | CLOCAL | CREAD;
+  for (const auto &s : kSpeeds) {
+    if (s.baud == baud) cfsetspeed(&line, s.speed);
+  }
+  tcsetattr(device_, TCSANOW, &line);
+  tcflush(device_, TCIFLUSH);
+}
+
+ModbusPort::~ModbusPort() { close(device_); }
+
+std::span<const std::uint8_t> ModbusPort::receive() {
+  const ssize_t n = read(device_, buffer_.data(), buffer_.size());
+  return {buffer_.data(), n > 0 ? static_cast<std::size_t>(n) : 0};
+}
+
+void ModbusPort::send(std::span<const std::uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = write(device_, bytes.data(), bytes.size());
+    if (n <= 0) return;  // nobody reads: the client repeats its request
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+  }
+}
+
+}  // namespace forceaxis::nodes
