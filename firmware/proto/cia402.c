@@ -76,6 +76,7 @@ void cia402_init(cia402_t *drive) {
   drive->contact = (contact_t){0};
   drive->lent = (cia402_lent_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
+  drive->settling_tick = 0;
   drive->leaving = 0;
   drive->leaving_to = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   drive->fault = AXIS_FAULT_NONE;
@@ -149,10 +150,6 @@ static void change_mode(cia402_t *drive) {
 
 static bool wants_other_mode(const cia402_t *drive) {
   return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
-}
-
-static bool stands(const cia402_t *drive) {
-  return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
 }
 
 static void operate(cia402_t *drive, axis_t *axis) {
@@ -278,7 +275,8 @@ int cia402_check(const cia402_t *drive, const axis_t *axis, uint16_t object, int
 
 /* Out of operation, at once or after slowing down (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
-  if (option == STOP_AT_ONCE || stands(drive) || axis->signals.active_mode == AXIS_MODE_DISABLED) {
+  if (option == STOP_AT_ONCE || cia402_stands(drive) ||
+      axis->signals.active_mode == AXIS_MODE_DISABLED) {
     enter(drive, to);
     return;
   }
@@ -351,7 +349,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       command_mode(drive, controlword, rising);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
-      if (wants_other_mode(drive) && (!is_powered(state_of(drive)) || stands(drive))) {
+      if (wants_other_mode(drive) && (!is_powered(state_of(drive)) || cia402_stands(drive))) {
         change_mode(drive);
       }
       break;

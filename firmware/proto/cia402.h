@@ -96,6 +96,7 @@ typedef struct {
   uint8_t setpoint_active;    /* 1: setpoint is being pursued */
   uint8_t setpoint_buffered;  /* 1: buffered holds one */
   uint8_t acknowledged;       /* 1: the new set-point of this controlword was taken */
+  uint8_t settling_tick;      /* ticks that the trajectory has stood in slowing down */
   uint8_t leaving;            /* 1: slows down to change to leaving_to */
   uint8_t leaving_to;         /* AXIS_DRIVE_STATE_ */
   uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */

@@ -99,6 +99,7 @@ static bool track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
     return false;
   }
   if (drive->tracking != tracking) {
+    drive->settling_tick = 0;
     profile_set(&drive->trajectory, axis->signals.position);
     drive->trajectory.velocity_q16 = fx_clamp(axis_speed_q16(axis), -most, most);
     drive->tracking = tracking;
@@ -117,7 +118,19 @@ bool cia402_slow_down(cia402_t *drive, axis_t *axis, uint32_t rate) {
   const trajectory_limits_t limits = {.deceleration = fx_q16_from_per_s2(rate)};
   trajectory_ramp(&drive->trajectory, 0, &limits);
   follow(drive, axis);
-  return drive->trajectory.velocity_q16 == 0;
+  if (drive->trajectory.velocity_q16 != 0) {
+    drive->settling_tick = 0;
+    return false;
+  }
+  if (drive->settling_tick < CIA402_SETTLING_TICKS) {
+    drive->settling_tick = (uint8_t)(drive->settling_tick + 1);
+  }
+  return cia402_stands(drive) || drive->settling_tick >= CIA402_SETTLING_TICKS;
+}
+
+bool cia402_stands(const cia402_t *drive) {
+  return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0 &&
+         fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
 }
 
 static bool has_limits(const cia402_t *drive) {
@@ -471,6 +484,7 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
       break;
     default:
       run_trajectory(drive, axis, mode);
+      drive->settling_tick = 0;
       break;
   }
 }

@@ -1,0 +1,157 @@
+"""The drive profile on an emulated Cortex-M4 beside the host: the same outputs and signals under
+random masters, within its share of the interrupt.
+
+Run with `pytest -s` to see the instruction counts by mode.
+"""
+
+import random
+
+from test_firmware_targets import (  # noqa: F401 (cortex_m4 is a fixture)
+    Emulator,
+    Host,
+    Inputs,
+    cortex_m4,
+    ctypes,
+    load_objects,
+    run,
+)
+
+INSTRUCTIONS_MAX = 450  # of cia402_before() and cia402_after() together
+TICKS = 30_000
+SEED = 402
+COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F, 0x21F]
+MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -4, -5, -6, -7, -8]
+RANGES = {
+    "target_position": [0, 100, -3000, 50000, 2147483647, -2147483648],
+    "target_velocity": [0, 1, -3000, 15000, 3072000, -3072000],
+    "target_force": [0, 100, 750, -500, 32767, -32768],
+    "trajectory_velocity": [1, 3000, 30000, 3072000],
+    "trajectory_acceleration": [35, 225000, 575000000],
+    "trajectory_deceleration": [2250, 225000, 575000000],
+    "quick_stop_deceleration": [225000, 2250000, 575000000],
+    "velocity_max": [15000, 300000, 3072000, 3072000],
+    "quick_stop_option": [0, 1, 2, 5, 6],
+    "fault_reaction_option": [0, 1, 2],
+    "halt_option": [1, 2],
+    "position_limit_min": [-2147483648, -2147483648, -4000],
+    "position_limit_max": [2147483647, 2147483647, 6000],
+    "following_error_window": [0xFFFFFFFF, 0xFFFFFFFF, 2000],
+    "interpolation_period": [0, 2, 20],
+    "stiffness": [0, 32768, 2147483647],
+    "damping": [0, 1280, 2147483647],
+    "force_scale": [1, 2500000, 2147483647],
+    "rated_force": [1, 100000, 2147483647],
+    "force_slope": [1, 10000, 2147483647],
+    "approach_velocity_max": [1, 3000, 3072000],
+    "home_offset": [0, 1234, -2147483648],
+    "polarity": [0, 0, 64, 128, 192],
+}
+ONES_OF = ("cia402", "trajectory", "contact")
+
+
+class CountingEmulator(Emulator):
+    """Counts what lies in the drive's own files, and all of it, apart."""
+
+    def __init__(self, image, ranges):
+        self.ranges, self.drive = ranges, 0
+        super().__init__(image)
+
+    def on_block(self, uc, address, size, data):
+        before = self.count
+        super().on_block(uc, address, size, data)
+        if any(first <= address < end for first, end in self.ranges):
+            self.drive += self.count - before
+
+    def tick(self, inputs):
+        self.drive = 0
+        self.uc.mem_write(self.INPUTS, bytes(inputs))
+        self.call("fw_tick", self.FW, self.INPUTS, self.OUTPUTS)
+        return bytes(self.uc.mem_read(self.OUTPUTS, 4))
+
+    def read(self, number):
+        assert self.call("fw_object_read", self.FW, number, self.OUTPUTS + 16) == 0
+        return int.from_bytes(self.uc.mem_read(self.OUTPUTS + 16, 4), "little", signed=True)
+
+
+def drive_ranges(objects, image):
+    """Address ranges of the functions in the drive's object files, and of what only it calls."""
+    names = {"axis_parameter_written"}
+    for path in objects:
+        if path.name.removeprefix("proto_").startswith(ONES_OF):
+            for line in run("arm-none-eabi-nm", path).splitlines():
+                *_, kind, name = line.split()
+                if kind in "tT":
+                    names.add(name)
+    ranges = []
+    for line in run("arm-none-eabi-nm", "-S", image).splitlines():
+        words = line.split()
+        if len(words) == 4 and words[2] in "tT" and words[3] in names:
+            ranges.append((int(words[0], 16), int(words[0], 16) + int(words[1], 16)))
+    return ranges
+
+
+class Master:
+    """Writes that a master might do in any tick; the same ones to both."""
+
+    def __init__(self, objects, *sides):
+        self.objects, self.sides = objects, sides
+
+    def write(self, name, value):
+        results = {side.write(self.objects[name].number, value) for side in self.sides}
+        assert len(results) == 1, f"{name} {value}: {results}"
+
+
+def test_cortex_m4_runs_the_drive_as_the_host_does(cortex_m4, tmp_path):  # noqa: F811
+    compiled, image = cortex_m4
+    objects = load_objects()
+    host, chip = Host(tmp_path), CountingEmulator(image, drive_ranges(compiled, image))
+    master = Master(objects, host, chip)
+    signals = [o for o in objects.values() if o.part == "drive" and o.kind == "signal"]
+    rng = random.Random(SEED)
+    master.write("position_gain", 1280)
+    master.write("force_gain", 640)
+    worst = {}
+    whole = 0
+    inputs = Inputs(0, (0, 0), 1, 1)
+    position, speed, wall = 0.0, 0.0, 3000.0
+    for tick in range(TICKS):
+        if rng.random() < 0.03:
+            master.write("modes_of_operation", rng.choice(MODES))
+        if rng.random() < 0.2:
+            master.write("controlword", rng.choice(COMMANDS))
+        if rng.random() < 0.03:
+            for command in (0x00, 0x80, 0x06, 0x0F):
+                master.write("controlword", command)
+        if rng.random() < 0.2:
+            name = rng.choice(list(RANGES))
+            master.write(name, rng.choice(RANGES[name]))
+        if rng.random() < 0.01:
+            wall = position + rng.randint(-50, 2000)
+        code = int.from_bytes(bytes(host.outputs)[:2], "little", signed=True)
+        speed += 0.2 * (code / 50.0 - speed)
+        position += speed
+        if abs(position) > 2e9:
+            position = 0.0
+        inputs.encoder_cnt = int(position)
+        inputs.adc_code[0] = max(0, min(255, int((position - wall) / 2)))
+        inputs.din = 1 if rng.random() > 0.002 else rng.choice([0, 3, 5, 9])
+        inputs.sensor_valid = int(rng.random() >= 0.001)
+
+        host.lib.fw_tick(host.fw, ctypes.byref(inputs), ctypes.byref(host.outputs))
+        got = chip.tick(inputs)
+        replay = f"seed {SEED}, tick {tick}"
+        assert got == bytes(host.outputs), replay
+        counted, total = chip.drive, chip.count
+        state = host.read(objects["drive_state"].number)
+        mode = host.read(objects["modes_of_operation_display"].number) if state == 4 else None
+        worst[mode] = max(worst.get(mode, 0), counted)
+        whole = max(whole, total)
+        if tick % 16 == 0:
+            for signal in signals:
+                assert chip.read(signal.number) == host.read(signal.number), (replay, signal.name)
+    print(f"\ncia402 on a Cortex-M4, {TICKS} ticks under a random master, instructions at most:")
+    for mode in sorted(worst, key=str):
+        print(f"  {'not enabled' if mode is None else f'mode {mode}':12} {worst[mode]}")
+    print(f"  fw_tick without buses {whole}")
+    assert set(MODES) <= set(worst)
+    assert max(worst.values()) <= INSTRUCTIONS_MAX
