@@ -16,6 +16,12 @@ GENERATED = (
     "firmware/objects/generated/axis_objects.c",
     "firmware/objects/generated/axis_objects_meta.h",
     "host/python/forceaxis/objects.py",
+    "firmware/objects/generated/forceaxis.eds",
+    "firmware/objects/generated/forceaxis.dbc",
+    "firmware/objects/generated/forceaxis-modbus.csv",
+    "docs/objects/modbus.md",
+    "docs/objects/objects.md",
+    "docs/objects/forceaxis-objects.7",
 )
 
 
@@ -37,6 +43,7 @@ def tree(tmp_path):
     target = tmp_path / "host/python/forceaxis"
     target.mkdir(parents=True)
     shutil.copy(ROOT / "host/python/forceaxis/objects.py", target)
+    shutil.copytree(ROOT / "docs/objects", tmp_path / "docs/objects")
     return tmp_path
 
 
@@ -291,7 +298,7 @@ BAD_TABLES = {
     "unknown key": ("max = 2047", "maximum = 2047", "object open_loop_code: maximum: unknown key"),
     "missing key": ('unit = "code"\n', "", "object open_loop_code: unit: expected a value"),
     "missing range": ("max = 2047\n", "", "object open_loop_code: max: expected a value"),
-    "access": ('access = "wo"', 'access = "rw"', "object fault_reset: access: expected wo"),
+    "access": ('access = "wo"', 'access = "ro"', "object fault_reset: access: expected wo"),
     "name": ('name = "mode"', 'name = "Mode"', "object Mode: name: expected snake case"),
     "name twice": ('name = "force_gain"', 'name = "mode"', "object mode: name: expected a name"),
     "scale": ("scale = 0.00390625", "scale = nan", "object force_gain: scale: expected a finite"),
@@ -299,6 +306,170 @@ BAD_TABLES = {
     "enum_of": ('enum_of = "mode"', 'enum_of = "force"', "object active_mode: enum_of: expected"),
     "count": ("count = 8", "count = 0", "object recorder_signal: count: expected 1 to 64"),
     "truncated": ('name = "mode"', 'name = "mo', "object table: expected TOML"),
+    "meaning": ('"wanted velocity"', '"a|b"', "object target_velocity: meaning: expected one line"),
+    "index too low": ("index = 0x2001", "index = 0xFFF", "object mode: index: expected 0x1000"),
+    "index too high": ("index = 0x6040", "index = 0xA000", "object controlword: index: expected"),
+    "index of another part": ("index = 0x2001", "index = 0x1001", "object mode: index: expected"),
+    "profile index": ("index = 0x2001", "index = 0x6001", "object mode: index: expected 0x2000"),
+    "missing index": ("index = 0x2001\n", "", "object mode: index: expected a value"),
+    "index taken": (
+        "index = 0x2002",
+        "index = 0x2001",
+        "object open_loop_code: index: expected an unused address, 0x2001:0 is taken",
+    ),
+    "sub-index": ("sub = 1\n", "sub = 255\n", "object recorder_signal: sub: expected 0 to 247"),
+    "sub-index 0 of an array": ("sub = 1\n", "", "object recorder_signal: sub: expected 1 or more"),
+    "sub-index 0 that is no count": (
+        'type = "u8"\nunit = "1"\nmin = 0\nmax = 8',
+        'type = "u16"\nunit = "1"\nmin = 0\nmax = 8',
+        "object rpdo_mapped_1: type: expected u8 at sub-index 0 of 0x1600",
+    ),
+    "per_index": ("per_index = 8", "per_index = 7", "object rpdo_mapping: per_index: expected a"),
+    "per_index and index_step": (
+        "per_index = 8",
+        "per_index = 8\nindex_step = 1",
+        "object rpdo_mapping: per_index: expected either",
+    ),
+    "index_step": ("index_step = 1", "index_step = -1", "object rpdo_cob_id: index_step: expected"),
+    "node_id": (
+        "index = 0x2007\n",
+        "index = 0x2007\nnode_id = true\n",
+        "object excitation_frequency: node_id: expected false",
+    ),
+    "a number for node_id": ("node_id = true", "node_id = 1", "object emcy_cob_id: node_id: expec"),
+    "register taken": (
+        "modbus = 0x0108",
+        "modbus = 0x0107",
+        "object excitation_sweep: modbus: expected an unused register, excitation_frequency",
+    ),
+    "register too high": (
+        "modbus = 0x010D",
+        "modbus = 0xFFFF",
+        "object force_setpoint: modbus: expected 0 to 0xfffe",
+    ),
+    "register of what cannot be read": (
+        "index = 0x201E",
+        "index = 0x201E\nmodbus = 500",
+        "object fault_reset: modbus: expected none",
+    ),
+    "stored signal": (
+        "modbus = 0x0153",
+        "modbus = 0x0153\nstored = true",
+        "object node_id: stored: expected false for a signal",
+    ),
+    "stored command": (
+        "index = 0x201E",
+        "index = 0x201E\nstored = true",
+        "object fault_reset: stored: expected false for a command",
+    ),
+    "default and defaults": (
+        "defaults = [20, 0, 0, 0]",
+        "defaults = [20, 0, 0, 0]\ndefault = 1",
+        "object tpdo_event_time: defaults: expected either",
+    ),
+    "number of defaults": (
+        "defaults = [20, 0, 0, 0]",
+        "defaults = [20, 0, 0]",
+        "object tpdo_event_time: defaults: expected 4 values, got 3",
+    ),
+    "one of the defaults": (
+        "defaults = [20, 0, 0, 0]",
+        "defaults = [20, 0, 65536, 0]",
+        "object tpdo_event_time: default: expected 0 to 65535, got 65536",
+    ),
+    "default of a command": (
+        "max = 1702257011\ndefault = 1",
+        "max = 1702257011\ndefault = -1",
+        "object store_all: default: expected 0 to 4294967295, got -1",
+    ),
+    "mapping of nothing": (
+        "1614807056, 1616904200",
+        "1614807056, 1616904000",
+        "object rpdo_mapping_2: default: expected",
+    ),
+    "mapping of a signal to be written": (
+        "1614807056, 1616904200",
+        "1614807056, 1614872592",
+        "object rpdo_mapping_2: default: expected an object that a PDO may carry, got statusword",
+    ),
+    "values": (
+        '[-8, "impedance"]',
+        '[-7, "impedance"]',
+        "object modes_of_operation: values: expec",
+    ),
+    "value out of range": (
+        '[-8, "impedance"]',
+        '[-9, "impedance"]',
+        "object modes_of_operation: values: expected -8 to 10, got -9",
+    ),
+    "text of a value": (
+        '[-8, "impedance"]',
+        '[-8, "I"]',
+        "object modes_of_operation: values: expe",
+    ),
+    "values_of": (
+        'values_of = "modes_of_operation"',
+        'values_of = "force"',
+        "object modes_of_operation_display: values_of: expected an earlier object",
+    ),
+    "title": ('title = "Vendor-ID"', 'title = "a;b"', "object vendor_id: title: expected one line"),
+    "title twice": (
+        'title = "Vendor-ID"',
+        'title = "Product code"',
+        "object at 1018sub2: title: expected another than Product code, which 1018sub1 has",
+    ),
+    "special type": (
+        'type = "domain"',
+        'type = "blob"',
+        "special recorder_data: type: expected one of visible_string, domain, got 'blob'",
+    ),
+    "special name": (
+        'name = "recorder_data"',
+        'name = "mode"',
+        "special mode: name: expected a na",
+    ),
+    "special index": (
+        "index = 0x2120",
+        "index = 0xFFFF",
+        "special recorder_data: index: expected 0x1000 to 0x9fff",
+    ),
+    "special address": (
+        "index = 0x2120",
+        "index = 0x2001",
+        "special recorder_data: index: expected an unused address, 0x2001:0 is taken",
+    ),
+    "special key": (
+        "index = 0x2120",
+        "index = 0x2120\nunit = 3",
+        "special recorder_data: unit: unk",
+    ),
+    "true for a special's index": (
+        "index = 0x2120",
+        "index = true",
+        "special recorder_data: index: expected a value of type int",
+    ),
+    "record of nothing": (
+        'title = "Identity object"\nindex = 0x1018',
+        'title = "Identity object"\nindex = 0x2001',
+        "record Identity object: index: expected one with sub-indices, got 0x2001",
+    ),
+    "record twice": (
+        'title = "Identity object"\nindex = 0x1018',
+        'title = "Identity object"\nindex = 0x1016',
+        "record Identity object: index: expected an index named once",
+    ),
+    "coil twice": (
+        "address = 1\n",
+        "address = 0\n",
+        "coil fault_reset: address: expected an unuse",
+    ),
+    "coil address": ("address = 1\n", "address = -1\n", "coil fault_reset: address: expected 0 to"),
+    "bit name twice": (
+        'name = "switched_on"\naddress',
+        'name = "ready_to_switch_on"\naddress',
+        "discrete ready_to_switch_on: name: expected a name used once",
+    ),
+    "unknown kind": ("\n[[coil]]", "\n[[coils]]", "object table: coils: unknown key"),
 }
 
 

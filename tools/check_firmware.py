@@ -35,7 +35,14 @@ from pathlib import Path
 FOLDERS = ("core", "fx", "app", "proto", "objects/generated")
 PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
 # What else there is below firmware/.
-OTHER_FILES = {"CMakeLists.txt", "objects/axis_objects.toml"}
+OTHER_FILES = {
+    "CMakeLists.txt",
+    "objects/axis_objects.toml",
+    # Generated for other programs.
+    "objects/generated/forceaxis.eds",
+    "objects/generated/forceaxis.dbc",
+    "objects/generated/forceaxis-modbus.csv",
+}
 HOST_ONLY = "objects/generated/axis_objects_meta.h"
 SOURCE_SUFFIXES = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".cxx", ".inc", ".inl", ".ipp")
 # Where the project's includes of each part may lead.

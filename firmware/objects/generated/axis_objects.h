@@ -353,6 +353,47 @@ enum {
 };
 
 enum {
+  AXIS_ERROR_CODE_NONE = 0,
+  AXIS_ERROR_CODE_STORE_FAILED = 21808,
+  AXIS_ERROR_CODE_SOURCE_LOST = 24592,
+  AXIS_ERROR_CODE_PARAMETER_REFUSED = 25376,
+  AXIS_ERROR_CODE_ADC_RANGE = 29440,
+  AXIS_ERROR_CODE_SENSOR_INVALID = 29445,
+  AXIS_ERROR_CODE_OVERSPEED = 29456,
+  AXIS_ERROR_CODE_CAN_OVERRUN = 33040,
+  AXIS_ERROR_CODE_CAN_PASSIVE = 33056,
+  AXIS_ERROR_CODE_HEARTBEAT_LOST = 33072,
+  AXIS_ERROR_CODE_CAN_OFF = 33088,
+  AXIS_ERROR_CODE_PDO_SHORT = 33296,
+  AXIS_ERROR_CODE_PDO_LONG = 33312,
+  AXIS_ERROR_CODE_SYNC_LENGTH = 33344,
+  AXIS_ERROR_CODE_PDO_TIMEOUT = 33360,
+  AXIS_ERROR_CODE_FOLLOWING_ERROR = 34321,
+  AXIS_ERROR_CODE_LIMIT_SWITCHES = 34322,
+  AXIS_ERROR_CODE_ENABLE_LOST = 65285,
+  AXIS_ERROR_CODE_FORCE_MAX = 65286
+};
+
+enum {
+  AXIS_MODES_OF_OPERATION_IMPEDANCE = -8,
+  AXIS_MODES_OF_OPERATION_DAMPING = -7,
+  AXIS_MODES_OF_OPERATION_STIFFNESS = -6,
+  AXIS_MODES_OF_OPERATION_GUARDED_MOVE = -5,
+  AXIS_MODES_OF_OPERATION_NATIVE_POSITION = -4,
+  AXIS_MODES_OF_OPERATION_EXCITATION = -3,
+  AXIS_MODES_OF_OPERATION_OPEN_LOOP = -2,
+  AXIS_MODES_OF_OPERATION_FORCE_COUNTS = -1,
+  AXIS_MODES_OF_OPERATION_NONE = 0,
+  AXIS_MODES_OF_OPERATION_PROFILE_POSITION = 1,
+  AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY = 3,
+  AXIS_MODES_OF_OPERATION_FORCE = 4,
+  AXIS_MODES_OF_OPERATION_HOMING = 6,
+  AXIS_MODES_OF_OPERATION_CYCLIC_POSITION = 8,
+  AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY = 9,
+  AXIS_MODES_OF_OPERATION_CYCLIC_FORCE = 10
+};
+
+enum {
   AXIS_DRIVE_STATE_NOT_READY = 0,
   AXIS_DRIVE_STATE_SWITCH_ON_DISABLED = 1,
   AXIS_DRIVE_STATE_READY_TO_SWITCH_ON = 2,
@@ -388,9 +429,46 @@ enum {
   AXIS_MODBUS_WORD_ORDER_COUNT = 2
 };
 
+enum {
+  AXIS_NMT_STATE_INITIALISING = 0,
+  AXIS_NMT_STATE_STOPPED = 4,
+  AXIS_NMT_STATE_OPERATIONAL = 5,
+  AXIS_NMT_STATE_PRE_OPERATIONAL = 127
+};
+
+enum {
+  AXIS_COIL_ENABLE = 0,
+  AXIS_COIL_FAULT_RESET = 1,
+  AXIS_COIL_HALT = 2,
+  AXIS_COIL_STORE = 3,
+  AXIS_COIL_RECORDER_TRIGGER = 4
+};
+
+enum {
+  AXIS_DISCRETE_READY_TO_SWITCH_ON = 0,
+  AXIS_DISCRETE_SWITCHED_ON = 1,
+  AXIS_DISCRETE_OPERATION_ENABLED = 2,
+  AXIS_DISCRETE_FAULT = 3,
+  AXIS_DISCRETE_VOLTAGE_ENABLED = 4,
+  AXIS_DISCRETE_QUICK_STOP = 5,
+  AXIS_DISCRETE_SWITCH_ON_DISABLED = 6,
+  AXIS_DISCRETE_WARNING = 7,
+  AXIS_DISCRETE_MANUFACTURER_8 = 8,
+  AXIS_DISCRETE_REMOTE = 9,
+  AXIS_DISCRETE_TARGET_REACHED = 10,
+  AXIS_DISCRETE_INTERNAL_LIMIT_ACTIVE = 11,
+  AXIS_DISCRETE_MODE_12 = 12,
+  AXIS_DISCRETE_MODE_13 = 13,
+  AXIS_DISCRETE_MANUFACTURER_14 = 14,
+  AXIS_DISCRETE_MANUFACTURER_15 = 15,
+  AXIS_DISCRETE_LIMIT_ACTIVE = 16,
+  AXIS_DISCRETE_CONTACT = 17,
+  AXIS_DISCRETE_LIMIT_CYCLE = 18
+};
+
 typedef struct {
-  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep; below 750 [3.4924596548080444e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again [0.0005238689482212067 Hz/s] */
+  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep; below 750 [3.49246e-07 Hz] */
+  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again [0.0005238689 Hz/s] */
   int32_t excitation_period; /* ticks after which the waveform starts again, noise with the same values; 0 means never [tick] */
   int32_t force_setpoint; /* wanted force f_d, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* force subtracted from the reading, in counts of an 8-bit ADC [1/256 count] */
@@ -496,7 +574,7 @@ typedef struct {
   int16_t target_force; /* wanted contact force [per mille] */
   uint16_t force_limit; /* bound of the target force [per mille] */
   uint16_t limit_cycle_losses; /* contacts lost within one second that count as a limit cycle; 0 means off [1] */
-  int8_t modes_of_operation; /* 1 profile position, 3 profile velocity, 4 force, 6 homing, 8 cyclic position, 9 cyclic velocity, 10 cyclic force; -1 force in counts, -2 open loop, -3 excitation, -4 native position, -5 guarded move, -6 stiffness, -7 damping, -8 impedance; 0 none [1] */
+  int8_t modes_of_operation; /* requested mode of operation; those below 0 are this firmware's own [1] */
   uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
   int8_t homing_method; /* 35 or 37: where the axis stands [1] */
   uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
@@ -536,10 +614,10 @@ typedef struct {
   uint32_t rpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
   uint32_t tpdo_cob_id[4]; /* COB-ID; bit 31: not valid, bit 30: no RTR [1] */
   uint32_t tpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
-  uint16_t emcy_inhibit_time; /* shortest time from one EMCY to the next [100.0 us] */
+  uint16_t emcy_inhibit_time; /* shortest time from one EMCY to the next [100 us] */
   uint16_t producer_heartbeat_time; /* time from one heartbeat to the next; 0 means none [ms] */
   uint16_t rpdo_timeout[4]; /* longest time from one to the next while the drive is enabled; 0 means none [ms] */
-  uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100.0 us] */
+  uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100 us] */
   uint16_t tpdo_event_time[4]; /* longest time from one to the next; 0 means none [ms] */
   uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
@@ -564,7 +642,7 @@ typedef struct {
   uint32_t sdo_lcm_transmit; /* COB-ID of answers, to a gateway for its LCM clients [1] */
   uint16_t sync_count; /* SYNCs received [1] */
   uint8_t error_register; /* bits: 0 any error, 1 current, 4 communication, 5 profile, 7 manufacturer [1] */
-  uint8_t nmt_state; /* 0 initialising, 4 stopped, 5 operational, 127 pre-operational [1] */
+  uint8_t nmt_state; /* state of the CANopen node [1] */
 } canopen_signals_t;
 
 typedef struct {
@@ -581,9 +659,9 @@ typedef struct {
   uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
 } device_signals_t;
 
-/* First 32 bits of the table's SHA-256: programs that have the same mean the same. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xa6ebfb23)
-#define AXIS_OBJECTS_HASH_TEXT "a6ebfb23"
+/* First 32 bits of the table's SHA-256: programs with the same one mean the same. */
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xc17a122d)
+#define AXIS_OBJECTS_HASH_TEXT "c17a122d"
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };
@@ -614,6 +692,7 @@ typedef struct {
   uint8_t writable;  /* AXIS_WRITABLE_ */
   uint8_t stored;    /* kept by the parameter store */
   uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */
+  uint8_t mappable;  /* a PDO may carry it, as far as its access allows */
 } axis_object_t;
 
 /* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32

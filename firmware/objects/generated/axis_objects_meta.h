@@ -12,7 +12,7 @@ typedef struct {
   uint16_t size_bytes;    /* 1, 2 or 4 */
   const char *name;       /* snake case */
   const char *kind;       /* parameter, signal, command */
-  const char *part;       /* axis, recorder */
+  const char *part;       /* axis, recorder, drive, canopen, device */
   const char *meaning;    /* one sentence */
   const char *type;       /* u8 i8 u16 i16 u32 i32 */
   const char *unit;       /* of raw * scale */
@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "a6ebfb23cbcdac2380616b26804e7d0aa9b5c8b768e1e861e1263abb125da6e4"
+#define AXIS_OBJECTS_HASH "c17a122d57309a590fbd39cad489f7ad3808939948922c7671a9dc6951800aa3"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -170,10 +170,10 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x6041, 0, 0, 0},
     {68, 2, "error_code", "signal", "drive", "CiA 402 code of the latched fault, 0 without one", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x603F, 0, 2, 0},
-    {69, 1, "modes_of_operation", "parameter", "drive", "1 profile position, 3 profile velocity, 4 force, 6 homing, 8 cyclic position, 9 cyclic velocity, 10 cyclic force; -1 force in counts, -2 open loop, -3 excitation, -4 native position, -5 guarded move, -6 stiffness, -7 damping, -8 impedance; 0 none", "i8", "1",
+    {69, 1, "modes_of_operation", "parameter", "drive", "requested mode of operation; those below 0 are this firmware's own", "i8", "1",
      1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "rw", "any", "", 0x6060, 0, 1, 0},
     {70, 1, "modes_of_operation_display", "signal", "drive", "mode of operation in force", "i8", "1",
-     1.0, INT64_C(-128), INT64_C(127), INT64_C(0), "ro", "any", "", 0x6061, 0, 1, 0},
+     1.0, INT64_C(-8), INT64_C(10), INT64_C(0), "ro", "any", "", 0x6061, 0, 1, 0},
     {71, 4, "supported_drive_modes", "signal", "drive", "bits: 0 pp, 2 pv, 3 tq, 5 hm, 7 csp, 8 csv, 9 cst, 16 manufacturer", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(66477), "ro", "any", "", 0x6502, 0, -1, 0},
     {72, 1, "drive_state", "signal", "drive", "state of the CiA 402 machine", "u8", "1",
@@ -584,7 +584,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x1A03, 7, -1, 1},
     {275, 4, "tpdo_mapping_32", "parameter", "canopen", "index, sub-index and bits of a mapped object", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x1A03, 8, -1, 1},
-    {276, 1, "nmt_state", "signal", "canopen", "0 initialising, 4 stopped, 5 operational, 127 pre-operational", "u8", "1",
+    {276, 1, "nmt_state", "signal", "canopen", "state of the CANopen node", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x230A, 0, 341, 0},
     {277, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0},

@@ -18,6 +18,7 @@ from forceaxis import (
     link,
     new,
     objects,
+    cli_objects,
     paths,
     sweeps,
     tables,
@@ -430,25 +431,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     sys.exit(usertests.status(outcomes))
 
 
-@cli.command(name="objects", cls=Verb, epilog="forceaxis objects force")
-@click.argument("pattern", default="")
-@as_json
-def objects_(pattern, as_json):
-    """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept."""
-    rows = [o for o in objects.OBJECTS if pattern in o.name]
-    if as_json:
-        click.echo(json.dumps([o._asdict() for o in rows]))
-        return
-    for o in rows:
-        unit = "" if o.unit == "1" else f" {o.unit}"
-        span = ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g}{unit}"
-        when = {"any": "", "disabled": "; written only while disabled"}.get(
-            o.writable, "; written only while the recorder is idle"
-        )
-        click.echo(f"{o.name:26} {o.access:3} {o.meaning} [{span}{when}]")
-
-
-for verb in (*cli_frequency.VERBS, cli_identify.identify):
+for verb in (*cli_frequency.VERBS, cli_identify.identify, cli_objects.objects_):
     cli.add_command(verb)
 
 

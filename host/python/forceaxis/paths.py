@@ -13,6 +13,10 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
+# What is generated for other programs: data sheet, DBC, Modbus map.
+_generated = _package.parents[2] / "firmware/objects/generated"
+OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
+
 
 def display(path: Path | str) -> str:
     """The path as a reader would type it: relative to the current folder where it lies below."""

@@ -1,0 +1,677 @@
+"""The files made from the object table, read by programs that others wrote and by readers written
+here from the standards, and compared with the table as tomllib reads it."""
+
+import configparser
+import csv
+import hashlib
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import canopen
+import cantools
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "firmware/objects/axis_objects.toml"
+GENERATED = ROOT / "firmware/objects/generated"
+EDS = GENERATED / "forceaxis.eds"
+BIN = Path(sys.executable).parent
+
+# CiA 301, table 44: data types, their sizes in bits and ranges.
+DATA_TYPES = {
+    "i8": (0x02, 8, -(2**7), 2**7 - 1),
+    "i16": (0x03, 16, -(2**15), 2**15 - 1),
+    "i32": (0x04, 32, -(2**31), 2**31 - 1),
+    "u8": (0x05, 8, 0, 2**8 - 1),
+    "u16": (0x06, 16, 0, 2**16 - 1),
+    "u32": (0x07, 32, 0, 2**32 - 1),
+}
+
+
+CONTENT = tomllib.loads(TABLE.read_text())
+
+
+def elements():
+    """(name, entry, element, index, sub-index) of every object, by the comment in the table."""
+    for o in CONTENT["object"]:
+        count = o.get("count", 1)
+        for i in range(count):
+            index, sub = o["index"], o.get("sub", 0)
+            if "index_step" in o:
+                index += i * o["index_step"]
+            elif "per_index" in o:
+                index, sub = index + i // o["per_index"], sub + i % o["per_index"]
+            else:
+                sub += i
+            yield o["name"] + (f"_{i + 1}" if count > 1 else ""), o, i, index, sub
+
+
+ELEMENTS = list(elements())
+AT = {(index, sub): (name, o, i) for name, o, i, index, sub in ELEMENTS}
+INDICES_WITH_SUBS = {index for index, sub in AT if sub}
+
+
+def default_of(o, i):
+    return o["defaults"][i] if "defaults" in o else o.get("default", 0)
+
+
+def range_of(o):
+    _, _, low, high = DATA_TYPES[o["type"]]
+    named = o.get("enum_of", o["name"])
+    texts = next(e.get("enum") for e in CONTENT["object"] if e["name"] == named)
+    if texts:
+        return 0, len(texts) - 1
+    return o.get("min", low), o.get("max", high)
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    """The EDS as an ini file, without any CANopen library."""
+    parser = configparser.ConfigParser(interpolation=None, strict=True)
+    parser.optionxform = str
+    parser.read(EDS)
+    return parser
+
+
+def section_of(index, sub):
+    return f"{index:04X}sub{sub:X}" if index in INDICES_WITH_SUBS else f"{index:04X}"
+
+
+# --- the data sheet, read independently ---
+
+
+def test_every_object_of_the_table_is_in_the_data_sheet(sheet):
+    for name, o, i, index, sub in ELEMENTS:
+        keys = sheet[section_of(index, sub)]
+        number, _, lowest, highest = DATA_TYPES[o["type"]]
+        assert int(keys["DataType"], 0) == number, name
+        assert int(keys["ObjectType"], 0) == 7, name
+        assert keys["AccessType"] == o["access"], name
+        low, high = range_of(o)
+        default = default_of(o, i)
+        if o["kind"] == "command" and o["access"] == "rw":
+            # What a command reads as is no value that it takes: the sheet has no limits.
+            assert "LowLimit" not in keys and "HighLimit" not in keys, name
+        else:
+            assert int(keys.get("LowLimit", str(lowest)), 0) == low, name
+            assert int(keys.get("HighLimit", str(highest)), 0) == high, name
+        if o["access"] == "wo":
+            assert "DefaultValue" not in keys, name
+            continue
+        text = keys["DefaultValue"]
+        assert text.startswith("$NODEID+") == o.get("node_id", False), name
+        assert int(text.removeprefix("$NODEID+"), 0) == default, name
+
+
+def test_the_data_sheet_has_nothing_else(sheet):
+    specials = {s["index"]: s for s in CONTENT["special"]}
+    listed = []
+    for kind in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
+        count = int(sheet[kind]["SupportedObjects"])
+        assert len(sheet[kind]) == count + 1
+        listed += [int(sheet[kind][str(i)], 0) for i in range(1, count + 1)]
+    assert len(listed) == len(set(listed))
+    assert set(listed) == {index for index, _ in AT} | set(specials)
+    for name in sheet.sections():
+        match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?", name)
+        if not match:
+            continue
+        index, sub = int(match[1], 16), int(match[2] or "0", 16)
+        assert index in listed
+        if index in specials:
+            domain = specials[index]["type"] == "domain"
+            assert int(sheet[name]["DataType"], 0) == (0x0F if domain else 0x09)
+            assert int(sheet[name]["ObjectType"], 0) == (2 if domain else 7)
+        elif match[2] is None and index in INDICES_WITH_SUBS:
+            subs = [s for s in sheet.sections() if s.startswith(f"{name}sub")]
+            assert int(sheet[name]["SubNumber"], 0) == len(subs)
+            assert int(sheet[name]["ObjectType"], 0) in (8, 9)
+        elif (index, sub) not in AT:
+            # Only the number of sub-indices is not in the table.
+            assert sub == 0
+            assert sheet[name]["AccessType"] == "const"
+            assert int(sheet[name]["DefaultValue"]) == max(s for i, s in AT if i == index)
+
+
+def test_the_lists_of_the_data_sheet_follow_the_ranges_of_cia_301(sheet):
+    assert {sheet["MandatoryObjects"][k] for k in "123"} == {"0x1000", "0x1001", "0x1018"}
+    for key, text in sheet["ManufacturerObjects"].items():
+        assert key == "SupportedObjects" or 0x2000 <= int(text, 0) <= 0x5FFF
+    for key, text in sheet["OptionalObjects"].items():
+        outside = key == "SupportedObjects" or not 0x2000 <= int(text, 0) <= 0x5FFF
+        assert outside
+    assert set(sheet["DummyUsage"].values()) == {"1"}
+    info = sheet["DeviceInfo"]
+    assert (info["NrOfRXPDO"], info["NrOfTXPDO"]) == ("4", "4")
+    assert info["BaudRate_1000"] == "1" and info["LSS_Supported"] == "0"
+    assert int(info["ProductNumber"], 0) == default_of(*AT[0x1018, 2][1:])
+    assert sheet["Comments"]["Line3"] == f"SHA-256 {sha256()}"
+
+
+def sha256():
+    return hashlib.sha256(TABLE.read_bytes()).hexdigest()
+
+
+def test_each_part_keeps_to_its_range():
+    for name, o, _, index, _ in ELEMENTS:
+        part = o.get("part", "axis")
+        assert index < 0xA000, name
+        if index < 0x2000:
+            assert part == "canopen", name
+        if index >= 0x6000:
+            assert part == "drive", name
+
+
+# CiA 301 and CiA 402 by their own names, typed from the standards: index, sub, name, data type.
+STANDARD = [
+    (0x1000, 0, "Device type", 7),
+    (0x1001, 0, "Error register", 5),
+    (0x1014, 0, "COB-ID EMCY", 7),
+    (0x1017, 0, "Producer heartbeat time", 6),
+    (0x1018, 1, "Vendor-ID", 7),
+    (0x603F, 0, "Error code", 6),
+    (0x6040, 0, "Controlword", 6),
+    (0x6041, 0, "Statusword", 6),
+    (0x605A, 0, "Quick stop option code", 3),
+    (0x6060, 0, "Modes of operation", 2),
+    (0x6061, 0, "Modes of operation display", 2),
+    (0x6064, 0, "Position actual value", 4),
+    (0x606C, 0, "Velocity actual value", 4),
+    (0x6071, 0, "Target torque", 3),
+    (0x6076, 0, "Motor rated torque", 7),
+    (0x6077, 0, "Torque actual value", 3),
+    (0x607A, 0, "Target position", 4),
+    (0x607D, 1, "Min position limit", 4),
+    (0x6081, 0, "Profile velocity", 7),
+    (0x6098, 0, "Homing method", 2),
+    (0x60FF, 0, "Target velocity", 4),
+    (0x6502, 0, "Supported drive modes", 7),
+]
+
+
+@pytest.mark.parametrize(("index", "sub", "name", "data_type"), STANDARD)
+def test_objects_of_the_standards_have_their_names_and_types(sheet, index, sub, name, data_type):
+    keys = sheet[section_of(index, sub)]
+    assert keys["ParameterName"] == name
+    assert int(keys["DataType"], 0) == data_type
+
+
+# --- programs that others wrote ---
+
+
+@pytest.mark.parametrize("node", [1, 6, 31])
+def test_dcfchk_accepts_the_data_sheet(node):
+    done = subprocess.run(
+        [BIN / "dcfchk", "-n", str(node), EDS], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_dcfchk_would_object(tmp_path):
+    """The check above can fail: one limit beyond its type."""
+    broken = tmp_path / "broken.eds"
+    text = EDS.read_text()
+    assert "HighLimit=2047\n" in text
+    broken.write_text(text.replace("HighLimit=2047\n", "HighLimit=99999\n", 1))
+    done = subprocess.run(
+        [BIN / "dcfchk", "-n", "1", broken], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+
+
+def test_dcfgen_makes_a_master_of_the_data_sheet(tmp_path):
+    (tmp_path / "bus.yml").write_text(f"""\
+master:
+  node_id: 32
+  sync_period: 2000
+  heartbeat_producer: 100
+axis_1:
+  dcf: {EDS}
+  node_id: 1
+  heartbeat_consumer: true
+  heartbeat_producer: 100
+  error_behavior: {{1: 1}}
+  rpdo:
+    1:
+      cob_id: auto
+      mapping:
+        - {{index: 0x6040, sub_index: 0}}
+        - {{index: 0x6071, sub_index: 0}}
+  tpdo:
+    3: {{cob_id: auto, transmission: 1}}
+  sdo:
+    - {{index: 0x6076, sub_index: 0, value: 50000}}
+axis_2:
+  dcf: {EDS}
+  node_id: 2
+""")
+    done = subprocess.run(
+        [BIN / "dcfgen", "-v", "-r", "-d", tmp_path, tmp_path / "bus.yml"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    # No complaint of missing objects or of objects that a PDO cannot carry.
+    assert "axis" not in done.stderr, done.stderr
+    written = re.findall(r"axis_1: writing \d bytes to 0x(\w{4})/(\d+): ([0-9A-F ]+)", done.stdout)
+    assert ("1016", "1", "2C 01 20 00") in written
+    assert ("6076", "0", "50 C3 00 00") in written
+    assert ("1600", "2", "10 00 71 60") in written
+    assert ("1802", "1", "81 03 00 00") in written
+    assert (tmp_path / "axis_1.bin").stat().st_size > 0
+    master = (tmp_path / "master.dcf").read_text()
+    assert "NodeID=32" in master
+
+
+def test_python_canopen_finds_every_object():
+    dictionary = canopen.import_od(str(EDS), node_id=5)
+    for name, o, i, index, sub in ELEMENTS:
+        found = dictionary[index][sub] if index in INDICES_WITH_SUBS else dictionary[index]
+        assert found.data_type == DATA_TYPES[o["type"]][0], name
+        assert len(found) == DATA_TYPES[o["type"]][1], name
+        assert found.readable == (o["access"] != "wo"), name
+        assert found.writable == (o["access"] != "ro"), name
+        if o["access"] != "wo":
+            assert found.default == default_of(o, i) + 5 * o.get("node_id", False), name
+        # By name too: no name hides another.
+        if index in INDICES_WITH_SUBS:
+            assert dictionary[dictionary[index].name][found.name] is found, name
+        else:
+            assert dictionary[found.name] is found, name
+    assert dictionary["Controlword"].index == 0x6040
+    assert dictionary["Identity object"]["Product code"].default == default_of(*AT[0x1018, 2][1:])
+    assert dictionary.device_information.nr_of_TXPDO == 4
+    assert 1_000_000 in dictionary.device_information.allowed_baudrates
+
+
+def test_python_canopen_reads_the_default_pdos():
+    """A node made from the sheet, which answers nothing, maps its PDOs from the defaults."""
+    node = canopen.Network().add_node(canopen.RemoteNode(3, str(EDS)))
+    for pdos, first in ((node.rpdo, 0x1400), (node.tpdo, 0x1800)):
+        assert len(pdos) == 4
+        for i in range(4):
+            names = mapped_names(first + 0x200 + i)
+            pdos[i + 1].read(from_od=True)
+            assert [v.od.index for v in pdos[i + 1]] == [n[0] for n in names]
+            cob = default_of(*AT[first + i, 1][1:])
+            assert pdos[i + 1].cob_id == (cob & 0x7FF) + 3
+            assert pdos[i + 1].enabled == (not cob >> 31)
+
+
+def mapped_names(index):
+    """[(index, sub, name)] of a default mapping."""
+    found = []
+    for sub in range(1, default_of(*AT[index, 0][1:]) + 1):
+        value = default_of(*AT[index, sub][1:])
+        target = (value >> 16, value >> 8 & 0xFF)
+        name, o, _ = AT[target]
+        assert value & 0xFF == DATA_TYPES[o["type"]][1], name
+        found.append((*target, name))
+    return found
+
+
+# --- the DBC ---
+
+
+@pytest.fixture(scope="module")
+def dbc():
+    return cantools.database.load_file(GENERATED / "forceaxis.dbc", strict=True)
+
+
+@pytest.mark.parametrize("node", range(1, 7))
+@pytest.mark.parametrize(("kind", "first"), [("RPDO", 0x1400), ("TPDO", 0x1800)])
+@pytest.mark.parametrize("i", range(4))
+def test_cantools_knows_each_default_pdo(dbc, node, kind, first, i):
+    names = mapped_names(first + 0x200 + i)
+    cob = (default_of(*AT[first + i, 1][1:]) & 0x7FF) + node
+    message = dbc.get_message_by_frame_id(cob)
+    assert message.name == f"AXIS{node}_{kind}{i + 1}"
+    assert message.senders == ["HOST" if kind == "RPDO" else f"AXIS{node}"]
+    assert [s.name for s in message.signals] == [name for _, _, name in names]
+    data, expected = b"", {}
+    for index, sub, name in names:
+        _, o, _ = AT[index, sub]
+        _, bits, low, high = DATA_TYPES[o["type"]]
+        signal = message.get_signal_by_name(name)
+        assert (signal.length, signal.is_signed) == (bits, low < 0), name
+        assert signal.byte_order == "little_endian"
+        assert signal.scale == pytest.approx(o.get("scale", 1))
+        assert (signal.unit or "1") == o["unit"]
+        raw = 3 if signal.choices else (-77 if low < 0 else high - 5)
+        data += raw.to_bytes(bits // 8, "little", signed=low < 0)
+        expected[name] = raw * o.get("scale", 1)
+    assert len(data) == message.length
+    assert message.decode(data, decode_choices=False) == pytest.approx(expected)
+    assert message.encode(expected, strict=False) == data
+
+
+def test_cantools_names_modes_and_states(dbc):
+    frame = bytes([0x37, 0x06, 0x04])  # TPDO1: operation enabled, force
+    assert dbc.decode_message("AXIS2_TPDO1", frame)["modes_of_operation_display"] == "force"
+    assert dbc.decode_message("AXIS2_TPDO1", b"\0\0\xf8")["modes_of_operation_display"] == (
+        "impedance"
+    )
+    assert dbc.decode_message(0x706, b"\x05") == {"nmt_state": "operational"}
+    assert dbc.decode_message(0x000, b"\x81\x03") == {"nmt_command": "reset_node", "nmt_node": 3}
+    assert dbc.decode_message(0x084, bytes.fromhex("1123210600000000"))["emcy_code"] == 0x2311
+    lost = dbc.decode_message(0x081, bytes.fromhex("3081110800000000"))
+    assert lost == {"emcy_code": "heartbeat_lost", "emcy_register": 0x11, "emcy_info": 8}
+    assert dbc.get_message_by_frame_id(0x80).length == 0
+    assert dbc.get_message_by_name("AXIS1_TPDO1").cycle_time == default_of(*AT[0x1800, 5][1:])
+
+
+# --- the Modbus map ---
+
+
+@pytest.fixture(scope="module")
+def modbus():
+    with open(GENERATED / "forceaxis-modbus.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_no_registers_overlap(modbus):
+    for space in ("holding", "input", "coil", "discrete"):
+        rows = [(int(r["address"]), int(r["registers"]), r["name"]) for r in modbus
+                if r["space"] == space]  # fmt: skip
+        assert rows, space
+        assert rows == sorted(rows)
+        for (first, width, name), (second, _, other) in itertools.pairwise(rows):
+            assert first + width <= second, f"{space}: {name} and {other}"
+        assert rows[-1][0] + rows[-1][1] <= 0x10000
+
+
+def test_the_map_has_the_registers_of_the_table(modbus):
+    expected = {}
+    for name, o, i, _, _ in ELEMENTS:
+        if "modbus" in o:
+            width = 2 if o["type"] in ("u32", "i32") else 1
+            space = "holding" if o["access"] == "rw" else "input"
+            low, high = range_of(o)
+            row = (space, o["modbus"] + i * width, width, o["type"], o["access"], low, high)
+            expected[name, space] = (*row, float(o.get("scale", 1)), o["unit"], o["meaning"])
+    found = {
+        (r["name"], r["space"]): (
+            r["space"], int(r["address"]), int(r["registers"]), r["type"], r["access"],
+            int(r["min"]), int(r["max"]), float(r["scale"]), r["unit"], r["meaning"],
+        )
+        for r in modbus
+        if r["space"] in ("holding", "input")
+    }  # fmt: skip
+    assert found == expected
+
+
+# BUSES: the registers that every axis has at the same place; holding and input.
+FIXED = {
+    "holding": {0: "controlword", 1: "modes_of_operation", 2: "target_position",
+                4: "target_velocity", 6: "target_force", 7: "command_source", 8: "watchdog",
+                0x1F0: "store_parameters", 0x1F1: "restore_defaults", 0x1FF: "modbus_word_order"},
+    "input": {0: "statusword", 1: "modes_of_operation_display", 2: "error_code",
+              3: "position_actual", 5: "velocity_actual", 7: "force_actual", 8: "force_raw",
+              9: "dac_code", 10: "tick_count", 12: "overruns", 13: "limit_reason"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("space", FIXED)
+def test_fixed_registers(modbus, space):
+    found = {int(r["address"]): r["name"] for r in modbus if r["space"] == space}
+    assert {a: found.get(a) for a in FIXED[space]} == FIXED[space]
+
+
+# CiA 402, statusword: bits 0 to 15, as the map names them.
+STATUSWORD = [
+    "ready_to_switch_on",
+    "switched_on",
+    "operation_enabled",
+    "fault",
+    "voltage_enabled",
+    "quick_stop",
+    "switch_on_disabled",
+    "warning",
+    "manufacturer_8",
+    "remote",
+    "target_reached",
+    "internal_limit_active",
+    "mode_12",
+    "mode_13",
+    "manufacturer_14",
+    "manufacturer_15",
+]
+
+
+def sources():
+    """All of the protocols' C."""
+    return "".join(p.read_text() for p in sorted((ROOT / "firmware/proto").glob("*.[ch]")))
+
+
+def test_every_error_code_of_the_firmware_has_its_name_in_the_table():
+    named = {value: text for value, text in AT[0x603F, 0][1]["values"]}
+    faults = re.findall(r"\[AXIS_FAULT_(\w+)\] = (0x\w{4}),", sources())
+    assert {name.lower() for name, _ in faults} == set(AT[0x2021, 0][1]["enum"])
+    for name, code in faults:
+        assert named[int(code, 16)] == name.lower()
+    others = re.findall(r"\bEMCY_(\w+) = (0x\w{4})\b", sources())
+    assert others
+    for name, code in others:
+        assert int(code, 16) in named, name
+
+
+@pytest.mark.parametrize("kind", ["coil", "discrete"])
+def test_bits_are_those_of_the_firmware(modbus, kind):
+    """The server's own enum says the same as the table; it names the statusword's bits as one."""
+    names = re.findall(rf"\bMODBUS_{kind.upper()}_(\w+) = (\d+)", sources())
+    in_c = {name.lower(): int(value) for name, value in names}
+    generated = (GENERATED / "axis_objects.h").read_text()
+    names = re.findall(rf"\bAXIS_{kind.upper()}_(\w+) = (\d+)", generated)
+    in_header = {name.lower(): int(value) for name, value in names}
+    in_map = {r["name"]: int(r["address"]) for r in modbus if r["space"] == kind}
+    assert in_map == in_header
+    assert in_c.pop("count") == len(in_map)
+    if kind == "discrete":
+        first = in_c.pop("statusword")
+        assert [in_map.pop(name) for name in STATUSWORD] == list(range(first, first + 16))
+    assert in_map == in_c
+
+
+# --- the manual's pages ---
+
+
+def test_the_manual_has_every_object_and_register():
+    page = (ROOT / "docs/objects/objects.md").read_text()
+    man = (ROOT / "docs/objects/forceaxis-objects.7").read_text().replace("\\-", "-")
+    modbus = (ROOT / "docs/objects/modbus.md").read_text()
+    for name, o, i, index, sub in ELEMENTS:
+        if i == 0:
+            shown = name if o.get("count", 1) == 1 else f"{o['name']}_1..{o['count']}"
+            assert f"| `{shown}` | {index:04x}:{sub:x}" in page
+            assert f".B {shown}\n{index:04x}:{sub:x}" in man
+        if "modbus" in o:
+            assert f"| `{name}` |" in modbus
+    # Every row of a table has as many cells as its head.
+    for text in (page, modbus):
+        for head, body in re.findall(r"^(\|.*)\n\| ---.*\n((?:\|.*\n)+)", text, re.M):
+            for row in body.splitlines():
+                assert row.count("|") == head.count("|"), row
+
+
+def test_the_man_page_is_clean():
+    groff = shutil.which("groff")
+    assert groff, "groff is missing: tools/setup installs groff-base"
+    done = subprocess.run(
+        [groff, "-man", "-ww", "-b", "-Tutf8", ROOT / "docs/objects/forceaxis-objects.7"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "force_gain" in re.sub(r".\x08", "", done.stdout)
+
+
+# --- no object is needed but those of a table ---
+
+SMALL = """
+[[object]]
+name = "alone"
+kind = "signal"
+meaning = ".begins with a dot; has -dashes"
+type = "u8"
+unit = "1"
+access = "ro"
+index = 0x2001
+
+[[object]]
+name = "pairs"
+kind = "parameter"
+meaning = "two to an index, no [[record]] names it"
+type = "i16"
+unit = "N"
+scale = 0.5
+min = -4
+max = 4
+access = "rw"
+index = 0x2002
+sub = 1
+per_index = 2
+count = 4
+
+[[object]]
+name = "steps"
+kind = "signal"
+meaning = "one to an index"
+type = "u32"
+unit = "1"
+access = "ro"
+index = 0x2010
+index_step = 2
+count = 3
+"""
+
+
+def test_a_table_of_few_objects(tmp_path):
+    (tmp_path / "firmware/objects").mkdir(parents=True)
+    (tmp_path / "firmware/objects/axis_objects.toml").write_text(SMALL)
+    generator = ROOT / "tools/gen_objects.py"
+    done = subprocess.run(
+        [sys.executable, generator, "--root", tmp_path], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    generated = tmp_path / "firmware/objects/generated"
+    dictionary = canopen.import_od(str(generated / "forceaxis.eds"))
+    assert [hex(i) for i in dictionary if i >= 0x1000] == [
+        "0x2001", "0x2002", "0x2003", "0x2010", "0x2012", "0x2014",
+    ]  # fmt: skip
+    assert (dictionary["Pairs 2"].index, dictionary["Pairs 2"]["Pairs 1"].min) == (0x2003, -4)
+    assert dictionary["Steps 3"].index == 0x2014
+    assert len(cantools.database.load_file(generated / "forceaxis.dbc").messages) == 1 + 6
+
+
+# --- the tables of the firmware ---
+
+PROBE = """
+#include <stdio.h>
+#include "firmware/objects/generated/axis_objects.h"
+int main(void) {
+  for (int i = 0; i < AXIS_ADDRESSES_COUNT; ++i) {
+    const axis_address_t *a = &axis_addresses[i];
+    printf("address %d %d %d %d\\n", a->index, a->sub, a->what, a->value);
+  }
+  for (int i = 0; i < AXIS_HOLDING_COUNT; ++i)
+    printf("holding %d %d\\n", axis_holding[i].first, axis_holding[i].object);
+  for (int i = 0; i < AXIS_INPUT_COUNT; ++i)
+    printf("input %d %d\\n", axis_input[i].first, axis_input[i].object);
+  for (int i = 1; i < AXIS_OBJ_COUNT; ++i) {
+    const axis_object_t *o = &axis_objects[i];
+    printf("object %d %lu %d %d %d\\n", i, (unsigned long)(uint32_t)o->initial, o->stored,
+           o->node_id, o->access);
+  }
+  return 0;
+}
+"""
+
+
+def test_the_firmware_has_the_same_addresses(tmp_path):
+    """The firmware's tables, compiled and printed; objects count from 1 in the table's order."""
+    (tmp_path / "probe.c").write_text(PROBE)
+    source = GENERATED / "axis_objects.c"
+    command = ["cc", "-std=c11", f"-I{ROOT}", tmp_path / "probe.c", source]
+    subprocess.run([*command, "-o", tmp_path / "probe"], check=True)
+    shown = subprocess.run([tmp_path / "probe"], capture_output=True, text=True, check=True).stdout
+    found = {kind: [] for kind in ("address", "holding", "input", "object")}
+    for line in shown.splitlines():
+        kind, *numbers = line.split()
+        found[kind].append(tuple(map(int, numbers)))
+    number_of = {name: n for n, (name, *_) in enumerate(ELEMENTS, 1)}
+
+    addresses = {(index, sub): (0, number_of[name]) for (index, sub), (name, *_) in AT.items()}
+    for index in INDICES_WITH_SUBS:
+        addresses.setdefault((index, 0), (1, max(s for i, s in AT if i == index)))
+    for special in CONTENT["special"]:
+        what = 3 if special["type"] == "domain" else 2
+        addresses[special["index"], 0] = (what, special["index"])
+    assert found["address"] == [(*at, *addresses[at]) for at in sorted(addresses)]
+
+    registers = {"holding": [], "input": []}
+    for name, o, i, _, _ in ELEMENTS:
+        if "modbus" in o:
+            width = 2 if o["type"] in ("u32", "i32") else 1
+            space = "holding" if o["access"] == "rw" else "input"
+            registers[space].append((o["modbus"] + i * width, number_of[name]))
+    for space, expected in registers.items():
+        assert found[space] == sorted(expected)
+
+    for (name, o, i, _, _), line in zip(ELEMENTS, found["object"], strict=True):
+        stored = o.get("stored", o["kind"] == "parameter")
+        access = ("rw", "ro", "wo").index(o["access"])
+        initial = default_of(o, i) % 2**32
+        assert line == (number_of[name], initial, stored, o.get("node_id", False), access), name
+
+
+# --- the command line ---
+
+
+def forceaxis(*arguments):
+    return subprocess.run(
+        [BIN / "forceaxis", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def test_the_verb_writes_the_files(tmp_path):
+    names = {"eds": "forceaxis.eds", "dbc": "forceaxis.dbc", "modbus": "forceaxis-modbus.csv"}
+    options = [text for kind in names for text in (f"--{kind}", tmp_path / kind)]
+    done = forceaxis("objects", *options, "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["objects_hash"] == sha256()
+    for kind, name in names.items():
+        assert result["written"][kind] == str(tmp_path / kind)
+        assert (tmp_path / kind).read_bytes() == (GENERATED / name).read_bytes()
+
+
+def test_the_verb_says_where_a_file_cannot_go(tmp_path):
+    done = forceaxis("objects", "--eds", tmp_path / "none/x.eds")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "x.eds" in done.stderr
+
+
+def test_the_verb_shows_addresses():
+    done = forceaxis("objects", "target_f")
+    assert re.search(r"^target_force +6071:0 +h 0006 +rw ", done.stdout), done.stdout
+    (row,) = json.loads(forceaxis("objects", "rpdo_mapping_10", "--json").stdout)
+    assert (row["index"], row["sub"], row["modbus"]) == (0x1601, 2, -1)
+
+
+def test_the_verb_tells_everything_of_one_object():
+    shown = forceaxis("objects", "modes_of_operation").stdout
+    head, _, others = shown.partition("\nmodes_of_operation_display ")
+    assert others
+    for text in ("6060h, sub-index 0", "holding register 0x0001", "-8 impedance", "may be mapped"):
+        assert text in head
+    shown = forceaxis("objects", "tpdo_cob_id_2").stdout
+    assert "1801h, sub-index 1: COB-ID used by TPDO" in shown
+    assert "+ node id" in shown and "not reached" in shown

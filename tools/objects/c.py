@@ -1,0 +1,256 @@
+"""C: the object dictionary of the firmware and its host metadata."""
+
+from objects.table import (
+    PARTS,
+    TYPES,
+    WRITABLE,
+    addresses,
+    banner,
+    canopen_address,
+    describe_unit,
+    expand,
+    register,
+    registers,
+)
+
+FOLDER = "firmware/objects/generated"
+
+
+def c_int(value):
+    if value == -0x80000000:
+        return "(-INT32_C(2147483647) - 1)"
+    return f"INT32_C({value})" if value >= 0 else f"-INT32_C({-value})"
+
+
+def as_int32(value):
+    return value - (1 << 32) if value > 0x7FFFFFFF else value
+
+
+C_BANNER = banner(("/* ", " */")) + "/* clang-format off */\n"
+STRUCTS = tuple(
+    (part, kind, f"{part}_{kind.removesuffix('eter')}s_t")
+    for part in PARTS
+    for kind in ("parameter", "signal")
+)
+BLOCKS = {(part, kind): f"AXIS_BLOCK_{part.upper()}_{kind.upper()}" for part, kind, _ in STRUCTS}
+
+
+def struct_type(o):
+    return next(t for part, kind, t in STRUCTS if (part, kind) == (o["part"], o["kind"]))
+
+
+def enum_constants(table):
+    """Named raw values: of objects with texts, and the addresses of Modbus bits."""
+    for o in table.entries:
+        prefix = "AXIS_" + o["name"].upper()
+        if o["enum"] and o["enum_name"] == o["name"]:
+            yield [(f"{prefix}_{text.upper()}", i) for i, text in enumerate(o["enum"])] + [
+                (f"{prefix}_COUNT", len(o["enum"]))
+            ]
+        if o["values"] and o["values_name"] == o["name"]:
+            yield [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
+    for kind, bits in (("COIL", table.coils), ("DISCRETE", table.discretes)):
+        if bits:
+            yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits]
+
+
+def generate_header(table):
+    entries, specials, digest = table.entries, table.specials, table.digest
+    objects = list(expand(entries))
+    out = [C_BANNER]
+    out.append(
+        "#ifndef FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_H_\n"
+        "#define FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_H_\n\n#include <stdint.h>\n\n"
+    )
+    out.append(
+        "/* Object numbers, the same in every interface of the firmware. */\nenum {\n"
+        "  AXIS_OBJ_NONE = 0,\n"
+    )
+    out.extend(f"  AXIS_OBJ_{name.upper()} = {number},\n" for number, name, _, _ in objects)
+    out.append(f"  AXIS_OBJ_COUNT = {len(objects) + 1} /* one past the last number */\n}};\n\n")
+    for constants in enum_constants(table):
+        out.append("enum {\n")
+        out.append(",\n".join(f"  {name} = {value}" for name, value in constants))
+        out.append("\n};\n\n")
+    for part, kind, type_name in STRUCTS:
+        # Widest first, so that the structure has no holes.
+        fields = sorted(
+            (o for o in entries if (o["part"], o["kind"]) == (part, kind)),
+            key=lambda o: -TYPES[o["type"]][0],
+        )
+        out.append("typedef struct {\n")
+        for o in fields:
+            array = f"[{o['count']}]" if o["count"] > 1 else ""
+            out.append(
+                f"  {TYPES[o['type']][3]} {o['name']}{array}; "
+                f"/* {o['meaning']} [{describe_unit(o)}] */\n"
+            )
+        out.append(f"}} {type_name};\n\n")
+    out.append(
+        "/* First 32 bits of the table's SHA-256: programs with the same one mean the same. */\n"
+        f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
+        f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n\n'
+    )
+    out.append("enum {")
+    out.append(",".join(f" AXIS_TYPE_{t.upper()} = {i}" for i, t in enumerate(TYPES)))
+    out.append(" };\nenum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };\n")
+    out.append("enum {")
+    out.append(",".join(f" AXIS_WRITABLE_{w.upper()} = {i}" for i, w in enumerate(WRITABLE)))
+    out.append(" };\n/* The structure that holds the value; a command has none. */\nenum {\n")
+    out.extend(f"  {block} = {i},\n" for i, block in enumerate(BLOCKS.values()))
+    out.append(f"  AXIS_BLOCK_NONE = {len(BLOCKS)}\n}};\n\n")
+    out.append(
+        "typedef struct {\n"
+        "  int32_t min;       /* raw; written values outside min..max are refused */\n"
+        "  int32_t max;\n"
+        "  int32_t initial;   /* raw value after power-up */\n"
+        "  uint16_t offset;   /* bytes from the start of its structure */\n"
+        "  uint8_t block;     /* AXIS_BLOCK_ */\n"
+        "  uint8_t type;      /* AXIS_TYPE_ */\n"
+        "  uint8_t access;    /* AXIS_ACCESS_ */\n"
+        "  uint8_t writable;  /* AXIS_WRITABLE_ */\n"
+        "  uint8_t stored;    /* kept by the parameter store */\n"
+        "  uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */\n"
+        "  uint8_t mappable;  /* a PDO may carry it, as far as its access allows */\n"
+        "} axis_object_t;\n\n"
+        "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
+        " * bits of their values in min, max and initial. */\n"
+        "extern const axis_object_t axis_objects[AXIS_OBJ_COUNT];\n\n"
+    )
+    out.append(
+        "/* What lies at a CANopen address. */\n"
+        "enum {\n"
+        "  AXIS_ADDRESS_OBJECT = 0, /* value: the object's number */\n"
+        "  AXIS_ADDRESS_COUNT = 1,  /* value: the highest sub-index, u8, read only */\n"
+        "  AXIS_ADDRESS_TEXT = 2,   /* a text, read only */\n"
+        "  AXIS_ADDRESS_DOMAIN = 3  /* bytes of any number, read only */\n"
+        "};\n\n"
+        "typedef struct {\n"
+        "  uint16_t index;\n"
+        "  uint8_t sub;\n"
+        "  uint8_t what; /* AXIS_ADDRESS_ */\n"
+        "  uint16_t value;\n"
+        "} axis_address_t;\n\n"
+        "typedef struct {\n"
+        "  uint16_t first; /* register; 32-bit objects take two */\n"
+        "  uint16_t object;\n"
+        "} axis_register_t;\n\n"
+    )
+    counts = {
+        "addresses": len(addresses(entries, specials)),
+        "holding": len(registers(entries, True)),
+        "input": len(registers(entries, False)),
+    }
+    out.append("enum {\n")
+    out.append(",\n".join(f"  AXIS_{n.upper()}_COUNT = {c}" for n, c in counts.items()))
+    out.append(
+        "\n};\n\n"
+        "/* By index, then sub-index. */\n"
+        "extern const axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT];\n"
+        "/* Modbus registers, by number: those that can be written, those that cannot. */\n"
+        "extern const axis_register_t axis_holding[AXIS_HOLDING_COUNT];\n"
+        "extern const axis_register_t axis_input[AXIS_INPUT_COUNT];\n\n#endif\n"
+    )
+    return "".join(out)
+
+
+def generate_source(table):
+    entries, specials = table.entries, table.specials
+    out = [
+        C_BANNER,
+        f'#include "{FOLDER}/axis_objects.h"\n\n#include <stddef.h>\n\n',
+        "const axis_object_t axis_objects[AXIS_OBJ_COUNT] = {\n",
+    ]
+    for _, name, o, index in expand(entries):
+        if o["kind"] == "command":
+            offset, block = "0", "AXIS_BLOCK_NONE"
+        else:
+            field = o["name"] if o["count"] == 1 else f"{o['name']}[{index}]"
+            offset = f"(uint16_t)offsetof({struct_type(o)}, {field})"
+            block = BLOCKS[o["part"], o["kind"]]
+        out.append(
+            f"    [AXIS_OBJ_{name.upper()}] = {{{c_int(as_int32(o['min']))}, "
+            f"{c_int(as_int32(o['max']))}, {c_int(as_int32(o['defaults'][index]))},\n"
+            f"        {offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
+            f"AXIS_ACCESS_{o['access'].upper()}, AXIS_WRITABLE_{o['writable'].upper()}, "
+            f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}}},\n"
+        )
+    out.append("};\n\nconst axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
+    for (index, sub), at in addresses(entries, specials).items():
+        value = {
+            "OBJECT": f"AXIS_OBJ_{at.name.upper()}",
+            "COUNT": str(at.element),
+        }.get(at.what, f"0x{index:04X}")
+        out.append(f"    {{0x{index:04X}, {sub}, AXIS_ADDRESS_{at.what}, {value}}},\n")
+    out.append("};\n")
+    for table, writable in (("holding", True), ("input", False)):
+        count = f"AXIS_{table.upper()}_COUNT"
+        out.append(f"\nconst axis_register_t axis_{table}[{count}] = {{\n")
+        out.extend(
+            f"    {{0x{first:04X}, AXIS_OBJ_{name.upper()}}},\n"
+            for first, _, name in registers(entries, writable)
+        )
+        out.append("};\n")
+    return "".join(out)
+
+
+def generate_meta(table):
+    entries, digest = table.entries, table.digest
+    out = [C_BANNER]
+    out.append(
+        "#ifndef FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_META_H_\n"
+        "#define FIRMWARE_OBJECTS_GENERATED_AXIS_OBJECTS_META_H_\n\n"
+        "/* Host only: what a person or a file needs to know of each object. */\n\n"
+        "#include <stdint.h>\n\n"
+        "typedef struct {\n"
+        "  uint16_t object;        /* AXIS_OBJ_ number */\n"
+        "  uint16_t size_bytes;    /* 1, 2 or 4 */\n"
+        "  const char *name;       /* snake case */\n"
+        "  const char *kind;       /* parameter, signal, command */\n"
+        f"  const char *part;       /* {', '.join(PARTS)} */\n"
+        "  const char *meaning;    /* one sentence */\n"
+        "  const char *type;       /* u8 i8 u16 i16 u32 i32 */\n"
+        "  const char *unit;       /* of raw * scale */\n"
+        "  double scale;           /* engineering value = raw * scale */\n"
+        "  int64_t min;            /* raw, inclusive */\n"
+        "  int64_t max;\n"
+        "  int64_t initial;        /* raw value after power-up */\n"
+        "  const char *access;     /* rw, ro, wo */\n"
+        "  const char *writable;   /* any, disabled, recorder_idle */\n"
+        "  const char *enum_texts; /* texts of 0, 1, 2, ... and commas; or empty */\n"
+        "  uint16_t index;         /* CANopen */\n"
+        "  uint8_t sub;\n"
+        "  int32_t modbus;         /* first register, holding if rw, input if ro; -1: none */\n"
+        "  int stored;             /* kept by the parameter store */\n"
+        "} axis_object_meta_t;\n\n"
+    )
+    objects = list(expand(entries))
+    out.append(f'#define AXIS_OBJECTS_HASH "{digest}"\n')
+    out.append(f"#define AXIS_OBJECTS_META_COUNT {len(objects)}\n\n")
+    out.append(
+        "/* Entry i describes object number i + 1. */\n"
+        "static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {\n"
+    )
+    for number, name, o, i in objects:
+        index, sub = canopen_address(o, i)
+        strings = [
+            f'"{s}"' for s in (name, o["kind"], o["part"], o["meaning"], o["type"], o["unit"])
+        ]
+        out.append(
+            f"    {{{number}, {TYPES[o['type']][0]}, {', '.join(strings)},\n"
+            f"     {float(o['scale'])!r}, INT64_C({o['min']}), INT64_C({o['max']}), "
+            f'INT64_C({o["defaults"][i]}), "{o["access"]}", "{o["writable"]}", '
+            f'"{",".join(o["enum"])}", 0x{index:04X}, {sub}, {register(o, i)}, '
+            f"{int(o['stored'])}}},\n"
+        )
+    out.append("};\n\n#endif\n")
+    return "".join(out)
+
+
+def generate(table):
+    """{path below the root: text}"""
+    return {
+        f"{FOLDER}/axis_objects.h": generate_header(table),
+        f"{FOLDER}/axis_objects.c": generate_source(table),
+        f"{FOLDER}/axis_objects_meta.h": generate_meta(table),
+    }

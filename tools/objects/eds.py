@@ -1,0 +1,175 @@
+"""The electronic data sheet, CiA 306: what a CANopen master knows of an axis.
+
+Only keys of the standard: units are in the manual and in the DBC."""
+
+from objects.table import TABLE, TYPES, addresses, fail, title
+
+FILE = "firmware/objects/generated/forceaxis.eds"
+
+DATA_TYPES = {"i8": 2, "i16": 3, "i32": 4, "u8": 5, "u16": 6, "u32": 7}
+SPECIAL_DATA_TYPES = {"TEXT": 9, "DOMAIN": 15}
+DOMAIN, VARIABLE, ARRAY, RECORD = 2, 7, 8, 9
+MANDATORY = (0x1000, 0x1001, 0x1018)
+BAUD_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+SLOWEST_BAUD_RATE = 125  # below, the default PDOs of an axis fill the bus
+
+
+def section(name, keys):
+    return f"[{name}]\n" + "".join(f"{key}={value}\n" for key, value in keys) + "\n"
+
+
+def file_info():
+    # A fixed date: the same table gives the same bytes.
+    yield "FileName", "forceaxis.eds"
+    yield "FileVersion", 1
+    yield "FileRevision", 1
+    yield "EDSVersion", "4.0"
+    yield "Description", "force-controlled axis"
+    for what in ("Creation", "Modification"):
+        yield f"{what}Time", "12:00AM"
+        yield f"{what}Date", "01-01-2026"
+        yield ("CreatedBy" if what == "Creation" else "ModifiedBy"), "tools/gen_objects.py"
+
+
+def device_info(found):
+    def identity(sub):
+        at = found.get((0x1018, sub))
+        return f"0x{at.entry['defaults'][at.element]:08X}" if at else "0x00000000"
+
+    def count(first):
+        return len({index for index, _ in found if first <= index < first + 0x200})
+
+    yield "VendorName", "forceaxis"
+    yield "VendorNumber", identity(1)
+    yield "ProductName", "forceaxis axis"
+    yield "ProductNumber", identity(2)
+    yield "RevisionNumber", identity(3)
+    yield "OrderCode", "forceaxis"
+    for rate in BAUD_RATES:
+        yield f"BaudRate_{rate}", int(rate >= SLOWEST_BAUD_RATE)
+    yield "SimpleBootUpMaster", 0
+    yield "SimpleBootUpSlave", 1
+    yield "Granularity", 8
+    yield "DynamicChannelsSupported", 0
+    yield "GroupMessaging", 0
+    yield "NrOfRXPDO", count(0x1400)
+    yield "NrOfTXPDO", count(0x1800)
+    yield "LSS_Supported", 0
+
+
+def literal(o, value):
+    """As a reader of data sheets expects it: COB-IDs, mappings and bit fields in hexadecimal."""
+    width = TYPES[o["type"]][0]
+    if o["part"] == "canopen" and o["type"] == "u32":
+        return f"0x{value:0{2 * width}X}"
+    return str(value)
+
+
+def variable(at):
+    """Keys of one value."""
+    if at.what == "COUNT":
+        yield "ParameterName", "Highest sub-index supported"
+        yield "ObjectType", f"0x{VARIABLE:X}"
+        yield "DataType", f"0x{DATA_TYPES['u8']:04X}"
+        yield "AccessType", "const"
+        yield "DefaultValue", at.element
+        yield "PDOMapping", 0
+        return
+    if at.what in SPECIAL_DATA_TYPES:
+        yield "ParameterName", at.entry["title"]
+        yield "ObjectType", f"0x{DOMAIN if at.what == 'DOMAIN' else VARIABLE:X}"
+        yield "DataType", f"0x{SPECIAL_DATA_TYPES[at.what]:04X}"
+        yield "AccessType", "ro"
+        yield "PDOMapping", 0
+        return
+    o, default = at.entry, at.entry["defaults"][at.element]
+    inside = o["min"] <= default <= o["max"]
+    _, lowest, highest, _ = TYPES[o["type"]]
+    yield "ParameterName", title(o, at.element)
+    yield "ObjectType", f"0x{VARIABLE:X}"
+    yield "DataType", f"0x{DATA_TYPES[o['type']]:04X}"
+    yield "AccessType", o["access"]
+    # A command that can be read reads as something else than what is written: no limits then.
+    if inside or o["access"] == "wo":
+        if o["min"] > lowest:
+            yield "LowLimit", literal(o, o["min"])
+        if o["max"] < highest:
+            yield "HighLimit", literal(o, o["max"])
+    if o["access"] != "wo":
+        text = literal(o, default)
+        yield "DefaultValue", f"$NODEID+{text}" if o["node_id"] else text
+    yield "PDOMapping", int(o["mappable"])
+
+
+def is_array(subs):
+    """Whether all elements are alike, where the table does not say."""
+    return len({at.entry["type"] for sub, at in subs.items() if sub}) == 1
+
+
+def check_titles(names):
+    """Readers look objects up by name: the names of one dictionary or record are different."""
+    seen = {}
+    for where, name in names:
+        if name in seen:
+            other = seen[name]
+            fail(f"object at {where}", "title", f"expected another than {name}, which {other} has")
+        seen[name] = where
+
+
+def title_of(o, index):
+    """Name of one of the indices that an entry lies at: numbered, if there are several."""
+    if not o.get("index_step") and o.get("per_index") == o.get("count"):
+        return o["title"]
+    return f"{o['title']} {(index - o['index']) // (o['index_step'] or 1) + 1}"
+
+
+def describe(index, subs, records):
+    """{section: keys} of an index; the first section is its own."""
+    if set(subs) == {0}:
+        keys = dict(variable(subs[0]))
+        return {f"{index:04X}": keys | {"ParameterName": title_of(subs[0].entry, index)}}
+    first = subs[min(sub for sub in subs if sub)]
+    title, array = records.get(index, (title_of(first.entry, index), is_array(subs)))
+    own = {
+        "ParameterName": title,
+        "ObjectType": f"0x{ARRAY if array else RECORD:X}",
+        "SubNumber": len(subs),
+    }
+    members = {f"{index:04X}sub{sub:X}": dict(variable(at)) for sub, at in subs.items()}
+    check_titles((name, keys["ParameterName"]) for name, keys in members.items())
+    return {f"{index:04X}": own, **members}
+
+
+def list_of(index):
+    if index in MANDATORY:
+        return "MandatoryObjects"
+    return "ManufacturerObjects" if 0x2000 <= index < 0x6000 else "OptionalObjects"
+
+
+def generate(table):
+    """{path below the root: text}"""
+    found = addresses(table.entries, table.specials)
+    objects = {}
+    for (index, sub), at in found.items():
+        objects.setdefault(index, {})[sub] = at
+    described = {index: describe(index, subs, table.records) for index, subs in objects.items()}
+    check_titles((f"{i:04X}", d[f"{i:04X}"]["ParameterName"]) for i, d in described.items())
+    comments = (
+        "Generated by tools/gen_objects.py; do not edit.",
+        f"Table {TABLE}",
+        f"SHA-256 {table.digest}",
+    )
+    lines = [(f"Line{i}", comment) for i, comment in enumerate(comments, 1)]
+    out = [
+        section("FileInfo", file_info()),
+        section("DeviceInfo", device_info(found)),
+        section("DummyUsage", ((f"Dummy{i:04X}", 1) for i in range(1, 8))),
+        section("Comments", [("Lines", len(lines)), *lines]),
+    ]
+    for name in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
+        indices = [index for index in objects if list_of(index) == name]
+        rows = ((i, f"0x{index:04X}") for i, index in enumerate(indices, 1))
+        out.append(section(name, [("SupportedObjects", len(indices)), *rows]))
+        for index in indices:
+            out.extend(section(name, keys.items()) for name, keys in described[index].items())
+    return {FILE: "".join(out).rstrip("\n") + "\n"}

@@ -1,0 +1,475 @@
+"""The object table: read, checked, every default filled in."""
+
+import hashlib
+import itertools
+import re
+import tomllib
+from typing import NamedTuple
+
+TABLE = "firmware/objects/axis_objects.toml"
+
+TYPES = {
+    "u8": (1, 0, 0xFF, "uint8_t"),
+    "i8": (1, -0x80, 0x7F, "int8_t"),
+    "u16": (2, 0, 0xFFFF, "uint16_t"),
+    "i16": (2, -0x8000, 0x7FFF, "int16_t"),
+    "u32": (4, 0, 0xFFFFFFFF, "uint32_t"),
+    "i32": (4, -0x80000000, 0x7FFFFFFF, "int32_t"),
+}
+KINDS = ("parameter", "signal", "command")
+PARTS = ("axis", "recorder", "drive", "canopen", "device")
+ACCESS = ("rw", "ro", "wo")
+KIND_ACCESS = {"parameter": ("rw",), "signal": ("ro",), "command": ("wo", "rw")}
+WRITABLE = ("any", "disabled", "recorder_idle")
+NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+KEYS = {
+    "name": str,
+    "title": str,
+    "kind": str,
+    "part": str,
+    "meaning": str,
+    "type": str,
+    "unit": str,
+    "scale": (int, float),
+    "min": int,
+    "max": int,
+    "default": int,
+    "access": str,
+    "writable": str,
+    "enum": list,
+    "enum_of": str,
+    "values": list,
+    "values_of": str,
+    "count": int,
+    "defaults": list,
+    "index": int,
+    "sub": int,
+    "index_step": int,
+    "per_index": int,
+    "node_id": bool,
+    "modbus": int,
+    "stored": bool,
+}
+REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
+# The other kinds of entries: their keys, all required but those of OPTIONAL.
+SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index": int}
+RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
+BIT_KEYS = {"name": str, "address": int, "meaning": str}
+OPTIONAL = {"special": ("title",), "record": ("count", "array"), "coil": (), "discrete": ()}
+SPECIAL_TYPES = {"visible_string": "TEXT", "domain": "DOMAIN"}
+
+
+class TableError(Exception):
+    """One line for the user: object, key, what was expected."""
+
+
+class Table(NamedTuple):
+    entries: list  # [[object]], one with count > 1 stays one
+    specials: list
+    records: dict  # index: (title, is an array)
+    coils: list
+    discretes: list
+    digest: str  # SHA-256 of the file
+
+
+class Address(NamedTuple):
+    """What lies at a CANopen address."""
+
+    what: str  # OBJECT, COUNT, TEXT, DOMAIN
+    name: str  # of the object or special
+    entry: dict | None
+    element: int  # of the entry's array; of a COUNT the highest sub-index
+
+
+def fail(name, key, expected):
+    raise TableError(f"{name}: {key}: {expected}")
+
+
+def one_of(values):
+    return "expected one of " + ", ".join(values)
+
+
+def label_of(kind, raw, position):
+    name = raw.get("name", raw.get("title"))
+    return f"{kind} {name if isinstance(name, str) else f'number {position}'}"
+
+
+def check_keys(label, raw, keys, required):
+    for key in required:
+        if key not in raw:
+            fail(label, key, "expected a value, the key is missing")
+    for key, value in raw.items():
+        if key not in keys:
+            fail(label, key, "unknown key, " + one_of(keys))
+        kinds = keys[key] if isinstance(keys[key], tuple) else (keys[key],)
+        if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+            fail(label, key, "expected a value of type " + " or ".join(k.__name__ for k in kinds))
+    # Each ends up in files with a syntax of their own; in an EDS a semicolon begins a comment.
+    for key, others in (("title", ";"), ("meaning", ""), ("unit", "")):
+        if key in raw and (
+            not raw[key].strip() or re.search(rf'["\\|\x00-\x1f{others}]', raw[key])
+        ):
+            fail(label, key, "expected one line without quotes, bars and backslashes")
+    if "name" in raw and not NAME.fullmatch(raw["name"]):
+        fail(label, "name", "expected snake case")
+
+
+def check_object(raw, position, known):
+    """The complete description of one table entry, every default filled in."""
+    label = label_of("object", raw, position)
+    check_keys(label, raw, KEYS, REQUIRED)
+    name = raw["name"]
+    if name in known:
+        fail(label, "name", "expected a name used once, this one is there twice")
+    o = dict(raw)
+    o.setdefault("title", name.replace("_", " ").capitalize())
+    o.setdefault("part", "axis")
+    o.setdefault("scale", 1)
+    o.setdefault("writable", "any")
+    o.setdefault("default", 0)
+    o.setdefault("count", 1)
+    o.setdefault("sub", 0)
+    o.setdefault("index_step", 0)
+    o.setdefault("per_index", o["count"])
+    o.setdefault("node_id", False)
+    o.setdefault("modbus", None)
+    o.setdefault("stored", o["kind"] == "parameter")
+    for key, values in (
+        ("kind", KINDS),
+        ("part", PARTS),
+        ("type", TYPES),
+        ("access", ACCESS),
+        ("writable", WRITABLE),
+    ):
+        if o[key] not in values:
+            fail(label, key, f"{one_of(values)}, got {o[key]!r}")
+    if o["access"] not in KIND_ACCESS[o["kind"]]:
+        allowed = " or ".join(KIND_ACCESS[o["kind"]])
+        fail(label, "access", f"expected {allowed} for a {o['kind']}")
+    if not 0 < float(o["scale"]) < float("inf"):
+        fail(label, "scale", "expected a finite number above 0")
+    if not 1 <= o["count"] <= 64:
+        fail(label, "count", "expected 1 to 64")
+    if o["stored"] and o["kind"] != "parameter":
+        fail(label, "stored", f"expected false for a {o['kind']}")
+    check_texts(label, o, raw, known)
+    check_range(label, o, raw)
+    check_addresses(label, o)
+    # What a PDO may carry: what changes from tick to tick, not what is set up once.
+    o["mappable"] = o["part"] != "canopen" and o["writable"] == "any" and not o["stored"]
+    return o
+
+
+def check_texts(label, o, raw, known):
+    """enum and values: names of raw values, own ones or those of an earlier object."""
+    for key in ("enum", "values"):
+        o[f"{key}_name"] = o["name"]
+        if f"{key}_of" in o:
+            if key in o:
+                fail(label, f"{key}_of", f"expected either {key} or {key}_of")
+            if not known.get(o[f"{key}_of"], {}).get(key):
+                fail(label, f"{key}_of", f"expected an earlier object that has {key}")
+            o[f"{key}_name"] = o[f"{key}_of"]
+            o[key] = known[o[f"{key}_of"]][key]
+    texts = o.setdefault("enum", [])
+    if (
+        ("enum" in raw and not texts)
+        or len(set(map(str, texts))) != len(texts)
+        or not all(isinstance(t, str) and NAME.fullmatch(t) for t in texts)
+    ):
+        fail(label, "enum", "expected a list of different snake case texts")
+    if texts and "values" in o:
+        fail(label, "values", "expected either enum or values")
+    values = o.setdefault("values", [])
+    if (
+        ("values" in raw and not values)
+        or not all(
+            isinstance(v, list)
+            and len(v) == 2
+            and type(v[0]) is int
+            and isinstance(v[1], str)
+            and NAME.fullmatch(v[1])
+            for v in values
+        )
+        or any(len({v[k] for v in values}) != len(values) for k in (0, 1))
+    ):
+        fail(label, "values", "expected a list of different [number, snake case text]")
+
+
+def check_range(label, o, raw):
+    _, lowest, highest, _ = TYPES[o["type"]]
+    texts = o["enum"]
+    if o["access"] != "ro" and not texts:
+        for key in ("min", "max"):
+            if key not in raw:
+                fail(label, key, "expected a value, the key is missing")
+    if texts and ("min" in raw or "max" in raw):
+        fail(label, "min", "expected no range beside an enum")
+    o.setdefault("min", 0 if texts else lowest)
+    o.setdefault("max", len(texts) - 1 if texts else highest)
+    if not lowest <= o["min"] <= highest:
+        fail(label, "min", f"expected {lowest} to {highest}, got {o['min']}")
+    if not o["min"] <= o["max"] <= highest:
+        fail(label, "max", f"expected {o['min']} to {highest}, got {o['max']}")
+    for value, _ in o["values"]:
+        if not o["min"] <= value <= o["max"]:
+            fail(label, "values", f"expected {o['min']} to {o['max']}, got {value}")
+    if "default" in raw and "defaults" in raw:
+        fail(label, "defaults", "expected either default or defaults")
+    o.setdefault("defaults", [o["default"]] * o["count"])
+    if len(o["defaults"]) != o["count"]:
+        fail(label, "defaults", f"expected {o['count']} values, got {len(o['defaults'])}")
+    # What a command gives when it is read need not be what may be written.
+    low, high = (lowest, highest) if o["kind"] == "command" else (o["min"], o["max"])
+    for value in o["defaults"]:
+        if type(value) is not int or not low <= value <= high:
+            fail(label, "default", f"expected {low} to {high}, got {value}")
+
+
+def check_addresses(label, o):
+    first, count = o["index"], o["count"]
+    if not 0x1000 <= first <= 0x9FFF:
+        fail(label, "index", f"expected 0x1000 to 0x9fff, got {first:#x}")
+    if o["index_step"] < 0:
+        fail(label, "index_step", f"expected 0 or more, got {o['index_step']}")
+    if o["index_step"] and o["per_index"] != count:
+        fail(label, "per_index", "expected either index_step or per_index")
+    if o["per_index"] < 1 or count % o["per_index"]:
+        fail(label, "per_index", f"expected a divisor of {count}, got {o['per_index']}")
+    in_one = 1 if o["index_step"] else o["per_index"]
+    if in_one > 1 and o["sub"] == 0:
+        fail(label, "sub", "expected 1 or more: sub-index 0 says how many there are")
+    if not 0 <= o["sub"] <= 255 - in_one:
+        fail(label, "sub", f"expected 0 to {255 - in_one}, got {o['sub']}")
+    # CiA 301: communication, manufacturer, standardised profile.
+    part = o["part"]
+    for index in (first, canopen_address(o, count - 1)[0]):
+        if (index < 0x2000 and part != "canopen") or (index >= 0x6000 and part != "drive"):
+            ranges = {"canopen": "0x1000 to 0x5fff", "drive": "0x2000 to 0x9fff"}
+            expected = ranges.get(part, "0x2000 to 0x5fff")
+            fail(label, "index", f"expected {expected} for part {part}, got {index:#x}")
+        if index > 0x9FFF:
+            fail(label, "index", f"expected none above 0x9fff, got {index:#x}")
+    if o["node_id"] and (o["type"] != "u32" or part != "canopen"):
+        fail(label, "node_id", "expected false but for a COB-ID: u32, part canopen")
+    if o["modbus"] is not None:
+        if o["access"] == "wo":
+            fail(label, "modbus", "expected none for an object that cannot be read")
+        last = 0x10000 - count * register_width(o)
+        if not 0 <= o["modbus"] <= last:
+            fail(label, "modbus", f"expected 0 to {last:#x}, got {o['modbus']:#x}")
+
+
+def check_list(table, kind, keys):
+    """The [[kind]] entries, each with its label."""
+    found = table.get(kind, [])
+    if not isinstance(found, list) or not all(isinstance(e, dict) for e in found):
+        fail("object table", kind, f"expected [[{kind}]]")
+    for position, raw in enumerate(found, 1):
+        label = label_of(kind, raw, position)
+        check_keys(label, raw, keys, [k for k in keys if k not in OPTIONAL[kind]])
+        yield label, dict(raw)
+
+
+def check_specials(table, known):
+    """Texts and blocks of bytes that are no numbers: [[special]] entries."""
+    specials = []
+    for label, special in check_list(table, "special", SPECIAL_KEYS):
+        if special["type"] not in SPECIAL_TYPES:
+            fail(label, "type", f"{one_of(SPECIAL_TYPES)}, got {special['type']!r}")
+        if special["name"] in known:
+            fail(label, "name", "expected a name used once, this one is there twice")
+        if not 0x1000 <= special["index"] <= 0x9FFF:
+            fail(label, "index", f"expected 0x1000 to 0x9fff, got {special['index']:#x}")
+        known.add(special["name"])
+        special.setdefault("title", special["name"].replace("_", " ").capitalize())
+        specials.append(special)
+    return specials
+
+
+def check_records(table, found):
+    """{index: (title, is an array)} of the [[record]] entries: names of what has sub-indices."""
+    records = {}
+    for label, record in check_list(table, "record", RECORD_KEYS):
+        count = record.get("count", 1)
+        if not 1 <= count <= 64:
+            fail(label, "count", "expected 1 to 64")
+        for i in range(count):
+            index = record["index"] + i
+            if index in records:
+                fail(label, "index", f"expected an index named once, {index:#x} is there twice")
+            if not any(at == index and sub > 0 for at, sub in found):
+                fail(label, "index", f"expected one with sub-indices, got {index:#x}")
+            title = record["title"] if count == 1 else f"{record['title']} {i + 1}"
+            records[index] = (title, record.get("array", False))
+    return records
+
+
+def check_bits(table, kind):
+    """Single bits of Modbus: [[coil]] and [[discrete]] entries, by address."""
+    bits, names = {}, set()
+    for label, bit in check_list(table, kind, BIT_KEYS):
+        if not 0 <= bit["address"] <= 0xFFFF:
+            fail(label, "address", f"expected 0 to 65535, got {bit['address']}")
+        if bit["address"] in bits:
+            other = bits[bit["address"]]["name"]
+            fail(label, "address", f"expected an unused one, {other} is there")
+        if bit["name"] in names:
+            fail(label, "name", "expected a name used once, this one is there twice")
+        names.add(bit["name"])
+        bits[bit["address"]] = bit
+    return [bits[address] for address in sorted(bits)]
+
+
+def expanded_names(o):
+    if o["count"] == 1:
+        return [o["name"]]
+    return [f"{o['name']}_{i}" for i in range(1, o["count"] + 1)]
+
+
+def expand(entries):
+    """(number, name, entry, index in the C array) of every object."""
+    number = 0
+    for o in entries:
+        for index, name in enumerate(expanded_names(o)):
+            number += 1
+            yield number, name, o, index
+
+
+def canopen_address(o, i):
+    """(index, sub) of element i of an entry."""
+    if o["index_step"]:
+        return o["index"] + i * o["index_step"], o["sub"]
+    return o["index"] + i // o["per_index"], o["sub"] + i % o["per_index"]
+
+
+def addresses(entries, specials):
+    """{(index, sub): Address}: objects, texts, and the highest sub-index of each record."""
+    found = {}
+
+    def add(label, address, entry):
+        if address in found:
+            index, sub = address
+            fail(label, "index", f"expected an unused address, {index:#x}:{sub} is taken")
+        found[address] = entry
+
+    for _, name, o, i in expand(entries):
+        add(f"object {name}", canopen_address(o, i), Address("OBJECT", name, o, i))
+    for special in specials:
+        what = SPECIAL_TYPES[special["type"]]
+        address = Address(what, special["name"], special, 0)
+        add(f"special {special['name']}", (special["index"], 0), address)
+    highest = {}
+    for index, sub in found:
+        highest[index] = max(sub, highest.get(index, 0))
+    for index, sub in highest.items():
+        if not sub:
+            continue
+        count = found.setdefault((index, 0), Address("COUNT", "", None, sub))
+        if count.what != "COUNT" and (count.what != "OBJECT" or count.entry["type"] != "u8"):
+            expected = f"expected u8 at sub-index 0 of {index:#x}, which has others"
+            fail(f"object {count.name}", "type", expected)
+    return dict(sorted(found.items()))
+
+
+def title(o, i):
+    """CANopen's name of element i: numbered within its index."""
+    alone = o["index_step"] or o["per_index"] == 1
+    return o["title"] if alone else f"{o['title']} {i % o['per_index'] + 1}"
+
+
+def register_width(o):
+    """Modbus registers that one element takes."""
+    return 2 if TYPES[o["type"]][0] == 4 else 1
+
+
+def register(o, i):
+    """First register of element i, or -1."""
+    return -1 if o["modbus"] is None else o["modbus"] + i * register_width(o)
+
+
+def registers(entries, writable):
+    """[(register, number of registers, object name)] of the holding or the input registers."""
+    found = sorted(
+        (register(o, i), register_width(o), name)
+        for _, name, o, i in expand(entries)
+        if o["modbus"] is not None and (o["access"] == "rw") == writable
+    )
+    for (first, width, name), (second, _, other) in itertools.pairwise(found):
+        if first + width > second:
+            fail(f"object {other}", "modbus", f"expected an unused register, {name} is there")
+    return found
+
+
+def load_table(path):
+    """The checked table; raises TableError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise TableError(f"object table: cannot be read ({error.strerror})") from error
+    try:
+        table = tomllib.loads(data.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TableError(f"object table: expected TOML, {error}") from error
+    kinds = ("object", *OPTIONAL)
+    unknown = set(table) - set(kinds)
+    if unknown:
+        fail("object table", sorted(unknown)[0], "unknown key, " + one_of(kinds))
+    entries = table.get("object")
+    if (
+        not isinstance(entries, list)
+        or not entries
+        or not all(isinstance(e, dict) for e in entries)
+    ):
+        fail("object table", "object", "expected at least one [[object]]")
+    known = {}
+    for position, raw in enumerate(entries, 1):
+        o = check_object(raw, position, known)
+        known[o["name"]] = o
+    expanded = set()
+    for o in known.values():
+        for name in expanded_names(o):
+            if name in expanded:
+                fail(f"object {o['name']}", "count", f"expected unused names, {name} is taken")
+            expanded.add(name)
+    entries = list(known.values())
+    specials = check_specials(table, expanded)
+    found = addresses(entries, specials)
+    for writable in (True, False):
+        registers(entries, writable)
+    return Table(
+        entries,
+        specials,
+        check_records(table, found),
+        check_bits(table, "coil"),
+        check_bits(table, "discrete"),
+        hashlib.sha256(data).hexdigest(),
+    )
+
+
+# --- texts that several outputs share ---
+
+
+def banner(comment):
+    return f"{comment[0]}Generated by tools/gen_objects.py from {TABLE}; do not edit.{comment[1]}\n"
+
+
+def number(value):
+    """Shortest text of a number that reads back the same."""
+    return str(int(value)) if value == int(value) else repr(float(value))
+
+
+def describe_unit(o):
+    if o["enum"]:
+        return "enum"
+    scale = float(o["scale"])
+    if scale == 1:
+        return o["unit"]
+    inverse = 1 / scale
+    text = f"1/{int(inverse)}" if inverse == int(inverse) else f"{scale:.7g}"
+    return f"{text} {o['unit']}"
+
+
+def value_texts(o):
+    """[(raw value, text)] of an object whose values have names."""
+    return list(enumerate(o["enum"])) or [tuple(v) for v in o["values"]]
