@@ -95,6 +95,7 @@ static void carry_out_reset(fw_t *fw) {
   if (reset == CANOPEN_RESET_NONE) {
     return;
   }
+  const uint8_t bus = fw->canopen.bus;
   if (reset == CANOPEN_RESET_NODE) {
     const uint32_t ticks = fw->axis.signals.tick_count;
     power_up(fw);
@@ -106,6 +107,8 @@ static void carry_out_reset(fw_t *fw) {
     store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
   }
   canopen_start(&fw->canopen);
+  /* A port tells changes only. */
+  canopen_bus(&fw->canopen, fw, bus);
 }
 
 /* The lock: a foreign owner that is silent for too long loses the axis to canopen. */
@@ -219,6 +222,16 @@ static uint16_t object_at(int32_t address) {
 
 uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count) {
   return recorder_bytes(&fw->recorder, offset, bytes, count);
+}
+
+uint32_t fw_recording_size(const fw_t *fw) {
+  const recorder_t *recorder = &fw->recorder;
+  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
+  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
+}
+
+void fw_can_count_lost(fw_t *fw, uint16_t frames) {
+  count_up(&fw->device_signals.can_lost, frames);
 }
 
 const char *fw_text(const fw_t *fw, uint16_t index) {
@@ -372,11 +385,14 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
     default:
       break;
   }
-  if (value != 0) {
-    return arm_recorder(fw);
+  if (value == 0) {
+    recorder_stop(&fw->recorder);
   }
-  recorder_stop(&fw->recorder);
-  return FW_OK;
+  const int refusal = (value != 0) ? arm_recorder(fw) : FW_OK;
+  if (refusal == FW_OK) {
+    canopen_recording_replaced(&fw->canopen);
+  }
+  return refusal;
 }
 
 /* Whoever depends on a parameter is told. */
@@ -394,8 +410,10 @@ static void announce(fw_t *fw, uint16_t object, int32_t previous, int32_t value)
     case AXIS_BLOCK_CANOPEN_PARAMETER:
       canopen_written(&fw->canopen, object, previous, value);
       break;
-    default:
+    case AXIS_BLOCK_DEVICE_PARAMETER:
       fw->source_silence = 0; /* the lock or its watchdog */
+      break;
+    default:
       break;
   }
 }

@@ -86,3 +86,18 @@ void fx_bit_append(uint8_t *to, uint32_t n, bool bit) {
   const uint32_t before = ((n & 7u) == 0) ? 0 : to[n >> 3];
   to[n >> 3] = (uint8_t)(before | ((uint32_t)(bit ? 1 : 0) << (n & 7u)));
 }
+
+void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
+  for (uint8_t i = 0; i < bytes; i++) {
+    to[i] = (uint8_t)(payload & 0xFFu);
+    payload >>= 8;
+  }
+}
+
+uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
+  uint64_t payload = 0;
+  for (uint8_t i = bytes; i > 0; i--) {
+    payload = (payload << 8) | (uint64_t)from[i - 1];
+  }
+  return payload;
+}

@@ -315,4 +315,32 @@ static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
 
+/* --- payloads of up to 8 bytes -------------------------------------------------------------------
+ */
+
+/* `width` (1..32) bits of a payload from bit `first` up, first + width <= 64. Upper bits 0. */
+static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t width) {
+  const uint32_t mask = UINT32_MAX >> (32 - width);
+  return (uint32_t)(payload >> first) & mask;
+}
+
+/* The payload with `width` (1..32) bits of a value put in from bit `first` up, where it was 0;
+ * first + width <= 64. The value's upper bits are left out. */
+static inline uint64_t fx_payload_put(uint64_t payload, uint32_t value, uint32_t first,
+                                      uint32_t width) {
+  const uint32_t mask = UINT32_MAX >> (32 - width);
+  return payload | ((uint64_t)(value & mask) << first);
+}
+
+/* A payload as `bytes` (0..8) bytes, least significant first. */
+void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes);
+
+/* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
+uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);
+
+/* How many whole bytes hold this many bits. */
+static inline uint8_t fx_bytes_of_bits(uint8_t bits) {
+  return (uint8_t)(((uint32_t)bits + 7) >> 3);
+}
+
 #endif

@@ -71,6 +71,12 @@ void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault);
  * many of `count` bytes from `offset` were there. */
 uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count);
 
+/* How many bytes that are; 0 without a finished recording. */
+uint32_t fw_recording_size(const fw_t *fw);
+
+/* CAN frames were lost: counted in can_lost, up to the largest number it can hold. */
+void fw_can_count_lost(fw_t *fw, uint16_t frames);
+
 /* Text of an AXIS_ADDRESS_TEXT object, ended by 0. */
 const char *fw_text(const fw_t *fw, uint16_t index);
 

@@ -1,22 +1,55 @@
 #ifndef FIRMWARE_PROTO_CANOPEN_H_
 #define FIRMWARE_PROTO_CANOPEN_H_
 
-/* A CANopen node, CiA 301: NMT, heartbeat, SYNC, SDO, PDO, EMCY. Passive: frames go in by
- * canopen_receive() between ticks and come out by canopen_transmit(). */
+/* A CANopen node, CiA 301: NMT, heartbeat producer and consumers, SYNC consumer, SDO servers, PDOs,
+ * EMCY. Passive: frames go in by canopen_receive() between ticks and count as of the coming tick;
+ * they come out by canopen_transmit(). Times of the object table are rounded up to ticks.
+ *
+ * By state: pre-operational has all but PDOs, stopped has NMT and the heartbeat alone; emergencies
+ * of a stopped node wait. Remote requests are ignored, so there is no node guarding. A frame goes
+ * to the first that takes it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. A node that is stopped,
+ * or whose communication is reset, while the axis is active has lost its owner (CANopen, fault
+ * source_lost): nobody could stop the axis otherwise. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/proto/access.h"
 #include "firmware/proto/can.h"
+#include "firmware/proto/can_output.h"
+#include "firmware/proto/canopen_timers.h"
+#include "firmware/proto/emcy.h"
+#include "firmware/proto/pdo.h"
+#include "firmware/proto/sdo.h"
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
-typedef struct {
+/* NMT states, as in a heartbeat. */
+enum {
+  CANOPEN_INITIALISING = 0,
+  CANOPEN_STOPPED = 4,
+  CANOPEN_OPERATIONAL = 5,
+  CANOPEN_PRE_OPERATIONAL = 127
+};
+
+struct canopen {
   canopen_params_t params;
   canopen_signals_t signals;
+  canopen_timers_t timers;
+  can_output_t output;
+  pdo_t rpdo[CANOPEN_PDOS];
+  pdo_t tpdo[CANOPEN_PDOS];
+  sdo_server_t sdo[CANOPEN_SDOS];
+  emcy_t emcy;
+  uint8_t heartbeat_lost[CANOPEN_HEARTBEATS];
+  uint8_t rpdo_late[CANOPEN_PDOS];    /* did not come in time while the axis was active */
+  uint8_t rpdo_waiting[CANOPEN_PDOS]; /* its deadline starts when the axis becomes active */
+  uint8_t watched;                    /* some TPDO is sent when it changes */
+  uint8_t sync_told;                  /* 8240h was given since a SYNC was all right */
+  uint8_t bus;                        /* CAN_BUS_ */
+  uint8_t reset;                      /* CANOPEN_RESET_, until it is taken */
   uint8_t node_id;
-} canopen_t;
+};
 
 /* Parameters at their defaults, with the node id added where it belongs; silent until
  * canopen_start(). node_id 1..31. */
@@ -47,10 +80,33 @@ void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state);
  */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 
-/* Whether a value within its range may be written now to an object of the node. */
+/* Whether a value within its range may be written now to an object of the node: FW_OK,
+ * FW_ERROR_RANGE, FW_ERROR_STATE, FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT for an entry of a mapping
+ * that names none. */
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 
-/* An object of the node was `previous` and now is `value`. */
+/* An object of the node was `previous` and now is `value`. Writing what it was changes nothing. */
 void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int32_t value);
+
+/* The recorder was stopped or armed: what is being uploaded is gone. */
+void canopen_recording_replaced(canopen_t *canopen);
+
+/* --- for the parts of the node ------------------------------------------------------------------
+ */
+
+/* Bit 31 of a COB-ID says that it is not valid. */
+static inline bool canopen_cob_valid(uint32_t cob_id) { return cob_id <= UINT32_C(0x7FFFFFFF); }
+
+/* The identifier in a COB-ID. */
+static inline uint16_t canopen_can_id(uint32_t cob_id) { return (uint16_t)(cob_id & 0x7FFu); }
+
+/* Position of an object in an array of `count` that begins with `first`, or -1. */
+static inline int canopen_element(uint16_t object, uint16_t first, uint16_t count) {
+  return (object >= first && object < first + count) ? object - first : -1;
+}
+
+/* Whether a COB-ID may become another one: FW_OK, FW_ERROR_RANGE (29 bits; restricted and valid) or
+ * FW_ERROR_STATE (another identifier while valid). */
+int canopen_check_cob_id(uint32_t present, uint32_t wanted);
 
 #endif

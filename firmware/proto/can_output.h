@@ -1,0 +1,39 @@
+#ifndef FIRMWARE_PROTO_CAN_OUTPUT_H_
+#define FIRMWARE_PROTO_CAN_OUTPUT_H_
+
+/* Frames that wait to be sent, first in first out. What matters less is refused earlier, so that a
+ * flood of requests cannot keep an emergency or a heartbeat from its place. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/proto/can.h"
+
+enum { CAN_OUTPUT_FRAMES = 16 };
+
+/* Places that a frame of each kind must leave free. */
+enum {
+  CAN_OUTPUT_KEEP_NMT = 0,
+  CAN_OUTPUT_KEEP_EMCY = 1,
+  CAN_OUTPUT_KEEP_PDO = 2,
+  CAN_OUTPUT_KEEP_SDO = 6
+};
+
+typedef struct {
+  can_frame_t frames[CAN_OUTPUT_FRAMES];
+  uint16_t lost; /* frames that found no place, until the owner takes the number */
+  uint8_t first;
+  uint8_t count;
+  uint8_t closed; /* 1: the bus is off, frames are dropped and not counted */
+} can_output_t;
+
+void can_output_clear(can_output_t *output);
+
+/* An empty frame with this identifier and length, to be filled in; one that is refused is counted
+ * as lost and returned as NULL. Valid until the next call. */
+can_frame_t *can_output_add(can_output_t *output, uint16_t id, uint8_t length, uint8_t keep);
+
+/* The oldest frame; false: none. */
+bool can_output_take(can_output_t *output, can_frame_t *frame);
+
+#endif

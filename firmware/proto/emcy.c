@@ -1,0 +1,132 @@
+#include "firmware/proto/emcy.h"
+
+#include <stddef.h>
+
+#include "firmware/fx/fx.h"
+#include "firmware/proto/canopen.h"
+
+/* Bits of the error register. */
+enum {
+  ERROR_ANY = 0x01,
+  ERROR_CURRENT = 0x02,
+  ERROR_COMMUNICATION = 0x10,
+  ERROR_PROFILE = 0x20,
+  ERROR_MANUFACTURER = 0x80
+};
+
+static uint8_t class_of(uint16_t code) {
+  switch (fx_field(code, 8, 8)) {
+    case 0x00:
+      return 0;
+    case 0x23:
+      return ERROR_ANY | ERROR_CURRENT;
+    case 0x81:
+    case 0x82:
+      return ERROR_ANY | ERROR_COMMUNICATION;
+    case 0x86:
+      return ERROR_ANY | ERROR_PROFILE;
+    case 0xFF:
+      return ERROR_ANY | ERROR_MANUFACTURER;
+    default:
+      return ERROR_ANY;
+  }
+}
+
+static bool any(const uint8_t *flags, uint8_t count) {
+  for (uint8_t i = 0; i < count; i++) {
+    if (flags[i] != 0) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void emcy_update(canopen_t *canopen) {
+  const bool communication = any(canopen->heartbeat_lost, CANOPEN_HEARTBEATS) ||
+                             any(canopen->rpdo_late, CANOPEN_PDOS) ||
+                             canopen->bus != CAN_BUS_ACTIVE;
+  const uint8_t drive = class_of(canopen->emcy.drive_code);
+  canopen->signals.error_register =
+      communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
+}
+
+/* The latest first; the oldest falls out. */
+static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
+  uint32_t *history = canopen->signals.error_history;
+  for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
+    history[i] = history[i - 1];
+  }
+  history[0] = (uint32_t)code + (uint32_t)info * 65536;
+  uint8_t *count = &canopen->params.error_history_count;
+  *count = (uint8_t)((*count < EMCY_HISTORY) ? *count + 1 : EMCY_HISTORY);
+}
+
+void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
+  emcy_t *emcy = &canopen->emcy;
+  emcy_update(canopen);
+  if (code != EMCY_RESET) {
+    remember(canopen, code, info);
+  }
+  if (!canopen_cob_valid(canopen->params.emcy_cob_id)) {
+    return;
+  }
+  emcy->count = (uint8_t)((emcy->count < EMCY_WAITING) ? emcy->count + 1 : EMCY_WAITING);
+  emcy->waiting[emcy->count - 1] =
+      (emergency_t){.code = code,
+                    .error_register = (uint8_t)(canopen->signals.error_register | class_of(code)),
+                    .info = info};
+}
+
+/* What the node has told by itself, when it took the owner away. */
+static bool is_told(const canopen_t *canopen, uint16_t code) {
+  switch (code) {
+    case EMCY_HEARTBEAT:
+      return any(canopen->heartbeat_lost, CANOPEN_HEARTBEATS);
+    case EMCY_PDO_TIMEOUT:
+      return any(canopen->rpdo_late, CANOPEN_PDOS);
+    case EMCY_CAN_RECOVERED:
+      return canopen->bus == CAN_BUS_OFF;
+    default:
+      return false;
+  }
+}
+
+void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
+  canopen->emcy.drive_code = code;
+  if (is_told(canopen, code)) {
+    emcy_update(canopen);
+  } else {
+    emcy_raise(canopen, code, (code == EMCY_RESET) ? 0 : fault);
+  }
+}
+
+void emcy_tick(canopen_t *canopen) {
+  emcy_t *emcy = &canopen->emcy;
+  const uint8_t state = canopen->signals.nmt_state;
+  const bool may_send = state == CANOPEN_PRE_OPERATIONAL || state == CANOPEN_OPERATIONAL;
+  while (emcy->count != 0 && may_send && canopen->timers.running[CANOPEN_TIMER_EMCY] == 0 &&
+         canopen->output.closed == 0 &&
+         canopen->output.count + CAN_OUTPUT_KEEP_EMCY < CAN_OUTPUT_FRAMES) {
+    can_frame_t *frame = can_output_add(
+        &canopen->output, canopen_can_id(canopen->params.emcy_cob_id), 8, CAN_OUTPUT_KEEP_EMCY);
+    if (frame == NULL) {
+      return;
+    }
+    fx_store_le(frame->data, emcy->waiting[0].code, 2);
+    frame->data[2] = emcy->waiting[0].error_register;
+    frame->data[3] = emcy->waiting[0].info;
+    emcy->count = (uint8_t)(emcy->count - 1);
+    for (uint8_t i = 0; i < emcy->count; i++) {
+      emcy->waiting[i] = emcy->waiting[i + 1];
+    }
+    canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY,
+                        fx_ticks_from_100us(canopen->params.emcy_inhibit_time));
+  }
+}
+
+void emcy_forget(canopen_t *canopen) {
+  canopen->params.error_history_count = 0;
+  for (uint8_t i = 0; i < EMCY_HISTORY; i++) {
+    canopen->signals.error_history[i] = 0;
+  }
+}

@@ -1,0 +1,59 @@
+#ifndef FIRMWARE_PROTO_EMCY_H_
+#define FIRMWARE_PROTO_EMCY_H_
+
+/* Emergencies of a CANopen node: frames, their history (1003h) and the error register (1001h).
+ *
+ * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
+ * about: the fault (AXIS_FAULT_) of a code that the drive gives, else a node, a PDO, or 0. Code 0
+ * says that something has gone; the register in the frame tells whether anything is left. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef struct canopen canopen_t;
+
+/* Codes of CiA 301 that the node itself gives. */
+enum {
+  EMCY_RESET = 0x0000,
+  EMCY_PARAMETER = 0x6320,   /* an object refused what an RPDO had for it; info: RPDO 1..4 */
+  EMCY_CAN_OVERRUN = 0x8110, /* frames were lost */
+  EMCY_CAN_PASSIVE = 0x8120,
+  EMCY_HEARTBEAT = 0x8130,     /* info: the node that has gone silent */
+  EMCY_CAN_RECOVERED = 0x8140, /* from bus off */
+  EMCY_PDO_SHORT = 0x8210,     /* not processed; info: RPDO 1..4 */
+  EMCY_PDO_LONG = 0x8220,      /* the first bytes were used; info: RPDO 1..4 */
+  EMCY_SYNC_LENGTH = 0x8240,   /* ignored */
+  EMCY_PDO_TIMEOUT = 0x8250    /* info: RPDO 1..4 */
+};
+
+enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
+
+typedef struct {
+  uint16_t code;
+  uint8_t error_register;
+  uint8_t info;
+} emergency_t;
+
+typedef struct {
+  emergency_t waiting[EMCY_WAITING]; /* for the inhibit time or for a place, oldest first */
+  uint16_t drive_code;               /* error code of the drive, as last told */
+  uint8_t count;                     /* of waiting */
+  uint8_t overrun_told;              /* 8110h was given since all frames were last sent */
+} emcy_t;
+
+/* Notes an emergency; it is sent at the end of a tick. If too many wait, the latest makes place. */
+void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
+
+/* A lasting condition has come or gone: gives 1001h its value. */
+void emcy_update(canopen_t *canopen);
+
+/* The drive's error code has changed. */
+void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault);
+
+/* Sends what may be sent. */
+void emcy_tick(canopen_t *canopen);
+
+/* 1003h was written 0. */
+void emcy_forget(canopen_t *canopen);
+
+#endif

@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Runs each fuzzer of this folder for SECONDS with the address and undefined-behaviour sanitizers.
+#
+# usage: tests/fuzz/run.sh [SECONDS [NAME...]]      (60 s, every *_fuzz.c)
+#
+# Status 1 if one finds something: its input and the line that replays it are printed.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+seconds=${1:-60}
+shift || true
+names=("$@")
+[ ${#names[@]} -gt 0 ] || for f in tests/fuzz/*_fuzz.c; do names+=("$(basename "$f" .c)"); done
+
+mkdir -p build/fuzz
+flags=(-std=c11 -O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
+  -fsanitize=address,undefined,fuzzer -fno-sanitize-recover=all)
+# Everything but the ports.
+mapfile -t sources < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
+status=0
+for name in "${names[@]}"; do
+  folder=build/fuzz/$name
+  mkdir -p "$folder/corpus"
+  clang "${flags[@]}" "tests/fuzz/$name.c" "${sources[@]}" -o "$folder/$name"
+  if "$folder/$name" "$folder/corpus" -max_total_time="$seconds" -max_len=1024 -timeout=10 \
+      -artifact_prefix="$folder/" -print_final_stats=1 >"$folder/log" 2>&1; then
+    runs=$(sed -n 's/stat::number_of_executed_units: *//p' "$folder/log")
+    echo "fuzz $name: $runs inputs in $seconds s, nothing found"
+  else
+    status=1
+    echo "fuzz $name: FOUND something; replay: $folder/$name $(ls -t "$folder"/crash-* "$folder"/timeout-* "$folder"/leak-* 2>/dev/null | head -1)"
+    tail -40 "$folder/log"
+  fi
+done
+exit $status

@@ -1,0 +1,527 @@
+// Floods the CANopen node with random frames and logs what happens, for canopen_model.py.
+//
+// usage: canopen_flood FRAMES SEED
+//
+// Frames are made as clients make them (configuration, mapping sequences, segmented transfers, NMT,
+// SYNC, heartbeats, PDOs) and then, now and then, broken: bits flipped, bytes cut, remote, any
+// identifier. Time passes between them, output is taken late or not at all for a while.
+//
+// The log is one record of 16 bytes each, little-endian: kind u8, a u8, b u16, c u32, d u64.
+//   1 frame in     a length (bit 7: remote), b identifier, d data
+//   2 tick done    c error code, fault in bits 16 to 23, active mode in bits 24 to 31
+//   3 frame out    as 1
+//   4 no more frames out (not repeated while nothing has changed)
+//   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
+//                  Logged when it has changed; otherwise it has not
+//   6 TPDO a's mapped objects now hold d (logged when it changes)
+//   7 RPDOs of which an object refused its value when last taken over: a, one bit each; before 1
+//   8 the finished recording has c bytes
+//   9 the recording was stopped or armed
+//  10 c frames were lost on the way in
+//  11 the bus is in state a
+//  12 object b has the value c
+
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include "firmware/port/host/firmware.hpp"
+
+namespace {
+
+constexpr uint8_t kNode = 5;
+
+enum Kind : uint8_t {
+  kFrameIn = 1,
+  kTick,
+  kFrameOut,
+  kNoMore,
+  kState,
+  kValue,
+  kRefused,
+  kRecording,
+  kReplaced,
+  kLost,
+  kBus,
+  kObject
+};
+
+struct Record {
+  uint8_t kind, a;
+  uint16_t b;
+  uint32_t c;
+  uint64_t d;
+};
+static_assert(sizeof(Record) == 16);
+
+class Flood {
+ public:
+  explicit Flood(uint64_t seed) : random_(seed) {
+    fw_config_t config{};
+    config.recorder_buffer = buffer_;
+    config.recorder_bytes = sizeof(buffer_);
+    config.node_id = kNode;
+    config.buses = 1;
+    fw_init(&fw_, &config);
+    inputs_.sensor_valid = 1;
+    inputs_.din = AXIS_DIN_ENABLE;
+    LogValues();
+    LogState();
+  }
+
+  void Run(uint64_t frames) {
+    while (sent_ < frames) {
+      Step();
+      if (sent_ - dumped_ >= 256) Dump();
+    }
+    Dump();
+    Flush();
+  }
+
+ private:
+  uint32_t Below(uint32_t n) { return static_cast<uint32_t>(random_() % n); }
+  bool OneIn(uint32_t n) { return Below(n) == 0; }
+
+  template <typename T, size_t N>
+  T Pick(const T (&of)[N]) {
+    return of[Below(N)];
+  }
+
+  void Log(uint8_t kind, uint8_t a = 0, uint16_t b = 0, uint32_t c = 0, uint64_t d = 0) {
+    log_.push_back({kind, a, b, c, d});
+    if (log_.size() >= 65536) Flush();
+  }
+
+  void Flush() {
+    if (std::fwrite(log_.data(), sizeof(Record), log_.size(), stdout) != log_.size()) std::exit(1);
+    log_.clear();
+  }
+
+  int32_t Read(uint16_t object) const {
+    int32_t value = 0;
+    fw_object_read(&fw_, object, &value);
+    return value;
+  }
+
+  void LogState() {
+    const Record now{kState, static_cast<uint8_t>(Read(AXIS_OBJ_NMT_STATE)),
+                     static_cast<uint16_t>(Read(AXIS_OBJ_SYNC_COUNT)),
+                     static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_REGISTER) |
+                                           Read(AXIS_OBJ_ERROR_HISTORY_COUNT) << 8 |
+                                           Read(AXIS_OBJ_COMMAND_SOURCE) << 16),
+                     static_cast<uint64_t>(Read(AXIS_OBJ_CAN_LOST))};
+    if (std::memcmp(&now, &state_, sizeof(now)) == 0) return;
+    state_ = now;
+    told_empty_ = false;
+    log_.push_back(now);
+  }
+
+  // What the TPDOs' objects hold, packed here from the mapping as a client reads it.
+  void LogValues() {
+    for (uint8_t i = 0; i < 4; ++i) {
+      const uint8_t mapped = fw_.canopen.params.tpdo_mapped[i];
+      uint64_t value = 0;
+      unsigned bit = 0;
+      for (uint8_t k = 0; k < mapped; ++k) {
+        const uint32_t entry = fw_.canopen.params.tpdo_mapping[8 * i + k];
+        const axis_address_t *at =
+            fw_address(static_cast<uint16_t>(entry >> 16), static_cast<uint8_t>(entry >> 8));
+        const unsigned width = entry & 0xFF;
+        const uint64_t mask = (uint64_t{1} << width) - 1;
+        value |= (static_cast<uint64_t>(static_cast<uint32_t>(Read(at->value))) & mask) << bit;
+        bit += width;
+      }
+      if (value != values_[i]) {
+        values_[i] = value;
+        Log(kValue, i, 0, 0, value);
+      }
+    }
+    const uint32_t size = fw_recording_size(&fw_);
+    if (size != recording_) {
+      recording_ = size;
+      Log(kRecording, 0, 0, size);
+    }
+  }
+
+  void Drain() {
+    can_frame_t frame{};
+    while (fw_can_transmit(&fw_, &frame)) {
+      uint64_t data = 0;
+      for (int i = 0; i < frame.length; ++i)
+        data |= static_cast<uint64_t>(frame.data[i]) << (8 * i);
+      told_empty_ = false;
+      Log(kFrameOut, frame.length, frame.id, 0, data);
+    }
+    if (!told_empty_) Log(kNoMore);
+    told_empty_ = true;
+  }
+
+  void Tick() {
+    fw_tick(&fw_, &inputs_, &outputs_);
+    LogValues();
+    Log(kTick, 0, 0,
+        static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) | Read(AXIS_OBJ_FAULT) << 16) |
+            static_cast<uint32_t>(Read(AXIS_OBJ_ACTIVE_MODE)) << 24);
+    LogState();
+  }
+
+  // What the model cannot know is not touched from the bus: a count that moves after the TPDOs of
+  // its tick, and the recorder, which this program runs itself.
+  static bool IsHidden(const can_frame_t &frame) {
+    const uint32_t word = frame.data[4] | frame.data[5] << 8 | frame.data[6] << 16 |
+                          static_cast<uint32_t>(frame.data[7]) << 24;
+    const bool request = (frame.id >= 0x600 && frame.id <= 0x67F);
+    const bool arms = frame.data[1] == 0x07 && frame.data[2] == 0x21;
+    return request && (arms || (word >> 16) == 0x2309 || (word >> 16) == 0x2107);
+  }
+
+  void Send(can_frame_t frame) {
+    if (OneIn(40)) frame.data[Below(8)] ^= static_cast<uint8_t>(1u << Below(8));
+    if (OneIn(150)) frame.length = static_cast<uint8_t>(Below(9));
+    if (OneIn(300)) frame.remote = 1;
+    if (OneIn(400)) frame.id = static_cast<uint16_t>(Below(0x800));
+    for (int i = frame.length; i < 8; ++i) frame.data[i] = 0;
+    if (IsHidden(frame)) return;
+    fw_can_receive(&fw_, &frame);
+    uint8_t refused = 0;
+    for (unsigned i = 0; i < 4; ++i) {
+      if ((fw_.canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) refused |= uint8_t(1u << i);
+    }
+    if (refused != refused_) {
+      refused_ = refused;
+      Log(kRefused, refused);
+    }
+    uint64_t data = 0;
+    for (int i = 0; i < 8; ++i) data |= static_cast<uint64_t>(frame.data[i]) << (8 * i);
+    Log(kFrameIn, static_cast<uint8_t>(frame.length | frame.remote << 7), frame.id, 0, data);
+    LogValues();
+    LogState();
+    ++sent_;
+    if (!lazy_) Drain();
+  }
+
+  void Send(uint16_t id, std::vector<uint8_t> data) {
+    can_frame_t frame{};
+    frame.id = id;
+    frame.length = static_cast<uint8_t>(data.size());
+    for (size_t i = 0; i < data.size(); ++i) frame.data[i] = data[i];
+    Send(frame);
+  }
+
+  void Request(uint8_t command, uint16_t index, uint8_t sub, uint32_t value) {
+    can_frame_t frame{};
+    static constexpr uint16_t ids[] = {0x600, 0x600, 0x600, 0x600, 0x600, 0x600, 0x640, 0x660};
+    frame.id = static_cast<uint16_t>((server_ != 0 ? server_ : Pick(ids)) + kNode);
+    frame.length = 8;
+    frame.data[0] = command;
+    frame.data[1] = static_cast<uint8_t>(index);
+    frame.data[2] = static_cast<uint8_t>(index >> 8);
+    frame.data[3] = sub;
+    for (int i = 0; i < 4; ++i) frame.data[4 + i] = static_cast<uint8_t>(value >> (8 * i));
+    Send(frame);
+  }
+
+  void Write(uint16_t index, uint8_t sub, uint32_t value, int bytes) {
+    Request(static_cast<uint8_t>(0x23 | (4 - bytes) << 2), index, sub, value);
+  }
+
+  uint32_t CobId() {
+    static constexpr uint32_t flags[] = {0, 0, 0, 0x40000000, 0x80000000, 0xC0000000};
+    static constexpr uint32_t ids[] = {0x185, 0x205, 0x285, 0x305, 0x385,
+                                       0x405, 0x485, 0x505, 0x222};
+    const uint32_t id = OneIn(6) ? Below(0x800) : Pick(ids);
+    return Pick(flags) | id | (OneIn(60) ? 1u << Below(32) : 0);
+  }
+
+  uint32_t Entry(bool transmit) {
+    if (!transmit && OneIn(5)) {
+      static constexpr uint32_t dummies[] = {0x00010001, 0x00020008, 0x00030010, 0x00040020,
+                                             0x00050008, 0x00060010, 0x00070020};
+      return Pick(dummies);
+    }
+    const axis_address_t &at = axis_addresses[Below(AXIS_ADDRESSES_COUNT)];
+    uint32_t width = 8;
+    if (at.what == AXIS_ADDRESS_OBJECT) width = 8u * value_bytes(axis_objects[at.value].type);
+    static constexpr uint32_t common[] = {0x60410010, 0x60640020, 0x60400010, 0x607A0020,
+                                          0x60710010, 0x60770010, 0x60610008, 0x20230020,
+                                          0x201F0020, 0x23010008};
+    if (OneIn(2)) return Pick(common);
+    return static_cast<uint32_t>(at.index) << 16 | static_cast<uint32_t>(at.sub) << 8 | width;
+  }
+
+  // The sequence of a client that maps a PDO anew; any step may be missing.
+  void Remap() {
+    const bool transmit = OneIn(2);
+    const uint16_t pdo = static_cast<uint16_t>((transmit ? 0x1800 : 0x1400) + Below(4));
+    const uint32_t cob_id = CobId() & 0x7FFFFFFF;
+    const uint8_t count = static_cast<uint8_t>(1 + Below(OneIn(4) ? 9 : 4));
+    const auto step = [&] { return !OneIn(25); };
+    server_ = 0x600;
+    if (step()) Write(pdo, 1, 0x80000000 | cob_id, 4);
+    if (OneIn(2)) Write(pdo, 2, OneIn(3) ? Below(256) : OneIn(2) ? 255 : Below(4), 1);
+    if (OneIn(3)) Write(pdo, 3, Below(200), 2);
+    if (OneIn(3)) Write(pdo, 5, Below(40), 2);
+    if (step()) Write(static_cast<uint16_t>(pdo + 0x200), 0, 0, 1);
+    for (uint8_t i = 1; i <= count && i <= 8; ++i) {
+      if (step()) Write(static_cast<uint16_t>(pdo + 0x200), i, Entry(transmit), 4);
+    }
+    if (step()) Write(static_cast<uint16_t>(pdo + 0x200), 0, count, 1);
+    if (step()) Write(pdo, 1, cob_id, 4);
+    server_ = 0;
+  }
+
+  void Configure() {
+    switch (Below(12)) {
+      case 0:
+        return Write(0x1017, 0, Below(60), 2);
+      case 1:
+        return Write(0x1016, static_cast<uint8_t>(Below(6)), (10 + Below(4)) << 16 | Below(80), 4);
+      case 2:
+        return Write(0x1029, 1, Below(4), 1);
+      case 3:
+        return Write(0x1014, 0, OneIn(3) ? CobId() : OneIn(2) ? 0x85 : 0x80000085, 4);
+      case 4:
+        return Write(0x1015, 0, Below(300), 2);
+      case 5:
+        return Write(0x1005, 0, OneIn(8) ? CobId() : 0x80, 4);
+      case 6:
+        return Write(0x1003, static_cast<uint8_t>(Below(2)), Below(2), 1);
+      case 7:
+        return Write(static_cast<uint16_t>((OneIn(2) ? 0x1400 : 0x1800) + Below(4)), 2, Below(256),
+                     1);
+      case 8:
+        return Write(static_cast<uint16_t>((OneIn(2) ? 0x1400 : 0x1800) + Below(4)), 5, Below(50),
+                     2);
+      case 9:
+        return Write(static_cast<uint16_t>((OneIn(2) ? 0x1400 : 0x1800) + Below(4)), 1, CobId(), 4);
+      case 10:
+        return Write(OneIn(2) ? 0x1010 : 0x1011, 1, OneIn(2) ? 0x65766173 : 0x64616F6C, 4);
+      default: {
+        static constexpr uint16_t servers[] = {0x600, 0x640, 0x660};
+        const uint32_t source = Below(3);
+        server_ = servers[OneIn(8) ? Below(3) : source];
+        if (OneIn(4) || source == 0) Write(0x2301, 0, source, 1);
+        server_ = 0;
+      }
+    }
+  }
+
+  // Any address, often with its own length.
+  void WriteAny() {
+    const axis_address_t &at = axis_addresses[Below(AXIS_ADDRESSES_COUNT)];
+    int bytes = 1 + static_cast<int>(Below(4));
+    uint32_t value = static_cast<uint32_t>(random_());
+    if (at.what == AXIS_ADDRESS_OBJECT && !OneIn(6)) {
+      const axis_object_t &object = axis_objects[at.value];
+      bytes = value_bytes(object.type);
+      if (OneIn(2)) value = static_cast<uint32_t>(object.min) + Below(5) - 1;
+      if (OneIn(4)) value = static_cast<uint32_t>(object.max) + Below(3) - 1;
+    }
+    // Time-outs of the lock would be over in a moment or take minutes.
+    if (at.index == 0x2302) value = 10 + Below(200);
+    Write(at.index, static_cast<uint8_t>(at.sub + (OneIn(30) ? Below(9) : 0)), value, bytes);
+  }
+
+  void ReadAny() {
+    static constexpr uint16_t segmented[] = {0x1008, 0x1009, 0x100A, 0x2120};
+    const axis_address_t &at = axis_addresses[Below(AXIS_ADDRESSES_COUNT)];
+    if (OneIn(4)) {
+      Request(0x40, Pick(segmented), 0, 0);
+    } else {
+      Request(0x40, at.index, static_cast<uint8_t>(at.sub + (OneIn(20) ? 1 : 0)), 0);
+    }
+  }
+
+  void UploadSegments() {
+    static constexpr uint16_t segmented[] = {0x1008, 0x1009, 0x100A, 0x100A, 0x2120, 0x2120};
+    static constexpr uint16_t servers[] = {0x600, 0x640, 0x660};
+    server_ = Pick(servers);
+    Request(0x40, Pick(segmented), 0, 0);
+    uint8_t toggle = 0;
+    for (uint32_t i = Below(12); i > 0; --i) {
+      Request(static_cast<uint8_t>(0x60 | toggle), 0, 0, 0);
+      if (!OneIn(40)) toggle ^= 0x10;
+      if (OneIn(30)) Ticks();
+    }
+    if (OneIn(10)) Request(0x80, 0x1008, 0, 0x08000000);
+    server_ = 0;
+  }
+
+  void DownloadSegments() {
+    const axis_address_t &at = axis_addresses[Below(AXIS_ADDRESSES_COUNT)];
+    uint32_t size = 1 + Below(5);
+    if (at.what == AXIS_ADDRESS_OBJECT && !OneIn(5))
+      size = value_bytes(axis_objects[at.value].type);
+    static constexpr uint16_t servers[] = {0x600, 0x600, 0x640, 0x660};
+    server_ = Pick(servers);
+    Request(OneIn(2) ? 0x21 : 0x20, at.index, at.sub, size);
+    uint8_t toggle = 0;
+    uint32_t left = size;
+    while (left > 0 && !OneIn(15)) {
+      const uint32_t count = OneIn(3) ? 1 + Below(left) : left;
+      left -= count;
+      const uint32_t last = (left == 0) != OneIn(30) ? 1 : 0;
+      Request(static_cast<uint8_t>(toggle | (7 - count) << 1 | last),
+              static_cast<uint16_t>(random_() & 3), 0, 0);
+      if (!OneIn(30)) toggle ^= 0x10;
+    }
+    server_ = 0;
+  }
+
+  void Nmt() {
+    static constexpr uint8_t commands[] = {1, 1, 1, 1, 1, 1, 2, 128, 128, 129, 130, 3};
+    const uint8_t command = Pick(commands);
+    if (command >= 129 && !OneIn(4)) return;
+    Send(0, {command, static_cast<uint8_t>(OneIn(3) ? 0 : OneIn(10) ? 6 : kNode)});
+  }
+
+  void Pdo() {
+    const uint32_t cob_id = fw_.canopen.params.rpdo_cob_id[Below(4)];
+    std::vector<uint8_t> data(OneIn(12) ? Below(9) : 8);
+    for (uint8_t i = 0; i < 4; ++i) {
+      if (fw_.canopen.params.rpdo_cob_id[i] == cob_id && data.size() == 8 && !OneIn(12)) {
+        data.resize((fw_.canopen.rpdo[i].bits + 7u) / 8u);
+      }
+    }
+    for (uint8_t &byte : data) byte = static_cast<uint8_t>(OneIn(2) ? Below(3) : Below(256));
+    Send(static_cast<uint16_t>(cob_id & 0x7FF), data);
+  }
+
+  void Sync() {
+    const uint16_t id = static_cast<uint16_t>(fw_.canopen.params.sync_cob_id & 0x7FF);
+    Send(id, OneIn(30) ? std::vector<uint8_t>{1} : std::vector<uint8_t>{});
+  }
+
+  void Ticks() {
+    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3);
+    for (uint32_t i = 0; i < ticks; ++i) {
+      Tick();
+      if (!lazy_) Drain();
+    }
+  }
+
+  void Record_() {
+    const int32_t arm = OneIn(4) ? 0 : 1;
+    if (arm != 0) {
+      fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_SIGNAL_1, 0x201F00);
+      fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_LENGTH,
+                      static_cast<int32_t>(1 + Below(20)));
+      fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_DECIMATION, 1);
+      fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_TRIGGER_EDGE, 0);
+      fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_PRETRIGGER, 0);
+    }
+    if (fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_RECORDER_ARM, arm) == FW_OK) Log(kReplaced);
+    LogValues();
+    LogState();
+  }
+
+  void Bus() {
+    const uint8_t state = static_cast<uint8_t>(Below(3));
+    fw_can_bus(&fw_, state);
+    Log(kBus, state);
+    LogValues();
+    LogState();
+    if (state == CAN_BUS_OFF && OneIn(2)) {
+      Ticks();
+      fw_can_bus(&fw_, CAN_BUS_ACTIVE);
+      Log(kBus, CAN_BUS_ACTIVE);
+      LogValues();
+      LogState();
+    }
+  }
+
+  void Lose() {
+    const uint16_t frames = static_cast<uint16_t>(1 + Below(3));
+    fw_can_lost(&fw_, frames);
+    told_empty_ = false;
+    Log(kLost, 0, 0, frames);
+    LogState();
+  }
+
+  void Step() {
+    if (OneIn(300)) lazy_ = true;
+    if (OneIn(20)) {
+      lazy_ = false;
+      Drain();
+    }
+    if (OneIn(3)) Ticks();
+    const uint32_t choice = Below(1000);
+    if (choice < 60) {
+      Nmt();
+    } else if (choice < 180) {
+      Sync();
+    } else if (choice < 380) {
+      Pdo();
+    } else if (choice < 480) {
+      Send(static_cast<uint16_t>(0x700 + 10 + Below(4)),
+           std::vector<uint8_t>{static_cast<uint8_t>(OneIn(2) ? 5 : 127)});
+    } else if (choice < 600) {
+      Configure();
+    } else if (choice < 660) {
+      Remap();
+    } else if (choice < 760) {
+      WriteAny();
+    } else if (choice < 860) {
+      ReadAny();
+    } else if (choice < 900) {
+      UploadSegments();
+    } else if (choice < 950) {
+      DownloadSegments();
+    } else if (choice < 980) {
+      std::vector<uint8_t> data(8);
+      for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
+      Request(data[0], static_cast<uint16_t>(random_()), data[1], static_cast<uint32_t>(random_()));
+    } else if (choice < 990) {
+      Record_();
+    } else if (choice < 993) {
+      Bus();
+    } else if (choice < 996) {
+      Lose();
+    } else {
+      std::vector<uint8_t> data(Below(9));
+      for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
+      Send(static_cast<uint16_t>(Below(0x800)), data);
+    }
+  }
+
+  // Every object of the communication part.
+  void Dump() {
+    dumped_ = sent_;
+    for (uint16_t object = 1; object < AXIS_OBJ_COUNT; ++object) {
+      const uint8_t block = axis_objects[object].block;
+      if (block != AXIS_BLOCK_CANOPEN_PARAMETER && block != AXIS_BLOCK_CANOPEN_SIGNAL) continue;
+      Log(kObject, 0, object, static_cast<uint32_t>(Read(object)));
+    }
+  }
+
+  std::mt19937_64 random_;
+  fw_t fw_{};
+  axis_inputs_t inputs_{};
+  axis_outputs_t outputs_{};
+  uint8_t buffer_[FW_RECORDER_BYTES]{};
+  std::vector<Record> log_;
+  Record state_{};
+  uint64_t values_[4]{};
+  uint32_t recording_ = 0;
+  uint8_t refused_ = 0;
+  uint16_t server_ = 0;
+  bool lazy_ = false;
+  bool told_empty_ = false;
+  uint64_t sent_ = 0;
+  uint64_t dumped_ = 0;
+};
+
+}  // namespace
+
+int main(int count, char **arguments) {
+  if (count != 3) {
+    std::fprintf(stderr, "usage: canopen_flood FRAMES SEED\n");
+    return 2;
+  }
+  static Flood flood(std::strtoull(arguments[2], nullptr, 10));
+  flood.Run(std::strtoull(arguments[1], nullptr, 10));
+  return 0;
+}

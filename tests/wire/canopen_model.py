@@ -1,0 +1,867 @@
+"""A second CANopen node, written from CiA 301 and the object table: what the firmware's must do.
+
+`Node` is fed what canopen_flood logged: frames in, ticks, what the port told, and what no model of
+communication can know (values of mapped objects, the drive's error code, whether an object of the
+drive refused an RPDO's value). It predicts every frame out, the NMT state, the lock, and each
+object of the communication part; `check` compares them and names the record that differs.
+"""
+
+import struct
+from collections import deque
+
+from forceaxis.objects import OBJECTS, OBJECTS_HASH
+
+(
+    FRAME_IN,
+    TICK,
+    FRAME_OUT,
+    NO_MORE,
+    STATE,
+    VALUE,
+    REFUSED,
+    RECORDING,
+    REPLACED,
+    LOST,
+    BUS,
+    OBJECT,
+) = range(1, 13)
+RECORD = struct.Struct("<BBHIQ")
+
+BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
+AT = {(o.index, o.sub): o for o in OBJECTS if o.index > 0}
+BY_NUMBER = {o.number: o for o in OBJECTS}
+INDICES = {index for index, _ in AT} | {0x1008, 0x1009, 0x100A, 0x2120}
+# Sub-index 0 of what has others: the highest of them.
+HIGHEST = {
+    index: max(sub for i, sub in AT if i == index)
+    for index in {i for i, sub in AT if sub > 0}
+    if (index, 0) not in AT
+}
+RECORDER_DATA = 0x2120
+DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
+
+INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
+OFF = 1 << 31
+
+# Names of timers, in the order in which those of one tick act.
+HEARTBEAT, EMCY, CONSUMER, EVENT, INHIBIT, DEADLINE, SDO = 0, 1, 2, 6, 10, 14, 18
+TIMERS = 21
+NEVER = 1 << 60
+
+ROOM = 16
+KEEP_NMT, KEEP_EMCY, KEEP_PDO, KEEP_SDO = 0, 1, 2, 6
+
+
+class Mismatch(AssertionError):
+    """The firmware did something else."""
+
+
+def ticks_of_ms(ms):
+    """1500 ticks a second, rounded up."""
+    return -(-ms * 3 // 2)
+
+
+def ticks_of_100us(n):
+    return -(-n * 3 // 20)
+
+
+def restricted(can_id):
+    """Table of restricted CAN-IDs of CiA 301."""
+    return (
+        can_id <= 0x7F
+        or 0x101 <= can_id <= 0x180
+        or 0x581 <= can_id <= 0x5FF
+        or 0x601 <= can_id <= 0x67F
+        or 0x6E0 <= can_id <= 0x6FF
+        or can_id >= 0x701
+    )
+
+
+def error_class(code):
+    """Bits of the error register that an error code stands for."""
+    if code == 0:
+        return 0
+    return 1 | {0x23: 0x02, 0x81: 0x10, 0x82: 0x10, 0x86: 0x20, 0xFF: 0x80}.get(code >> 8, 0)
+
+
+def exactly(value):
+    return ((value, (1 << 64) - 1),)
+
+
+class Server:
+    """One SDO server's pending transfer."""
+
+    def __init__(self):
+        self.state = None  # "down" or "up"
+        self.index = self.sub = 0
+        self.toggle = 0
+        self.data = b""
+        self.size = None
+        self.offset = 0
+        self.replaced = False
+
+
+class Abort(Exception):
+    """An SDO request is answered with this code."""
+
+
+class Node:
+    """The node, at its power-up."""
+
+    def __init__(self, node_id, version):
+        self.node_id = node_id
+        self.texts = {
+            0x1008: b"forceaxis",
+            0x1009: b"none",
+            0x100A: f"{version} {OBJECTS_HASH[:8]}".encode(),
+        }
+        self.ring = deque()
+        self.lost = 0  # frames that are not counted yet
+        self.can_lost = 0
+        self.owner = 0
+        self.silence = 0
+        self.watchdog = AT[0x2302, 0].default
+        self.values = [0] * 4  # of what TPDOs map
+        self.refused = 0
+        self.recording = 0
+        self.active = 0
+        self.bus = 0
+        self.start()
+
+    # --- resets ---------------------------------------------------------------------------------
+
+    def start(self):
+        self.od = {
+            at: (o.default + (self.node_id if o.node_id else 0)) & 0xFFFFFFFF
+            for at, o in AT.items()
+            if o.part == "canopen" and o.kind != "command"
+        }
+        self.ring.clear()
+        self.lost = 0
+        self.closed = False
+        self.now = 0
+        self.timers = [NEVER] * TIMERS
+        self.next = NEVER
+        self.servers = [Server() for _ in range(3)]
+        self.waiting_emcy = deque()
+        self.history = []
+        self.drive_code = 0
+        self.overrun_told = False
+        self.sync_told = False
+        self.heartbeat_lost = [False] * 4
+        self.late = [False] * 4
+        self.unwatched = [False] * 4
+        self.brought = [None] * 4
+        self.told = [set() for _ in range(4)]
+        self.must_send = [True] * 4
+        self.sent = [0] * 4
+        self.syncs = [0] * 4
+        self.reset = None
+        self.sync_id = 0x80
+        self.nmt = PRE_OPERATIONAL
+        self.register = 0
+        self.add(0x700 + self.node_id, 1, exactly(INITIALISING), KEEP_NMT)
+        self.start_timer(HEARTBEAT, ticks_of_ms(self.od[0x1017, 0]))
+        for i in range(4):
+            self.start_rpdo(i)
+            self.start_tpdo(i)
+
+    # --- output, timers -------------------------------------------------------------------------
+
+    def add(self, can_id, length, choices, keep):
+        if self.closed:
+            return
+        if len(self.ring) + keep >= ROOM:
+            self.lost += 1
+        else:
+            self.ring.append((can_id, length, choices))
+
+    def start_timer(self, timer, ticks):
+        self.timers[timer] = self.now + ticks if ticks else NEVER
+        if ticks and self.timers[timer] < self.next:
+            self.next = self.timers[timer]
+
+    # --- emergencies ----------------------------------------------------------------------------
+
+    def update_register(self):
+        register = error_class(self.drive_code)
+        if any(self.heartbeat_lost) or any(self.late) or self.bus:
+            register |= 0x11
+        self.register = register
+
+    def emergency(self, code, info=0):
+        self.update_register()
+        if code:
+            self.history = [code | info << 16, *self.history[:7]]
+        if self.od[0x1014, 0] & OFF:
+            return
+        if len(self.waiting_emcy) == 4:
+            self.waiting_emcy.pop()
+        self.waiting_emcy.append(code | (self.register | error_class(code)) << 16 | info << 24)
+
+    def send_emergencies(self):
+        while (
+            self.waiting_emcy
+            and self.nmt in (PRE_OPERATIONAL, OPERATIONAL)
+            and self.timers[EMCY] == NEVER
+            and not self.closed
+            and len(self.ring) + KEEP_EMCY < ROOM
+        ):
+            can_id = self.od[0x1014, 0] & 0x7FF
+            self.add(can_id, 8, exactly(self.waiting_emcy.popleft()), KEEP_EMCY)
+            self.start_timer(EMCY, ticks_of_100us(self.od[0x1015, 0]))
+
+    def overrun(self):
+        if not self.overrun_told:
+            self.overrun_told = True
+            self.emergency(0x8110)
+
+    # --- NMT ------------------------------------------------------------------------------------
+
+    def enter(self, state):
+        before, self.nmt = self.nmt, state
+        if state == before:
+            return
+        if OPERATIONAL in (before, state):
+            for i in range(4):
+                self.brought[i] = None
+                self.must_send[i] = state == OPERATIONAL
+                self.syncs[i] = 0
+                self.start_event_timer(i)
+        if state not in (PRE_OPERATIONAL, OPERATIONAL):
+            self.drop_transfers()
+
+    def drop_transfers(self):
+        for i in range(3):
+            self.end(i)
+
+    def communication_error(self):
+        behaviour = self.od[0x1029, 1]
+        if behaviour == 2 and self.nmt != INITIALISING:
+            self.enter(STOPPED)
+        elif behaviour == 0 and self.nmt == OPERATIONAL:
+            self.enter(PRE_OPERATIONAL)
+
+    def command(self, length, data):
+        if length != 2 or (data >> 8) & 0xFF not in (0, self.node_id):
+            return
+        what = data & 0xFF
+        if what in (1, 2, 128):
+            self.enter({1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}[what])
+        elif what in (129, 130):
+            self.can_lost = min(65535, self.can_lost + self.lost)
+            self.lost = 0
+            self.enter(INITIALISING)
+            self.reset = what
+
+    # --- what comes in --------------------------------------------------------------------------
+
+    def receive(self, length, can_id, data):
+        if length > 8 or self.nmt == INITIALISING:  # remote frames have bit 7 set
+            return
+        data &= (1 << 8 * length) - 1
+        if can_id == 0:
+            self.command(length, data)
+        elif 0x700 <= can_id <= 0x77F:
+            if length == 1 and can_id != 0x700:
+                self.heartbeat(can_id - 0x700)
+        elif self.nmt == STOPPED:
+            return
+        elif can_id == self.sync_id:
+            self.sync(length)
+        elif can_id - self.node_id in (0x600, 0x640, 0x660):
+            if length == 8:
+                self.request((0x600, 0x640, 0x660).index(can_id - self.node_id), data)
+        elif self.nmt == OPERATIONAL:
+            for i in range(4):
+                cob_id = self.od[0x1400 + i, 1]
+                if not cob_id & OFF and cob_id & 0x7FF == can_id and self.bits(0x1600 + i):
+                    self.rpdo(i, length, data)
+
+    @staticmethod
+    def watched(entry):
+        node = entry >> 16 & 0xFF
+        return node if entry & 0xFFFF and node <= 127 else 0
+
+    def heartbeat(self, node):
+        for i in range(4):
+            entry = self.od[0x1016, i + 1]
+            if self.watched(entry) == node:
+                self.heartbeat_back(i)
+                self.start_timer(CONSUMER + i, ticks_of_ms(entry & 0xFFFF))
+
+    def heartbeat_back(self, i):
+        if self.heartbeat_lost[i]:
+            self.heartbeat_lost[i] = False
+            self.emergency(0)
+
+    def sync(self, length):
+        if length:
+            if not self.sync_told:
+                self.sync_told = True
+                self.emergency(0x8240, length)
+            return
+        self.sync_told = False
+        self.od[0x230B, 0] = (self.od[0x230B, 0] + 1) & 0xFFFF
+        if self.nmt != OPERATIONAL:
+            return
+        for i in range(4):
+            kind = self.od[0x1800 + i, 2]
+            if not self.tpdo_works(i) or kind >= 254:
+                continue
+            self.syncs[i] += 1
+            if kind == 0:
+                if self.must_send[i] or self.sent[i] != self.values[i]:
+                    self.send_tpdo(i)
+            elif self.syncs[i] >= kind:
+                self.send_tpdo(i)
+        for i in range(4):
+            if self.brought[i] is not None:
+                self.take_over(i)
+
+    # --- PDOs -----------------------------------------------------------------------------------
+
+    def entries(self, index):
+        return [self.od[index, k + 1] for k in range(self.od[index, 0])]
+
+    def bits(self, index):
+        return sum(entry & 0xFF for entry in self.entries(index))
+
+    def tpdo_works(self, i):
+        return not self.od[0x1800 + i, 1] & OFF and self.od[0x1A00 + i, 0] > 0
+
+    def start_event_timer(self, i):
+        runs = self.nmt == OPERATIONAL and self.tpdo_works(i) and self.od[0x1800 + i, 2] >= 254
+        self.start_timer(EVENT + i, ticks_of_ms(self.od[0x1800 + i, 5]) if runs else 0)
+
+    def start_tpdo(self, i):
+        self.must_send[i] = True
+        self.syncs[i] = 0
+        self.timers[INHIBIT + i] = NEVER
+        self.start_event_timer(i)
+
+    def send_tpdo(self, i):
+        length = (self.bits(0x1A00 + i) + 7) // 8
+        self.add(self.od[0x1800 + i, 1] & 0x7FF, length, exactly(self.values[i]), KEEP_PDO)
+        self.sent[i] = self.values[i]
+        self.must_send[i] = False
+        self.syncs[i] = 0
+        self.start_event_timer(i)
+        if self.od[0x1800 + i, 2] >= 254:
+            self.start_timer(INHIBIT + i, ticks_of_100us(self.od[0x1800 + i, 3]))
+
+    def start_rpdo(self, i):
+        self.brought[i] = None
+        self.told[i].clear()
+        self.in_time(i)
+        self.timers[DEADLINE + i] = NEVER
+        self.unwatched[i] = not self.od[0x1400 + i, 1] & OFF and self.od[0x1400 + i, 5] > 0
+
+    def in_time(self, i):
+        if self.late[i]:
+            self.late[i] = False
+            self.emergency(0)
+
+    def tell(self, i, code):
+        if code not in self.told[i]:
+            self.told[i].add(code)
+            self.emergency(code, i + 1)
+
+    def rpdo(self, i, length, data):
+        expected = (self.bits(0x1600 + i) + 7) // 8
+        if length < expected:
+            self.tell(i, 0x8210)
+            return
+        if length > expected:
+            self.tell(i, 0x8220)
+        else:
+            self.told[i] -= {0x8210, 0x8220}
+        self.in_time(i)
+        self.unwatched[i] = False
+        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
+        self.brought[i] = data
+        if self.od[0x1400 + i, 2] > 240:
+            self.take_over(i)
+
+    def take_over(self, i):
+        data, self.brought[i] = self.brought[i], None
+        for entry in self.entries(0x1600 + i):
+            width = entry & 0xFF
+            if entry >> 8 == 0x230100 and data & 0xFF == 0:
+                self.owner = 0  # CANopen takes the lock
+            data >>= width
+        if self.refused >> i & 1:
+            self.tell(i, 0x6320)
+        else:
+            self.told[i].discard(0x6320)
+
+    # --- SDO ------------------------------------------------------------------------------------
+
+    def answer(self, server, *choices):
+        can_id = (0x580, 0x5C0, 0x5E0)[server] + self.node_id
+        self.add(can_id, 8, choices, KEEP_SDO)
+
+    def end(self, server):
+        self.servers[server].state = None
+        self.timers[SDO + server] = NEVER
+
+    @staticmethod
+    def frame(command, index, sub, value=0):
+        return command | index << 8 | sub << 24 | value << 32
+
+    def abort(self, server, index, sub, code):
+        self.end(server)
+        self.answer(server, *exactly(self.frame(0x80, index, sub, code)))
+
+    def request(self, server, data):
+        specifier = data >> 5 & 7
+        if specifier <= 4 and server == self.owner:
+            self.silence = 0
+        transfer = self.servers[server]
+        index, sub = data >> 8 & 0xFFFF, data >> 24 & 0xFF
+        if specifier in (0, 3):
+            index, sub = (transfer.index, transfer.sub) if transfer.state else (0, 0)
+        try:
+            if specifier == 0:
+                self.download_segment(server, transfer, data)
+            elif specifier == 1:
+                self.end(server)
+                self.download(server, transfer, index, sub, data)
+            elif specifier == 2:
+                self.end(server)
+                self.upload(server, transfer, index, sub)
+            elif specifier == 3:
+                self.upload_segment(server, transfer, data)
+            elif specifier == 4:
+                self.end(server)
+            else:
+                raise Abort(0x05040001)
+        except Abort as abort:
+            self.abort(server, index, sub, abort.args[0])
+
+    @staticmethod
+    def find(index, sub):
+        """The object at an address, or None for a text, a domain or a highest sub-index."""
+        if (index, sub) in AT:
+            return AT[index, sub]
+        if sub == 0 and index in INDICES:
+            return None
+        raise Abort(0x06090011 if index in INDICES else 0x06020000)
+
+    def begin(self, server, transfer, state, index, sub, **rest):
+        transfer.state = state
+        transfer.index, transfer.sub = index, sub
+        transfer.toggle = transfer.offset = 0
+        for name, value in rest.items():
+            setattr(transfer, name, value)
+        self.start_timer(SDO + server, 7500)
+
+    def download(self, server, transfer, index, sub, data):
+        o = self.find(index, sub)
+        if o is None or o.access == "ro":
+            raise Abort(0x06010002)
+        expedited, sized = data & 2, data & 1
+        value = data >> 32
+        if sized:
+            size = 4 - (data >> 2 & 3) if expedited else value
+            if size != BYTES[o.type]:
+                raise Abort(0x06070012 if size > BYTES[o.type] else 0x06070013)
+        done = self.frame(0x60, index, sub)
+        if expedited:
+            self.write(server, o, value, done)
+        else:
+            size = value if sized else None
+            self.begin(server, transfer, "down", index, sub, size=size, data=b"")
+            self.answer(server, *exactly(done))
+
+    def download_segment(self, server, transfer, data):
+        if transfer.state != "down":
+            raise Abort(0x05040001)
+        if data >> 4 & 1 != transfer.toggle:
+            raise Abort(0x05030000)
+        o = AT[transfer.index, transfer.sub]
+        count = 7 - (data >> 1 & 7)
+        transfer.data += data.to_bytes(8, "little")[1 : 1 + count]
+        if len(transfer.data) > BYTES[o.type]:
+            raise Abort(0x06070012)
+        done = 0x20 | transfer.toggle << 4
+        transfer.toggle ^= 1
+        if not data & 1:
+            self.start_timer(SDO + server, 7500)
+            self.answer(server, *exactly(done))
+            return
+        if len(transfer.data) < BYTES[o.type]:
+            raise Abort(0x06070013 if transfer.size is None else 0x06070010)
+        self.end(server)
+        at = transfer.index, transfer.sub
+        try:
+            self.write(server, o, int.from_bytes(transfer.data, "little"), done)
+        except Abort as abort:
+            self.abort(server, *at, abort.args[0])
+
+    def upload(self, server, transfer, index, sub):
+        o = self.find(index, sub)
+        if o is not None:
+            if o.access == "wo":
+                raise Abort(0x06010001)
+            size = BYTES[o.type]
+            head = self.frame(0x43 | (4 - size) << 2, index, sub)
+            value = self.value_of(o)
+            if value is None:
+                # A value of the drive; but what lies behind it is 0.
+                known = ((1 << 64) - 1) ^ (((1 << 8 * size) - 1) << 32)
+                self.answer(server, (head, known))
+            else:
+                self.answer(server, *exactly(head | (value & ((1 << 8 * size) - 1)) << 32))
+        elif index in HIGHEST:
+            self.answer(server, *exactly(self.frame(0x4F, index, sub, HIGHEST[index])))
+        else:
+            text = self.texts.get(index)
+            size = self.recording if text is None else len(text)
+            if size == 0:
+                raise Abort(0x08000024)
+            self.begin(server, transfer, "up", index, sub, size=size, data=text, replaced=False)
+            self.answer(server, *exactly(self.frame(0x41, index, sub, size)))
+
+    def value_of(self, o):
+        """What is known of a value that may be read."""
+        at = o.index, o.sub
+        if o.kind == "command":
+            return o.default
+        if at == (0x1001, 0):
+            return self.register
+        if at == (0x1003, 0):
+            return len(self.history)
+        if o.index == 0x1003:
+            return self.history[o.sub - 1] if o.sub <= len(self.history) else 0
+        if at == (0x230A, 0):
+            return self.nmt
+        if at == (0x2301, 0):
+            return self.owner
+        if at == (0x2302, 0):
+            return self.watchdog
+        if at == (0x2309, 0):
+            return self.can_lost
+        return self.od.get(at)
+
+    def upload_segment(self, server, transfer, data):
+        if transfer.state != "up":
+            raise Abort(0x05040001)
+        if data >> 4 & 1 != transfer.toggle:
+            raise Abort(0x05030000)
+        if transfer.data is None and transfer.replaced:
+            raise Abort(0x08000024)
+        left = transfer.size - transfer.offset
+        count = min(7, left)
+        command = transfer.toggle << 4 | (7 - count) << 1 | (left <= 7)
+        if transfer.data is None:
+            known = 0xFF | ((1 << 64) - 1) >> 8 * (count + 1) << 8 * (count + 1)
+            self.answer(server, (command, known))
+        else:
+            part = transfer.data[transfer.offset : transfer.offset + count]
+            self.answer(server, *exactly(command | int.from_bytes(part, "little") << 8))
+        transfer.offset += count
+        transfer.toggle ^= 1
+        if left <= 7:
+            self.end(server)
+        else:
+            self.start_timer(SDO + server, 7500)
+
+    # --- writing --------------------------------------------------------------------------------
+
+    def write(self, server, o, raw, done):
+        """Writes and answers `done`, or raises Abort."""
+        size = BYTES[o.type]
+        value = raw & ((1 << 8 * size) - 1)
+        if o.type[0] == "i" and value >> (8 * size - 1):
+            value -= 1 << 8 * size
+        at = o.index, o.sub
+        if not o.min <= value <= o.max:
+            if at in ((0x1010, 1), (0x1011, 1)):
+                raise Abort(0x08000020)
+            raise Abort(0x06090031 if value > o.max else 0x06090032)
+        if at == (0x2301, 0):
+            if value != server and not (server == self.owner and value == 0):
+                raise Abort(0x08000021)
+            self.owner, self.silence = value, 0
+        elif server != self.owner:
+            raise Abort(0x08000021)
+        elif o.kind == "command" and o.part in ("canopen", "device"):
+            raise Abort(0x08000022)  # this node has no memory
+        elif at == (0x2302, 0):
+            self.watchdog, self.silence = value, 0
+        elif o.part == "canopen":
+            self.write_communication(at, value)
+        elif o.part != "device":
+            # The axis or the drive decides.
+            refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06090030, 0x08000022)]
+            self.answer(server, *(choice for f in (done, *refusals) for choice in exactly(f)))
+            return
+        self.answer(server, *exactly(done))
+
+    def write_communication(self, at, value):
+        index, sub = at
+        before = len(self.history) if at == (0x1003, 0) else self.od[at]
+        self.check(index, sub, before, value)
+        if value == before:
+            return
+        if at == (0x1003, 0):
+            self.history = []
+            return
+        self.od[at] = value
+        if index == 0x1005:
+            self.sync_id = value & 0x7FF
+        elif index == 0x1014 and value & OFF:
+            self.waiting_emcy.clear()
+        elif index == 0x1016:
+            self.heartbeat_back(sub - 1)
+            self.timers[CONSUMER + sub - 1] = NEVER
+        elif index == 0x1017:
+            self.start_timer(HEARTBEAT, ticks_of_ms(value))
+        elif 0x1400 <= index <= 0x1403 or (0x1600 <= index <= 0x1603 and sub == 0):
+            self.start_rpdo(index & 3)
+        elif (0x1800 <= index <= 0x1803 and sub != 3) or (0x1A00 <= index <= 0x1A03 and sub == 0):
+            self.start_tpdo(index & 3)
+
+    def check(self, index, sub, before, value):
+        """Raises Abort if an object of communication may not become this."""
+        if index == 0x1005:
+            if value & 0x7FFFF800 or restricted(value & 0x7FF):
+                raise Abort(0x06090030)
+        elif index == 0x1016:
+            if value >> 24:
+                raise Abort(0x06090030)
+            node = self.watched(value)
+            others = [self.watched(self.od[0x1016, k]) for k in range(1, 5) if k != sub]
+            if node and node in others:
+                raise Abort(0x06040043)
+        elif value == before:
+            return
+        elif index == 0x1014 or (0x1400 <= index < 0x1A00 and index & 0x3FC == 0 and sub == 1):
+            self.check_cob_id(before, value)
+        elif 0x1400 <= index < 0x1A00 and index & 0x3FC == 0:
+            if sub == 2 and 240 < value < 254:
+                raise Abort(0x06090030)
+            if sub == 3 and not self.od[index, 1] & OFF:
+                raise Abort(0x08000022)
+        elif 0x1600 <= index < 0x1C00:
+            self.check_mapping(index, sub, value)
+
+    @staticmethod
+    def check_cob_id(before, value):
+        valid = not value & OFF
+        if value & 0x3FFFF800 or (valid and restricted(value & 0x7FF)):
+            raise Abort(0x06090030)
+        if valid and not before & OFF and (before ^ value) & 0x7FF:
+            raise Abort(0x08000022)
+
+    def check_mapping(self, index, sub, value):
+        transmit = index >= 0x1A00
+        if not self.od[index - 0x200, 1] & OFF:
+            raise Abort(0x08000022)
+        if sub:
+            if self.od[index, 0]:
+                raise Abort(0x08000022)
+            if value:
+                self.check_entry(value, transmit)
+            return
+        entries = [self.od[index, k + 1] for k in range(value)]
+        try:
+            for entry in entries:
+                self.check_entry(entry, transmit)
+        except Abort:
+            raise Abort(0x06040042) from None
+        if sum(entry & 0xFF for entry in entries) > 64:
+            raise Abort(0x06040042)
+
+    @staticmethod
+    def check_entry(entry, transmit):
+        index, sub, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
+        if not transmit and index in DUMMY_BITS:
+            if sub or bits != DUMMY_BITS[index]:
+                raise Abort(0x06040041)
+            return
+        try:
+            o = Node.find(index, sub)
+        except Abort:
+            raise Abort(0x06020000) from None
+        forbidden = "wo" if transmit else "ro"
+        if o is None or not o.mappable or o.access == forbidden or bits != 8 * BYTES[o.type]:
+            raise Abort(0x06040041)
+
+    # --- time -----------------------------------------------------------------------------------
+
+    def tick(self, seen):
+        code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
+        if self.owner:
+            self.silence += 1
+            if self.silence > ticks_of_ms(self.watchdog):
+                self.owner = 0
+        if self.nmt != INITIALISING:
+            if self.now >= self.next:
+                self.run_timers(active)
+            if active and any(self.unwatched):
+                for i in range(4):
+                    if self.unwatched[i]:
+                        self.unwatched[i] = False
+                        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
+            if code != self.drive_code:
+                self.drive_code = code
+                told = (
+                    (code == 0x8130 and any(self.heartbeat_lost))
+                    or (code == 0x8250 and any(self.late))
+                    or (code == 0x8140 and self.bus == 2)
+                )
+                if told:
+                    self.update_register()
+                else:
+                    self.emergency(code, fault if code else 0)
+            if self.nmt == OPERATIONAL:
+                for i in range(4):
+                    if (
+                        self.od[0x1800 + i, 2] >= 254
+                        and self.tpdo_works(i)
+                        and self.timers[INHIBIT + i] == NEVER
+                        and (self.must_send[i] or self.sent[i] != self.values[i])
+                    ):
+                        self.send_tpdo(i)
+            if self.lost:
+                self.can_lost = min(65535, self.can_lost + self.lost)
+                self.lost = 0
+                self.overrun()
+            if self.waiting_emcy:
+                self.send_emergencies()
+        self.now += 1
+        if self.reset is not None:
+            self.after_reset()
+
+    def after_reset(self):
+        if self.reset == 129:
+            self.owner = 0
+            self.watchdog = AT[0x2302, 0].default
+        bus, self.bus = self.bus, 0
+        self.start()
+        self.told_bus(bus)
+
+    def run_timers(self, active):
+        for timer in range(TIMERS):
+            if self.timers[timer] > self.now:
+                continue
+            self.timers[timer] = NEVER
+            if timer == HEARTBEAT:
+                self.add(0x700 + self.node_id, 1, exactly(self.nmt), KEEP_NMT)
+                self.start_timer(HEARTBEAT, ticks_of_ms(self.od[0x1017, 0]))
+            elif timer >= SDO:
+                transfer = self.servers[timer - SDO]
+                self.abort(timer - SDO, transfer.index, transfer.sub, 0x05040000)
+            elif timer >= DEADLINE:
+                i = timer - DEADLINE
+                if active:
+                    self.late[i] = True
+                    self.emergency(0x8250, i + 1)
+                else:
+                    self.unwatched[i] = True
+            elif EVENT <= timer < INHIBIT:
+                self.must_send[timer - EVENT] = True
+            elif CONSUMER <= timer < EVENT:
+                i = timer - CONSUMER
+                self.heartbeat_lost[i] = True
+                self.emergency(0x8130, self.watched(self.od[0x1016, i + 1]))
+                self.communication_error()
+        self.next = min(self.timers)
+
+    # --- what the port tells --------------------------------------------------------------------
+
+    def told_lost(self, frames):
+        self.can_lost = min(65535, self.can_lost + frames)
+        self.overrun()
+
+    def told_bus(self, state):
+        before, self.bus = self.bus, state
+        if state == before:
+            return
+        if state == 2:
+            self.ring.clear()
+            self.closed = True
+            self.update_register()
+            self.communication_error()
+            return
+        if before == 2:
+            self.closed = False
+            self.emergency(0x8140)
+        self.emergency(0x8120 if state == 1 else 0)
+
+    def told_replaced(self):
+        for transfer in self.servers:
+            transfer.replaced = True
+
+    # --- comparison -----------------------------------------------------------------------------
+
+    def state(self):
+        return (
+            self.nmt,
+            self.od[0x230B, 0],
+            self.register | len(self.history) << 8 | self.owner << 16,
+            self.can_lost,
+        )
+
+    def sent_frame(self, length, can_id, data):
+        if not self.ring:
+            raise Mismatch(f"sent {can_id:#x} {data:#018x}, expected nothing")
+        expected_id, expected_length, choices = self.ring.popleft()
+        if (can_id, length) != (expected_id, expected_length) or not any(
+            data & mask == value & mask for value, mask in choices
+        ):
+            wanted = " or ".join(f"{value:#018x}" for value, _ in choices)
+            raise Mismatch(
+                f"sent {can_id:#x} [{length}] {data:#018x}, "
+                f"expected {expected_id:#x} [{expected_length}] {wanted}"
+            )
+
+
+def check(log, node):
+    """Runs the model along a log; returns counts by kind of record. Raises Mismatch."""
+    counts = [0] * 13
+    seen = pending_state = node.state()
+    for number, (kind, a, b, c, d) in enumerate(RECORD.iter_unpack(log)):
+        counts[kind] += 1
+        try:
+            if kind == STATE:
+                seen = (a, b, c, d)
+            elif kind in (FRAME_IN, TICK, LOST, BUS, REPLACED) and seen != pending_state:
+                raise Mismatch(f"state {seen}, expected {pending_state} before this record")
+            if kind == FRAME_IN:
+                node.receive(a, b, d)
+            elif kind == TICK:
+                node.tick(c)
+            elif kind == FRAME_OUT:
+                node.sent_frame(a, b, d)
+            elif kind == NO_MORE:
+                if node.ring:
+                    raise Mismatch(f"sent no more, expected {[hex(f[0]) for f in node.ring]}")
+                node.overrun_told = False
+            elif kind == VALUE:
+                node.values[a] = d
+            elif kind == REFUSED:
+                node.refused = a
+            elif kind == RECORDING:
+                node.recording = c
+            elif kind == REPLACED:
+                node.told_replaced()
+            elif kind == LOST:
+                node.told_lost(c)
+            elif kind == BUS:
+                node.told_bus(a)
+            elif kind == OBJECT:
+                o = BY_NUMBER[b]
+                value = node.value_of(o) & 0xFFFFFFFF
+                if value != c:
+                    raise Mismatch(f"{o.name} is {c:#x}, expected {value:#x}")
+            if kind != STATE:
+                pending_state = node.state()
+        except Mismatch as mismatch:
+            raise Mismatch(
+                f"record {number} (kind {kind}, a {a}, b {b:#x}, c {c:#x}, d {d:#x}), "
+                f"after {counts[FRAME_IN]} frames: {mismatch}"
+            ) from None
+    return counts

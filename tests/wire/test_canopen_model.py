@@ -1,0 +1,104 @@
+"""A million random frames: the firmware's CANopen node does what the independent model says."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import canopen_model as model
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FLOOD = ROOT / "build/release/tests/wire/canopen_flood"
+VERSION = re.search(r'FW_VERSION "([^"]+)"', (ROOT / "firmware/app/fw.h").read_text()).group(1)
+
+# What a run must have come across to mean anything.
+ABORTS = {
+    0x05030000, 0x05040000, 0x05040001, 0x06010001, 0x06010002, 0x06020000, 0x06040041, 0x06040042,
+    0x06040043, 0x06070010, 0x06070012, 0x06070013, 0x06090011, 0x06090030, 0x06090031, 0x06090032,
+    0x08000020, 0x08000021, 0x08000022, 0x08000024,
+}  # fmt: skip
+EMERGENCIES = {0, 0x6320, 0x8110, 0x8120, 0x8130, 0x8140, 0x8210, 0x8220, 0x8240}
+
+
+def flood(frames, seed):
+    done = subprocess.run(
+        [FLOOD, str(frames), str(seed)], capture_output=True, check=True, timeout=60
+    )
+    return done.stdout
+
+
+def check(log):
+    return model.check(log, model.Node(5, VERSION))
+
+
+def seen_in(log):
+    aborts, emergencies, states, pdos = set(), set(), set(), 0
+    for kind, length, can_id, _, data in model.RECORD.iter_unpack(log):
+        if kind == model.FRAME_OUT:
+            if can_id in (0x585, 0x5C5, 0x5E5):
+                if data & 0xFF == 0x80:
+                    aborts.add(data >> 32)
+            elif can_id == 0x85 and length == 8:
+                emergencies.add(data & 0xFFFF)
+            elif can_id != 0x705:
+                pdos += 1
+        elif kind == model.STATE:
+            states.add(length)
+    return aborts, emergencies, states, pdos
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_million_random_frames_do_what_the_model_predicts(seed):
+    log = flood(250_000, seed)
+    counts = check(log)
+    assert counts[model.FRAME_IN] >= 250_000
+    aborts, emergencies, states, pdos = seen_in(log)
+    assert aborts == ABORTS
+    assert emergencies >= EMERGENCIES
+    assert states == {0, 4, 5, 127}
+    assert pdos > 10_000
+
+
+def test_the_same_seed_gives_the_same_log():
+    assert flood(2_000, 7) == flood(2_000, 7)
+    assert flood(2_000, 7) != flood(2_000, 8)
+
+
+def changed(log, kind, byte):
+    """The log with one bit of a byte changed in a record of this kind, amid the log."""
+    places = [at for at in range(0, len(log), model.RECORD.size) if log[at] == kind]
+    at = places[len(places) // 2] + byte
+    return log[:at] + bytes([log[at] ^ 1]) + log[at + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("kind", "byte"),
+    [
+        (model.FRAME_OUT, 1),
+        (model.FRAME_OUT, 2),
+        (model.STATE, 1),
+        (model.STATE, 8),
+        (model.OBJECT, 4),
+    ],
+)
+def test_one_wrong_bit_is_found(kind, byte):
+    log = flood(3_000, 1)
+    check(log)
+    with pytest.raises(model.Mismatch, match="record"):
+        check(changed(log, kind, byte))
+
+
+def test_a_frame_that_the_model_did_not_get_is_found():
+    log = flood(3_000, 1)
+    size = model.RECORD.size
+    places = range(0, len(log), size)
+    # An SDO request that was answered at once.
+    at = next(
+        at
+        for at in places
+        if log[at] == model.FRAME_IN
+        and log[at + size] == model.FRAME_OUT
+        and log[at + 2 : at + 4] == b"\x05\x06"
+    )
+    with pytest.raises(model.Mismatch):
+        check(log[:at] + log[at + size :])
