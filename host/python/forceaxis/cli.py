@@ -19,6 +19,7 @@ from forceaxis import (
     new,
     objects,
     cli_objects,
+    cli_live,
     paths,
     sweeps,
     tables,
@@ -431,7 +432,12 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     sys.exit(usertests.status(outcomes))
 
 
-for verb in (*cli_frequency.VERBS, cli_identify.identify, cli_objects.objects_):
+for verb in (
+    *cli_frequency.VERBS,
+    cli_identify.identify,
+    cli_objects.objects_,
+    *cli_live.VERBS,
+):
     cli.add_command(verb)
 
 

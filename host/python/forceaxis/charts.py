@@ -1,0 +1,121 @@
+"""Lines drawn with braille dots, two by four to a character, for the terminal.
+
+Written here because the ready-made widgets keep three lines of each plot for an axis of its own:
+three strip charts would not fit into 24 lines.
+"""
+
+import numpy as np
+from rich.text import Text
+
+# Bit of the dot at (row, column) of a braille character, U+2800 on.
+DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
+
+
+def draw(width, height, lines, x_span, y_span):
+    """Rows of (character, colour) for `lines` of (x, y, colour); the first is drawn on top.
+
+    NaN interrupts a line. What lies outside the spans is not drawn.
+    """
+    dots = np.zeros((height, width), np.uint8)
+    colours = np.zeros((height, width), np.int8)
+    columns, rows = 2 * width, 4 * height
+    for number in range(len(lines) - 1, -1, -1):
+        x, y, _ = lines[number]
+        px, py = _pixels(np.asarray(x, float), np.asarray(y, float), x_span, y_span, columns, rows)
+        if not px.size:
+            continue
+        cell = (py // 4, px // 2)
+        np.bitwise_or.at(dots, cell, DOTS[py % 4, px % 2])
+        colours[cell] = number + 1
+    palette = ["", *(colour for _, _, colour in lines)]
+    return [
+        [(chr(0x2800 + d) if d else " ", palette[c]) for d, c in zip(*row, strict=True)]
+        for row in zip(dots.tolist(), colours.tolist(), strict=True)
+    ]
+
+
+def _pixels(x, y, x_span, y_span, columns, rows):
+    """Every dot of a line, joined from sample to sample, within the picture."""
+    if not x.size:
+        return np.zeros(0, int), np.zeros(0, int)
+    fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
+    fy = (y_span[1] - y) / (y_span[1] - y_span[0]) * (rows - 1)
+    good = np.isfinite(fx) & np.isfinite(fy)
+    # Far outside is outside: it must not ask for millions of dots.
+    fx, fy = np.clip(fx, -columns, 2 * columns), np.clip(fy, -rows, 2 * rows)
+    px = np.rint(np.where(good, fx, 0)).astype(int)
+    py = np.rint(np.where(good, fy, 0)).astype(int)
+    joined = good[:-1] & good[1:]
+    steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
+    # Each segment from its start, excluding its end; then all the samples themselves.
+    which = np.repeat(np.arange(len(steps)), steps)
+    part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
+    share = part / np.maximum(steps[which], 1)
+    lx = np.rint(px[which] + share * (px[which + 1] - px[which])).astype(int)
+    ly = np.rint(py[which] + share * (py[which + 1] - py[which])).astype(int)
+    ax, ay = np.concatenate([lx, px[good]]), np.concatenate([ly, py[good]])
+    inside = (ax >= 0) & (ax < columns) & (ay >= 0) & (ay < rows)
+    return ax[inside], ay[inside]
+
+
+def span(arrays, least=1.0):
+    """(low, high) in round numbers around all finite values, at least `least` apart."""
+    values = [a[np.isfinite(a)] for a in arrays]
+    values = [v for v in values if v.size]
+    low = min((float(v.min()) for v in values), default=0.0)
+    high = max((float(v.max()) for v in values), default=0.0)
+    if high - low < least:
+        middle = (low + high) / 2
+        low, high = middle - least / 2, middle + least / 2
+    step = _step((high - low) / 4)
+    return np.floor(low / step) * step, np.ceil(high / step) * step
+
+
+def _step(rough):
+    """The next of 1, 2, 5, 10, ... at or above."""
+    ten = 10.0 ** np.floor(np.log10(rough))
+    return float(next(ten * k for k in (1, 2, 5, 10) if ten * k >= rough * 0.999))
+
+
+def number(value, digits=6):
+    """Short text of a number for a label."""
+    return f"{value:.{digits}g}"
+
+
+GUTTER = 9
+
+
+def panel(width, height, title, lines, x_span, style="", least=1.0):
+    """A chart with its title and the ends of its scale at the left, as one Text of `height` lines.
+
+    `title` is a Text; `lines` as for draw, sharing one scale.
+    """
+    inner, rows = max(1, width - GUTTER), max(1, height - 1)
+    y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
+    text = title.copy()
+    text.truncate(width, overflow="ellipsis")
+    picture = draw(inner, rows, lines, x_span, y_span)
+    for i, row in enumerate(picture):
+        label = number(y_span[1]) if i == 0 else number(y_span[0]) if i == rows - 1 else ""
+        text.append(f"\n{label:>{GUTTER - 2}} ", style="dim")
+        text.append("┤" if label else "│", style="dim")
+        at = 0
+        while at < len(row):
+            end = at
+            while end < len(row) and row[end][1] == row[at][1]:
+                end += 1
+            text.append("".join(c for c, _ in row[at:end]), style=row[at][1] or style)
+            at = end
+    return text
+
+
+def time_axis(width, seconds, right="now"):
+    """The line below strip charts: how far back the left end is."""
+    inner = max(1, width - GUTTER)
+    left = f"-{seconds:g} s"
+    middle = f"-{seconds / 2:g} s"
+    line = [" "] * inner
+    for start, label in ((0, left), (inner // 2 - len(middle) // 2, middle)):
+        line[start : start + len(label)] = label
+    line[inner - len(right) :] = right
+    return Text(" " * GUTTER + "".join(line)[:inner], style="dim")
