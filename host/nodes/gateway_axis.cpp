@@ -271,14 +271,16 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
 
 Task<void> GatewayAxis::supervise() {
   for (;;) {
+    bool done = true;
     if (!present_) {
-      if (!co_await find()) co_await loop_.sleep(250ms);
+      done = co_await find();
     } else if (set_up_boots_ != boots_) {
-      if (!co_await set_up()) co_await loop_.sleep(250ms);
+      done = co_await set_up();
     } else {
       co_await poll_next();
       co_await loop_.sleep(settings_.poll);
     }
+    if (!done) co_await loop_.sleep(250ms);
   }
 }
 
@@ -437,8 +439,12 @@ Task<bool> GatewayAxis::set_up_pdo(int pdo) {
     if (!co_await set(mapping(0), count, what)) co_return false;
   }
   if (!co_await ensure(parameter(2, 1), plan.transmission, what)) co_return false;
-  if (plan.event_ms != 0 && !co_await ensure(parameter(5, 2), plan.event_ms, what)) co_return false;
-  co_return same || co_await set(parameter(1, 4), cob_id, what);
+  if (plan.event_ms != 0) {
+    const bool timed = co_await ensure(parameter(5, 2), plan.event_ms, what);
+    if (!timed) co_return false;
+  }
+  if (same) co_return true;
+  co_return co_await set(parameter(1, 4), cob_id, what);
 }
 
 Task<bool> GatewayAxis::set_parameters() {
