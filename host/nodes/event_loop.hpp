@@ -42,6 +42,7 @@ class EventLoop {
   // Until stop(). Throws what a spawned coroutine threw.
   void run();
   void stop() { stopped_ = true; }
+  bool running() const { return !stopped_; }
 
   // Begins a coroutine that nobody awaits; the loop holds it until it ends or abandon() is called.
   void spawn(Task<void> task);
@@ -112,6 +113,8 @@ template <class T>
 class Mailbox {
  public:
   explicit Mailbox(EventLoop &loop) : loop_(loop) {}
+  Mailbox(const Mailbox &) = delete;
+  Mailbox &operator=(const Mailbox &) = delete;
 
   void push(T item) {
     items_.push_back(std::move(item));
@@ -127,7 +130,6 @@ class Mailbox {
     items_.pop_front();
     return item;
   }
-  Mailbox &operator co_await() { return *this; }
 
  private:
   EventLoop &loop_;

@@ -222,7 +222,7 @@ class Gateway {
   }
 
   Task<void> serve_modbus(Axis &axis) {
-    for (;;) {
+    while (loop_.running()) {
       const ModbusRequest next = co_await axis.requests;
       modbus::Answer answer;
       if (axis.node.present()) {

@@ -270,7 +270,7 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
 // --------------------------------------------------------------------------------
 
 Task<void> GatewayAxis::supervise() {
-  for (;;) {
+  while (loop_.running()) {
     bool done = true;
     if (!present_) {
       done = co_await find();

@@ -56,7 +56,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
 }
 
 Task<void> GatewayCommands::serve() {
-  for (;;) {
+  while (loop_.running()) {
     const axis_command_t command = co_await waiting_;
     const Id id{command.run_id, command.command_id};
     if (lcm_bus::wall_us() > command.wall_utime + command.timeout_us) {
@@ -298,7 +298,7 @@ void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
 // a client that only waits does not feed the watchdog.
 Task<void> GatewayCommands::follow_capture(axis_command_t command) {
   const lcm_bus::CommandId id{command.run_id, command.command_id};
-  for (;;) {
+  while (loop_.running()) {
     co_await loop_.sleep(kRecorderPoll);
     const ObjectResult state = co_await axis_.master_port().read(AXIS_OBJ_RECORDER_STATE);
     if (!state.ok()) {

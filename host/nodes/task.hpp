@@ -2,8 +2,8 @@
 // A coroutine that is awaited by one other and gives it a value or its exception. It begins when it
 // is awaited, and ends with the object that holds it.
 //
-// GCC 12 drops the whole body of `for (;;) { if (!co_await task) ... }`: within endless loops the
-// result goes into a variable first.
+// GCC 12 drops the whole body of some `for (;;)` that await: an endless loop of a coroutine says
+// `while (loop.running())`.
 #include <coroutine>
 #include <exception>
 #include <optional>

@@ -13,13 +13,13 @@ import click
 
 from forceaxis import (
     cli_frequency,
+    cli_gateway,
     cli_identify,
+    cli_live,
+    cli_objects,
     experiments,
     link,
     new,
-    objects,
-    cli_objects,
-    cli_live,
     paths,
     sweeps,
     tables,
@@ -436,6 +436,7 @@ for verb in (
     *cli_frequency.VERBS,
     cli_identify.identify,
     cli_objects.objects_,
+    *cli_gateway.VERBS,
     *cli_live.VERBS,
 ):
     cli.add_command(verb)
