@@ -36,7 +36,7 @@ with Session(1) as axis:  # waits for the axis, takes the command source, keeps 
         samples=1800,
         pretrigger=300,
         timeout_s=30,
-        **trigger_on("force", 35.0),
+        **trigger_on("force", 31.0),
     )
     force = held.values("force")
     print(f"struck: {held.total} samples, {np.min(force):g} to {np.max(force):g} count")

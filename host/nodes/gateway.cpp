@@ -223,7 +223,7 @@ class Gateway {
 
   Task<void> serve_modbus(Axis &axis) {
     while (loop_.running()) {
-      const ModbusRequest next = co_await axis.requests;
+      ModbusRequest next = co_await axis.requests;
       modbus::Answer answer;
       if (axis.node.present()) {
         answer = co_await axis.modbus.serve(next.request, axis.node.writes_allowed());

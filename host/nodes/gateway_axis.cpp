@@ -300,10 +300,10 @@ Task<bool> GatewayAxis::find() {
   co_return false;
 }
 
-bool GatewayAxis::failed(const ObjectResult &result, const std::string &what) {
+bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
   if (result.ok()) return false;
   if (result.silent) {
-    loud_event(axis_event_t::EVENT_BUS, 0, what + ": no answer in time");
+    loud_event(axis_event_t::EVENT_BUS, 0, std::string(what) + ": no answer in time");
     return true;
   }
   if (result.abort == canopen::kAbortLocked) {
@@ -315,16 +315,16 @@ bool GatewayAxis::failed(const ObjectResult &result, const std::string &what) {
     return true;
   }
   loud_event(axis_event_t::EVENT_NOTE, result.abort,
-             what + ": " + canopen::abort_text(result.abort));
+             std::string(what) + ": " + canopen::abort_text(result.abort));
   return true;
 }
 
-Task<bool> GatewayAxis::set(ObjectAddress address, std::int64_t value, const std::string &what) {
+Task<bool> GatewayAxis::set(ObjectAddress address, std::int64_t value, std::string_view what) {
   const ObjectResult written = co_await master_port().write(address, value);
   co_return !failed(written, what);
 }
 
-Task<bool> GatewayAxis::ensure(ObjectAddress address, std::int64_t value, const std::string &what) {
+Task<bool> GatewayAxis::ensure(ObjectAddress address, std::int64_t value, std::string_view what) {
   const ObjectResult held = co_await master_port().read(address);
   if (failed(held, what)) co_return false;
   if (held.value == value) co_return true;

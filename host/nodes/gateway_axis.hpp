@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/lcm/axis_channels.hpp"
@@ -92,9 +93,9 @@ class GatewayAxis {
   Task<bool> set_up_pdo(int pdo);
   Task<bool> set_parameters();
   // Writes unless it is there already. False: the set-up ends here, and begins again.
-  Task<bool> ensure(ObjectAddress address, std::int64_t value, const std::string &what);
-  Task<bool> set(ObjectAddress address, std::int64_t value, const std::string &what);
-  bool failed(const ObjectResult &result, const std::string &what);
+  Task<bool> ensure(ObjectAddress address, std::int64_t value, std::string_view what);
+  Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
+  bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
 
   void heard_state(std::uint8_t state);

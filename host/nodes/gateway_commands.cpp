@@ -100,10 +100,15 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
 
 Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &command) {
   const auto refusal = refusal_of(command);
-  if (refusal) co_return Answer{axis_event_t::EVENT_REFUSED, 0, *refusal, {}};
+  Answer answer;
+  if (refusal) {
+    answer.kind = axis_event_t::EVENT_REFUSED;
+    answer.text = *refusal;
+    co_return answer;
+  }
   switch (command.kind) {
     case axis_command_t::KIND_WRITE:
-      co_return co_await write_items(command, {});
+      co_return co_await write_items(command);
     case axis_command_t::KIND_READ:
       co_return co_await read_items(command);
     case axis_command_t::KIND_CAPTURE:
@@ -180,8 +185,8 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
 
 }  // namespace
 
-Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t &command,
-                                                           Answer answer) {
+Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t &command) {
+  Answer answer;
   for (std::size_t i = 0; i < command.object.size(); ++i) {
     const std::string &name = command.object[i];
     const std::int64_t value = command.value[i];
@@ -247,7 +252,8 @@ Task<GatewayCommands::Answer> GatewayCommands::lock(std::int64_t source) {
 // --------------------------------------------------------------------------------------------
 
 Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &command) {
-  Answer answer{axis_event_t::EVENT_REFUSED, 0, {}, {}};
+  Answer answer;
+  answer.kind = axis_event_t::EVENT_REFUSED;
   if (command.signal.empty() || command.signal.size() > RECORDER_CHANNELS) {
     answer.text = "expected 1 to " + std::to_string(RECORDER_CHANNELS) + " signals, got " +
                   std::to_string(command.signal.size());
@@ -280,7 +286,7 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
   }
   settings.object.push_back("recorder_arm");
   settings.value.push_back(1);
-  answer = co_await write_items(settings, {});
+  answer = co_await write_items(settings);
   if (answer.kind != axis_event_t::EVENT_DONE) co_return answer;
   answer.text = "recorder armed";
   capturing_ = true;

@@ -33,7 +33,7 @@ class GatewayCommands {
 
   Task<void> serve();
   Task<Answer> carry_out(const axis_command_t &command);
-  Task<Answer> write_items(const axis_command_t &command, Answer answer);
+  Task<Answer> write_items(const axis_command_t &command);
   Task<Answer> read_items(const axis_command_t &command);
   Task<Answer> capture(const axis_command_t &command);
   Task<Answer> lock(std::int64_t source);

@@ -118,7 +118,8 @@ Task<std::uint8_t> ModbusAxis::read_words(bool holding, std::uint16_t first, std
   co_return 0;
 }
 
-Task<std::uint8_t> ModbusAxis::write_words(std::uint16_t first, std::vector<std::uint16_t> words) {
+Task<std::uint8_t> ModbusAxis::write_words(std::uint16_t first,
+                                           const std::vector<std::uint16_t> &words) {
   const auto count = static_cast<unsigned>(words.size());
   const std::vector<axis_register_t> entries = entries_of(true, first, count);
   if (entries.empty()) co_return kExceptionAddress;
@@ -149,12 +150,12 @@ Task<std::uint8_t> ModbusAxis::write_words(std::uint16_t first, std::vector<std:
     if (value < meta.min || value > meta.max) co_return kExceptionValue;
     writes.push_back({entry.object, value});
   }
-  co_return co_await write_all(std::move(writes));
+  co_return co_await write_all(writes);
 }
 
 // In the order of the registers, but what acts at once last, so that a controlword finds the
 // targets that were written with it.
-Task<std::uint8_t> ModbusAxis::write_all(std::vector<Write> writes) {
+Task<std::uint8_t> ModbusAxis::write_all(std::vector<Write> &writes) {
   const auto acting =
       std::ranges::stable_partition(writes, [](const Write &w) { return !acts_at_once(w.object); });
   if (acting.size() > 1) co_return kExceptionValue;
@@ -231,7 +232,7 @@ Task<std::uint8_t> ModbusAxis::enable(std::int64_t halt) {
   co_return state == AXIS_DRIVE_STATE_OPERATION_ENABLED ? 0 : kExceptionState;
 }
 
-Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, std::vector<bool> bits) {
+Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, const std::vector<bool> &bits) {
   if (first + bits.size() > MODBUS_COIL_COUNT) co_return kExceptionAddress;
   const Coils coils(first, bits);
   if (coils.one[MODBUS_COIL_STORE] && coils.one[MODBUS_COIL_RECORDER_TRIGGER]) {
@@ -274,7 +275,7 @@ Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, std::vector<bool
   co_return 0;
 }
 
-Task<modbus::Answer> ModbusAxis::serve(modbus::Request r, bool writes_allowed) {
+Task<modbus::Answer> ModbusAxis::serve(modbus::Request &r, bool writes_allowed) {
   modbus::Answer answer;
   const bool reads = r.function >= modbus::kReadCoils && r.function <= modbus::kReadInput;
   if (!reads && !writes_allowed) {

@@ -16,7 +16,7 @@ class ModbusAxis {
   explicit ModbusAxis(ObjectPort port) : port_(port) {}
 
   // `writes_allowed`: false while the axis has another object table.
-  Task<modbus::Answer> serve(modbus::Request request, bool writes_allowed);
+  Task<modbus::Answer> serve(modbus::Request &request, bool writes_allowed);
 
  private:
   struct Write {
@@ -28,11 +28,11 @@ class ModbusAxis {
 
   Task<std::uint8_t> read_words(bool holding, std::uint16_t first, std::uint16_t count,
                                 std::vector<std::uint16_t> &words);
-  Task<std::uint8_t> write_words(std::uint16_t first, std::vector<std::uint16_t> words);
-  Task<std::uint8_t> write_all(std::vector<Write> writes);
+  Task<std::uint8_t> write_words(std::uint16_t first, const std::vector<std::uint16_t> &words);
+  Task<std::uint8_t> write_all(std::vector<Write> &writes);
   Task<std::uint8_t> read_bits(bool coils, std::uint16_t first, std::uint16_t count,
                                std::vector<bool> &bits);
-  Task<std::uint8_t> write_coils(std::uint16_t first, std::vector<bool> bits);
+  Task<std::uint8_t> write_coils(std::uint16_t first, const std::vector<bool> &bits);
   Task<std::uint8_t> enable(std::int64_t halt);
 
   // Of an object: its value, or an exception.

@@ -48,8 +48,8 @@ Task<ObjectResult> ObjectPort::read(ObjectAddress address) {
 }
 
 Task<ObjectResult> ObjectPort::write(ObjectAddress address, std::int64_t value) {
-  const canopen::SdoResult got =
-      co_await channel_.download(address.index, address.sub, bytes_of(value, address.bytes));
+  std::vector<std::uint8_t> data = bytes_of(value, address.bytes);
+  const canopen::SdoResult got = co_await channel_.download(address.index, address.sub, data);
   co_return ObjectResult{got.abort, got.silent, value};
 }
 

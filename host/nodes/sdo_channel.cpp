@@ -7,8 +7,8 @@ Task<canopen::SdoResult> SdoChannel::upload(std::uint16_t index, std::uint8_t su
 }
 
 Task<canopen::SdoResult> SdoChannel::download(std::uint16_t index, std::uint8_t sub,
-                                              std::vector<std::uint8_t> data) {
-  return transfer(index, sub, false, std::move(data));
+                                              const std::vector<std::uint8_t> &data) {
+  return transfer(index, sub, false, data);
 }
 
 Task<canopen::SdoResult> SdoChannel::transfer(std::uint16_t index, std::uint8_t sub, bool is_upload,

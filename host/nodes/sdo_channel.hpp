@@ -29,7 +29,7 @@ class SdoChannel {
 
   Task<canopen::SdoResult> upload(std::uint16_t index, std::uint8_t sub);
   Task<canopen::SdoResult> download(std::uint16_t index, std::uint8_t sub,
-                                    std::vector<std::uint8_t> data);
+                                    const std::vector<std::uint8_t> &data);
 
  private:
   struct Waiting {

@@ -2,8 +2,10 @@
 // A coroutine that is awaited by one other and gives it a value or its exception. It begins when it
 // is awaited, and ends with the object that holds it.
 //
-// GCC 12 drops the whole body of some `for (;;)` that await: an endless loop of a coroutine says
-// `while (loop.running())`.
+// GCC 12 goes wrong with some of what the language allows, so here: an endless loop is
+// `while (loop.running())`, for it drops the body of some `for (;;)`; an argument within a co_await
+// is a variable or trivial, for it destroys some temporaries twice; and what is awaited has no
+// operator co_await, whose result it copies.
 #include <coroutine>
 #include <exception>
 #include <optional>

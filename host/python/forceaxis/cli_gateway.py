@@ -46,8 +46,12 @@ def session(out, as_json):
     """
     link.under_vcan(link.Link("socketcan"))
     from forceaxis import thesis_session
+    from forceaxis.live import NoAnswer, Refused
 
-    found = thesis_session.whole(out)
+    try:
+        found = thesis_session.whole(out)
+    except (NoAnswer, Refused) as error:
+        raise link.LinkError(str(error)) from error
     found["folder"] = paths.display(out)
     hashes = {*found["trace_hash"].values(), found["replayed_hash"]}
     if as_json:

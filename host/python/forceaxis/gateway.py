@@ -134,7 +134,7 @@ class Session(AxisClient):
             timeout_s,
         )
 
-    def wait_contact(self, force_cnt=None, within_cnt=2.0, held_s=0.3, timeout_s=10.0):
+    def wait_contact(self, force_cnt=None, within_cnt=5.0, held_s=0.3, timeout_s=10.0):
         """Until the axis is in contact, with the force about `force_cnt` counts for `held_s`."""
         since = None
 
