@@ -46,12 +46,8 @@ def session(out, as_json):
     """
     link.under_vcan(link.Link("socketcan"))
     from forceaxis import thesis_session
-    from forceaxis.live import NoAnswer, Refused
 
-    try:
-        found = thesis_session.whole(out)
-    except (NoAnswer, Refused) as error:
-        raise link.LinkError(str(error)) from error
+    found = thesis_session.whole(out)
     found["folder"] = paths.display(out)
     hashes = {*found["trace_hash"].values(), found["replayed_hash"]}
     if as_json:

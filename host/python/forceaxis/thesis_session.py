@@ -12,6 +12,7 @@ from pathlib import Path
 
 from forceaxis import experiments, link, paths
 from forceaxis.gateway import Session, seconds, trigger_on
+from forceaxis.live import NoAnswer, Refused
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL = 36_000  # counts
@@ -101,21 +102,32 @@ def machine(folder, axis_args=(), gateway_args=()):
         "plant_node": [*common, "--pace", "real"],
         "gateway": ["--can", "vcan0", "--axes", "1", "--modbus-port", "0", *gateway_args],
     }
-    running = {}
+    running, said = {}, {}
     with contextlib.ExitStack() as stack:
-        for name, words in commands.items():
-            said = stack.enter_context(tempfile.TemporaryFile("w+"))
-            process = subprocess.Popen(
-                [link.program(name), *words], stdout=subprocess.PIPE, stderr=said, text=True
-            )
-            running[name] = process
-            stack.callback(_stop, process)
-            ready = process.stdout.readline()
-            if "ready" not in ready:
-                process.wait(5)
-                said.seek(0)
-                raise link.LinkError(f"{name}: {said.read().strip() or 'ended at once'}")
-        yield running
+        try:
+            for name, words in commands.items():
+                said[name] = stack.enter_context(tempfile.TemporaryFile("w+"))
+                running[name] = process = subprocess.Popen(
+                    [link.program(name), *words],
+                    stdout=subprocess.PIPE,
+                    stderr=said[name],
+                    text=True,
+                )
+                stack.callback(_stop, process)
+                if "ready" not in process.stdout.readline():
+                    process.wait(5)
+                    raise link.LinkError(f"{name}: {_text(said[name]) or 'ended at once'}")
+            yield running
+        except (NoAnswer, Refused) as error:
+            # What the programs said belongs to it.
+            told = [f"{name}: {_text(file)}" for name, file in said.items() if _text(file)]
+            told += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
+            raise link.LinkError("; ".join([str(error), *told])) from error
+
+
+def _text(file):
+    file.seek(0)
+    return " ".join(file.read().split())
 
 
 def _stop(process):
