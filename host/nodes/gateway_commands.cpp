@@ -200,6 +200,10 @@ Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t 
           std::to_string(value) + " is no value of type " + host::object_meta(target->object).type);
     }
     const ObjectResult result = co_await axis_.lcm_port().write(target->address, value);
+    if (result.abort == canopen::kAbortLocked) {
+      const ObjectResult owner = co_await axis_.master_port().read(AXIS_OBJ_COMMAND_SOURCE);
+      if (owner.ok()) axis_.update(AXIS_OBJ_COMMAND_SOURCE, owner.value);
+    }
     if (!result.ok()) {
       co_return refused(std::move(answer), name, value, result.abort,
                         reason_of(result, target->object, axis_));
@@ -365,7 +369,7 @@ Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_b
     block.first_tick = tick_at ? block.value[0][*tick_at] : kNotAvailable;
     block.utime = tick_at ? block.first_tick * 2000 / 3 : kNotAvailable;
     lcm_.publish(axis_.number(), block);
-    co_await loop_.sleep(kBlockTime);
+    if (end < total) co_await loop_.sleep(kBlockTime);
   }
   end_capture(id, static_cast<std::int64_t>(total),
               std::to_string(total) + " samples of " + std::to_string(columns.size()) +

@@ -79,7 +79,7 @@ class Session(AxisClient):
                 break
             if holds(state):
                 return state
-        heard = "nothing was heard"
+        heard = self._bus.trouble or f"nothing was heard on {self._bus.url}"
         if state is not None:
             heard = (
                 f"it is {drive_words.drive_state(state.statusword)}, "

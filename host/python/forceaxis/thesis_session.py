@@ -86,22 +86,18 @@ def plot(states, held, path):
 
 
 @contextlib.contextmanager
-def machine(folder, axis_args=(), gateway_args=()):
-    """Plant, firmware and gateway on vcan0 and vcan1, real time: {name: process}. The journal is
-    folder/axis.journal; what they report at the end is in `reports` of each process."""
+def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gateway")):
+    """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
+    is folder/axis.journal."""
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
+    if duration_s:
+        common += ["--set", f"experiment.duration_s={duration_s}"]
     commands = {
-        "axis_node": [
-            *common,
-            "--can",
-            "vcan0",
-            "--journal",
-            str(folder / "axis.journal"),
-            *axis_args,
-        ],
+        "axis_node": [*common, "--can", "vcan0", "--journal", str(folder / "axis.journal")],
         "plant_node": [*common, "--pace", "real"],
-        "gateway": ["--can", "vcan0", "--axes", "1", "--modbus-port", "0", *gateway_args],
+        "gateway": ["--can", "vcan0", "--axes", "1", "--modbus-port", "0"],
     }
+    commands = {name: commands[name] for name in programs}
     running, said = {}, {}
     with contextlib.ExitStack() as stack:
         try:
