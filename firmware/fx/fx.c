@@ -53,6 +53,21 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
 
+void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
+  for (uint8_t i = 0; i < bytes; i++) {
+    to[i] = (uint8_t)(payload & 0xFFu);
+    payload >>= 8;
+  }
+}
+
+uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
+  uint64_t payload = 0;
+  for (uint8_t i = bytes; i > 0; i--) {
+    payload = (payload << 8) | (uint64_t)from[i - 1];
+  }
+  return payload;
+}
+
 uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
   uint32_t c = (uint32_t)crc ^ byte;
   for (uint8_t i = 0; i < 8; i++) {
@@ -85,19 +100,4 @@ bool fx_bit_get(const uint8_t *from, uint32_t n) {
 void fx_bit_append(uint8_t *to, uint32_t n, bool bit) {
   const uint32_t before = ((n & 7u) == 0) ? 0 : to[n >> 3];
   to[n >> 3] = (uint8_t)(before | ((uint32_t)(bit ? 1 : 0) << (n & 7u)));
-}
-
-void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
-  for (uint8_t i = 0; i < bytes; i++) {
-    to[i] = (uint8_t)(payload & 0xFFu);
-    payload >>= 8;
-  }
-}
-
-uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
-  uint64_t payload = 0;
-  for (uint8_t i = bytes; i > 0; i--) {
-    payload = (payload << 8) | (uint64_t)from[i - 1];
-  }
-  return payload;
 }

@@ -292,8 +292,8 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   if (shift > 63) {
     return 0;
   }
-  const uint64_t half = ((uint64_t)1 << shift) >> 1;
-  const uint64_t size = (product + half) >> shift;
+  /* Half of a last place added, with one shift of variable width. */
+  const uint64_t size = (shift == 0) ? product : ((product >> (shift - 1)) + 1) >> 1;
   const int32_t limited = (size > (uint64_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
   return (x < 0) ? -limited : limited;
 }

@@ -57,6 +57,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
     init_pdo(&canopen->tpdo[i]);
     canopen->rpdo_late[i] = 0;
     canopen->rpdo_waiting[i] = 0;
+    canopen->watched[i] = 0;
   }
   for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
     canopen->heartbeat_lost[i] = 0;
@@ -65,7 +66,6 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
   canopen->emcy.overrun_told = 0;
-  canopen->watched = 0;
   canopen->sync_told = 0;
   canopen->bus = CAN_BUS_ACTIVE;
   canopen->reset = CANOPEN_RESET_NONE;
@@ -306,9 +306,8 @@ static void look_at_drive(canopen_t *canopen, const fw_t *fw) {
   }
 }
 
-static bool any_waiting(const canopen_t *canopen) {
-  return canopen->rpdo_waiting[0] != 0 || canopen->rpdo_waiting[1] != 0 ||
-         canopen->rpdo_waiting[2] != 0 || canopen->rpdo_waiting[3] != 0;
+static bool any_pdo(const uint8_t flags[CANOPEN_PDOS]) {
+  return flags[0] != 0 || flags[1] != 0 || flags[2] != 0 || flags[3] != 0;
 }
 
 void canopen_tick(canopen_t *canopen, fw_t *fw) {
@@ -317,11 +316,11 @@ void canopen_tick(canopen_t *canopen, fw_t *fw) {
          timer = canopen_timer_take(&canopen->timers)) {
       run_out(canopen, fw, timer);
     }
-    if (any_waiting(canopen)) {
+    if (any_pdo(canopen->rpdo_waiting)) {
       pdo_watch(canopen, fw);
     }
     look_at_drive(canopen, fw);
-    if (canopen->watched != 0) {
+    if (any_pdo(canopen->watched)) {
       pdo_tick(canopen, fw);
     }
     if (canopen->output.lost != 0) {

@@ -44,7 +44,7 @@ struct canopen {
   uint8_t heartbeat_lost[CANOPEN_HEARTBEATS];
   uint8_t rpdo_late[CANOPEN_PDOS];    /* did not come in time while the axis was active */
   uint8_t rpdo_waiting[CANOPEN_PDOS]; /* its deadline starts when the axis becomes active */
-  uint8_t watched;                    /* some TPDO is sent when it changes */
+  uint8_t watched[CANOPEN_PDOS];      /* this TPDO is sent now when it changes */
   uint8_t sync_told;                  /* 8240h was given since a SYNC was all right */
   uint8_t bus;                        /* CAN_BUS_ */
   uint8_t reset;                      /* CANOPEN_RESET_, until it is taken */

@@ -54,8 +54,17 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->signals.drive_state = state;
 }
 
+/* Parameters in the units of the trajectory. */
+static void derive_rates(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
+  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
+  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
+  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
+}
+
 /* Ratios of parameters that are too dear for every tick. */
-static void derive(cia402_t *drive) {
+static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
@@ -89,11 +98,13 @@ void cia402_init(cia402_t *drive) {
   value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_leave_mode(drive);
-  derive(drive);
+  derive_rates(drive);
+  derive_forces(drive);
 }
 
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
-  derive(drive);
+  derive_rates(drive);
+  derive_forces(drive);
   drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
@@ -108,8 +119,8 @@ void cia402_wake(cia402_t *drive, const axis_t *axis) {
 
 /* --- before the tick -------------------------------------------------------------------------- */
 
-static uint32_t rate_of(const cia402_t *drive, bool quick) {
-  return quick ? drive->params.quick_stop_deceleration : drive->params.trajectory_deceleration;
+static int32_t rate_of(const cia402_t *drive, bool quick) {
+  return quick ? drive->quick_deceleration : drive->deceleration;
 }
 
 /* A fault that the drive found itself, or that came from outside. */
@@ -314,10 +325,14 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
 }
 
 /* Bits 4 to 8 of the controlword. */
-static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising) {
+static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
+                         bool halt_changed) {
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
   if ((controlword & CIA402_CW_MODE_4) == 0) {
     drive->acknowledged = 0;
+  }
+  if (halt_changed) {
+    drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
     drive->position_written = 0; /* go on to where the next target says */
@@ -343,10 +358,13 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
                     int32_t value) {
   const uint16_t controlword = (uint16_t)value;
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
+  if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
+    drive->reached_tick = 0; /* a target, or what it is judged by */
+  }
   switch (object) {
     case AXIS_OBJ_CONTROLWORD:
       change_state(drive, axis, controlword, rising);
-      command_mode(drive, controlword, rising);
+      command_mode(drive, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
       if (wants_other_mode(drive) && (!is_powered(state_of(drive)) || cia402_stands(drive))) {
@@ -366,7 +384,13 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:
-      derive(drive);
+      derive_forces(drive);
+      break;
+    case AXIS_OBJ_VELOCITY_MAX:
+    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
+    case AXIS_OBJ_TRAJECTORY_DECELERATION:
+    case AXIS_OBJ_QUICK_STOP_DECELERATION:
+      derive_rates(drive);
       break;
     default:
       break;

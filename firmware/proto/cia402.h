@@ -13,7 +13,7 @@
  * was last left, halted or homed, target velocity and force since the last fault. Until then the
  * axis stays where it is.
  *
- * Cost: cia402_before() and cia402_after() together at most 450 instructions on a Cortex-M4; the
+ * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
  * others run between ticks and are bounded too. */
 
 #include <stdint.h>
@@ -72,12 +72,20 @@ typedef struct {
   uint8_t lent;
 } cia402_lent_t;
 
-/* Copying it copies the drive. */
+/* Copying it copies the drive. Signals are those of the latest tick; but the forces,
+ * current_actual, velocity_sensor and drive_inputs are made anew in every second tick only, and in
+ * the others velocity_actual, and it is judged whether the target is reached and the axis stands.
+ */
 typedef struct {
   drive_params_t params;
   drive_signals_t signals;
-  profile_t trajectory;        /* in encoder counts; holds unless tracking is none */
-  int32_t origin_cnt;          /* user's position minus encoder count, before polarity */
+  profile_t trajectory; /* in encoder counts; holds unless tracking is none */
+  int32_t origin_cnt;   /* user's position minus encoder count, before polarity */
+  /* Parameters in the units of the trajectory, Q16 per tick and per tick squared. */
+  int32_t speed_max;
+  int32_t acceleration;
+  int32_t deceleration;
+  int32_t quick_deceleration;
   fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
   fx_ratio_t force_of_reading; /* and back */
   int32_t force_demand_q16;    /* per mille, Q16 */

@@ -72,11 +72,13 @@ void cia402_rest(cia402_t *drive, axis_t *axis) {
 static void follow(cia402_t *drive, axis_t *axis) {
   lend(drive, axis);
   const int32_t setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
-  const int32_t previous = axis->params.position_setpoint;
   axis->params.profile_enable = AXIS_PROFILE_ENABLE_RAW_STEP;
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
-  axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, previous, setpoint);
+  if (axis->signals.active_mode != AXIS_MODE_POSITION) {
+    /* To be pursued by the position mode that begins. */
+    axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, setpoint, setpoint);
+  }
 }
 
 static void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
@@ -108,14 +110,14 @@ static bool track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
 }
 
 static bool track_axis(cia402_t *drive, axis_t *axis) {
-  return track(drive, axis, CIA402_TRACKING_AXIS, cia402_speed_q16(drive, UINT32_MAX));
+  return track(drive, axis, CIA402_TRACKING_AXIS, drive->speed_max);
 }
 
-bool cia402_slow_down(cia402_t *drive, axis_t *axis, uint32_t rate) {
+bool cia402_slow_down(cia402_t *drive, axis_t *axis, int32_t rate) {
   if (!track_axis(drive, axis)) {
     return true;
   }
-  const trajectory_limits_t limits = {.deceleration = fx_q16_from_per_s2(rate)};
+  const trajectory_limits_t limits = {.deceleration = rate};
   trajectory_ramp(&drive->trajectory, 0, &limits);
   follow(drive, axis);
   if (drive->trajectory.velocity_q16 != 0) {
@@ -292,7 +294,7 @@ static void follow_velocity(cia402_t *drive, bool at_once) {
 
 /* Cyclic position: in equal steps over the interpolation period, then wait for the next target. */
 static void interpolate(cia402_t *drive) {
-  const int32_t most = cia402_speed_q16(drive, UINT32_MAX);
+  const int32_t most = drive->speed_max;
   if (drive->position_written == 0) {
     const trajectory_limits_t limits = cia402_limits(drive, most);
     trajectory_ramp(&drive->trajectory, 0, &limits);
@@ -419,9 +421,9 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
 }
 
 static void halt(cia402_t *drive, axis_t *axis) {
-  (void)cia402_slow_down(drive, axis,
-                         (drive->params.halt_option == 1) ? drive->params.trajectory_deceleration
-                                                          : drive->params.quick_stop_deceleration);
+  (void)cia402_slow_down(
+      drive, axis,
+      (drive->params.halt_option == 1) ? drive->deceleration : drive->quick_deceleration);
 }
 
 /* Modes that lead the axis along the trajectory. */

@@ -27,11 +27,11 @@ enum { CIA402_SETTLING_TICKS = 150 };
 /* Trajectory and axis both stand: the latter within velocity_threshold. */
 bool cia402_stands(const cia402_t *drive);
 
-/* One tick of slowing down at a rate in count/s^2, then of holding. True once trajectory and axis
+/* One tick of slowing down at a rate (Q16), then of holding. True once trajectory and axis
  * stand, or the trajectory alone for CIA402_SETTLING_TICKS: an amplifier that is switched off lets
  * the axis coast. It begins at the place and speed of the axis unless the axis follows it
  * already. */
-bool cia402_slow_down(cia402_t *drive, axis_t *axis, uint32_t rate);
+bool cia402_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
 
 /* The rising edge of "new set-point". */
 void cia402_take_setpoint(cia402_t *drive);

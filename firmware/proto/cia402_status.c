@@ -139,10 +139,6 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
   signals->position_actual = cia402_user(drive, measured->position);
   signals->position_demand = cia402_user(drive, demand_cnt);
   signals->following_error = fx_diff_wrap(signals->position_demand, signals->position_actual);
-  signals->velocity_sensor =
-      cia402_signed_by(drive, fx_per_s_from_tick(measured->velocity), CIA402_POLARITY_VELOCITY);
-  signals->velocity_actual = cia402_signed_by(drive, fx_per_s_from_16_ticks(drive->velocity_sum),
-                                              CIA402_POLARITY_VELOCITY);
   signals->velocity_demand =
       cia402_signed_by(drive, fx_per_s_from_q16(demand_q16), CIA402_POLARITY_VELOCITY);
 }
@@ -219,22 +215,37 @@ static bool has_reached(const cia402_t *drive) {
   }
 }
 
-/* One more while it lasts, without end. */
+/* Two more while it lasts, without end: judged in every second tick; 1 at the first. */
 static uint32_t lasting(uint32_t ticks, bool lasts) {
-  return !lasts ? 0 : (ticks == UINT32_MAX) ? ticks : ticks + 1;
+  if (!lasts) {
+    return 0;
+  }
+  return (ticks == 0) ? 1 : (ticks >= UINT32_MAX - 2) ? ticks : ticks + 2;
+}
+
+/* In every second tick. */
+static void judge(cia402_t *drive) {
+  drive->signals.velocity_actual = cia402_signed_by(
+      drive, fx_per_s_from_16_ticks(drive->velocity_sum), CIA402_POLARITY_VELOCITY);
+  const bool slow =
+      fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
+  drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive));
+  drive->standing_tick = lasting(drive->standing_tick, slow);
 }
 
 void cia402_observe(cia402_t *drive, const axis_t *axis) {
-  drive_signals_t *signals = &drive->signals;
-  const bool controlled = is_enabled(drive) && drive->controlled != 0;
   measure_motion(drive, axis);
-  measure_force(drive, axis);
-  signals->drive_inputs = inputs_bits(axis->signals.digital_inputs);
   if (axis->primed != 0) {
-    contact_tick(&drive->contact, &drive->params, signals, axis, controlled);
+    contact_tick(&drive->contact, &drive->params, &drive->signals, axis, drive->controlled != 0);
   }
-  drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive));
-  drive->standing_tick = lasting(drive->standing_tick, fx_magnitude(signals->velocity_actual) <=
-                                                           drive->params.velocity_threshold);
+  /* Two halves by turns, for the sake of the longest tick. */
+  if ((axis->signals.tick_count & 1) != 0) {
+    measure_force(drive, axis);
+    drive->signals.velocity_sensor = cia402_signed_by(
+        drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
+    drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
+  } else {
+    judge(drive);
+  }
   cia402_show(drive, axis);
 }

@@ -29,16 +29,14 @@ static inline int32_t cia402_encoder(const cia402_t *drive, int32_t user) {
 
 /* A speed as the trajectory wants it: bounded by velocity_max. */
 static inline int32_t cia402_speed_q16(const cia402_t *drive, uint32_t count_per_s) {
-  const uint32_t most = drive->params.velocity_max;
-  return fx_q16_from_per_s((count_per_s < most) ? count_per_s : most);
+  return (count_per_s < drive->params.velocity_max) ? fx_q16_from_per_s(count_per_s)
+                                                    : drive->speed_max;
 }
 
-/* Trajectory limits from speed in Q16 and the profile's rates in count/s^2. */
+/* Trajectory limits from speed in Q16 and the profile's rates. */
 static inline trajectory_limits_t cia402_limits(const cia402_t *drive, int32_t speed_q16) {
   return (trajectory_limits_t){
-      .speed = speed_q16,
-      .acceleration = fx_q16_from_per_s2(drive->params.trajectory_acceleration),
-      .deceleration = fx_q16_from_per_s2(drive->params.trajectory_deceleration)};
+      .speed = speed_q16, .acceleration = drive->acceleration, .deceleration = drive->deceleration};
 }
 
 #endif

@@ -76,14 +76,12 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
   return canopen->params.tpdo_transmission[i] >= PDO_EVENT_MANUFACTURER;
 }
 
-/* Whether any TPDO has to be compared in every tick, so that the others cost nothing. */
+/* Which TPDOs have to be compared in every tick, so that the others cost nothing. */
 static void update_watched(canopen_t *canopen) {
-  canopen->watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    if (canopen->signals.nmt_state == CANOPEN_OPERATIONAL && tpdo_valid(canopen, i) &&
-        is_event_driven(canopen, i)) {
-      canopen->watched = 1;
-    }
+    const bool watched = canopen->signals.nmt_state == CANOPEN_OPERATIONAL &&
+                         tpdo_valid(canopen, i) && is_event_driven(canopen, i);
+    canopen->watched[i] = watched ? 1 : 0;
   }
 }
 
@@ -185,8 +183,7 @@ void pdo_event_timer(canopen_t *canopen, uint8_t tpdo) { canopen->tpdo[tpdo].pen
 
 void pdo_tick(canopen_t *canopen, fw_t *fw) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    if (!tpdo_valid(canopen, i) || !is_event_driven(canopen, i) ||
-        canopen->timers.running[CANOPEN_TIMER_TPDO_INHIBIT + i] != 0) {
+    if (canopen->watched[i] == 0 || canopen->timers.running[CANOPEN_TIMER_TPDO_INHIBIT + i] != 0) {
       continue;
     }
     const uint64_t value = pack(canopen, fw, i);

@@ -29,7 +29,6 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
       action_(experiment.actions.begin()) {
   if (!axis_) throw std::bad_alloc();
   signals_ = axis_host_signals(axis_.get());
-  last_.tick = -1;
   write_initial();
 }
 
@@ -62,21 +61,15 @@ std::int32_t FirmwareSide::read(std::uint16_t object) const {
   return value;
 }
 
-LinkOutputs FirmwareSide::run_tick(const LinkInputs &in) {
-  axis_inputs_t inputs{};
-  inputs.encoder_cnt = in.encoder_cnt;
-  inputs.adc_code[0] = in.adc0_code;
-  inputs.adc_code[1] = in.adc1_code;
-  inputs.din = in.din;
-  inputs.sensor_valid = in.sensor_valid;
+LinkOutputs FirmwareSide::run_tick(std::int64_t tick, std::uint8_t axis) {
   axis_outputs_t outputs{};
-  axis_host_tick(axis_.get(), &inputs, &outputs);
-  return {in.tick,
+  axis_host_tick(axis_.get(), &inputs_, &outputs);
+  return {tick,
           outputs.dac_code,
           static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0)),
           signals_->fault,
           signals_->limit_reason,
-          in.axis};
+          axis};
 }
 
 LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
@@ -88,18 +81,20 @@ LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
       }
     }
   }
-  const LinkOutputs out = run_tick(in);
+  inputs_.encoder_cnt = in.encoder_cnt;
+  inputs_.adc_code[0] = in.adc0_code;
+  inputs_.adc_code[1] = in.adc1_code;
+  inputs_.din = in.din;
+  inputs_.sensor_valid = in.sensor_valid;
+  const LinkOutputs out = run_tick(in.tick, in.axis);
   if (options_.hash) hash_.add(tick_record(in, out));
-  last_ = in;
+  next_tick_ = in.tick + 1;
   return out;
 }
 
 LinkOutputs FirmwareSide::lose_sensors(std::uint8_t axis) {
-  LinkInputs in = last_;
-  in.axis = axis;
-  in.tick = next_tick();
-  in.sensor_valid = 0;
-  return run_tick(in);
+  inputs_.sensor_valid = 0;
+  return run_tick(next_tick_, axis);
 }
 
 void FirmwareSide::discard_output() {

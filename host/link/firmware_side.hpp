@@ -48,7 +48,7 @@ class FirmwareSide {
   // Ends the trace hash.
   std::string hash() { return hash_.hex(); }
 
-  std::int64_t next_tick() const { return last_.tick + 1; }
+  std::int64_t next_tick() const { return next_tick_; }
   std::int32_t read(std::uint16_t object) const;
   const std::vector<Refusal> &refused() const { return refused_; }
   axis_host_t *axis() { return axis_.get(); }
@@ -60,7 +60,7 @@ class FirmwareSide {
 
   void write_initial();
   int write(std::int64_t tick, const ObjectWrite &w);
-  LinkOutputs run_tick(const LinkInputs &in);
+  LinkOutputs run_tick(std::int64_t tick, std::uint8_t axis);
 
   const Experiment *experiment_;
   FirmwareOptions options_;
@@ -68,7 +68,8 @@ class FirmwareSide {
   std::unique_ptr<axis_host_t, Deleter> axis_;
   std::vector<Action>::const_iterator action_;
   std::vector<Refusal> refused_;
-  LinkInputs last_{};
+  axis_inputs_t inputs_{};  // of the last tick
+  std::int64_t next_tick_ = 0;
   TraceHash hash_;
 };
 

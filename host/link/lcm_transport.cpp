@@ -10,10 +10,9 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <forceaxis/link_inputs_t.hpp>   // generated from host/lcm
+#include <forceaxis/link_outputs_t.hpp>  // generated from host/lcm
 #include <type_traits>
-
-#include "forceaxis/link_inputs_t.hpp"
-#include "forceaxis/link_outputs_t.hpp"
 
 namespace forceaxis::host {
 namespace {

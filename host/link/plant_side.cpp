@@ -37,6 +37,9 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()),
       first_fault_(AXIS_FAULT_NONE) {
+  in_.din = AXIS_DIN_ENABLE;
+  in_.sensor_valid = 1;
+  in_.axis = 1;
   const std::vector<std::string> &names = plant_.signal_names();
   if (options.trace) {
     const std::size_t rows = static_cast<std::size_t>(experiment.ticks) + 1;
@@ -54,12 +57,15 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
       0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
 }
 
-LinkInputs PlantSide::sense() {
+const LinkInputs &PlantSide::sense() {
   for (; action_ != experiment_->actions.end() && action_->tick <= tick_; ++action_) {
     for (const Impulse &j : action_->impulses) plant_.apply_impulse(j.body, j.impulse_N_s);
   }
   const sim::SensorCodes codes = plant_.codes();
-  in_ = {tick_, codes.encoder, codes.adc[0], codes.adc[1], AXIS_DIN_ENABLE, 1, 1};
+  in_.tick = tick_;
+  in_.encoder_cnt = codes.encoder;
+  in_.adc0_code = codes.adc[0];
+  in_.adc1_code = codes.adc[1];
   return in_;
 }
 

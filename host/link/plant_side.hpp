@@ -25,8 +25,9 @@ class PlantSide {
   bool running() const { return tick_ <= experiment_->ticks; }
   std::int64_t tick() const { return tick_; }
 
-  // What the sensors say in the coming tick, after the impulses due. Once a tick.
-  LinkInputs sense();
+  // What the sensors say in the coming tick, after the impulses due. Once a tick; stays until the
+  // next.
+  const LinkInputs &sense();
 
   // What the firmware answered to it: recorded, then the plant steps to the next tick. Throws
   // sim::SimulationError if it cannot be stepped on, RunStopped if options.stop says so.

@@ -1,6 +1,5 @@
 #include "host/link/socketcan.hpp"
 
-#include <linux/can/raw.h>
 #include <net/if.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>

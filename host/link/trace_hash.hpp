@@ -13,13 +13,15 @@ class TraceHash {
  public:
   void add(const TickRecord &r) {
     if (size_ == sizeof bytes_) flush();
-    put(r.tick, 4);
-    put(static_cast<std::uint32_t>(r.encoder_cnt), 4);
-    put(r.adc0_code, 2);
-    put(r.adc1_code, 2);
-    put(r.din, 1);
-    put(static_cast<std::uint16_t>(r.dac_code), 2);
-    put(r.out, 1);
+    std::uint8_t *at = bytes_ + size_;
+    at = put<4>(at, r.tick);
+    at = put<4>(at, static_cast<std::uint32_t>(r.encoder_cnt));
+    at = put<2>(at, r.adc0_code);
+    at = put<2>(at, r.adc1_code);
+    at = put<1>(at, r.din);
+    at = put<2>(at, static_cast<std::uint16_t>(r.dac_code));
+    put<1>(at, r.out);
+    size_ += kTickRecordBytes;
   }
 
   // Ends the hash.
@@ -29,8 +31,10 @@ class TraceHash {
   }
 
  private:
-  void put(std::uint32_t value, int count) {
-    for (int i = 0; i < count; ++i) bytes_[size_++] = static_cast<std::uint8_t>(value >> (8 * i));
+  template <int kBytes>
+  static std::uint8_t *put(std::uint8_t *at, std::uint32_t value) {
+    for (int i = 0; i < kBytes; ++i) at[i] = static_cast<std::uint8_t>(value >> (8 * i));
+    return at + kBytes;
   }
   void flush() {
     hash_.update(bytes_, size_);

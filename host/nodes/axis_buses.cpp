@@ -1,7 +1,6 @@
 #include "host/nodes/axis_buses.hpp"
 
 #include <fcntl.h>
-#include <linux/can.h>
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
 #include <net/if.h>

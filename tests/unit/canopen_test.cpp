@@ -215,6 +215,27 @@ class Canopen : public ::testing::Test {
   std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
 };
 
+TEST(Payload, BitsGoWhereTheyBelong) {
+  EXPECT_EQ(fx_payload_put(0, 0xFFFFFFFFu, 32, 32), 0xFFFFFFFF00000000u);
+  EXPECT_EQ(fx_payload_put(1, 0x1FFu, 63, 1), 0x8000000000000001u);
+  EXPECT_EQ(fx_payload_put(0, 0xABCDu, 9, 8), 0xCDu << 9);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 0, 32), 0x89ABCDEFu);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 32, 32), 0x81234567u);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 63, 1), 1u);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 4, 8), 0xDEu);
+  uint8_t bytes[9] = {9, 9, 9, 9, 9, 9, 9, 9, 9};
+  fx_store_payload(bytes, 0x8123456789ABCDEFu, 3);
+  EXPECT_EQ(fx_load_payload(bytes, 4), 0x09ABCDEFu);
+  fx_store_payload(bytes, 0x8123456789ABCDEFu, 8);
+  EXPECT_EQ(fx_load_payload(bytes, 8), 0x8123456789ABCDEFu);
+  EXPECT_EQ(bytes[8], 9);
+  EXPECT_EQ(fx_load_payload(bytes, 0), 0u);
+  EXPECT_EQ(fx_bytes_of_bits(0), 0);
+  EXPECT_EQ(fx_bytes_of_bits(1), 1);
+  EXPECT_EQ(fx_bytes_of_bits(8), 1);
+  EXPECT_EQ(fx_bytes_of_bits(64), 8);
+}
+
 // --- NMT and heartbeat ---------------------------------------------------------------------------
 
 TEST_F(Canopen, BootsUpAfterEveryReset) {

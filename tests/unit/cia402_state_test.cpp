@@ -258,9 +258,10 @@ TEST_F(DriveState, TheEnableChainShowsAsVoltageAndItsLossAsAFault) {
   Tick();
   EXPECT_EQ(State(), FA);
   EXPECT_EQ(Status() & 0x10, 0);
+  Tick();
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x5);
   inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
-  Tick();
+  Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x10002);
 }
 

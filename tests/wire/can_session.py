@@ -5,6 +5,7 @@ Only the standard library, so that the guest does not spend its time on imports.
 
 import collections
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -91,8 +92,31 @@ def six_axes():
     return pair("--axes", "6", *SHORT, *sets)
 
 
+def with_buses():
+    """An axis on CAN and Modbus, in real time, under whatever may come on either."""
+    client, device = os.openpty()
+    with tempfile.TemporaryDirectory() as folder:
+        journal, store = Path(folder) / "journal", Path(folder) / "store"
+        axis = start(
+            "axis_node", *SHORT, "--can", "vcan0", "--modbus", os.ttyname(device),
+            "--journal", str(journal), "--store", str(store),
+        )  # fmt: skip
+        plant = start("plant_node", *SHORT, "--pace", "real")
+        noise = subprocess.Popen(["cangen", "vcan0", "-g", "2", "-n", "200", "-m"])
+        # A set-point and a mode over SDO, then reads; the noise is whatever it is.
+        for frame in ("601#2F60600001000000", "601#4041600000000000", "000#0101"):
+            subprocess.run(["cansend", "vcan0", frame], check=True)
+        for request in (b"\x01\x04\x00\x00\x00\x0e\x71\xce", b"\xff" * 7, bytes(300)):
+            os.write(client, request)
+            time.sleep(0.05)
+        done = {"plant": end(plant), "axis": end(axis)}
+        noise.wait(30)
+        return done | {"journal": journal.read_text(), "store_bytes": store.stat().st_size}
+
+
 if __name__ == "__main__":
     result = {
+        "buses": with_buses(),
         "candump": with_candump(),
         "second_plant": second_plant(),
         "killed_axis": killed_axis(),

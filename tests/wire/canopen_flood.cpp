@@ -371,6 +371,18 @@ class Flood {
     server_ = 0;
   }
 
+  // The way to an axis that is active, so that time-outs and resets find one.
+  void Enable() {
+    server_ = 0x600;
+    static constexpr uint32_t modes[] = {1, 3, 4, 8, 10};
+    Write(0x6060, 0, Pick(modes), 1);
+    for (uint32_t word : {0x80u, 0x00u, 0x06u, 0x07u, 0x0Fu}) {
+      Write(0x6040, 0, word, 2);
+      Tick();
+    }
+    server_ = 0;
+  }
+
   void Nmt() {
     static constexpr uint8_t commands[] = {1, 1, 1, 1, 1, 1, 2, 128, 128, 129, 130, 3};
     const uint8_t command = Pick(commands);
@@ -474,6 +486,8 @@ class Flood {
       std::vector<uint8_t> data(8);
       for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
       Request(data[0], static_cast<uint16_t>(random_()), data[1], static_cast<uint32_t>(random_()));
+    } else if (choice < 985) {
+      Enable();
     } else if (choice < 990) {
       Record_();
     } else if (choice < 993) {

@@ -285,7 +285,7 @@ def captures(axis):
         "total": held.total,
         "missing": held.missing,
         "steps": sorted({int(s) for s in ticks[1:] - ticks[:-1]}),
-        "first_tick": held.first_tick == ticks[0],
+        "first_tick": bool(held.first_tick == ticks[0]),
         "statusword": sorted({int(s) for s in held.values("statusword")}),
     }
     slow = axis.capture(["tick_count"], samples=100, decimation=3)
@@ -368,11 +368,8 @@ def map_refuses(modbus):
     found["taken_back"] = registers(modbus, limit, 2) == was
     found["disable"] = modbus.write_coil(0, False, device_id=1).isError()
     found["disabled"] = modbus.read_coils(0, count=1, device_id=1).bits[0]
-    found["all_or_none"] = modbus.write_registers(gain, [before[0] + 1, 0, 0, 0, 99], device_id=1)
-    found["all_or_none"] = [
-        found["all_or_none"].exception_code,
-        registers(modbus, gain, 2) == before,
-    ]
+    refused = modbus.write_registers(gain, [before[0] + 1, 0, 0, 0, 99], device_id=1)
+    found["all_or_none"] = [refused.exception_code, registers(modbus, gain, 2) == before]
     found["mask"] = [
         modbus.mask_write_register(
             address=gain, and_mask=0xFF00, or_mask=0x0021, device_id=1

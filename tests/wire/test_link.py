@@ -127,12 +127,17 @@ def test_lost_and_doubled_datagrams_change_nothing():
     assert axis["sent"] == summary["ticks"] + axis["repeated"]
 
 
-def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
-    url = _core.lcm_url_of(link.new_run_id())
-    log = tmp_path / "link.lcmlog"
-    logger = subprocess.Popen(["lcm-logger", "-q", "-f", f"--lcm-url={url}", log])
+def logged_run(log, duration):
+    """The reports of a run in real time, and {channel: [tick, ...]} as lcm-logger has it."""
+    run_id = link.new_run_id()
+    url = _core.lcm_url_of(run_id)
+    logger = subprocess.Popen(
+        ["lcm-logger", "-q", "-f", f"--lcm-url={url}&recv_buf_size=4000000", log]
+    )
     time.sleep(0.5)
-    summary = run("--link", "lcm", "--lcm-url", url)
+    common = ["--run-id", run_id, "--set", duration]
+    axis = start("axis_node", *common)
+    reports = {"plant": end(start("plant_node", *common, "--pace", "real")), "axis": end(axis)}
     time.sleep(0.5)
     logger.send_signal(signal.SIGINT)
     logger.wait(10)
@@ -141,15 +146,29 @@ def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
         if event.channel == "LCM_SELF_TEST":  # of LCM itself, when a process joins
             continue
         # Fingerprint, then utime, wall_utime, seq (the tick), run_id.
-        _, _, utime, _, seq, run_id = struct.unpack(">2I4q", event.data[:40])
-        assert run_id == summary["link"]["run_id"]
-        assert utime == seq * 1_000_000 // 1500
+        _, _, utime, _, seq, of_run = struct.unpack(">2I4q", event.data[:40])
+        assert (of_run, utime) == (run_id, seq * 1_000_000 // 1500)
         seen[event.channel].append(seq)
-    assert set(seen) == {"AXIS_1_LINK_INPUTS", "AXIS_1_LINK_OUTPUTS"}
-    statistics = summary["link"]["statistics"]
-    for channel, end_ in (("AXIS_1_LINK_INPUTS", "plant"), ("AXIS_1_LINK_OUTPUTS", "axis")):
-        assert sorted(set(seen[channel])) == list(range(summary["ticks"]))
-        assert len(seen[channel]) == summary["ticks"] + statistics[end_]["repeated"]
+    return reports, seen
+
+
+def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
+    ticks = 3001
+    # Nobody acknowledges what a listener hears: on a machine that others keep busy it may miss
+    # some, so it has three tries. What it must not show is a message too many.
+    for _ in range(3):
+        reports, seen = logged_run(tmp_path / "link.lcmlog", "experiment.duration_s=2")
+        assert set(seen) == {"AXIS_1_LINK_INPUTS", "AXIS_1_LINK_OUTPUTS"}
+        heard, sent = {}, {}
+        for end_, channel in (("plant", "AXIS_1_LINK_INPUTS"), ("axis", "AXIS_1_LINK_OUTPUTS")):
+            heard[end_] = len(seen[channel])
+            sent[end_] = ticks + reports[end_]["statistics"]["repeated"]
+            assert heard[end_] <= sent[end_]
+        if heard == sent:
+            break
+    assert heard == sent
+    for ticks_seen in seen.values():
+        assert sorted(set(ticks_seen)) == list(range(ticks))
 
 
 def test_candump_counts_a_frame_a_tick_and_direction(can):
@@ -279,6 +298,47 @@ def test_a_partner_that_never_comes_is_named():
         assert told["status"] == 1
         assert f"{name}: {partner}" in told["stderr"] and "silent for" in told["stderr"]
         assert "is it running, on this link and with this run id?" in told["stderr"]
+
+
+# --- buses and their journal ---------------------------------------------------------------------
+
+
+def test_the_journal_of_an_axis_on_buses_gives_the_same_hash_in_process(can, tmp_path):
+    done = can["buses"]
+    assert hashes(done["plant"]) == hashes(done["axis"])
+    assert done["store_bytes"] == 2 * 16384
+    lines = done["journal"].splitlines()
+    kinds = collections.Counter(line.split()[0] for line in lines)
+    assert kinds["can"] > 20 and kinds["modbus"] >= 3 and kinds["write"] == 5
+    assert lines[-1] == f"end 1501 {hashes(done['axis'])[0]}"
+    ticks = [int(line.split()[1]) for line in lines if line.split()[0] in ("can", "modbus")]
+    assert ticks == sorted(ticks)
+    journal = tmp_path / "axis.log"
+    journal.write_text(done["journal"])
+    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    assert summary["trace_hash"] == hashes(done["axis"])[0]
+    assert summary["replay"]["same"] is True
+    assert summary["replay"]["entries"] == sum(kinds[k] for k in ("can", "modbus", "write"))
+
+
+def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
+    run_id = ["--run-id", link.new_run_id(), "--set", SHORT]
+    journal = tmp_path / "axis.log"
+    axis = start("axis_node", *run_id, "--journal", journal)
+    assert end(start("plant_node", *run_id))["status"] == 0
+    assert hashes(end(axis)) == [in_process(SHORT)]
+    forceaxis("replay", journal)
+    text = journal.read_text()
+    for changed, status, word in (
+        ("", 2, "expected a readable journal"),
+        (text.replace("write 0 force_gain", "write 0 force_gian"), 2, "line 7"),
+        (text.replace("inputs_hash ", "inputs_hash 0"), 2, "has changed since"),
+        (text[: text.index("end ")], 1, "expected a line `end`"),
+        (text.replace("force_gain 1280", "force_gain 2560"), 1, "expected the trace hash"),
+    ):
+        journal.write_text(changed)
+        done = forceaxis("replay", journal, status=status)
+        assert word in done.stderr and done.stderr.count("\n") == 1
 
 
 # --- runs do not meet ----------------------------------------------------------------------------

@@ -573,7 +573,7 @@ def test_exported_values_are_those_that_were_sent(recorded, tmp_path):
     capture = np.load(tmp_path / "AXIS_1_CAPTURE_1.npz")
     assert capture["tick"].tolist() == list(range(3000, 3150))
     assert capture["force_count"].tolist() == [sample(1, 0, i) / 256 for i in range(150)]
-    assert capture["dac_code_code"].tolist() == [sample(1, 1, i) for i in range(150)]
+    assert capture["dac_code"].tolist() == [sample(1, 1, i) for i in range(150)]
     assert capture["time_s"].tolist() == [t / 1500 for t in range(3000, 3150)]
     plant = np.load(tmp_path / "SIM_TRUTH.npz")
     ticks = [30 * k + i for k in range(0, COUNT, 5) for i in range(30)]

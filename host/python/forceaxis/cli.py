@@ -435,9 +435,9 @@ def test(targets, update, junit, out, pattern, threads, as_json):
 for verb in (
     *cli_frequency.VERBS,
     cli_identify.identify,
-    cli_objects.objects_,
     *cli_gateway.VERBS,
     *cli_live.VERBS,
+    cli_objects.objects_,
 ):
     cli.add_command(verb)
 

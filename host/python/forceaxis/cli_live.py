@@ -92,7 +92,7 @@ def snapshot(watch, source, axis, seconds, as_json):
         shown["trouble"] = source.trouble
     if as_json:
         click.echo(json.dumps(shown, allow_nan=False))
-    else:
+    elif shown["axes"]:
         click.echo(describe(shown))
     if not shown["axes"]:
         which = "no axis" if axis is None else f"axis {axis}"

@@ -181,14 +181,16 @@ def capture_columns(held):
 
 
 def column_name(name):
-    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension."""
+    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension
+    or where the name ends in it, dac_code."""
     return _with_unit(name, unit_of(name))
 
 
 def _with_unit(name, unit):
-    if unit in ("", "1"):
+    word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
+    if unit in ("", "1") or name.endswith(f"_{word}"):
         return name
-    return f"{name}_{unit.replace('/', '_per_').replace('^', '').replace(' ', '_')}"
+    return f"{name}_{word}"
 
 
 def _engineering(name, raw):

@@ -10,3 +10,5 @@ from .axis_event_t import axis_event_t as axis_event_t
 from .axis_capture_t import axis_capture_t as axis_capture_t
 from .sim_clock_t import sim_clock_t as sim_clock_t
 from .sim_truth_t import sim_truth_t as sim_truth_t
+from .link_inputs_t import link_inputs_t as link_inputs_t
+from .link_outputs_t import link_outputs_t as link_outputs_t

@@ -1,0 +1,170 @@
+"""python-canopen, which nobody here wrote, as the client of the firmware's node."""
+
+import ctypes
+import queue
+import threading
+import time
+from pathlib import Path
+
+import can
+import canopen
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
+NODE = 5
+
+
+class AxisBus(can.BusABC):
+    """A CAN bus with one axis on it, whose ticks pass in real time."""
+
+    def __init__(self):
+        super().__init__(channel="axis")
+        self.library = ctypes.CDLL(str(ROOT / "build/release/tests/wire/libcanopen_bus.so"))
+        self.library.axis_new.restype = ctypes.c_void_p
+        self.axis = ctypes.c_void_p(self.library.axis_new(NODE))
+        self.frames = queue.Queue()
+        self.lock = threading.Lock()
+        self.open = True
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self):
+        begin, ticks = time.monotonic(), 0
+        while self.open:
+            due = int((time.monotonic() - begin) * 1500)
+            with self.lock:
+                while ticks < due:
+                    ticks += 1
+                    self.library.axis_ticks(self.axis, 1)
+                    self.drain()
+            time.sleep(0.001)
+
+    def drain(self):
+        data = (ctypes.c_uint8 * 8)()
+        while (head := self.library.axis_transmit(self.axis, data)) >= 0:
+            self.frames.put(
+                can.Message(
+                    arbitration_id=head // 16,
+                    data=bytes(data)[: head % 16],
+                    is_extended_id=False,
+                    timestamp=time.time(),
+                )
+            )
+
+    def send(self, msg, timeout=None):
+        with self.lock:
+            self.library.axis_receive(
+                self.axis, msg.arbitration_id, msg.is_remote_frame, bytes(msg.data), len(msg.data)
+            )
+            self.drain()
+
+    def _recv_internal(self, timeout):
+        try:
+            return self.frames.get(timeout=timeout), False
+        except queue.Empty:
+            return None, False
+
+    def shutdown(self):
+        self.open = False
+        self.thread.join()
+        super().shutdown()
+        self.library.axis_delete(self.axis)
+
+
+@pytest.fixture
+def node():
+    network = canopen.Network(bus=AxisBus())
+    network.connect()
+    try:
+        found = network.add_node(NODE, str(EDS))
+        assert found.nmt.wait_for_heartbeat(2) == "PRE-OPERATIONAL"
+        yield found
+    finally:
+        network.disconnect()
+
+
+def test_every_object_of_the_data_sheet_can_be_read(node):
+    count = 0
+    for entry in node.object_dictionary.values():
+        for variable in [entry] if hasattr(entry, "data_type") else entry.values():
+            if "r" not in variable.access_type or variable.index == 0x2120:
+                continue
+            upload = node.sdo.upload(variable.index, variable.subindex)
+            assert variable.data_type == 9 or len(upload) == len(variable) // 8, variable.name
+            count += 1
+    assert count > 250
+    assert node.sdo[0x1008].raw == "forceaxis"
+
+
+def test_boots_after_every_reset(node):
+    # Not wait_for_bootup(): the message is there before that begins to wait.
+    heard = queue.Queue()
+    node.network.subscribe(0x700 + NODE, lambda _id, data, _time: heard.put(bytes(data)))
+    for command in ("RESET", "RESET COMMUNICATION"):
+        node.nmt.state = command
+        while heard.get(timeout=2) != b"\0":
+            pass
+        node.nmt.state = "OPERATIONAL"
+        while heard.get(timeout=2) != b"\5":
+            pass
+
+
+def test_pdos_are_mapped_and_used(node):
+    node.tpdo.read()
+    node.rpdo.read()
+    node.tpdo[3].clear()
+    node.tpdo[3].add_variable(0x6064)
+    node.tpdo[3].add_variable(0x201F)
+    node.tpdo[3].trans_type = 255
+    node.tpdo[3].inhibit_time = 100
+    node.tpdo[3].event_timer = 20
+    node.tpdo[3].enabled = True
+    node.rpdo[4].clear()
+    node.rpdo[4].add_variable(0x6071)
+    node.rpdo[4].add_variable(0x607A)
+    node.rpdo[4].enabled = True
+    node.tpdo.save()
+    node.rpdo.save()
+    node.nmt.state = "OPERATIONAL"
+    assert node.tpdo[3].wait_for_reception(2) is not None
+    first = node.tpdo[3][1].raw
+    assert node.tpdo[3].wait_for_reception(2) is not None
+    # 10 ms of inhibit time are 15 ticks; a busy machine may have let more pass.
+    assert node.tpdo[3][1].raw - first >= 15
+    node.rpdo[4][0].raw = -123
+    node.rpdo[4][1].raw = 456789
+    node.rpdo[4].transmit()
+    assert node.sdo[0x6071].raw == -123
+    assert node.sdo[0x607A].raw == 456789
+
+
+def test_refusals_have_their_codes(node):
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        node.sdo[0x1400][2].raw = 252
+    assert refusal.value.code == 0x06090030
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        node.sdo.download(0x6041, 0, b"\0\0")
+    assert refusal.value.code == 0x06010002
+
+
+def test_the_recording_comes_in_one_piece(node):
+    node.sdo[0x2100][1].raw = 0x201F00
+    node.sdo[0x2106].raw = 1000
+    node.sdo[0x2107].raw = 1
+    for _ in range(200):
+        if node.sdo[0x2108].raw == 3:
+            break
+        time.sleep(0.01)
+    data = node.sdo.upload(0x2120, 0)
+    ticks = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
+    assert ticks == list(range(ticks[0], ticks[0] + 1000))
+
+
+def test_a_broken_pdo_is_an_emergency(node):
+    node.nmt.state = "OPERATIONAL"
+    node.network.send_message(0x300 + NODE, b"\0")
+    emergency = node.emcy.wait(0x8210, timeout=2)
+    assert emergency is not None
+    assert emergency.data[0] == 2
+    assert node.sdo[0x1003][1].raw & 0xFFFF == 0x8210
