@@ -142,7 +142,8 @@ def until(holds, timeout_s=5.0):
 
 
 def states(axis):
-    axis.state(10)
+    until(lambda: operational(axis), 10)
+    until(lambda: axis.state(1).force_scale_uN > 0)  # the last one that is polled
     got, end = [], time.monotonic() + 2
     while time.monotonic() < end:
         got.append(axis.state(1))
@@ -544,7 +545,7 @@ def other_table():
     found = {}
     with AxisClient(2, timeout_s=3) as axis:
         until(lambda: process.said())
-        state = axis.state(3)
+        state = until(lambda: s if (s := axis.state(3)).objects_hash > 0 else None)
         found["said"] = process.said()
         found["hash"] = state.objects_hash
         try:
