@@ -171,7 +171,7 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
   }
   if (object != AXIS_OBJ_NONE) {
     const axis_object_meta_t &meta = host::object_meta(object);
-    if (result.abort >= 0x06090030 && result.abort <= 0x06090032) {
+    if (result.abort == 0x06090031 || result.abort == 0x06090032) {
       return canopen::abort_text(result.abort) + ", raw values go from " +
              std::to_string(meta.min) + " to " + std::to_string(meta.max);
     }

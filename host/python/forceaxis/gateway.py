@@ -35,9 +35,10 @@ class Session(AxisClient):
     """An axis that is this program's own until the session is closed."""
 
     def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
-        super().__init__(axis, url, timeout_s)
+        # Before the bus's thread begins to bring them.
         self.states = []  # every state that was heard: axis_state_t, in order
         self._keeper = None
+        super().__init__(axis, url, timeout_s)
         try:
             self.wait_for(
                 lambda s: s.nmt_state == s.NMT_OPERATIONAL and s.statusword != s.NOT_AVAILABLE,
