@@ -48,8 +48,8 @@ class GatewayAxis {
   void receive(const canopen::Frame &frame);
   // A SYNC is about to be sent: publishes the state that the last one brought.
   void before_sync();
-  // To be called often: says when the heartbeat is lost.
-  void watch_heartbeat();
+  // To be called once a period, with all received frames given: says when the heartbeat is lost.
+  void watch_heartbeat(std::chrono::milliseconds period);
 
   // Stops the axis if it is CANopen's, and ends its watch for the gateway.
   Task<void> shut_down();
@@ -121,7 +121,7 @@ class GatewayAxis {
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
   std::uint64_t boots_ = 1, set_up_boots_ = 0;
-  Time heard_at_;
+  std::chrono::milliseconds silence_{0};  // since the last heartbeat
   std::size_t next_poll_ = 0;
   std::uint64_t tick_ = 0;  // unwrapped
   std::array<Value, AXIS_OBJ_COUNT> values_{};
