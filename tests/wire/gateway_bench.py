@@ -276,6 +276,35 @@ def repetitions(axis):
         other.close()
 
 
+def events(axis):
+    """What the axis does of itself: it is driven beyond its limits, then beyond its speed."""
+    heard = []
+    bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
+    try:
+        axis.take()
+        axis.write_all({"output_limit": 100, "open_loop_code": 300, "modes_of_operation": -2})
+        for word in (0x06, 0x07, 0x0F):
+            axis.write("controlword", word)
+        axis.wait_event(axis_event_t.EVENT_LIMIT, lambda e: e.code == 2)
+        axis.write_all({"output_limit": 2048, "speed_max": 1, "open_loop_code": 500})
+        axis.wait_event(axis_event_t.EVENT_FAULT)
+        until(lambda: any(e.kind == axis_event_t.EVENT_EMCY for e in heard))
+        axis.write_all({"speed_max": 0, "controlword": 0x80})
+        axis.wait_event(axis_event_t.EVENT_FAULT, lambda e: e.code == 0)
+        time.sleep(0.3)
+    finally:
+        bus.close()
+    answers = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
+    return {
+        "events": [[e.kind, e.code, e.text] for e in heard if e.kind not in answers],
+        "emcy": [
+            dict(zip(e.object, e.value, strict=True))
+            for e in heard
+            if e.kind == axis_event_t.EVENT_EMCY
+        ],
+    }
+
+
 def captures(axis):
     axis.take()
     axis.write("watchdog", 30_000)
@@ -587,6 +616,7 @@ def main():
             keep("lock", lock, axis, modbus)
             keep("refusals", refusals, axis)
             keep("repetitions", repetitions, axis)
+            keep("events", events, axis)
             keep("captures", captures, axis)
             keep("map_reads", map_reads, axis, modbus)
             keep("map_refuses", map_refuses, modbus)
