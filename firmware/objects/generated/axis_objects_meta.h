@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "c17a122d57309a590fbd39cad489f7ad3808939948922c7671a9dc6951800aa3"
+#define AXIS_OBJECTS_HASH "6349fc75af54b15cf5c517c5ea80f31055a60bebf5a76d6394b9229a43c14394"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */

@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "c17a122d57309a590fbd39cad489f7ad3808939948922c7671a9dc6951800aa3"
+OBJECTS_HASH = "6349fc75af54b15cf5c517c5ea80f31055a60bebf5a76d6394b9229a43c14394"
 
 OBJECTS = (
     AxisObject(
@@ -1711,6 +1711,10 @@ OBJECTS = (
             (33360, "pdo_timeout"),
             (34321, "following_error"),
             (34322, "limit_switches"),
+            (65281, "contact_lost"),
+            (65282, "force_saturated"),
+            (65283, "limit_cycle"),
+            (65284, "overrun"),
             (65285, "enable_lost"),
             (65286, "force_max"),
         ),
