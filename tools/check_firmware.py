@@ -271,7 +271,7 @@ def check_includes(root, findings):
                     findings.add(path, line, "spelling", f"computed include {header}")
                 elif kind == "<" and not (
                     header.startswith(tuple(f"{r}/" for r in ROOTS))
-                    or Path(header).name in project_headers
+                    or header in project_headers
                 ):
                     continue  # of the system or of a library
                 elif kind == "<":

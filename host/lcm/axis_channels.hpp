@@ -2,17 +2,16 @@
 // The LCM side of a gateway: what host/lcm/axis.lcm says, with seq, run_id and times filled in.
 #include <array>
 #include <cstdint>
+#include <forceaxis/axis_capture_t.hpp>
+#include <forceaxis/axis_command_t.hpp>
+#include <forceaxis/axis_event_t.hpp>
+#include <forceaxis/axis_state_t.hpp>
 #include <functional>
 #include <lcm/lcm-cpp.hpp>
 #include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "forceaxis/axis_capture_t.hpp"
-#include "forceaxis/axis_command_t.hpp"
-#include "forceaxis/axis_event_t.hpp"
-#include "forceaxis/axis_state_t.hpp"
 
 namespace forceaxis::lcm_bus {
 
