@@ -1,0 +1,1 @@
+def flood(*a): pass
