@@ -27,7 +27,7 @@ EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
 EDS = ROOT / "firmware" / "objects" / "generated" / "forceaxis.eds"
 # The plant is ended when the steps are done.
 SETTINGS = ["--set", "experiment.duration_s=600", "--set", "firmware.mode=disabled"]
-LINK = ["--link", "socketcan", "--timeout", "20", "--start-timeout", "20"]
+LINK = ["--link", "socketcan", "--timeout", "6", "--start-timeout", "20"]
 NODE = 1
 BAUD = 9600
 
@@ -70,6 +70,14 @@ class Nodes:
         assert "ready" in process.stdout.readline(), name
         return process
 
+    def finish(self):
+        """Ends the plant; the axis then ends itself and closes its journal. Its report."""
+        self.plant.kill()
+        self.plant.communicate()
+        report, _ = self.axis.communicate(timeout=30)
+        self.output.close()
+        return json.loads(report)
+
     def end(self):
         for process in (self.axis, self.plant):
             process.kill()
@@ -98,7 +106,7 @@ def wait_until(what, condition, seconds=5.0):
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
-            raise TimeoutError(f"{what} did not come within {seconds} s")
+            raise TimeoutError(f"{what() if callable(what) else what} did not come within {seconds} s")
         time.sleep(0.002)
 
 
@@ -130,11 +138,7 @@ class Client:
     def resets(self):
         found = {}
         for command in ("RESET", "RESET COMMUNICATION"):
-            waiting = threading.Thread(target=self.wait_boot, args=(found, command))
-            waiting.start()
-            time.sleep(0.05)
-            self.drive.nmt.state = command
-            waiting.join()
+            found[command] = self.reset(command)
             self.drive.sdo[0x1017].raw = 50
             found[command + " state"] = self.settle()
         for command in ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL"):
@@ -143,13 +147,20 @@ class Client:
             found.setdefault("states", []).append(self.settle())
         return found
 
-    def wait_boot(self, found, name):
+    def reset(self, command):
+        """Seconds until the boot-up message, which may be there before a call could wait for it."""
+        heard = []
+        waiting = threading.Thread(target=lambda: heard.append(self.drive.nmt.wait_for_bootup(5)))
+        waiting.start()
+        time.sleep(0.05)
         since = time.monotonic()
-        self.drive.nmt.wait_for_bootup(5)
-        found[name] = time.monotonic() - since
+        self.drive.nmt.state = command
+        waiting.join()
+        assert heard, f"no boot-up after {command}"
+        return time.monotonic() - since
 
     def gains(self):
-        for index, value in ((0x2010, 4), (0x2011, 20), (0x200A, 5)):
+        for index, value in ((0x2010, 1024), (0x2011, 5120), (0x200A, 1280)):
             self.drive.sdo[index].raw = value
         self.drive.sdo[0x2203].raw = 20000
 
@@ -192,7 +203,7 @@ class Client:
 
     def status_bits(self, mask, value, seconds=5.0):
         wait_until(
-            f"statusword & {mask:#x} == {value:#x} (is {self.drive.statusword:#x})",
+            lambda: f"statusword {value:#x} of {mask:#x}, is {self.drive.statusword:#x} at {self.position()}",
             lambda: self.drive.check_statusword() & mask == value,
             seconds,
         )
@@ -310,7 +321,7 @@ class Client:
         drive.sdo[0x60FF].raw = -4000
         self.status_bits(0x1000, 0, 5)
         found["quick_stop"] = self.go("QUICK STOP ACTIVE")
-        self.status_bits(0x1000, 0x1000, 5)
+        self.status_bits(0x0400, 0x0400, 5)
         found["on_again"] = self.go("OPERATION ENABLED")
         drive.sdo[0x60FF].raw = 0
         drive.sdo[0x605A].raw = 2
@@ -380,8 +391,7 @@ class Client:
         found["ticks_grow"] = all(b > a for a, b in zip(ticks, ticks[1:], strict=False))
         drive.sdo[0x60FF].raw = drive.sdo[0x6071].raw = 0
         # Back to the defaults, by a reset.
-        drive.nmt.state = "RESET COMMUNICATION"
-        drive.nmt.wait_for_bootup(5)
+        self.reset("RESET COMMUNICATION")
         drive.pdo.read()
         found["defaults"] = [hex(v.index) for v in drive.tpdo[3]] + [
             hex(v.index) for v in drive.rpdo[3]
@@ -396,7 +406,7 @@ class Client:
     def recording(self):
         sdo = self.drive.sdo
         sdo[0x2100][1].raw = 0x201F00
-        sdo[0x2106].raw = 1500
+        sdo[0x2106].raw = 700
         sdo[0x2107].raw = 1
         wait_until("the recording", lambda: sdo[0x2108].raw == 3, 10)
         since = time.monotonic()
@@ -420,18 +430,14 @@ class Client:
         drive.store()
         wait_until("the end of the save", settled)
         drive.sdo[0x200A].raw = 1
-        self.reboot()
+        self.reset("RESET")
         found = {"after_save": drive.sdo[0x200A].raw}
         drive.restore()
         wait_until("the end of it", settled)
-        self.reboot()
+        self.reset("RESET")
         found["after_restore"] = drive.sdo[0x200A].raw
         drive.sdo[0x200A].raw = before
         return found
-
-    def reboot(self):
-        self.drive.nmt.state = "RESET"
-        self.drive.nmt.wait_for_bootup(5)
 
     # --- what the session's frames are compared with --------------------------------------------
 
@@ -543,16 +549,16 @@ def modbus(line, client):
     )
     found["canopen_reads"] = [sdo[0x2301].raw, sdo[0x200A].raw, sdo[0x607A].raw]
     try:
-        sdo[0x200A].raw = 5
+        sdo[0x200A].raw = 1280
     except canopen.SdoAbortedError as refusal:
         found["canopen_refused"] = refusal.code
     rtu = ModbusSerialClient(
-        str(line.client), baudrate=BAUD, parity="E", timeout=1, retries=0, name="pymodbus"
+        str(line.client), baudrate=BAUD, timeout=1, retries=0, name="pymodbus"
     )
     assert rtu.connect()
     answer = rtu.read_holding_registers(2, count=2, device_id=NODE)
     found["pymodbus_reads"] = answer.registers
-    found["pymodbus_writes"] = not rtu.write_register(0x010C, 5, device_id=NODE).isError()
+    found["pymodbus_writes"] = not rtu.write_register(0x010C, 1280, device_id=NODE).isError()
     found["exceptions"] = [
         rtu.read_holding_registers(9, count=1, device_id=NODE).exception_code,
         rtu.write_register(2, 1, device_id=NODE).exception_code,
@@ -568,7 +574,7 @@ def modbus(line, client):
     rtu.write_coil(0, False, device_id=NODE)
     found["released"] = not rtu.write_register(7, 0, device_id=NODE).isError()
     rtu.close()
-    sdo[0x200A].raw = 5
+    sdo[0x200A].raw = 1280
     found["owner"] = sdo[0x2301].raw
     return found
 
@@ -585,8 +591,8 @@ def session(folder, steps):
     )
     client = Client()
     steps("set_up", client.set_up)
-    steps("gains", client.gains)
     steps("resets", client.resets)
+    steps("gains", client.gains)
     steps("walk", client.walk)
     steps("modes", client.modes)
     steps("homing", client.homing)
