@@ -106,7 +106,9 @@ def wait_until(what, condition, seconds=5.0):
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
-            raise TimeoutError(f"{what() if callable(what) else what} did not come within {seconds} s")
+            raise TimeoutError(
+                f"{what() if callable(what) else what} did not come within {seconds} s"
+            )
         time.sleep(0.002)
 
 
@@ -203,7 +205,9 @@ class Client:
 
     def status_bits(self, mask, value, seconds=5.0):
         wait_until(
-            lambda: f"statusword {value:#x} of {mask:#x}, is {self.drive.statusword:#x} at {self.position()}",
+            lambda: (
+                f"statusword {value:#x} of {mask:#x}, is {self.drive.statusword:#x} at {self.position()}"
+            ),
             lambda: self.drive.check_statusword() & mask == value,
             seconds,
         )
@@ -552,9 +556,7 @@ def modbus(line, client):
         sdo[0x200A].raw = 1280
     except canopen.SdoAbortedError as refusal:
         found["canopen_refused"] = refusal.code
-    rtu = ModbusSerialClient(
-        str(line.client), baudrate=BAUD, timeout=1, retries=0, name="pymodbus"
-    )
+    rtu = ModbusSerialClient(str(line.client), baudrate=BAUD, timeout=1, retries=0, name="pymodbus")
     assert rtu.connect()
     answer = rtu.read_holding_registers(2, count=2, device_id=NODE)
     found["pymodbus_reads"] = answer.registers
@@ -564,9 +566,11 @@ def modbus(line, client):
         rtu.write_register(2, 1, device_id=NODE).exception_code,
         rtu.read_fifo_queue(address=0, device_id=NODE).exception_code,
     ]
-    found["identity"] = rtu.read_device_information(
-        read_code=1, object_id=0, device_id=NODE
-    ).information[0].decode()
+    found["identity"] = (
+        rtu.read_device_information(read_code=1, object_id=0, device_id=NODE)
+        .information[0]
+        .decode()
+    )
     # The axis by its coil, read on CANopen.
     rtu.write_registers(1, [8], device_id=NODE)
     rtu.write_coil(0, True, device_id=NODE)
