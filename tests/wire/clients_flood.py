@@ -47,6 +47,19 @@ COMMANDS = [
 ]
 
 
+def record(log):
+    """candump, writing all of vcan0 to a file."""
+    with log.open("w") as out:
+        dump = subprocess.Popen(["candump", "-L", "-r", "30000000", "vcan0"], stdout=out)
+    time.sleep(0.2)
+    return dump
+
+
+def stop(dump):
+    dump.send_signal(signal.SIGINT)
+    dump.wait(10)
+
+
 def request(rng):
     index = rng.choice(INDICES) if rng.random() < 0.9 else rng.randrange(0x10000)
     command = rng.choice(COMMANDS) if rng.random() < 0.9 else rng.randrange(256)
@@ -127,9 +140,7 @@ def lost(client):
 
 
 def flood(folder, steps, make_nodes, make_client, brief):
-    log = open(folder / "flood.log", "w")
-    dump = subprocess.Popen(["candump", "-L", "-r", "30000000", "vcan0"], stdout=log)
-    time.sleep(0.2)
+    dump = record(folder / "flood.log")
     nodes = make_nodes(folder, "flood")
     # The session beside a flood that is none of the node's business.
     words = ["cangen", "vcan0", "-I", FOREIGN, "-L", "8", "-g", "0.5", "-i"]
@@ -147,6 +158,4 @@ def flood(folder, steps, make_nodes, make_client, brief):
     steps("after_flood", brief, client)
     client.close()
     steps("flood_nodes", nodes.finish)
-    dump.send_signal(signal.SIGINT)
-    dump.wait(10)
-    log.close()
+    stop(dump)

@@ -3,10 +3,10 @@ to. Clients that nobody here wrote work at axis_node; each step leaves its figur
 failed, in results.json, and all frames of the session are in session.log, as candump writes them.
 """
 
+import itertools
 import json
 import logging
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -17,7 +17,7 @@ from pathlib import Path
 import can
 import canopen
 from canopen.profiles.p402 import BaseNode402
-from clients_flood import flood
+from clients_flood import flood, record, stop
 from pymodbus.client import ModbusSerialClient
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,15 +58,16 @@ class Nodes:
 
     def __init__(self, folder, name, *axis_args):
         self.journal = folder / f"{name}.journal"
-        self.output = open(folder / f"{name}.nodes", "w")
+        self.errors = folder / f"{name}.errors"
         self.axis = self.start("axis_node", "--can", "vcan0", "--journal", self.journal, *axis_args)
         self.plant = self.start("plant_node", "--pace", "real")
 
     def start(self, name, *args):
         words = [NODES / name, EXPERIMENT, *SETTINGS, *LINK, *args]
-        process = subprocess.Popen(
-            [str(w) for w in words], stdout=subprocess.PIPE, stderr=self.output, text=True
-        )
+        with self.errors.open("a") as errors:
+            process = subprocess.Popen(
+                [str(w) for w in words], stdout=subprocess.PIPE, stderr=errors, text=True
+            )
         assert "ready" in process.stdout.readline(), name
         return process
 
@@ -75,14 +76,12 @@ class Nodes:
         self.plant.kill()
         self.plant.communicate()
         report, _ = self.axis.communicate(timeout=30)
-        self.output.close()
         return json.loads(report)
 
     def end(self):
         for process in (self.axis, self.plant):
             process.kill()
             process.communicate()
-        self.output.close()
 
 
 class Steps:
@@ -206,7 +205,8 @@ class Client:
     def status_bits(self, mask, value, seconds=5.0):
         wait_until(
             lambda: (
-                f"statusword {value:#x} of {mask:#x}, is {self.drive.statusword:#x} at {self.position()}"
+                f"statusword {value:#x} of {mask:#x} (is {self.drive.statusword:#x}, "
+                f"position {self.position()})"
             ),
             lambda: self.drive.check_statusword() & mask == value,
             seconds,
@@ -392,7 +392,7 @@ class Client:
             self.network.sync.transmit()
             time.sleep(0.01)
         wait_until("ten TPDO3", lambda: len(ticks) == 10, 2)
-        found["ticks_grow"] = all(b > a for a, b in zip(ticks, ticks[1:], strict=False))
+        found["ticks_grow"] = all(b > a for a, b in itertools.pairwise(ticks))
         drive.sdo[0x60FF].raw = drive.sdo[0x6071].raw = 0
         # Back to the defaults, by a reset.
         self.reset("RESET COMMUNICATION")
@@ -585,11 +585,7 @@ def modbus(line, client):
 
 def session(folder, steps):
     line = ModbusLine(folder)
-    log = open(folder / "session.log", "w")
-    dump = subprocess.Popen(
-        ["candump", "-L", "-r", "8000000", "vcan0"], stdout=log, stderr=subprocess.DEVNULL
-    )
-    time.sleep(0.2)
+    dump = record(folder / "session.log")
     nodes = Nodes(
         folder, "session", "--modbus", line.axis, "--modbus-baud", BAUD, "--store", folder / "store"
     )
@@ -615,9 +611,7 @@ def session(folder, steps):
     steps("cst", client.contact, "CYCLIC SYNCHRONOUS TORQUE", 600)
     steps("store", client.store)
     client.close()
-    dump.send_signal(signal.SIGINT)
-    dump.wait(10)
-    log.close()
+    stop(dump)
     nodes.end()
     line.close()
 
