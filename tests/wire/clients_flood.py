@@ -11,7 +11,7 @@ import struct
 import subprocess
 import time
 
-import canopen
+from canopen.sdo.exceptions import SdoError
 
 FRAME = struct.Struct("=IB3x8s")
 REMOTE = 0x40000000
@@ -129,12 +129,14 @@ def too_many(nodes):
 
 
 def lost(client):
-    """can_lost, once the axis has caught up: until then its answers are to frames of before."""
+    """can_lost, once the axis has caught up: until then its answers are to frames of before, and
+    it may have been stopped."""
     for attempt in range(50):
         time.sleep(0.1)
+        client.drive.nmt.state = "PRE-OPERATIONAL"
         try:
             return {"can_lost": client.drive.sdo[0x2309].raw, "attempts": attempt + 1}
-        except canopen.SdoError:
+        except SdoError:
             continue
     raise TimeoutError("no answer after the flood")
 

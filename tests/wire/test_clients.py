@@ -145,7 +145,7 @@ def test_motion_in_every_mode(step):
     pp = step("pp")
     print(f"\npp: {pp}")
     assert abs(pp["position"] - pp["target"]) <= 10  # position_window
-    assert pp["acknowledged_s"] < 0.2
+    assert pp["acknowledged_s"] < TRANSITION_S
     # 6000 counts at 30,000 count/s and 225,000 count/s^2 take 1/3 s; so does reaching the rest.
     assert 0.3 < pp["reached_s"] < 3
     pv = step("pv")
@@ -255,29 +255,53 @@ def test_cantools_decodes_each_default_pdo(folder, step):
     assert set(decoded) == {f"{way}PDO{n}" for way in "TR" for n in range(1, 5)}
 
 
-def test_tshark_names_every_frame(folder):
+def dissect(log):
+    """What tshark says of each frame of a candump log, and what is wrong with it."""
+    fields = ["_ws.col.Protocol", "_ws.malformed", "_ws.expert.message", "_ws.col.Info"]
     done = subprocess.run(
-        [
-            "tshark", "-r", folder / "session.log", "-d", "can.subdissector,canopen", "-T",
-            "fields", "-E", "separator=|", "-e", "frame.number", "-e", "_ws.col.Protocol",
-            "-e", "_ws.malformed", "-e", "_ws.expert.message", "-e", "_ws.col.Info",
-        ],
-        capture_output=True, text=True, timeout=60, check=True,
-    )  # fmt: skip
-    lines = [line.split("|", 4) for line in done.stdout.splitlines()]
-    assert len(lines) == len(frames_of(folder / "session.log"))
-    names = collections.Counter()
-    for number, protocol, malformed, expert, info in lines:
-        assert protocol == "CANopen", f"frame {number}: {protocol} {info}"
-        assert not malformed, f"frame {number} is malformed: {info}"
-        assert not expert, f"frame {number}: {expert}"
-        # An identifier without a name would be shown as a number.
-        assert re.match(r"[A-Z]", info), f"frame {number}: {info!r}"
-        assert "unknown" not in info.lower(), f"frame {number}: {info!r}"
-        names[re.sub(r"[:\[0-9].*", "", info).strip()] += 1
-    print(f"\n{len(lines)} frames: {dict(names)}")
-    for service in ("NMT", "SYNC", "EMCY", "PDO1 (tx)", "Default-SDO (rx)", "NMT Error Control"):
-        assert any(service.split()[0][:3] in name for name in names), service
+        ["tshark", "-r", log, "-d", "can.subdissector,canopen", "-T", "fields", "-E", "separator=|"]
+        + [word for field in fields for word in ("-e", field)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    lines = [line.split("|", 3) for line in done.stdout.splitlines()]
+    names = collections.Counter(re.sub(r"[:\[].*", "", info).strip() for *_, info in lines)
+    wrong = [
+        f"frame {number}: {line}"
+        for number, line in enumerate(lines, 1)
+        if line[0] != "CANopen" or line[1] or line[2] or re.search("(?i)unknown", line[3])
+    ]
+    return names, wrong
+
+
+def test_tshark_names_every_frame(folder):
+    names, wrong = dissect(folder / "session.log")
+    print(f"\n{names.total()} frames: {dict(names)}")
+    assert wrong == []
+    assert names.total() == len(frames_of(folder / "session.log"))
+    services = {"NMT", "NMT Error Control", "SYNC", "EMCY", "Default-SDO (rx)", "Default-SDO (tx)"}
+    pdos = {f"PDO{n} ({way})" for n in range(1, 5) for way in ("rx", "tx")}
+    assert set(names) == services | pdos
+
+
+def test_tshark_would_tell(tmp_path):
+    bad = [
+        "601#40",  # cut
+        "7C0#00",  # no service's identifier
+        "000#01",
+        "701#33",  # no NMT state
+        "000#7701",  # no NMT command
+        "601#E009230000000000",  # no SDO command
+        "00000601#4009230000000000",  # extended
+    ]
+    good = "601#4009230000000000"
+    lines = [f"({k}.000000) vcan0 {frame}" for k, frame in enumerate([good, *bad], 1)]
+    log = tmp_path / "bad.log"
+    log.write_text("\n".join(lines) + "\n")
+    _, wrong = dissect(log)
+    assert len(wrong) == len(bad)
 
 
 # --- under a flood --------------------------------------------------------------------------------
@@ -344,8 +368,15 @@ def test_the_model_predicts_every_state_of_the_node(folder, results, flood):
     assert states == {0, 4, 5, 127}
 
 
-def test_lost_frames_are_counted(step):
+def test_lost_frames_are_counted(folder, step):
     sent = step("too_many")
     counted = step("lost")["can_lost"]
+    dropped = sum(
+        int(line.split()[2])
+        for line in (folder / "flood.journal").read_text().splitlines()
+        if line.startswith("lost ")
+    )
+    # Its own count has answers besides that found no place while there were too many requests.
+    assert 0 < dropped <= counted
     print(f"\n{counted} of {sent} frames lost while axis_node stood still")
     assert 0 < counted <= 65535
