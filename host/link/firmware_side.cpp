@@ -61,40 +61,15 @@ std::int32_t FirmwareSide::read(std::uint16_t object) const {
   return value;
 }
 
-LinkOutputs FirmwareSide::run_tick(std::int64_t tick, std::uint8_t axis) {
-  axis_outputs_t outputs{};
-  axis_host_tick(axis_.get(), &inputs_, &outputs);
-  return {tick,
-          outputs.dac_code,
-          static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0)),
-          signals_->fault,
-          signals_->limit_reason,
-          axis};
-}
-
-LinkOutputs FirmwareSide::tick(const LinkInputs &in) {
-  for (; action_ != experiment_->actions.end() && action_->tick <= in.tick; ++action_) {
+void FirmwareSide::write_due(std::int64_t tick) {
+  for (; due(tick); ++action_) {
     for (const ObjectWrite &w : action_->writes) {
-      const int error = write(in.tick, w);
+      const int error = write(tick, w);
       if (error != FW_OK) {
-        refused_.push_back({in.tick, object_meta(w.object).name, refusal_text(error)});
+        refused_.push_back({tick, object_meta(w.object).name, refusal_text(error)});
       }
     }
   }
-  inputs_.encoder_cnt = in.encoder_cnt;
-  inputs_.adc_code[0] = in.adc0_code;
-  inputs_.adc_code[1] = in.adc1_code;
-  inputs_.din = in.din;
-  inputs_.sensor_valid = in.sensor_valid;
-  const LinkOutputs out = run_tick(in.tick, in.axis);
-  if (options_.hash) hash_.add(tick_record(in, out));
-  next_tick_ = in.tick + 1;
-  return out;
-}
-
-LinkOutputs FirmwareSide::lose_sensors(std::uint8_t axis) {
-  inputs_.sensor_valid = 0;
-  return run_tick(next_tick_, axis);
 }
 
 void FirmwareSide::discard_output() {

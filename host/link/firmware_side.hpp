@@ -1,6 +1,7 @@
 #pragma once
 // The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
-// trace hash. It knows nothing of the plant but the records.
+// trace hash. It knows nothing of the plant but the records. What happens every tick is inline: in
+// process the records then need not pass through memory.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -36,11 +37,28 @@ class FirmwareSide {
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
   // The coming tick: the writes due, then the firmware's own tick.
-  LinkOutputs tick(const LinkInputs &in);
+  LinkOutputs tick(const LinkInputs &in) {
+    if (due(in.tick)) write_due(in.tick);
+    axis_inputs_t inputs{};
+    inputs.encoder_cnt = in.encoder_cnt;
+    inputs.adc_code[0] = in.adc0_code;
+    inputs.adc_code[1] = in.adc1_code;
+    inputs.din = in.din;
+    inputs.sensor_valid = in.sensor_valid;
+    const LinkOutputs out = run_tick(inputs, in.tick, in.axis);
+    if (options_.hash) hash_.add(tick_record(in, out));
+    last_ = inputs;
+    next_tick_ = in.tick + 1;
+    return out;
+  }
 
   // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
   // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
-  LinkOutputs lose_sensors(std::uint8_t axis);
+  LinkOutputs lose_sensors(std::uint8_t axis) {
+    axis_inputs_t inputs = last_;
+    inputs.sensor_valid = 0;
+    return run_tick(inputs, next_tick_, axis);
+  }
 
   // Takes what the firmware wants to say on its buses, where nobody listens.
   void discard_output();
@@ -60,7 +78,17 @@ class FirmwareSide {
 
   void write_initial();
   int write(std::int64_t tick, const ObjectWrite &w);
-  LinkOutputs run_tick(std::int64_t tick, std::uint8_t axis);
+  bool due(std::int64_t tick) const {
+    return action_ != experiment_->actions.end() && action_->tick <= tick;
+  }
+  void write_due(std::int64_t tick);
+  LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
+    axis_outputs_t outputs{};
+    axis_host_tick(axis_.get(), &inputs, &outputs);
+    const auto out =
+        static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
+    return {tick, outputs.dac_code, out, signals_->fault, signals_->limit_reason, axis};
+  }
 
   const Experiment *experiment_;
   FirmwareOptions options_;
@@ -68,7 +96,7 @@ class FirmwareSide {
   std::unique_ptr<axis_host_t, Deleter> axis_;
   std::vector<Action>::const_iterator action_;
   std::vector<Refusal> refused_;
-  axis_inputs_t inputs_{};  // of the last tick
+  axis_inputs_t last_{};  // of the last tick
   std::int64_t next_tick_ = 0;
   TraceHash hash_;
 };

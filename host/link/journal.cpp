@@ -1,20 +1,55 @@
 #include "host/link/journal.hpp"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cstring>
 #include <optional>
 #include <stdexcept>
 
+#include "firmware/port/host/store_file.h"
 #include "host/link/firmware_side.hpp"
 #include "host/link/objects.hpp"
 #include "host/link/plant_side.hpp"
 
 namespace forceaxis::host {
 namespace {
+
+constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
+
+// The store of a replay: the image that the journal begins with, in memory.
+class RamStore {
+ public:
+  explicit RamStore(std::span<const std::uint8_t> image)
+      : bytes_(2 * std::size_t{kSectorBytes}, 0xFF) {
+    std::copy_n(image.begin(), std::min(image.size(), bytes_.size()), bytes_.begin());
+    memory_.context = this;
+    memory_.sector_bytes = kSectorBytes;
+    memory_.read = [](void *context, std::uint32_t address, std::uint8_t *bytes,
+                      std::uint32_t count) {
+      std::copy_n(&static_cast<RamStore *>(context)->bytes_[address], count, bytes);
+    };
+    memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
+                         std::uint32_t count) {
+      // As flash does: bits only go from 1 to 0.
+      std::uint8_t *to = &static_cast<RamStore *>(context)->bytes_[address];
+      for (std::uint32_t i = 0; i < count; ++i) to[i] &= bytes[i];
+      return true;
+    };
+    memory_.erase = [](void *context, std::uint8_t sector) {
+      std::fill_n(&static_cast<RamStore *>(context)->bytes_[sector * kSectorBytes], kSectorBytes,
+                  std::uint8_t{0xFF});
+      return true;
+    };
+  }
+  RamStore(const RamStore &) = delete;
+  RamStore &operator=(const RamStore &) = delete;
+
+  const store_memory_t *memory() const { return &memory_; }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  store_memory_t memory_{};
+};
 
 constexpr char kTitle[] = "forceaxis-journal 1";
 constexpr char kDigits[] = "0123456789abcdef";
@@ -135,9 +170,14 @@ JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment
   out_ << "inputs_hash " << experiment.hash << '\n';
 }
 
-void JournalWriter::power_up(const fw_config_t &config, std::span<const std::uint8_t> store) {
-  out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << '\n';
+void JournalWriter::power_up(const fw_config_t &config) {
+  out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
+       << '\n';
   if (config.memory == nullptr) return;
+  std::vector<std::uint8_t> image(2 * std::size_t{config.memory->sector_bytes});
+  config.memory->read(config.memory->context, 0, image.data(),
+                      static_cast<std::uint32_t>(image.size()));
+  std::span<const std::uint8_t> store = image;
   // Erased bytes at the end are understood.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
   out_ << "store " << hex_of(store) << '\n';
@@ -195,8 +235,9 @@ Journal read_journal(const std::filesystem::path &file) {
     } else if (kind == "config") {
       journal.node_id = line.number<std::uint8_t>("a node", 0, 127);
       journal.buses = line.number<std::uint8_t>("buses", 0, 1);
+      journal.modbus_baud = line.number<std::uint32_t>("a speed in baud", 0, 10'000'000);
     } else if (kind == "store") {
-      journal.store = line.bytes("bytes", 2 * StoreMemory::kSectorBytes);
+      journal.store = line.bytes("bytes", 2 * kSectorBytes);
       journal.has_store = true;
     } else if (kind == "end") {
       journal.ticks = line.tick();
@@ -216,11 +257,12 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   Experiment silent = experiment;  // its writes come from the journal
   silent.initial.clear();
   for (Action &action : silent.actions) action.writes.clear();
-  StoreMemory store(journal.store);
+  RamStore store(journal.store);
   fw_config_t config{};
   config.hardware = "host";
   config.node_id = journal.node_id;
   config.buses = journal.buses;
+  config.modbus_baud = journal.modbus_baud;
   if (journal.has_store) config.memory = store.memory();
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
   PlantSide plant(silent, options);
@@ -235,60 +277,6 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   RunResult result = plant.finish();
   result.firmware_hash = firmware.hash();
   return result;
-}
-
-StoreMemory::StoreMemory(std::span<const std::uint8_t> image)
-    : bytes_(2 * std::size_t{kSectorBytes}, 0xFF) {
-  std::copy_n(image.begin(), std::min(image.size(), bytes_.size()), bytes_.begin());
-  connect();
-}
-
-StoreMemory::StoreMemory(const std::filesystem::path &file)
-    : StoreMemory(std::span<const std::uint8_t>{}) {
-  file_ = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-  const ssize_t n = file_ < 0 ? -1 : pread(file_, bytes_.data(), bytes_.size(), 0);
-  if (n < 0) {
-    throw std::runtime_error(file.string() + ": expected to be able to read and write here, " +
-                             std::strerror(errno));
-  }
-  const auto there = static_cast<std::uint32_t>(n);
-  const auto all = static_cast<std::uint32_t>(bytes_.size());
-  if (there < all && !put(there, all - there)) {
-    throw std::runtime_error(file.string() + ": expected to be able to write here");
-  }
-}
-
-StoreMemory::~StoreMemory() {
-  if (file_ >= 0) close(file_);
-}
-
-bool StoreMemory::put(std::uint32_t address, std::uint32_t count) {
-  return file_ < 0 || pwrite(file_, &bytes_[address], count, address) == ssize_t{count};
-}
-
-void StoreMemory::connect() {
-  memory_.context = this;
-  memory_.sector_bytes = kSectorBytes;
-  memory_.read = [](void *context, std::uint32_t address, std::uint8_t *bytes,
-                    std::uint32_t count) {
-    const auto &self = *static_cast<StoreMemory *>(context);
-    std::copy_n(&self.bytes_[address], count, bytes);
-  };
-  memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
-                       std::uint32_t count) {
-    auto &self = *static_cast<StoreMemory *>(context);
-    if (address + std::size_t{count} > self.bytes_.size()) return false;
-    // As flash does: bits only go from 1 to 0.
-    for (std::uint32_t i = 0; i < count; ++i) self.bytes_[address + i] &= bytes[i];
-    return self.put(address, count);
-  };
-  memory_.erase = [](void *context, std::uint8_t sector) {
-    auto &self = *static_cast<StoreMemory *>(context);
-    if (sector > 1) return false;
-    const std::uint32_t start = sector * kSectorBytes;
-    std::fill_n(&self.bytes_[start], kSectorBytes, std::uint8_t{0xFF});
-    return self.put(start, kSectorBytes);
-  };
 }
 
 }  // namespace forceaxis::host

@@ -31,7 +31,8 @@ class JournalWriter {
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
 
-  void power_up(const fw_config_t &config, std::span<const std::uint8_t> store);
+  // What the firmware is powered up with, its store included.
+  void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);
   void lost(std::int64_t tick, std::uint16_t frames);
@@ -55,6 +56,7 @@ struct Journal {
   std::string inputs_hash;
   std::uint8_t node_id = 0;
   std::uint8_t buses = 0;
+  std::uint32_t modbus_baud = 0;
   std::vector<std::uint8_t> store;  // empty: there was none
   bool has_store = false;
   std::vector<Entry> entries;
@@ -68,29 +70,5 @@ Journal read_journal(const std::filesystem::path &file);
 // The run of the journal in process. `experiment` must be that of the journal and gives the plant
 // and the impulses. Throws as run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
-
-// A flash of two sectors, in memory, and in a file if it has a name: what the firmware stores in.
-class StoreMemory {
- public:
-  static constexpr std::uint32_t kSectorBytes = 16384;
-
-  // Reads the file if it is there. Throws std::runtime_error naming it.
-  explicit StoreMemory(const std::filesystem::path &file);
-  explicit StoreMemory(std::span<const std::uint8_t> image);
-  StoreMemory(const StoreMemory &) = delete;
-  StoreMemory &operator=(const StoreMemory &) = delete;
-  ~StoreMemory();
-
-  const store_memory_t *memory() const { return &memory_; }
-  std::span<const std::uint8_t> image() const { return bytes_; }
-
- private:
-  void connect();
-  bool put(std::uint32_t address, std::uint32_t count);
-
-  std::vector<std::uint8_t> bytes_;
-  int file_ = -1;
-  store_memory_t memory_{};
-};
 
 }  // namespace forceaxis::host

@@ -5,7 +5,8 @@
 
 namespace forceaxis::host {
 
-RunResult run(const Experiment &experiment, const RunOptions &options) {
+// Flat: both sides in one loop.
+[[gnu::flatten]] RunResult run(const Experiment &experiment, const RunOptions &options) {
   PlantSide plant(experiment, options);
   FirmwareSide firmware(experiment, {.hash = options.firmware_hash});
   while (plant.running()) plant.act(firmware.tick(plant.sense()));

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/store_file.h"
 #include "host/link/firmware_side.hpp"
 #include "host/link/journal.hpp"
 #include "host/link/objects.hpp"
@@ -44,6 +45,13 @@ struct AxisOptions {
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
 
+struct StoreCloser {
+  void operator()(store_file_t *store) const {
+    store_file_close(store);
+    delete store;
+  }
+};
+
 // One axis of this node: its firmware, what that is attached to, and its journal.
 class Axis {
  public:
@@ -51,16 +59,22 @@ class Axis {
        const AxisOptions &options, const std::string &suffix)
       : number_(number), experiment_(experiment) {
     if (!options.store.empty()) {
-      store_ = std::make_unique<host::StoreMemory>(options.store + suffix);
-      config_.memory = store_->memory();
+      const std::string file = options.store + suffix;
+      auto opened = std::make_unique<store_file_t>();
+      if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
+        throw std::runtime_error(file + ": " + wrong);
+      }
+      store_.reset(opened.release());
+      config_.memory = &store_->memory;
     }
     config_.hardware = "host";
     config_.node_id = static_cast<std::uint8_t>(number);
     config_.buses = options.buses();
+    config_.modbus_baud = static_cast<std::uint32_t>(options.modbus_baud);
     if (!options.journal.empty()) {
       journal_ =
           std::make_unique<host::JournalWriter>(options.journal + suffix, experiment, overrides);
-      journal_->power_up(config_, store_ ? store_->image() : std::span<const std::uint8_t>{});
+      journal_->power_up(config_);
     }
     if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     host::FirmwareOptions firmware{.hash = true, .config = &config_};
@@ -153,7 +167,7 @@ class Axis {
   int number_;
   const host::Experiment &experiment_;
   fw_config_t config_{};
-  std::unique_ptr<host::StoreMemory> store_;
+  std::unique_ptr<store_file_t, StoreCloser> store_;
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<nodes::CanPort> can_;
   nodes::CanPort::Ears ears_;

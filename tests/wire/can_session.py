@@ -52,7 +52,10 @@ def with_candump():
         )
         time.sleep(0.3)
         done = pair()
-        time.sleep(0.3)
+        size = -1
+        while size != os.fstat(log.fileno()).st_size:  # candump may be behind on a busy machine
+            size = os.fstat(log.fileno()).st_size
+            time.sleep(0.5)
         dump.send_signal(signal.SIGINT)
         dump.wait(10)
         log.seek(0)

@@ -345,16 +345,19 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
 
 
 def test_parallel_runs_on_one_port_do_not_meet():
+    """One run in real time, and while it goes on another one, of another gain, on the same port."""
     url = _core.lcm_url_of(link.new_run_id())
-    words = [FORCEAXIS, "run", EXPERIMENT, "--link", "lcm", "--lcm-url", url, "--json", "--set"]
-    gains = [f"firmware.force_gain={n}" for n in (3, 4)]
-    both = [subprocess.Popen([*words, g], stdout=subprocess.PIPE, text=True) for g in gains]
-    summaries = [json.loads(p.communicate(timeout=60)[0]) for p in both]
-    for summary, gain in zip(summaries, gains, strict=True):
-        assert summary["link"]["hashes"] == dict.fromkeys(("plant", "axis"), in_process(gain))
-    # They did hear each other.
-    assert sum(s["link"]["statistics"]["plant"]["foreign"] for s in summaries) > 0
-    assert len({s["link"]["run_id"] for s in summaries}) == 2
+    gain = "firmware.force_gain=3"
+    common = ["--run-id", link.new_run_id(), "--lcm-url", url, "--set", gain]
+    axis = start("axis_node", *common)
+    plant = start("plant_node", *common, "--pace", "real")
+    summary = run("--link", "lcm", "--lcm-url", url, "--set", SHORT)
+    reports = end(plant), end(axis)
+    assert summary["link"]["hashes"] == dict.fromkeys(("plant", "axis"), in_process(SHORT))
+    for report in reports:
+        assert hashes(report) == [in_process(gain)]
+        # They did hear each other.
+        assert report["statistics"]["foreign"] > 100
 
 
 def test_an_interface_carries_one_plant(can):

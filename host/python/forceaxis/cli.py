@@ -13,6 +13,7 @@ import click
 
 from forceaxis import (
     cli_frequency,
+    cli_gateway,
     cli_identify,
     cli_live,
     cli_objects,
@@ -434,6 +435,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
 for verb in (
     *cli_frequency.VERBS,
     cli_identify.identify,
+    *cli_gateway.VERBS,
     *cli_live.VERBS,
     cli_objects.objects_,
 ):

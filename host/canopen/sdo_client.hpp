@@ -1,0 +1,72 @@
+#pragma once
+// One SDO channel of one node, as its client: expedited and segmented transfers, one at a time.
+// Passive: answers go in, requests come out, and the caller says when the server was too slow.
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "host/canopen/can_socket.hpp"
+
+namespace forceaxis::canopen {
+
+// Abort codes that the client itself gives; the others come from the server.
+constexpr std::uint32_t kAbortToggle = 0x05030000, kAbortTimeout = 0x05040000,
+                        kAbortCommand = 0x05040001, kAbortLength = 0x06070010;
+// Of servers.
+constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
+
+// "value too high": what an abort code means.
+std::string abort_text(std::uint32_t abort);
+
+struct SdoResult {
+  std::uint32_t abort = 0;         // 0: done
+  bool silent = false;             // it is kAbortTimeout because no answer came
+  std::vector<std::uint8_t> data;  // of an upload
+
+  bool ok() const { return abort == 0; }
+};
+
+class SdoClient {
+ public:
+  explicit SdoClient(std::uint32_t request_id) : request_id_(request_id) {}
+
+  // Each begins a transfer and gives its first request. None may be under way.
+  Frame upload(std::uint16_t index, std::uint8_t sub);
+  Frame download(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> data);
+
+  // An answer of the server. Gives what is to be sent next, if anything; an answer that does not
+  // belong to the transfer (one that came too late) changes nothing.
+  std::optional<Frame> receive(const Frame &answer);
+
+  // The answer did not come: ends the transfer and gives the abort to send.
+  Frame time_out();
+
+  bool busy() const { return state_ != State::idle; }
+  // Of the transfer that has ended.
+  SdoResult take_result() { return std::exchange(result_, {}); }
+
+ private:
+  enum class State { idle, upload, upload_segment, download, download_segment };
+
+  Frame request(std::uint8_t command) const;
+  Frame addressed(std::uint8_t command) const;
+  Frame next_segment();
+  Frame abort(std::uint32_t code);
+  std::optional<Frame> begin_upload(const Frame &answer);
+  std::optional<Frame> upload_segment(const Frame &answer);
+
+  std::uint32_t request_id_;
+  State state_ = State::idle;
+  std::uint16_t index_ = 0;
+  std::uint8_t sub_ = 0;
+  bool toggle_ = false;
+  std::optional<std::uint32_t> size_;  // announced by the server
+  std::vector<std::uint8_t> data_;     // received, or to be sent
+  std::size_t sent_ = 0;
+  SdoResult result_;
+};
+
+}  // namespace forceaxis::canopen

@@ -1,0 +1,643 @@
+"""What test_gateway.py asks of a gateway, in one guest: run under tools/vcan, prints JSON.
+
+Each scenario is a function; what it raises is its result, so that one failure hides no other.
+"""
+
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from pathlib import Path
+
+from forceaxis import link, objects, thesis_session
+from forceaxis.drive_words import BY_NAME
+from forceaxis.lcm_bus import TABLE_HASH, Bus, decode, now_us
+from forceaxis.live import AxisClient, NoAnswer, Refused
+from forceaxis.messages import axis_command_t, axis_event_t, axis_state_t
+from pymodbus.client import ModbusTcpClient
+
+PORT = 1502
+CAN_FRAME = "=IB3x8s"
+
+
+# --- raw ends ------------------------------------------------------------------------------------
+
+
+class Can:
+    """A raw socket on vcan0."""
+
+    def __init__(self):
+        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.bind(("vcan0",))
+
+    def send(self, identifier, data):
+        self.socket.send(struct.pack(CAN_FRAME, identifier, len(data), data.ljust(8, b"\0")))
+
+    def receive(self, timeout_s):
+        """(id, data) or None."""
+        self.socket.settimeout(max(timeout_s, 1e-3))
+        try:
+            identifier, length, data = struct.unpack(CAN_FRAME, self.socket.recv(16))
+        except TimeoutError:
+            return None
+        return identifier, data[:length]
+
+    def frames(self, seconds):
+        """[(time, id, data)] of a while."""
+        heard, end = [], time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            frame = self.receive(left)
+            if frame:
+                heard.append((time.monotonic(), *frame))
+        return heard
+
+    def write(self, node, index, sub, value, size):
+        """An expedited download on the default channel, as CANopen's own master would."""
+        command = 0x23 | (4 - size) << 2
+        data = struct.pack("<BHBI", command, index, sub, value)
+        self.send(0x600 + node, data)
+        end = time.monotonic() + 1
+        while time.monotonic() < end:
+            frame = self.receive(0.2)
+            # The gateway polls on the same channel: only a download is answered so.
+            answered = frame and frame[0] == 0x580 + node and frame[1][0] in (0x60, 0x80)
+            if answered and frame[1][1:4] == data[1:4]:
+                return frame[1][0]
+        return None
+
+
+class Tcp:
+    """Modbus TCP by hand."""
+
+    def __init__(self):
+        self.socket = socket.create_connection(("127.0.0.1", PORT), timeout=3)
+        self.transaction = 0
+
+    def frame(self, unit, pdu):
+        self.transaction += 1
+        return struct.pack(">HHHB", self.transaction, 0, len(pdu) + 1, unit) + pdu
+
+    def ask(self, unit, pdu):
+        self.socket.sendall(self.frame(unit, pdu))
+        return self.answer()
+
+    def answer(self, timeout_s=3.0):
+        """PDU of the answer to the latest request; None: none came, b"": closed."""
+        self.socket.settimeout(timeout_s)
+        try:
+            header = self.exactly(7)
+        except TimeoutError:
+            return None
+        if header is None:
+            return b""
+        transaction, protocol, length, _unit = struct.unpack(">HHHB", header)
+        assert protocol == 0 and transaction <= self.transaction
+        return self.exactly(length - 1)
+
+    def exactly(self, count):
+        got = b""
+        while len(got) < count:
+            piece = self.socket.recv(count - len(got))
+            if not piece:
+                return None
+            got += piece
+        return got
+
+
+def registers(client, start, count, kind="holding"):
+    read = client.read_holding_registers if kind == "holding" else client.read_input_registers
+    answer = read(start, count=count, device_id=1)
+    return answer.exception_code if answer.isError() else answer.registers
+
+
+def gateway(*args, ready=True, port=PORT):
+    said = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it lives as long as the program
+    words = [link.program("gateway"), "--modbus-port", str(port), *args]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=said, text=True)
+    process.said = lambda: (said.seek(0), said.read())[1]
+    if ready:
+        process.ready = process.stdout.readline()
+    return process
+
+
+def until(holds, timeout_s=5.0):
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        value = holds()
+        if value:
+            return value
+        time.sleep(0.02)
+    return None
+
+
+# --- scenarios, in this order --------------------------------------------------------------------
+
+
+def states(axis):
+    until(lambda: operational(axis), 10)
+    until(lambda: axis.state(1).force_scale_uN > 0)  # the last one that is polled
+    got, end = [], time.monotonic() + 2
+    while time.monotonic() < end:
+        got.append(axis.state(1))
+    first, last = got[0], got[-1]
+    return {
+        "rate": len(got) / 2,
+        "ticks": last.tick - first.tick,
+        "utime": last.utime - first.utime,
+        "ages_us": [min(s.age_us for s in got), max(s.age_us for s in got)],
+        "nmt": last.nmt_state,
+        "hash": last.objects_hash == TABLE_HASH,
+        "missing": [
+            name for name in last.__slots__ if getattr(last, name) == axis_state_t.NOT_AVAILABLE
+        ],
+        "lost": sum(g.lost for g in axis.gaps.values()),
+        "set": axis.read("force_gain"),
+    }
+
+
+def lock(axis, modbus):
+    found = {}
+    try:
+        axis.write("force_gain", 2.0)
+    except Refused as error:
+        found["before"] = [str(error), error.code]
+    axis.take()
+    event = axis.wait_event(axis_event_t.EVENT_LOCK)
+    found["lock_event"] = [event.code, event.text]
+    axis.write("force_gain", 7.0)
+    found["modbus_reads"] = registers(modbus, BY_NAME["force_gain"].modbus, 1)
+    found["modbus_write"] = modbus.write_register(
+        BY_NAME["force_gain"].modbus, 256, device_id=1
+    ).exception_code
+    found["modbus_takes"] = modbus.write_register(
+        BY_NAME["command_source"].modbus, 1, device_id=1
+    ).isError()
+    try:
+        axis.write("force_gain", 2.0)
+    except Refused as error:
+        found["after"] = [str(error), error.code]
+    found["modbus_writes"] = modbus.write_register(
+        BY_NAME["force_gain"].modbus, 1280, device_id=1
+    ).isError()
+    found["lcm_reads"] = axis.read("force_gain")
+    return found
+
+
+def refusals(axis):
+    """What a client is told, in words, with the code."""
+    axis.take()
+    tried = {
+        "range": ("latency_ticks", 3),
+        "read_only": ("0x6041", 1),
+        "no_object": ("0x5000", 1),
+        "type": ("0x2019", 70000),
+        "name": ("0x200A", 0x1FFFF),
+    }
+    found = {}
+    for key, (name, value) in tried.items():
+        # Past the client's own checks, which know the table as well.
+        try:
+            axis._command(axis_command_t.KIND_WRITE, [(name, value)])
+            found[key] = "taken"
+        except Refused as error:
+            found[key] = [str(error), error.code]
+    before = axis.read("output_limit")
+    try:
+        axis._command(
+            axis_command_t.KIND_WRITE,
+            [("output_limit", 1000), ("latency_ticks", 3), ("adc_bits", 9)],
+        )
+    except Refused as error:
+        found["items"] = list(zip(error.event.object, error.event.value, strict=True))
+    found["stays_done"] = [before, axis.read("output_limit")]
+    axis.write("output_limit", before)
+    try:
+        axis.read("recorder_arm")
+    except Refused as error:
+        found["write_only"] = [str(error), error.code]
+    return found
+
+
+def repetitions(axis):
+    """A command that is doubled, one that is late, one of another table."""
+    heard = []
+    bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
+    other = AxisClient(1)
+    try:
+        command = axis_command_t()
+        command.utime, command.axis = axis_state_t.NOT_AVAILABLE, 1
+        command.objects_hash, command.kind = TABLE_HASH, axis_command_t.KIND_WRITE
+        command.command_id, command.timeout_us = 1, 5_000_000
+        command.num_items, command.object, command.value = 1, ["force_tare"], [11]
+
+        def answers():
+            return [
+                e
+                for e in heard
+                if (e.command_run_id, e.command_id) == (bus.run_id, command.command_id)
+            ]
+
+        bus.publish("AXIS_1_COMMAND", command)
+        until(answers)
+        other.write("0x200E", 22)
+        bus.publish("AXIS_1_COMMAND", command)
+        until(lambda: len(answers()) == 2)
+        found = {
+            "answers": [[e.kind, e.text, list(e.value)] for e in answers()],
+            "value": other.read("0x200E"),
+        }
+        command.command_id, command.objects_hash = 2, 0x12345678
+        bus.publish("AXIS_1_COMMAND", command)
+        found["other_table"] = [[e.kind, e.text] for e in until(answers)]
+        command.command_id, command.kind, command.object = 3, axis_command_t.KIND_READ, ["0x200E"]
+        bus.publish("AXIS_1_COMMAND", command)
+        found["by_address"] = [[e.kind, list(e.value)] for e in until(answers)]
+        # Bus.publish stamps the time of now, so that what is late goes out by hand.
+        command.command_id, command.kind, command.objects_hash = 4, 1, TABLE_HASH
+        command.value, command.wall_utime, command.timeout_us = (
+            [33],
+            now_us() - 3_000_000,
+            1_000_000,
+        )
+        bus._lcm.publish("AXIS_1_COMMAND", command.encode())
+        time.sleep(0.5)
+        found["late"] = [len(answers()), other.read("0x200E")]
+        return found
+    finally:
+        bus.close()
+        other.close()
+
+
+def events(axis):
+    """What the axis does of itself: it is driven beyond its limits, then beyond its speed."""
+    heard = []
+    bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
+    try:
+        axis.take()
+        axis.write_all({"output_limit": 100, "open_loop_code": 300, "modes_of_operation": -2})
+        for word in (0x06, 0x07, 0x0F):
+            axis.write("controlword", word)
+        axis.wait_event(axis_event_t.EVENT_LIMIT, lambda e: e.code == 2)
+        axis.write_all({"output_limit": 2048, "speed_max": 1, "open_loop_code": 500})
+        axis.wait_event(axis_event_t.EVENT_FAULT)
+        until(lambda: any(e.kind == axis_event_t.EVENT_EMCY for e in heard))
+        axis.write_all({"speed_max": 0, "controlword": 0x80})
+        axis.wait_event(axis_event_t.EVENT_FAULT, lambda e: e.code == 0)
+        time.sleep(0.3)
+    finally:
+        bus.close()
+    answers = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
+    return {
+        "events": [[e.kind, e.code, e.text] for e in heard if e.kind not in answers],
+        "emcy": [
+            dict(zip(e.object, e.value, strict=True))
+            for e in heard
+            if e.kind == axis_event_t.EVENT_EMCY
+        ],
+    }
+
+
+def captures(axis):
+    axis.take()
+    axis.write("watchdog", 30_000)
+    signals = ["tick_count", "force", "dac_code", "position", "statusword"]
+    held = axis.capture(signals, samples=500, timeout_s=10)
+    ticks = held.values("tick_count").astype(int)
+    found = {
+        "total": held.total,
+        "missing": held.missing,
+        "steps": sorted({int(s) for s in ticks[1:] - ticks[:-1]}),
+        "first_tick": bool(held.first_tick == ticks[0]),
+        "statusword": sorted({int(s) for s in held.values("statusword")}),
+    }
+    slow = axis.capture(["tick_count"], samples=100, decimation=3)
+    ticks = slow.values("tick_count").astype(int)
+    found["decimated"] = [slow.total, sorted({int(s) for s in ticks[1:] - ticks[:-1]})]
+    # Armed for what never comes, and stopped.
+    stopper = threading.Timer(0.5, lambda: stop_recorder())
+    stopper.start()
+    try:
+        axis.capture(["force"], trigger_source=0x202500, trigger_edge="rising", trigger_level=10**6)
+    except Refused as error:
+        found["stopped"] = str(error)
+    stopper.join()
+    try:
+        axis.capture(["force"], samples=60000)
+    except Refused as error:
+        found["too_long"] = str(error)
+    return found
+
+
+def stop_recorder():
+    with AxisClient(1) as other:
+        other.write("recorder_arm", 0)
+
+
+def map_reads(axis, modbus):
+    """Every register through Modbus and LCM: [name, modbus, lcm] where they differ."""
+    differ, count = [], 0
+    axis.take()
+    known = [o for o in objects.OBJECTS if o.modbus >= 0]
+    # Signals that move between two reads are compared by their width alone.
+    for o in known:
+        width = 2 if o.type in ("u32", "i32") else 1
+        kind = "holding" if o.access == "rw" else "input"
+        words = registers(modbus, o.modbus, width, kind)
+        if not isinstance(words, list) or len(words) != width:
+            differ.append([o.name, words, None])
+            continue
+        count += width
+        raw = 0
+        for word in words:
+            raw = raw << 16 | word
+        bits = 16 * width
+        if o.type[0] == "i" and raw >> (bits - 1):
+            raw -= 1 << bits
+        address = f"0x{o.index:04X}" + (f":{o.sub}" if o.sub else "")
+        value = axis.read(address)
+        moving = o.access == "ro" and o.name not in ("object_table_hash", "node_id", "nmt_state")
+        if value != raw and not moving:
+            differ.append([o.name, raw, value])
+    return {"registers": count, "objects": len(known), "differ": differ}
+
+
+def map_refuses(modbus):
+    modbus.write_register(BY_NAME["command_source"].modbus, 1, device_id=1)
+    gain, limit = BY_NAME["position_gain"].modbus, BY_NAME["output_limit"].modbus
+    wire = Tcp()
+    found = {
+        "hole": registers(modbus, 0x0300, 1),
+        "half_read": len(registers(modbus, BY_NAME["position_setpoint"].modbus, 1)),
+        "half_write": modbus.write_register(
+            BY_NAME["position_setpoint"].modbus, 1, device_id=1
+        ).exception_code,
+        "range": modbus.write_register(limit, 2049, device_id=1).exception_code,
+        "function": wire.ask(1, b"\x07").hex(),
+        "counts": [wire.ask(1, struct.pack(">BHH", 3, 0, n)).hex() for n in (0, 126)],
+        "short": wire.ask(1, b"\x03\x00").hex(),
+        "device_id": wire.ask(1, b"\x2b\x0e\x01\x00").hex(),
+        # After functions that libmodbus cannot measure the stream is still in step.
+        "in_step": wire.ask(1, struct.pack(">BHH", 3, gain, 1)).hex(),
+    }
+    before = registers(modbus, gain, 2)
+    # latency_ticks, behind output_limit, is in its range but is not written while enabled.
+    modbus.write_register(BY_NAME["modes_of_operation"].modbus, 0x10000 - 2, device_id=1)
+    found["enable"] = modbus.write_coil(0, True, device_id=1).isError()
+    found["enabled"] = modbus.read_coils(0, count=5, device_id=1).bits[:5]
+    found["discrete"] = modbus.read_discrete_inputs(0, count=7, device_id=1).bits[:7]
+    was = registers(modbus, limit, 2)
+    found["state"] = modbus.write_registers(limit, [1234, 1], device_id=1).exception_code
+    found["taken_back"] = registers(modbus, limit, 2) == was
+    found["disable"] = modbus.write_coil(0, False, device_id=1).isError()
+    found["disabled"] = modbus.read_coils(0, count=1, device_id=1).bits[0]
+    refused = modbus.write_registers(gain, [before[0] + 1, 0, 0, 0, 99], device_id=1)
+    found["all_or_none"] = [refused.exception_code, registers(modbus, gain, 2) == before]
+    found["mask"] = [
+        modbus.mask_write_register(
+            address=gain, and_mask=0xFF00, or_mask=0x0021, device_id=1
+        ).isError(),
+        registers(modbus, gain, 1)[0] == (before[0] & 0xFF00) | 0x21,
+    ]
+    exchanged = modbus.readwrite_registers(
+        read_address=gain, read_count=2, address=gain, values=[770], device_id=1
+    )
+    found["exchange"] = exchanged.registers
+    # Words of 32 bits the other way round.
+    order = BY_NAME["modbus_word_order"].modbus
+    where = BY_NAME["target_velocity"].modbus
+    modbus.write_registers(where, [0xFFFF, 0xFF00], device_id=1)
+    modbus.write_register(order, 1, device_id=1)
+    found["low_first"] = registers(modbus, where, 2)
+    modbus.write_register(order, 0, device_id=1)
+    return found
+
+
+def streams():
+    """Foreign units, pieces, several requests at once, what is no Modbus, many clients."""
+    request = struct.pack(">BHH", 4, 0, 2)
+    wire = Tcp()
+    wire.socket.sendall(wire.frame(2, request))
+    found = {"foreign": wire.answer(0.5), "then": wire.ask(1, request).hex()}
+    frame = wire.frame(1, request)
+    for byte in frame:
+        wire.socket.sendall(bytes([byte]))
+        time.sleep(0.005)
+    found["pieces"] = wire.answer().hex()
+    wire.socket.sendall(wire.frame(1, request) + wire.frame(7, request) + wire.frame(1, request))
+    found["pipelined"] = [wire.answer().hex(), wire.answer().hex(), wire.answer(0.3)]
+    # A frame that never ends holds up nobody else.
+    stuck = Tcp()
+    stuck.socket.sendall(stuck.frame(1, request)[:9])
+    clients = [Tcp() for _ in range(6)]
+    started = time.monotonic()
+    for client in clients:
+        client.socket.sendall(client.frame(1, request))
+    found["clients"] = sum(len(client.answer()) == 6 for client in clients)
+    found["seconds"] = time.monotonic() - started
+    rubbish = Tcp()
+    rubbish.socket.sendall(b"GET / HTTP/1.0\r\n\r\n")
+    found["rubbish"] = rubbish.answer().hex()
+    return found
+
+
+def second_gateway():
+    started = time.monotonic()
+    second = gateway(ready=False, port=1599)
+    status, seconds = second.wait(5), time.monotonic() - started
+    third = gateway("--node-id", "126", ready=False)
+    return {
+        "status": status,
+        "said": second.said(),
+        "seconds": seconds,
+        "port": [third.wait(5), third.said()],
+    }
+
+
+def drive_on(can):
+    """Operation enabled, open loop at code 0, by CANopen's own master."""
+    answers = [
+        can.write(1, 0x2301, 0, 0, 1),
+        can.write(1, 0x6060, 0, 0xFE, 1),
+        *(can.write(1, 0x6040, 0, word, 2) for word in (0x06, 0x07, 0x0F)),
+    ]
+    return answers == [0x60] * 5
+
+
+def killed(process, can, axis):
+    """The gateway dies: when the axis says so, and what the next gateway sees."""
+    found = {"driven": drive_on(can)}
+    frames = []
+    listener = threading.Thread(target=lambda: frames.extend(Can().frames(1.5)))
+    listener.start()
+    time.sleep(0.3)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    listener.join()
+    beats = [t for t, identifier, _ in frames if identifier == 0x77F]
+    emergencies = [(t, d.hex()) for t, i, d in frames if i == 0x081 and d[:2] == b"\x30\x81"]
+    words = [d[0] | d[1] << 8 for _, i, d in frames if i == 0x181]
+    found["silence_ms"] = 1000 * (emergencies[0][0] - beats[-1]) if beats and emergencies else None
+    found["emergencies"] = len(emergencies)
+    found["last_statusword"] = words[-1] if words else None
+    again = gateway()
+    state = until(lambda: operational(axis), 8)
+    found["fault"] = BY_NAME["fault"].enum[state.fault] if state else None
+    found["statusword"] = state.statusword & 0x4F if state else None
+    axis.take()
+    axis.write("controlword", 0x80)
+    axis.release()
+    return found, again
+
+
+def operational(axis):
+    try:
+        s = axis.state(0.5)
+    except NoAnswer:
+        return None
+    ready = s.nmt_state == 5 and s.fault != s.NOT_AVAILABLE and s.statusword != s.NOT_AVAILABLE
+    return s if ready else None
+
+
+def ended(process, can):
+    """SIGTERM while the axis is driven."""
+    found = {"driven": drive_on(can)}
+    heard = []
+    listener = threading.Thread(target=lambda: heard.extend(Can().frames(2.0)))
+    listener.start()
+    time.sleep(0.1)
+    process.terminate()
+    found["status"] = process.wait(5)
+    listener.join()
+    found["emergencies"] = sum(i == 0x081 for _, i, _ in heard)
+    words = [d[0] | d[1] << 8 for _, i, d in heard if i == 0x181]
+    found["statusword"] = [words[0] & 0x6F, words[-1] & 0x4F]
+    found["said"] = process.said()
+    return found
+
+
+def lost_axis(running, axis):
+    """The axis dies: what the gateway says of it on each bus."""
+    running["plant_node"].kill()
+    running["axis_node"].kill()
+    event = axis.wait_event(axis_event_t.EVENT_HEARTBEAT_LOST, timeout_s=3)
+    state = until(lambda: s if (s := axis.state(1)).nmt_state == -1 else None)
+    found = {"event": [event.code, event.text], "stale": state.age_us > 0 and state.nmt_state == -1}
+    later = axis.state(1)
+    time.sleep(0.3)
+    found["age_grows"] = axis.state(1).age_us > later.age_us
+    found["modbus"] = Tcp().ask(1, struct.pack(">BHH", 4, 0, 1)).hex()
+    try:
+        axis.read("force")
+    except Refused as error:
+        found["command"] = str(error)
+    return found
+
+
+class OtherTable(threading.Thread):
+    """Node 2: heartbeats, and SDO answers of a firmware with another object table."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.can, self.stop, self.downloads, self.starts = Can(), threading.Event(), 0, 0
+
+    def run(self):
+        beat = 0.0
+        while not self.stop.is_set():
+            if time.monotonic() >= beat:
+                self.can.send(0x702, b"\x7f")
+                beat = time.monotonic() + 0.1
+            frame = self.can.receive(0.05)
+            if frame and frame[0] == 0 and frame[1][1] in (0, 2):
+                self.starts += 1
+            if not frame or frame[0] not in (0x602, 0x642, 0x662) or len(frame[1]) != 8:
+                continue
+            index, sub = struct.unpack("<HB", frame[1][1:4])
+            if frame[1][0] >> 5 != 2:
+                self.downloads += 1
+            value = {(0x1018, 2): 1178687537, (0x2300, 0): 0x12345678}.get((index, sub), 7)
+            answer = struct.pack("<BHBI", 0x43, index, sub, value)
+            self.can.send(frame[0] - 0x80, answer)
+
+
+def other_table():
+    node = OtherTable()
+    node.start()
+    process = gateway("--axes", "2")
+    found = {}
+    with AxisClient(2, timeout_s=3) as axis:
+        until(lambda: process.said())
+        state = until(lambda: s if (s := axis.state(3)).objects_hash > 0 else None)
+        found["said"] = process.said()
+        found["hash"] = state.objects_hash
+        try:
+            axis.take()
+        except Refused as error:
+            found["write"] = str(error)
+        found["by_address"] = axis.read("0x1018:2")
+        found["modbus"] = Tcp().ask(2, struct.pack(">BHH", 6, 0x0114, 1)).hex()
+    found["downloads"], found["starts"] = node.downloads, node.starts
+    process.terminate()
+    found["status"] = process.wait(5)
+    node.stop.set()
+    node.join()
+    return found
+
+
+def main():
+    results = {}
+
+    def keep(name, scenario, *args):
+        started = time.monotonic()
+        try:
+            results[name] = scenario(*args)
+        except Exception:
+            results[name] = {"raised": traceback.format_exc()}
+        if os.environ.get("GATEWAY_BENCH_TIMES"):
+            print(f"{name}: {time.monotonic() - started:.1f} s", file=sys.stderr)
+
+    folder = Path(tempfile.mkdtemp())
+    with thesis_session.machine(
+        folder, programs=("axis_node", "plant_node"), duration_s=60
+    ) as running:
+        can, process = Can(), gateway("--set", "force_gain=3")
+        results["ready"] = re.sub("pid [0-9]+", "pid N", process.ready)
+        with AxisClient(1, timeout_s=4) as axis:
+            modbus = ModbusTcpClient("127.0.0.1", port=PORT, timeout=3)
+            modbus.connect()
+            keep("states", states, axis)
+            keep("lock", lock, axis, modbus)
+            keep("refusals", refusals, axis)
+            keep("repetitions", repetitions, axis)
+            keep("events", events, axis)
+            keep("captures", captures, axis)
+            keep("map_reads", map_reads, axis, modbus)
+            keep("map_refuses", map_refuses, modbus)
+            keep("streams", streams)
+            keep("second_gateway", second_gateway)
+            modbus.close()
+            results["said"] = process.said()
+            keep("killed", killed, process, can, axis)
+            if isinstance(results["killed"], tuple):
+                results["killed"], process = results["killed"]
+            else:
+                process = gateway()
+            keep("ended", ended, process, can)
+            process = gateway()
+            until(lambda: operational(axis), 8)
+            keep("lost_axis", lost_axis, running, axis)
+            process.terminate()
+            process.wait(5)
+    keep("other_table", other_table)
+    print(json.dumps(results))
+
+
+if __name__ == "__main__":
+    main()

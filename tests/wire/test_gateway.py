@@ -1,0 +1,290 @@
+"""The gateway on real CAN, with the firmware behind it: gateway_bench.py runs in one guest, and
+this says what must come out. Expected values are those of host/lcm/axis.lcm, of the Modbus
+specification, and of CiA 301 and 402, not what the program says of itself.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from forceaxis import link, objects
+
+ROOT = Path(__file__).resolve().parents[2]
+VCAN = ROOT / "tools" / "vcan"
+BENCH = Path(__file__).parent / "gateway_bench.py"
+LOCKED = 0x08000021
+DONE, REFUSED = 1, 2  # EVENT_ of axis_event_t
+
+
+@pytest.fixture(scope="module")
+def ran():
+    done = subprocess.run(
+        [VCAN, "-t", "150", sys.executable, BENCH],
+        cwd=ROOT, capture_output=True, text=True, timeout=170, check=False,
+        stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture
+def of(ran):
+    """What one scenario found; what it raised fails the test."""
+
+    def found(name):
+        result = ran[name]
+        if isinstance(result, dict) and "raised" in result:
+            pytest.fail(result["raised"])
+        return result
+
+    return found
+
+
+def test_ready_line_says_where_it_is(ran):
+    assert ran["ready"] == (
+        "gateway ready pid N, vcan0 axes 1, node id 127, LCM udpm://239.255.76.67:7667?ttl=0, "
+        "Modbus TCP 127.0.0.1:1502\n"
+    )
+
+
+def test_state_is_published_steadily_whole_and_in_firmware_time(of):
+    got = of("states")
+    assert 20 <= got["rate"] <= 55  # 50 SYNCs a second, as far as the guest keeps up
+    assert got["missing"] == []
+    assert got["lost"] == 0
+    assert got["nmt"] == 5 and got["hash"]
+    # About 2 s of 1500 ticks, however the guest's clock limps; 3 ticks are 2000 us.
+    assert 1000 <= got["ticks"] <= 4500
+    assert abs(got["utime"] - got["ticks"] * 2000 / 3) <= 1
+    assert got["ages_us"][0] >= 0 and got["ages_us"][1] < 500_000
+    assert got["set"] == 3.0  # --set force_gain=3, written at the set-up
+
+
+def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
+    got = of("lock")
+    assert got["before"] == [
+        "force_gain: the axis belongs to canopen, take it first (abort 08000021h)", LOCKED
+    ]  # fmt: skip
+    assert got["lock_event"] == [2, "the axis belongs to lcm"]
+    # Written through one, read through the other: 7 code/count is 1792.
+    assert got["modbus_reads"] == [1792]
+    assert got["modbus_write"] == 4
+    assert got["modbus_takes"] is False  # no error
+    assert got["after"] == [
+        "force_gain: the axis belongs to modbus, take it first (abort 08000021h)", LOCKED
+    ]  # fmt: skip
+    assert got["modbus_writes"] is False
+    assert got["lcm_reads"] == 5.0
+
+
+def test_a_refused_write_says_why_and_those_before_it_stay(of):
+    got = of("refusals")
+    assert got["range"] == [
+        "latency_ticks: value too high (abort 06090031h), raw values go from 0 to 1", 0x06090031
+    ]  # fmt: skip
+    assert got["read_only"] == ["0x6041: read-only (abort 06010002h)", 0x06010002]
+    assert got["write_only"] == ["recorder_arm: write-only (abort 06010001h)", 0x06010001]
+    assert got["no_object"] == ["0x5000: no such object", 0]
+    assert got["type"] == ["0x2019: 70000 is no value of type u8", 0]
+    assert got["items"] == [["output_limit", 1000], ["latency_ticks", 3]]
+    assert got["stays_done"] == [2048, 1000]
+
+
+def test_commands_that_are_doubled_late_or_of_another_table(of):
+    got = of("repetitions")
+    # Answered twice, carried out once: another client's value stays.
+    assert got["answers"] == [[DONE, "force_tare written", [11]]] * 2
+    assert got["value"] == 22
+    [[kind, text]] = got["other_table"]
+    assert kind == REFUSED
+    assert "12345678" in text and objects.OBJECTS_HASH[:8] in text
+    assert got["by_address"] == [[DONE, [22]]]
+    assert got["late"] == [0, 22]
+
+
+def test_what_the_axis_does_of_itself_becomes_events(of):
+    got = of("events")
+    said = {(kind, code): text for kind, code, text in got["events"]}
+    assert said[6, -2] == "mode open loop"
+    assert said[8, 2] == "limit output_limit"
+    states = [text for kind, _, text in got["events"] if kind == 5]
+    assert states[-3:] == ["operation enabled", "fault", "switch on disabled"]
+    overspeed = objects.OBJECTS[[o.name for o in objects.OBJECTS].index("fault")].enum.index(
+        "overspeed"
+    )
+    assert said[4, overspeed] == "fault overspeed"
+    assert said[4, 0] == "fault cleared"
+    assert said[3, 0x7310] == "EMCY 7310h speed"
+    # Generic error, and the fault in the first manufacturer byte.
+    assert got["emcy"][0]["error_register"] & 1
+    assert got["emcy"][0]["manufacturer"] & 0xFF == overspeed
+
+
+def test_captures_are_whole_and_tick_by_tick(of):
+    got = of("captures")
+    assert got["total"] == 500 and got["missing"] == 0
+    assert got["steps"] == [1]
+    assert got["first_tick"]
+    assert [word & 0x4F for word in got["statusword"]] == [0x40]  # switch on disabled
+    assert got["decimated"] == [100, [3]]
+    assert got["stopped"] == "capture failed: the recorder was stopped"
+    assert got["too_long"] == "recorder_arm: value not valid (abort 06090030h)"
+
+
+def test_every_register_reads_as_over_the_other_bus(of):
+    got = of("map_reads")
+    assert got["differ"] == []
+    with_register = [o for o in objects.OBJECTS if o.modbus >= 0]
+    assert got["objects"] == len(with_register)
+    assert got["registers"] == sum(2 if o.type in ("u32", "i32") else 1 for o in with_register)
+
+
+def test_modbus_exceptions_and_writes_that_are_all_or_none(of):
+    got = of("map_refuses")
+    assert got["hole"] == 2
+    assert got["half_read"] == 1 and got["half_write"] == 3
+    assert got["range"] == 3
+    assert got["function"] == "8701" and got["device_id"] == "ab01"
+    assert got["counts"] == ["8303", "8303"] and got["short"] == "8303"
+    assert got["in_step"].startswith("0302")
+    assert got["all_or_none"] == [3, True]
+    assert got["mask"] == [False, True]
+    assert got["exchange"][0] == 770
+    assert got["low_first"] == [0xFF00, 0xFFFF]
+
+
+def test_modbus_coils_drive_the_state_machine(of):
+    got = of("map_refuses")
+    assert got["enable"] is False and got["disable"] is False  # no error
+    assert got["enabled"] == [True, False, False, False, False]
+    # Ready, switched on, enabled, no fault, voltage, no quick stop, not "switch on disabled".
+    assert got["discrete"] == [True, True, True, False, True, True, False]
+    # latency_ticks is not written while enabled; output_limit before it is as it was.
+    assert got["state"] == 4 and got["taken_back"]
+    assert got["disabled"] is False
+
+
+def test_modbus_streams(of):
+    got = of("streams")
+    assert got["foreign"] is None  # a unit that is not there gives no answer
+    answer = got["then"]
+    assert answer.startswith("0404")  # two registers
+    assert got["pieces"].startswith("0404")
+    assert [text and text[:4] for text in got["pipelined"]] == ["0404", "0404", None]
+    assert got["clients"] == 6 and got["seconds"] < 2
+    assert got["rubbish"] == ""  # the connection is closed
+
+
+def test_a_second_gateway_refuses_to_start(of):
+    got = of("second_gateway")
+    assert got["status"] == 1
+    assert got["said"] == (
+        "gateway: vcan0: another gateway has node id 127; "
+        "stop it, or give this one another --node-id\n"
+    )
+    assert got["port"] == [
+        1,
+        "gateway: 127.0.0.1:1502: expected a free port for Modbus TCP, Address already in use\n",
+    ]
+
+
+def test_nothing_went_wrong_meanwhile(ran):
+    assert ran["said"] == ""
+
+
+def test_a_killed_gateway_switches_the_axis_off(of):
+    got = of("killed")
+    assert got["driven"]
+    assert got["emergencies"] == 1  # 8130h
+    # The axis waits for three heartbeats of 100 ms, in its own time, which limps in the guest and
+    # then catches up.
+    assert 100 <= got["silence_ms"] <= 1500
+    # The next gateway finds the axis off and the fault by name.
+    assert got["fault"] == "heartbeat_lost"
+    assert got["statusword"] == 0x08
+
+
+def test_a_gateway_that_is_ended_stops_the_axis_first(of):
+    got = of("ended")
+    assert got["driven"] and got["status"] == 0 and got["said"] == ""
+    assert got["statusword"] == [0x27, 0x40]  # operation enabled, switch on disabled
+    assert got["emergencies"] == 0  # nothing is missed afterwards
+
+
+def test_a_lost_axis_is_named_on_both_sides(of):
+    got = of("lost_axis")
+    ms, text = got["event"]
+    assert 300 <= ms <= 1500
+    assert text == f"heartbeat lost: nothing heard of the node for {ms} ms"
+    assert got["stale"] and got["age_grows"]
+    assert got["modbus"] == "840b"  # the target does not respond
+    assert got["command"] == "the axis is silent"
+
+
+def test_another_object_table_is_named_and_nothing_is_written(of):
+    got = of("other_table")
+    ours = objects.OBJECTS_HASH[:8]
+    assert got["said"] == (
+        f"gateway: axis 2: expected object table {ours}, the axis has object table 12345678: "
+        "writes are refused; build gateway and firmware from one table\n"
+    )
+    assert got["hash"] == 0x12345678
+    assert "12345678" in got["write"] and ours in got["write"]
+    assert got["by_address"] == 1178687537  # product code
+    assert got["modbus"] == "8604"
+    assert got["downloads"] == 0 and got["starts"] == 0
+    assert got["status"] == 0
+
+
+# --- without CAN ---------------------------------------------------------------------------------
+
+
+def gateway(*args):
+    return subprocess.run(
+        [link.program("gateway"), *args], capture_output=True, text=True, timeout=20, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--axes", "0"], "--axes 0: expected numbers from 1 to 31 such as 1,2 or 1-6"),
+        (["--axes", "1,1"], "--axes 1,1: expected numbers from 1 to 31 such as 1,2 or 1-6"),
+        (["--axes", "3-2"], "--axes 3-2: expected numbers from 1 to 31 such as 1,2 or 1-6"),
+        (["--set", "force_gain"], "--set force_gain: expected NAME=VALUE or N:NAME=VALUE"),
+        (["--set", "force=1"], "--set force=1: expected a parameter, it is a signal"),
+        (
+            ["--set", "force_gain=-1"],
+            "--set force_gain=-1: expected 0 to 255.996 code/count",
+        ),
+        (["--set", "2:force_gain=1"], "--set 2:force_gain=1: expected an axis of --axes 1"),
+        (
+            ["--set", "profile_enable=fast"],
+            "--set profile_enable=fast: expected one of raw_step,trapezoid",
+        ),
+        (["--watch-ms", "100"], "--watch-ms: expected more than one heartbeat, 100 ms"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(args, said):
+    done = gateway(*args)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"gateway: {said}\n"
+
+
+def test_an_unknown_option_is_one_line_too():
+    done = gateway("--nonsense")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_no_such_interface_says_what_to_do():
+    done = gateway("--can", "nocan0")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("gateway: nocan0: expected ") and done.stderr.count("\n") == 1
+
+
+def test_help_shows_an_example():
+    done = gateway("--help")
+    assert done.returncode == 0
+    assert "Example:" in done.stdout and "gateway --can vcan0 --axes 1,2" in done.stdout
