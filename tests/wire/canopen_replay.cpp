@@ -196,6 +196,7 @@ int replay(const char *file) {
   config.hardware = "host";
   config.node_id = journal.node_id;
   config.buses = journal.buses;
+  config.modbus_baud = journal.modbus_baud;
   host::FirmwareSide firmware(experiment, {.hash = true, .config = &config});
   host::PlantSide plant(experiment, {});
   const std::vector<Line> lines = lines_of(file);

@@ -376,7 +376,9 @@ def test_lost_frames_are_counted(folder, step):
         for line in (folder / "flood.journal").read_text().splitlines()
         if line.startswith("lost ")
     )
-    # Its own count has answers besides that found no place while there were too many requests.
-    assert 0 < dropped <= counted
-    print(f"\n{counted} of {sent} frames lost while axis_node stood still")
-    assert 0 < counted <= 65535
+    print(
+        f"\n{dropped} of {sent} frames lost on the way in while axis_node stood still, "
+        f"{counted - dropped} answers before that found no place"
+    )
+    # What exactly it must be, the model says above.
+    assert 0 < dropped <= counted < 65535
