@@ -127,25 +127,28 @@ class Client:
         drive = self.drive
         drive.nmt.state = "PRE-OPERATIONAL"
         drive.sdo[0x1017].raw = 50
-        state = drive.nmt.wait_for_heartbeat(5)
+        state = self.settle("PRE-OPERATIONAL")
         drive.setup_402_state_machine()
         drive.nmt.state = "OPERATIONAL"
-        return {"first_state": state, "state": self.settle()}
+        return {"first_state": state, "state": self.settle("OPERATIONAL")}
 
-    def settle(self):
-        """The NMT state after the next heartbeat."""
-        return self.drive.nmt.wait_for_heartbeat(5)
+    def settle(self, wanted):
+        """The NMT state by the node's heartbeats; one may have been under way at the command."""
+        for _ in range(10):
+            state = self.drive.nmt.wait_for_heartbeat(5)
+            if state == wanted:
+                break
+        return state
 
     def resets(self):
         found = {}
         for command in ("RESET", "RESET COMMUNICATION"):
             found[command] = self.reset(command)
             self.drive.sdo[0x1017].raw = 50
-            found[command + " state"] = self.settle()
+            found[command + " state"] = self.settle("PRE-OPERATIONAL")
         for command in ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL"):
             self.drive.nmt.state = command
-            self.drive.nmt.wait_for_heartbeat(5)
-            found.setdefault("states", []).append(self.settle())
+            found.setdefault("states", []).append(self.settle(command))
         return found
 
     def reset(self, command):
