@@ -55,7 +55,13 @@ def record(log):
     return dump
 
 
-def stop(dump):
+def stop(dump, log):
+    """Ends candump, which would leave what it has not yet read."""
+    size = -1
+    while size != log.stat().st_size:
+        size = log.stat().st_size
+        time.sleep(0.5)
+    assert dump.poll() is None, f"candump ended by itself, status {dump.returncode}"
     dump.send_signal(signal.SIGINT)
     dump.wait(10)
 
@@ -145,7 +151,7 @@ def flood(folder, steps, make_nodes, make_client, brief):
     dump = record(folder / "flood.log")
     nodes = make_nodes(folder, "flood")
     # The session beside a flood that is none of the node's business.
-    words = ["cangen", "vcan0", "-I", FOREIGN, "-L", "8", "-g", "0.5", "-i"]
+    words = ["cangen", "vcan0", "-I", FOREIGN, "-L", "8", "-g", "1", "-i"]
     noise = subprocess.Popen(words)
     client = make_client()
     steps("beside_noise", brief, client)
@@ -160,4 +166,4 @@ def flood(folder, steps, make_nodes, make_client, brief):
     steps("after_flood", brief, client)
     client.close()
     steps("flood_nodes", nodes.finish)
-    stop(dump)
+    stop(dump, folder / "flood.log")

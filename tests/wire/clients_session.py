@@ -119,6 +119,8 @@ class Client:
         self.network.connect(interface="socketcan", channel="vcan0")
         self.drive = BaseNode402(NODE, str(EDS))
         self.network.add_node(self.drive)
+        # Its 0.3 s are short for a guest on a busy machine; transitions keep python-canopen's times.
+        self.drive.sdo.RESPONSE_TIMEOUT = 1.0
 
     def close(self):
         self.network.disconnect()
@@ -614,7 +616,7 @@ def session(folder, steps):
     steps("cst", client.contact, "CYCLIC SYNCHRONOUS TORQUE", 600)
     steps("store", client.store)
     client.close()
-    stop(dump)
+    stop(dump, folder / "session.log")
     nodes.end()
     line.close()
 
