@@ -119,7 +119,7 @@ class Client:
         self.network.connect(interface="socketcan", channel="vcan0")
         self.drive = BaseNode402(NODE, str(EDS))
         self.network.add_node(self.drive)
-        # Its 0.3 s are short for a guest on a busy machine; transitions keep python-canopen's times.
+        # Its 0.3 s are short for a guest on a busy machine; transitions keep their times.
         self.drive.sdo.RESPONSE_TIMEOUT = 1.0
 
     def close(self):
