@@ -1,0 +1,243 @@
+// Plays an axis_node's journal again, in process, and logs for canopen_model.py what its CANopen
+// node did, in the records of canopen_flood.cpp.
+//
+// usage: canopen_replay JOURNAL >LOG
+//
+// The last record is 13, trace hash: the first half of its digits in d. It and the frames out are
+// compared with those of axis_node itself, so that what the log says holds for that one.
+
+#include <cstdint>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "firmware/port/host/firmware.hpp"
+#include "host/link/firmware_side.hpp"
+#include "host/link/journal.hpp"
+#include "host/link/plant_side.hpp"
+
+namespace {
+
+using namespace forceaxis;
+
+enum Kind : uint8_t {
+  kFrameIn = 1,
+  kTick,
+  kFrameOut,
+  kNoMore,
+  kState,
+  kValue,
+  kRefused,
+  kRecording,
+  kLost = 10,
+  kBus,
+  kObject,
+  kHash
+};
+
+struct Record {
+  uint8_t kind, a;
+  uint16_t b;
+  uint32_t c;
+  uint64_t d;
+};
+static_assert(sizeof(Record) == 16);
+
+constexpr std::int64_t kTicksPerDump = 1500;
+
+uint64_t data_of(const can_frame_t &frame) {
+  uint64_t data = 0;
+  for (int i = 0; i < 8; ++i) data |= static_cast<uint64_t>(frame.data[i]) << (8 * i);
+  return data;
+}
+
+class Log {
+ public:
+  // fw_t is axis_host_t's first member; what an RPDO was refused is no object.
+  explicit Log(axis_host_t *axis) : axis_(axis), fw_(reinterpret_cast<const fw_t *>(axis)) {
+    values();
+    state();
+  }
+
+  void add(uint8_t kind, uint8_t a = 0, uint16_t b = 0, uint32_t c = 0, uint64_t d = 0) {
+    const Record record{kind, a, b, c, d};
+    std::fwrite(&record, sizeof record, 1, stdout);
+  }
+
+  int32_t read(uint16_t object) const {
+    int32_t value = 0;
+    axis_host_read(axis_, object, &value);
+    return value;
+  }
+
+  void state() {
+    const auto word = [this](uint16_t object) { return static_cast<uint32_t>(read(object)); };
+    add(kState, static_cast<uint8_t>(word(AXIS_OBJ_NMT_STATE)),
+        static_cast<uint16_t>(word(AXIS_OBJ_SYNC_COUNT)),
+        word(AXIS_OBJ_ERROR_REGISTER) | word(AXIS_OBJ_ERROR_HISTORY_COUNT) << 8 |
+            word(AXIS_OBJ_COMMAND_SOURCE) << 16,
+        word(AXIS_OBJ_CAN_LOST));
+  }
+
+  // What the TPDOs' objects hold, packed from the mapping as a client reads it.
+  void values() {
+    for (uint8_t i = 0; i < 4; ++i) {
+      uint64_t value = 0;
+      unsigned bit = 0;
+      for (uint8_t k = 0; k < fw_->canopen.params.tpdo_mapped[i]; ++k) {
+        const uint32_t entry = fw_->canopen.params.tpdo_mapping[8 * i + k];
+        const axis_address_t *at =
+            fw_address(static_cast<uint16_t>(entry >> 16), static_cast<uint8_t>(entry >> 8));
+        const unsigned width = entry & 0xFF;
+        const uint64_t mask = (uint64_t{1} << width) - 1;
+        value |= (static_cast<uint64_t>(static_cast<uint32_t>(read(at->value))) & mask) << bit;
+        bit += width;
+      }
+      if (value != values_[i]) add(kValue, i, 0, 0, value);
+      values_[i] = value;
+    }
+    const uint32_t size = fw_recording_size(fw_);
+    if (size != recording_) add(kRecording, 0, 0, size);
+    recording_ = size;
+  }
+
+  // Before the frame that is judged by it.
+  void refused() {
+    uint8_t now = 0;
+    for (unsigned i = 0; i < 4; ++i) {
+      if ((fw_->canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) now |= uint8_t(1u << i);
+    }
+    if (now != refused_) add(kRefused, now);
+    refused_ = now;
+  }
+
+  void taken_in() {
+    values();
+    state();
+  }
+
+  void ticked() {
+    values();
+    add(kTick, 0, 0,
+        static_cast<uint32_t>(read(AXIS_OBJ_ERROR_CODE) | read(AXIS_OBJ_FAULT) << 16) |
+            static_cast<uint32_t>(read(AXIS_OBJ_ACTIVE_MODE)) << 24);
+    state();
+    for (can_frame_t frame; axis_host_can_transmit(axis_, &frame);) {
+      uint64_t data = data_of(frame);
+      if (frame.length < 8) data &= (uint64_t{1} << (8 * frame.length)) - 1;
+      add(kFrameOut, frame.length, frame.id, 0, data);
+    }
+    add(kNoMore);
+    state();
+  }
+
+  // Every object of the communication part.
+  void dump() {
+    for (uint16_t object = 1; object < AXIS_OBJ_COUNT; ++object) {
+      const uint8_t block = axis_objects[object].block;
+      if (block != AXIS_BLOCK_CANOPEN_PARAMETER && block != AXIS_BLOCK_CANOPEN_SIGNAL) continue;
+      add(kObject, 0, object, static_cast<uint32_t>(read(object)));
+    }
+  }
+
+ private:
+  axis_host_t *axis_;
+  const fw_t *fw_;
+  uint64_t values_[4]{};
+  uint32_t recording_ = 0;
+  uint8_t refused_ = 0;
+};
+
+// What an entry of the journal is, which itself only says how it is given. Read from the file, in
+// whose order the entries are.
+struct Line {
+  std::string kind;
+  can_frame_t frame{};
+  unsigned lost = 0;
+};
+
+std::vector<Line> lines_of(const char *file) {
+  std::vector<Line> lines;
+  std::ifstream in(file);
+  for (std::string text; std::getline(in, text);) {
+    std::istringstream words(text);
+    Line line;
+    std::string id, length, data;
+    words >> line.kind;
+    if (line.kind == "can") {
+      words >> id >> id >> length >> data;
+      line.frame.id = static_cast<uint16_t>(std::stoul(id, nullptr, 16));
+      line.frame.remote = length == "R";
+      if (length != "R") line.frame.length = static_cast<uint8_t>(std::stoul(length));
+      for (unsigned i = 0; i < line.frame.length; ++i) {
+        line.frame.data[i] =
+            static_cast<uint8_t>(std::stoul(data.substr(2 * std::size_t{i}, 2), nullptr, 16));
+      }
+    } else if (line.kind == "lost") {
+      words >> line.lost >> line.lost;
+    } else if (line.kind != "write" && line.kind != "bus" && line.kind != "modbus") {
+      continue;
+    }
+    lines.push_back(line);
+  }
+  return lines;
+}
+
+int replay(const char *file) {
+  const host::Journal journal = host::read_journal(file);
+  host::Experiment experiment = host::load_experiment(journal.experiment, journal.overrides);
+  experiment.initial.clear();  // the journal has them
+  for (host::Action &action : experiment.actions) action.writes.clear();
+  fw_config_t config{};
+  config.hardware = "host";
+  config.node_id = journal.node_id;
+  config.buses = journal.buses;
+  config.modbus_baud = journal.modbus_baud;
+  host::FirmwareSide firmware(experiment, {.hash = true, .config = &config});
+  host::PlantSide plant(experiment, {});
+  const std::vector<Line> lines = lines_of(file);
+  if (lines.size() != journal.entries.size()) throw std::runtime_error("lines and entries differ");
+  std::size_t at = 0;
+  for (; at < lines.size() && lines[at].kind == "write"; ++at) {
+    journal.entries[at].give(firmware.axis());
+  }
+  Log log(firmware.axis());
+  while (plant.running() && plant.tick() < journal.ticks) {
+    for (; at < lines.size() && journal.entries[at].tick <= plant.tick(); ++at) {
+      journal.entries[at].give(firmware.axis());
+      const Line &line = lines[at];
+      if (line.kind == "can") {
+        log.refused();
+        log.add(kFrameIn, static_cast<uint8_t>(line.frame.length | line.frame.remote << 7),
+                line.frame.id, 0, data_of(line.frame));
+      } else if (line.kind == "lost") {
+        log.add(kLost, 0, 0, line.lost);
+      }
+      log.taken_in();
+    }
+    plant.act(firmware.tick(plant.sense()));
+    log.ticked();
+    if (plant.tick() % kTicksPerDump == 0) log.dump();
+  }
+  log.add(kHash, 0, 0, 0, std::stoull(firmware.hash().substr(0, 16), nullptr, 16));
+  return 0;
+}
+
+}  // namespace
+
+int main(int count, char **arguments) {
+  if (count != 2) {
+    std::fprintf(stderr, "usage: canopen_replay JOURNAL >LOG\n");
+    return 2;
+  }
+  try {
+    return replay(arguments[1]);
+  } catch (const std::exception &error) {
+    std::fprintf(stderr, "canopen_replay: %s\n", error.what());
+    return 1;
+  }
+}
