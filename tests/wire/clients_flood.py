@@ -56,9 +56,9 @@ def record(log):
 
 
 def stop(dump, log):
-    """Ends candump, which would leave what it has not yet read."""
-    size = -1
-    while size != log.stat().st_size:
+    """Ends candump on a quiet bus; it would leave what it has not yet read."""
+    size, end = -1, time.monotonic() + 10
+    while size != log.stat().st_size and time.monotonic() < end:
         size = log.stat().st_size
         time.sleep(0.5)
     assert dump.poll() is None, f"candump ended by itself, status {dump.returncode}"

@@ -616,8 +616,8 @@ def session(folder, steps):
     steps("cst", client.contact, "CYCLIC SYNCHRONOUS TORQUE", 600)
     steps("store", client.store)
     client.close()
-    stop(dump, folder / "session.log")
     nodes.end()
+    stop(dump, folder / "session.log")
     line.close()
 
 
