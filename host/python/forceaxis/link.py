@@ -52,11 +52,11 @@ class Link:
 
 
 def program(name):
-    """A program that belongs to forceaxis: beside the installed extension or in the checkout."""
+    """A program that belongs to forceaxis: in the checkout or beside the installed extension."""
     places = [
-        Path(_core.__file__).parent / "bin" / name,
         _CHECKOUT / "build" / "release" / "host" / name,
         _CHECKOUT / "tools" / name,
+        Path(_core.__file__).parent / "bin" / name,
     ]
     for place in places:
         if place.is_file() and os.access(place, os.X_OK):
