@@ -5,8 +5,10 @@ Expected hashes are those of the run in process.
 
 import collections
 import contextlib
+import fcntl
 import json
 import os
+import pty
 import signal
 import struct
 import subprocess
@@ -426,3 +428,20 @@ def test_vcan_passes_on_input_output_and_status():
     assert done.returncode == 7
     assert done.stdout == "heard\n2\n"
     assert done.stderr == "said\n"
+
+
+def test_vcan_gives_a_terminal_a_shell():
+    """Input and output of a terminal are one file: it must block as before, or nothing is read."""
+    ours, theirs = pty.openpty()
+    shell = subprocess.Popen(
+        [VCAN, "-t", "60", "bash"], stdin=theirs, stdout=theirs, stderr=theirs,
+        start_new_session=True,
+    )  # fmt: skip
+    time.sleep(1)  # as somebody who types
+    os.write(ours, b"test -t 1 && ls /sys/class/net; exit 7\n")
+    assert shell.wait(70) == 7
+    assert not fcntl.fcntl(theirs, fcntl.F_GETFL) & os.O_NONBLOCK
+    said = os.read(ours, 4096).decode()
+    os.close(ours)
+    os.close(theirs)
+    assert "vcan0" in said.split("exit 7", 1)[1]
