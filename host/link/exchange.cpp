@@ -99,7 +99,7 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
     if (silent != 0) {
       throw LinkSilent("axis_node (" + axes_text(silent) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
-                       ((heard_ & silent) != 0 ? ": it ended or hangs"
+                       ((heard_ & silent) != 0 ? ": it ended, hangs or runs a shorter experiment"
                                                : ": it never answered; is it running, on this "
                                                  "link and with this run id?"));
     }

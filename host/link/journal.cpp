@@ -1,5 +1,10 @@
 #include "host/link/journal.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cstring>
@@ -163,11 +168,38 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
 
 JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                              std::span<const std::string> overrides)
-    : out_(file, std::ios::trunc) {
-  if (!out_) throw std::runtime_error(file.string() + ": expected to be able to write here");
+    : lock_(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)) {
+  const auto lock_fails = [this, &file](const std::string &what) {
+    close(lock_);
+    return std::runtime_error(file.string() + ": " + what);
+  };
+  if (lock_ < 0) throw std::runtime_error(file.string() + ": expected to be able to write here");
+  if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+    throw lock_fails("expected a file of its own, another process writes its journal here");
+  }
+  struct stat is {};
+  std::string title(sizeof kTitle - 1, '\0');
+  if (fstat(lock_, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
+      (pread(lock_, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
+       title != kTitle)) {
+    close(lock_);
+    throw sim::InputError(file.string(), "--journal",
+                          "expected a new file or an old journal, not to lose what is here");
+  }
+  out_.open(file, std::ios::trunc);
+  if (!out_) throw lock_fails("expected to be able to write here");
   out_ << kTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';
+}
+
+JournalWriter::~JournalWriter() { close(lock_); }
+
+void JournalWriter::flush() {
+  const auto now = std::chrono::steady_clock::now();
+  if (now - flushed_ < std::chrono::seconds(1)) return;
+  flushed_ = now;
+  out_.flush();
 }
 
 void JournalWriter::power_up(const fw_config_t &config) {
@@ -185,6 +217,7 @@ void JournalWriter::power_up(const fw_config_t &config) {
 
 void JournalWriter::write(std::int64_t tick, std::uint16_t object, std::int32_t raw) {
   out_ << "write " << tick << ' ' << object_meta(object).name << ' ' << raw << '\n';
+  flush();
 }
 
 void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
@@ -194,18 +227,22 @@ void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
   } else {
     out_ << int{frame.length} << ' ' << hex_of({frame.data, frame.length}) << '\n';
   }
+  flush();
 }
 
 void JournalWriter::lost(std::int64_t tick, std::uint16_t frames) {
   out_ << "lost " << tick << ' ' << frames << '\n';
+  flush();
 }
 
 void JournalWriter::bus(std::int64_t tick, std::uint8_t state) {
   out_ << "bus " << tick << ' ' << int{state} << '\n';
+  flush();
 }
 
 void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> bytes) {
   out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
+  flush();
 }
 
 void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
@@ -222,6 +259,7 @@ Journal read_journal(const std::filesystem::path &file) {
                           std::string("expected a readable journal, \"") + kTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
+    if (in.eof()) break;  // broken off in the middle of a line
     Line line(file, number, text);
     const std::string kind = line.word("an entry");
     if (auto entry = entry_of(kind, line)) {
@@ -267,7 +305,9 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
   PlantSide plant(silent, options);
   auto entry = journal.entries.begin();
-  while (plant.running() && (journal.ticks < 0 || plant.tick() < journal.ticks)) {
+  const std::int64_t last = journal.entries.empty() ? 0 : journal.entries.back().tick;
+  const std::int64_t ticks = journal.ticks < 0 ? last + 1 : journal.ticks;
+  while (plant.running() && plant.tick() < ticks) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
       entry->give(firmware.axis());
     }

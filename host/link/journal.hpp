@@ -10,7 +10,9 @@
 //   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
 //   bus TICK STATE | modbus TICK HEX
 //   end TICKS HASH                                         how long it ran, and its trace hash
-// Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-".
+// Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-". A journal that breaks off has
+// no end; a line that breaks off does not count.
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -27,9 +29,13 @@ namespace forceaxis::host {
 
 class JournalWriter {
  public:
-  // Creates or replaces the file. Throws std::runtime_error naming it.
+  // Creates the file or replaces a journal. Throws sim::InputError if it is something else, else
+  // std::runtime_error naming it: it cannot be written, or another process writes it.
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
+  ~JournalWriter();
+  JournalWriter(const JournalWriter &) = delete;
+  JournalWriter &operator=(const JournalWriter &) = delete;
 
   // What the firmware is powered up with, its store included.
   void power_up(const fw_config_t &config);
@@ -41,7 +47,12 @@ class JournalWriter {
   void end(std::int64_t ticks, const std::string &hash);
 
  private:
+  // Now and then, so that a process that is killed leaves all but the last second.
+  void flush();
+
+  int lock_;
   std::ofstream out_;
+  std::chrono::steady_clock::time_point flushed_;
 };
 
 struct Journal {
@@ -67,8 +78,8 @@ struct Journal {
 // Throws sim::InputError naming file and line.
 Journal read_journal(const std::filesystem::path &file);
 
-// The run of the journal in process. `experiment` must be that of the journal and gives the plant
-// and the impulses. Throws as run().
+// The run of the journal in process, without an end up to the last entry. `experiment` must be that
+// of the journal and gives the plant and the impulses. Throws as run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

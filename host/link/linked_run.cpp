@@ -30,6 +30,12 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
+// What no two plants or axes may share.
+std::string claimed(const LinkOptions &options) {
+  return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
+                               : options.can_interface;
+}
+
 // Ticks at their times: tick k at k / 1500 s after the first, exactly.
 class Pacer {
  public:
@@ -70,7 +76,12 @@ struct LinkedPlants::Ends {
        const LinkOptions &options)
       : first_axis(first) {
     if (options.kind != "lcm") {
-      claim = std::make_unique<CanClaim>(options.can_interface, "plant");
+      claims.push_back(std::make_unique<LinkClaim>(options.can_interface, "plant"));
+    } else {
+      for (std::size_t i = 0; i < experiments.size(); ++i) {
+        claims.push_back(std::make_unique<LinkClaim>(claimed(options),
+                                                     "plant of axis " + std::to_string(first + i)));
+      }
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
@@ -83,7 +94,7 @@ struct LinkedPlants::Ends {
 
   std::uint8_t first_axis;
   LinkReport report;
-  std::unique_ptr<CanClaim> claim;
+  std::vector<std::unique_ptr<LinkClaim>> claims;
   std::unique_ptr<PlantTransport> transport;
   std::unique_ptr<PlantExchange> exchange;
   std::vector<PlantSide> plants;
@@ -117,9 +128,10 @@ std::vector<RunResult> LinkedPlants::run(bool real_time) {
     for (std::size_t i = 0; i < n; ++i) running[i]->act(outputs[i]);
     ends.report.ticks = tick + 1;
     ends.report.overruns = pacer.overruns;
-    if (tick == 0) first_answer = Clock::now();
+    const Clock::time_point now = Clock::now();
+    if (tick == 0) first_answer = now;
+    ends.report.seconds = std::chrono::duration<double>(now - first_answer).count();
   }
-  ends.report.seconds = std::chrono::duration<double>(Clock::now() - first_answer).count();
   std::vector<RunResult> results;
   for (PlantSide &plant : ends.plants) results.push_back(plant.finish());
   return results;
@@ -129,6 +141,10 @@ LinkReport LinkedPlants::report() const {
   LinkReport report = ends_->report;
   report.statistics = ends_->exchange->statistics();
   return report;
+}
+
+std::unique_ptr<LinkClaim> claim_axis(const LinkOptions &options, int axis) {
+  return std::make_unique<LinkClaim>(claimed(options), "axis " + std::to_string(axis));
 }
 
 std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,

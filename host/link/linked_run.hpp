@@ -9,6 +9,7 @@
 #include "host/link/exchange.hpp"
 #include "host/link/inject.hpp"
 #include "host/link/run.hpp"
+#include "host/link/socketcan.hpp"
 
 namespace forceaxis::host {
 
@@ -51,6 +52,9 @@ class LinkedPlants {
   struct Ends;
   std::unique_ptr<Ends> ends_;
 };
+
+// For as long as it lives no other process of this machine is this axis on the link.
+std::unique_ptr<LinkClaim> claim_axis(const LinkOptions &options, int axis);
 
 // The firmware's end of the link; `counts` must outlive it.
 std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,

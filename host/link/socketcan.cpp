@@ -10,8 +10,10 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstddef>
 #include <cstring>
+#include <thread>
 
 namespace forceaxis::host {
 namespace {
@@ -21,6 +23,9 @@ constexpr std::uint32_t kUnused = 0x1FF;
 constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9;
 constexpr std::int64_t kTicksInId = 4096;
 constexpr std::int64_t kTicksInData = 65536;
+// An axis_node answers repeats for a quarter of a second after its run.
+constexpr int kClaimTries = 50;
+constexpr std::chrono::milliseconds kClaimWait{10};
 constexpr std::uint8_t kInputBytes = 8, kOutputBytes = 7;
 
 void put16(std::uint8_t *at, std::uint16_t value) {
@@ -229,24 +234,28 @@ int open_can(const std::string &interface) {
   return s;
 }
 
-CanClaim::CanClaim(const std::string &interface, const std::string &role)
+LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
   // A name in the abstract space belongs to one socket of a network namespace.
   sockaddr_un name{};
   name.sun_family = AF_UNIX;
-  const std::string text = "forceaxis-link/" + interface + "/" + role;
+  const std::string text = "forceaxis-link/" + role + "/" + where;
   text.copy(name.sun_path + 1, sizeof name.sun_path - 2);
   const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 +
                                              std::min(text.size(), sizeof name.sun_path - 2));
-  if (bind(socket_, reinterpret_cast<sockaddr *>(&name), length) != 0) {
+  for (int tries = 0; bind(socket_, reinterpret_cast<sockaddr *>(&name), length) != 0; ++tries) {
+    if (tries < kClaimTries) {
+      std::this_thread::sleep_for(kClaimWait);
+      continue;
+    }
     close(socket_);
-    throw TransportError(interface + ": expected to be the only " + role +
-                         " here, another run holds it; wait for it, or take another interface or a "
-                         "network namespace (tools/vcan)");
+    throw TransportError(where + ": expected to be the only " + role +
+                         " here, another run holds it; wait for it, or take another interface, run "
+                         "number or network namespace (tools/vcan)");
   }
 }
 
-CanClaim::~CanClaim() { close(socket_); }
+LinkClaim::~LinkClaim() { close(socket_); }
 
 std::unique_ptr<PlantTransport> can_plant_transport(const std::string &interface) {
   return std::make_unique<CanTransport<LinkInputs, LinkOutputs>>(interface, link_outputs_of,

@@ -25,15 +25,16 @@ std::optional<LinkOutputs> link_outputs_of(const can_frame &frame);
 // A bound raw socket. Throws TransportError: no AF_CAN, no such interface or it is down.
 int open_can(const std::string &interface);
 
-// An interface carries one plant, and every axis once: frames have no run number. The claim ends
-// with the object, or with the process however that ends. Throws TransportError naming the
-// interface. Network namespaces do not see each other's.
-class CanClaim {
+// An interface, whose frames have no run number, carries one plant and every axis once; a run over
+// LCM has one plant an axis. The claim ends with the object, or with the process however that ends;
+// one that is just ending is waited for. Throws TransportError naming `where`. Network namespaces
+// do not see each other's.
+class LinkClaim {
  public:
-  CanClaim(const std::string &interface, const std::string &role);
-  ~CanClaim();
-  CanClaim(const CanClaim &) = delete;
-  CanClaim &operator=(const CanClaim &) = delete;
+  LinkClaim(const std::string &where, const std::string &role);
+  ~LinkClaim();
+  LinkClaim(const LinkClaim &) = delete;
+  LinkClaim &operator=(const LinkClaim &) = delete;
 
  private:
   int socket_;

@@ -30,6 +30,9 @@ class CanPort {
   };
   void receive(const Ears &ears);
 
+  // Whether the bus is lost.
+  bool is_off() const { return state_ == CAN_BUS_OFF; }
+
   // False: the interface takes nothing now.
   bool send(const can_frame_t &frame);
 

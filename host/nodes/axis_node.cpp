@@ -4,7 +4,9 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <chrono>
+#include <csignal>
 #include <deque>
 #include <iostream>
 #include <memory>
@@ -20,6 +22,7 @@
 #include "host/link/socketcan.hpp"
 #include "host/nodes/axis_buses.hpp"
 #include "host/nodes/node_options.hpp"
+#include "host/nodes/number_range.hpp"
 
 namespace {
 
@@ -58,6 +61,8 @@ class Axis {
   Axis(int number, const host::Experiment &experiment, std::span<const std::string> overrides,
        const AxisOptions &options, const std::string &suffix)
       : number_(number), experiment_(experiment) {
+    // Files last: who finds the bus taken leaves them alone.
+    if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     if (!options.store.empty()) {
       const std::string file = options.store + suffix;
       auto opened = std::make_unique<store_file_t>();
@@ -76,7 +81,6 @@ class Axis {
           std::make_unique<host::JournalWriter>(options.journal + suffix, experiment, overrides);
       journal_->power_up(config_);
     }
-    if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     host::FirmwareOptions firmware{.hash = true, .config = &config_};
     if (journal_) {
       firmware.writing = [this](std::int64_t tick, const host::ObjectWrite &w) {
@@ -153,9 +157,12 @@ class Axis {
 
   void say(nodes::ModbusPort *modbus) {
     // Everything is taken from the firmware every tick, also what nobody listens to: that is what a
-    // replay does. Frames that the interface does not take now wait.
+    // replay does. Frames that the interface does not take now wait, but not for a lost bus to come
+    // back: they would tell of then as if it were now.
+    const bool off = !can_ || can_->is_off();
+    if (off) unsent_.clear();
     for (can_frame_t frame; axis_host_can_transmit(axis(), &frame);) {
-      if (can_ && unsent_.size() < kMostUnsent) unsent_.push_back(frame);
+      if (!off && unsent_.size() < kMostUnsent) unsent_.push_back(frame);
     }
     while (!unsent_.empty() && can_->send(unsent_.front())) unsent_.pop_front();
     std::array<std::uint8_t, 512> bytes;
@@ -175,6 +182,24 @@ class Axis {
   std::deque<can_frame_t> unsent_;
 };
 
+// The signal that asked for the end: journal and report are still written. A second one does not
+// wait for that.
+std::atomic<int> stopped{0};
+
+void end_by_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  // A thread of its own takes them, so that they interrupt nothing.
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::thread([signals] {
+    for (int signal = 0; sigwait(&signals, &signal) == 0;) {
+      if (stopped.exchange(signal) != 0) _exit(128 + signal);
+    }
+  }).detach();
+}
+
 // Whether somebody has written to standard input, or closed it.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
@@ -187,7 +212,7 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
   using Clock = std::chrono::steady_clock;
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
-  for (std::int64_t k = 1; k <= ticks; ++k) {
+  for (std::int64_t k = 1; k <= ticks && stopped == 0; ++k) {
     std::this_thread::sleep_until(start + std::chrono::nanoseconds(k * 2000000 / 3));
     if (modbus != nullptr) {
       const auto bytes = modbus->receive();
@@ -205,18 +230,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   std::vector<std::unique_ptr<Axis>> axes;
   std::vector<std::uint8_t> numbers;
   std::vector<std::int64_t> last_ticks;
-  std::vector<std::unique_ptr<host::CanClaim>> claims;
+  std::vector<std::unique_ptr<host::LinkClaim>> claims;
   for (std::size_t i = 0; i < experiments.size(); ++i) {
-    const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(
-        std::make_unique<Axis>(number, experiments[i], nodes::overrides_of(options, number), own,
-                               experiments.size() > 1 ? "." + std::to_string(number) : ""));
-    numbers.push_back(static_cast<std::uint8_t>(number));
-    last_ticks.push_back(experiments[i].ticks);
-    if (options.link.kind != "lcm") {
-      claims.push_back(std::make_unique<host::CanClaim>(options.link.can_interface,
-                                                        "axis " + std::to_string(number)));
-    }
+    claims.push_back(host::claim_axis(options.link, options.first_axis + static_cast<int>(i)));
   }
   std::unique_ptr<nodes::ModbusPort> modbus;
   if (!own.modbus.empty()) {
@@ -224,6 +240,14 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   }
   host::InjectionCounts injected;
   const auto transport = host::open_axis_transport(options.link, injected);
+  for (std::size_t i = 0; i < experiments.size(); ++i) {
+    const int number = options.first_axis + static_cast<int>(i);
+    axes.push_back(
+        std::make_unique<Axis>(number, experiments[i], nodes::overrides_of(options, number), own,
+                               experiments.size() > 1 ? "." + std::to_string(number) : ""));
+    numbers.push_back(static_cast<std::uint8_t>(number));
+    last_ticks.push_back(experiments[i].ticks);
+  }
   const auto compute = [&](const host::LinkInputs &in) {
     if (modbus) {
       const auto bytes = modbus->receive();
@@ -239,7 +263,7 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
 
   unsigned silent = 0;
   std::uint64_t lost_records = 0;
-  while (!exchange.finished()) {
+  while (!exchange.finished() && stopped == 0) {
     const unsigned now_silent = exchange.serve(kServe);
     silent |= now_silent;
     for (const auto &axis : axes) {
@@ -257,7 +281,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     }
   }
   if (silent != 0) hold(axes, modbus.get(), own.hold_s);
-  while (silent == 0 && exchange.quiet() < kLinger && !(own.serve && asked_on_input())) {
+  while (silent == 0 && stopped == 0 && exchange.quiet() < kLinger &&
+         !(own.serve && asked_on_input())) {
     exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
   }
 
@@ -275,6 +300,10 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
               (ever ? "it ended or hangs; the axis is disabled, code 0"
                     : "it never asked; is it running, on this link and with this run id?");
   }
+  if (stopped != 0 && !exchange.finished()) {
+    failure = std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
+              " before the run was over";
+  }
   nodes::JsonObject o;
   o.add("node", "axis")
       .add("pid", getpid())
@@ -286,7 +315,7 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   std::cout << o.text() << std::endl;
   if (failure.empty()) return 0;
   if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
-  return 1;
+  return stopped != 0 ? 128 + stopped : 1;
 }
 
 // Runs as standard input asks for them, one a line: run number, experiment and overrides, separated
@@ -328,7 +357,8 @@ int main(int argc, char **argv) {
       "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
       "Prints one line when ready and one JSON object at the end. If the plant falls silent, the\n"
       "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed\n"
-      "(plant_node silent), 2 wrong usage or input.");
+      "(plant_node silent), 2 wrong usage or input, 130 and 143 ended by SIGINT and SIGTERM,\n"
+      "journal and report written.");
   nodes::add_options(app, options);
   app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
   app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");
@@ -342,7 +372,7 @@ int main(int argc, char **argv) {
                  "axes FILE.1, FILE.2, ...");
   app.add_option("--hold", own.hold_s,
                  "Seconds to go on serving the buses after the plant fell silent, disabled.")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(nodes::real_range(0, 86400))
       ->capture_default_str();
   app.add_flag("--serve", own.serve,
                "Take runs from standard input, one a line: run number, experiment and overrides, "
@@ -352,7 +382,8 @@ int main(int argc, char **argv) {
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
       "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
       "with its buses, in real time, for clients of every kind:\n"
-      "  axis_node sim/experiments/contact.toml --can vcan0 --store axis.bin --journal axis.log &\n"
+      "  axis_node sim/experiments/contact.toml --can vcan0 --store axis.bin --journal "
+      "axis.journal &\n"
       "  plant_node sim/experiments/contact.toml --pace real");
   try {
     app.parse(argc, argv);
@@ -365,6 +396,7 @@ int main(int argc, char **argv) {
       throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
     }
     nodes::finish_options(options);
+    end_by_signals();
     return run(options, own);
   });
 }

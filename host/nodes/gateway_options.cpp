@@ -1,11 +1,14 @@
 #include "host/nodes/gateway_options.hpp"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
 
 #include "host/link/objects.hpp"
+#include "host/nodes/number_range.hpp"
 
 namespace forceaxis::nodes {
 namespace {
@@ -96,7 +99,7 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
       ->check(CLI::Range(kMostNodes + 1, 127))
       ->capture_default_str();
   app.add_option("--sync-hz", o.sync_hz, "SYNCs and states published a second.")
-      ->check(CLI::Range(1.0, 200.0))
+      ->check(real_range(1, 200))
       ->capture_default_str();
   app.add_option("--heartbeat-ms", o.heartbeat_ms, "From one heartbeat to the next, both ways.")
       ->check(CLI::Range(10, 10000))
@@ -120,6 +123,13 @@ void finish_gateway_options(GatewayOptions &o) {
   if (o.lcm_url.empty()) {
     const char *const given = std::getenv("LCM_DEFAULT_URL");
     o.lcm_url = given != nullptr && *given != 0 ? given : kDefaultUrl;
+  }
+  // libmodbus listens everywhere when an address begins with 0, and checks none.
+  in_addr bind{};
+  if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
+      (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {
+    throw GatewayUsage("--modbus-bind " + o.modbus_address +
+                       ": expected an IPv4 address such as 127.0.0.1, or 0.0.0.0");
   }
   if (o.watch_ms == 0) o.watch_ms = 3 * o.heartbeat_ms;
   if (o.watch_ms <= o.heartbeat_ms) {

@@ -4,6 +4,8 @@
 #include <iostream>
 #include <stdexcept>
 
+#include "host/nodes/number_range.hpp"
+
 namespace forceaxis::nodes {
 namespace {
 
@@ -49,11 +51,11 @@ void add_options(CLI::App &app, NodeOptions &o) {
       ->capture_default_str();
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
-      ->check(CLI::Range(0.01, 86400.0))
+      ->check(real_range(0.01, 86400))
       ->capture_default_str();
   app.add_option("--timeout", o.timeout_s,
                  "Seconds without a record after which the other node counts as silent.")
-      ->check(CLI::Range(0.01, 3600.0))
+      ->check(real_range(0.01, 3600))
       ->capture_default_str();
   app.add_option("--inject", o.inject,
                  "For tests: faults in what this node sends, drop=0.05,double=0.05,seed=1,"

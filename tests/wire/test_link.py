@@ -5,8 +5,10 @@ Expected hashes are those of the run in process.
 
 import collections
 import contextlib
+import fcntl
 import json
 import os
+import pty
 import signal
 import struct
 import subprocess
@@ -334,11 +336,56 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         (text.replace("write 0 force_gain", "write 0 force_gian"), 2, "line 7"),
         (text.replace("inputs_hash ", "inputs_hash 0"), 2, "has changed since"),
         (text[: text.index("end ")], 1, "expected a line `end`"),
+        (text[:-1], 1, "expected a line `end`"),
+        (text[: text.index("1280") + 2], 1, "expected a line `end`"),
         (text.replace("force_gain 1280", "force_gain 2560"), 1, "expected the trace hash"),
     ):
         journal.write_text(changed)
         done = forceaxis("replay", journal, status=status)
         assert word in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_journal_replaces_nothing_but_a_journal(tmp_path):
+    other = tmp_path / "plant.toml"
+    other.write_text("forceaxis = 1\n")
+    words = [NODES / "axis_node", EXPERIMENT, "--run-id", str(link.new_run_id())]
+    done = subprocess.run(
+        [*words, "--journal", other], capture_output=True, text=True, timeout=20, check=False
+    )
+    assert done.returncode == 2 and str(other) in done.stderr
+    assert other.read_text() == "forceaxis = 1\n"
+    # Who finds the bus taken touches no file.
+    done = subprocess.run(
+        [*words, "--can", "nocan0", "--journal", tmp_path / "j", "--store", tmp_path / "s"],
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert os.listdir(tmp_path) == ["plant.toml"]
+
+
+def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
+    run_id = ["--run-id", link.new_run_id()]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run_id, "--journal", journal)
+    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.3")
+    time.sleep(0.5)
+    # Another one of this run is refused, and leaves the journal alone.
+    second = subprocess.run(
+        list(map(str, [NODES / "axis_node", EXPERIMENT, *run_id, "--journal", journal])),
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert second.returncode == 1
+    assert f"run {run_id[1]} on udpm" in second.stderr and "only axis 1 here" in second.stderr
+    axis.terminate()
+    told = end(axis)
+    assert told["status"] == 143 and told["stderr"].startswith("axis_node: ended by SIGTERM")
+    lost = end(plant)
+    assert lost["status"] == 1 and lost["ticks_per_s"] > 0
+    assert journal.read_text().splitlines()[-1] == (
+        f"end {told['axes'][0]['ticks']} {hashes(told)[0]}"
+    )
+    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    assert summary["trace_hash"] == hashes(told)[0]
 
 
 # --- runs do not meet ----------------------------------------------------------------------------
@@ -392,6 +439,7 @@ def test_no_can_interface_says_how():
     [
         (["nowhere.toml"], "nowhere.toml"),
         ([EXPERIMENT, "--axes", "7"], "--axes"),
+        ([EXPERIMENT, "--timeout", "nan"], "--timeout"),
         ([EXPERIMENT, "--link", "pigeon"], "pigeon"),
         ([EXPERIMENT, "--inject", "drop=2"], "drop=2"),
         ([EXPERIMENT, "--inject", "lose=0.1"], "lose=0.1"),
@@ -426,3 +474,20 @@ def test_vcan_passes_on_input_output_and_status():
     assert done.returncode == 7
     assert done.stdout == "heard\n2\n"
     assert done.stderr == "said\n"
+
+
+def test_vcan_gives_a_terminal_a_shell():
+    """Input and output of a terminal are one file: it must block as before, or nothing is read."""
+    ours, theirs = pty.openpty()
+    shell = subprocess.Popen(
+        [VCAN, "-t", "60", "bash"], stdin=theirs, stdout=theirs, stderr=theirs,
+        start_new_session=True,
+    )  # fmt: skip
+    time.sleep(1)  # as somebody who types
+    os.write(ours, b"test -t 1 && ls /sys/class/net; exit 7\n")
+    assert shell.wait(70) == 7
+    assert not fcntl.fcntl(theirs, fcntl.F_GETFL) & os.O_NONBLOCK
+    said = os.read(ours, 4096).decode()
+    os.close(ours)
+    os.close(theirs)
+    assert "vcan0" in said.split("exit 7", 1)[1]

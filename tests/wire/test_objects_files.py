@@ -675,3 +675,13 @@ def test_the_verb_tells_everything_of_one_object():
     shown = forceaxis("objects", "tpdo_cob_id_2").stdout
     assert "1801h, sub-index 1: COB-ID used by TPDO" in shown
     assert "+ node id" in shown and "not reached" in shown
+
+
+@pytest.mark.parametrize(
+    "args", [["nosuchthing"], ["force", "--eds", "a.eds"], ["--eds", "a", "--dbc", "./a"]]
+)
+def test_what_would_be_ignored_is_refused(tmp_path, monkeypatch, args):
+    monkeypatch.chdir(tmp_path)
+    done = forceaxis("objects", *args)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

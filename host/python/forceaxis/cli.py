@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -107,8 +108,8 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
 
 @cli.command(
     cls=Verb,
-    epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.log &
-    plant_node sim/experiments/contact.toml --pace real && forceaxis replay axis.log""",
+    epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.journal &
+    plant_node sim/experiments/contact.toml --pace real && forceaxis replay axis.journal""",
 )
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--out", type=Folder(), help="Folder, as for run.")
@@ -452,6 +453,9 @@ def main():
         fail(str(error))
     except (SimulationError, link.LinkError) as error:
         fail(str(error), status=1)
+    except subprocess.TimeoutExpired as error:
+        program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]
+        fail(f"{Path(program).name}: expected it to end within {error.timeout:g} s", status=1)
     except click.exceptions.Abort:
         sys.exit(130)
     except click.ClickException as error:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import sys
 
 import click
@@ -47,6 +48,8 @@ def session(out, as_json):
     link.under_vcan(link.Link("socketcan"))
     from forceaxis import thesis_session
 
+    # As an interrupt does: the programs are ended, half a journal is not left behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     found = thesis_session.whole(out)
     found["folder"] = paths.display(out)
     hashes = {*found["trace_hash"].values(), found["replayed_hash"]}

@@ -77,6 +77,10 @@ def objects_(pattern, as_json, **files):
     index:sub-index and Modbus register (h holding, i input) in hexadecimal. With an object's full
     name, everything about it. Or write the files that describe them to other programs."""
     wanted = {kind: path for kind, path in files.items() if path}
+    if wanted and pattern:
+        raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")
+    if len({path.resolve() for path in wanted.values()}) < len(wanted):
+        raise click.UsageError("--eds, --dbc, --modbus: expected a file each, two are the same")
     for kind, path in wanted.items():
         shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)
     if wanted:
@@ -88,6 +92,8 @@ def objects_(pattern, as_json, **files):
                 click.echo(paths.display(path))
         return
     rows = [o for o in objects.OBJECTS if pattern in o.name]
+    if not rows:
+        raise click.UsageError(f"{pattern}: expected part of an object's name, there is none")
     if as_json:
         click.echo(json.dumps([o._asdict() for o in rows]))
         return

@@ -5,7 +5,9 @@ contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), record
 """
 
 import contextlib
+import ctypes
 import json
+import signal
 import subprocess
 import tempfile
 from pathlib import Path
@@ -86,14 +88,20 @@ def plot(states, held, path):
 
 
 @contextlib.contextmanager
-def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gateway")):
+def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gateway"), journal=None):
     """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
-    is folder/axis.journal."""
+    is folder/axis.journal or what is given."""
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
     if duration_s:
         common += ["--set", f"experiment.duration_s={duration_s}"]
     commands = {
-        "axis_node": [*common, "--can", "vcan0", "--journal", str(folder / "axis.journal")],
+        "axis_node": [
+            *common,
+            "--can",
+            "vcan0",
+            "--journal",
+            str(journal or folder / "axis.journal"),
+        ],
         "plant_node": [*common, "--pace", "real"],
         # A guest on a busy machine stands still now and then: the axis is to bear with it.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
@@ -109,6 +117,7 @@ def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gatew
                     stdout=subprocess.PIPE,
                     stderr=said[name],
                     text=True,
+                    preexec_fn=_end_with_us,
                 )
                 stack.callback(_stop, process)
                 if "ready" not in process.stdout.readline():
@@ -120,6 +129,19 @@ def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gatew
             told = [f"{name}: {_text(file)}" for name, file in said.items() if _text(file)]
             told += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
             raise link.LinkError("; ".join([str(error), *told])) from error
+
+
+def _end_with_us():
+    """In a child: SIGTERM when its parent is gone, however that ended."""
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+
+
+def _report(name, process):
+    """What a program said at its end. Raises link.LinkError if that is not a run that went well."""
+    out, _ = process.communicate(timeout=60)
+    if process.returncode != 0 or not out.strip():
+        raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
+    return json.loads(out.splitlines()[-1])
 
 
 def _text(file):
@@ -139,15 +161,14 @@ def _stop(process):
 
 def whole(folder):
     """All of it, files below `folder`: {what was seen}."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with machine(folder) as running:
-        found, states, held = run()
-        running["gateway"].terminate()
-        found["gateway_status"] = running["gateway"].wait(10)
-        reports = {}
-        for name in ("plant_node", "axis_node"):
-            out, _ = running[name].communicate(timeout=60)
-            reports[name] = json.loads(out.splitlines()[-1])
+    # What an earlier session left stays until this one is over.
+    with paths.replacing(folder, "axis.journal") as (journal,):
+        journal.unlink(missing_ok=True)
+        with machine(folder, journal=journal) as running:
+            found, states, held = run()
+            running["gateway"].terminate()
+            found["gateway_status"] = running["gateway"].wait(10)
+            reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
     plot(states, held, Path(folder) / "session.png")
     done, told = experiments.replay(folder / "axis.journal")
     found |= {
