@@ -109,14 +109,15 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* The owner can no longer reach an axis that it left active. */
-static void leave_axis(fw_t *fw) {
-  int32_t mode = AXIS_MODE_DISABLED;
-  (void)fw_object_read(fw, AXIS_OBJ_ACTIVE_MODE, &mode);
-  if (mode != AXIS_MODE_DISABLED) {
-    fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
-  }
+/* Owners whose only way in is this bus. */
+static void lose_masters(fw_t *fw, uint8_t fault) {
+  fw_source_lost(fw, FW_SOURCE_CANOPEN, fault);
+  fw_source_lost(fw, FW_SOURCE_LCM, fault);
 }
+
+/* The owner can no longer reach an axis that it left active. The drive says whether it is: of a
+ * controlword that came just before, active_mode knows nothing yet. */
+static void leave_axis(fw_t *fw) { lose_masters(fw, AXIS_FAULT_SOURCE_LOST); }
 
 static void communication_error(canopen_t *canopen) {
   const uint8_t behaviour = canopen->params.error_behaviour;
@@ -342,6 +343,15 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
 
 void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
 
+bool canopen_is_watched(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
+    if (canopen->timers.running[CANOPEN_TIMER_CONSUMER + i] != 0) {
+      return true;
+    }
+  }
+  return pdo_has_deadline(canopen);
+}
+
 uint8_t canopen_lost_for(const canopen_t *canopen) {
   if (canopen->bus == CAN_BUS_OFF) {
     return AXIS_FAULT_CAN_OFF;
@@ -366,7 +376,7 @@ static void bus_off(canopen_t *canopen, fw_t *fw) {
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
-  fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_CAN_OFF);
+  lose_masters(fw, AXIS_FAULT_CAN_OFF);
   communication_error(canopen);
 }
 

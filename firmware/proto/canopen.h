@@ -95,6 +95,10 @@ void canopen_owns(canopen_t *canopen);
  * heartbeat, a stopped node; AXIS_FAULT_NONE. */
 uint8_t canopen_lost_for(const canopen_t *canopen);
 
+/* Whether the end of a master would be noticed: a heartbeat is watched, or an RPDO has a deadline.
+ */
+bool canopen_is_watched(const canopen_t *canopen);
+
 /* The recorder was stopped or armed: what is being uploaded is gone. */
 void canopen_recording_replaced(canopen_t *canopen);
 

@@ -172,8 +172,10 @@ static void send(canopen_t *canopen, uint8_t i, uint64_t value) {
   pdo->value = value;
   pdo->pending = 0;
   pdo->syncs = 0;
-  start_event_timer(canopen, i);
+  /* What is sent is valid and the node operational: no need of start_event_timer(). */
   if (is_event_driven(canopen, i)) {
+    canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_EVENT + i),
+                        fx_ticks_from_ms(canopen->params.tpdo_event_time[i]));
     canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_INHIBIT + i),
                         fx_ticks_from_100us(canopen->params.tpdo_inhibit_time[i]));
   }
@@ -220,17 +222,16 @@ static void tell(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   }
 }
 
-/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
-static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
-  pdo_t *pdo = &canopen->rpdo[i];
+/* Writes the controlword, or all other objects; whether one was refused. */
+static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword) {
+  const pdo_t *pdo = &canopen->rpdo[i];
   const uint32_t *entries = &canopen->params.rpdo_mapping[i * PDO_ENTRIES];
   bool refused = false;
   uint32_t bit = 0;
-  pdo->pending = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
     const uint8_t bits = entry_bits(entries[k]);
     const uint16_t object = pdo->objects[k];
-    if (object != AXIS_OBJ_NONE) {
+    if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = fw_object_write(fw, FW_SOURCE_CANOPEN, object,
                                          value_from_bits(part, axis_objects[object].type));
@@ -239,6 +240,16 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
     }
     bit += bits;
   }
+  return refused;
+}
+
+/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
+static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  pdo->pending = 0;
+  /* The controlword last: it acts on the target and the mode that came with it. */
+  const bool refused_other = write_part(canopen, fw, i, false);
+  const bool refused = write_part(canopen, fw, i, true) || refused_other;
   if (refused) {
     tell(canopen, i, PDO_TOLD_REFUSED, EMCY_PARAMETER);
   } else {
@@ -315,6 +326,15 @@ void pdo_restart_deadlines(canopen_t *canopen) {
       canopen->rpdo_waiting[i] = 1;
     }
   }
+}
+
+bool pdo_has_deadline(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
+      return true;
+    }
+  }
+  return false;
 }
 
 void pdo_watch(canopen_t *canopen, const fw_t *fw) {

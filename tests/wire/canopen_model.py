@@ -202,7 +202,7 @@ class Node:
         if self.od[0x1014, 0] & OFF:
             return
         if len(self.waiting_emcy) == 4:
-            self.waiting_emcy.pop()
+            self.waiting_emcy.popleft()
         self.waiting_emcy.append(code | (self.register | error_class(code)) << 16 | info << 24)
 
     def send_emergencies(self):
@@ -248,10 +248,17 @@ class Node:
         elif behaviour == 0 and self.nmt == OPERATIONAL:
             self.enter(PRE_OPERATIONAL)
 
+    def lose_lcm(self):
+        """LCM reaches the axis over this bus alone."""
+        if self.owner == 2:
+            self.own(0)
+
     def command(self, length, data):
         if length != 2 or (data >> 8) & 0xFF not in (0, self.node_id):
             return
         what = data & 0xFF
+        if what in (2, 129, 130):
+            self.lose_lcm()
         if what in (1, 2, 128):
             self.enter({1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}[what])
         elif what in (129, 130):
@@ -814,6 +821,7 @@ class Node:
             self.ring.clear()
             self.closed = True
             self.update_register()
+            self.lose_lcm()
             self.communication_error()
             return
         if before == 2:
