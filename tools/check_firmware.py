@@ -270,8 +270,7 @@ def check_includes(root, findings):
                 if kind == "?":
                     findings.add(path, line, "spelling", f"computed include {header}")
                 elif kind == "<" and not (
-                    header.startswith(tuple(f"{r}/" for r in ROOTS))
-                    or header in project_headers
+                    header.startswith(tuple(f"{r}/" for r in ROOTS)) or header in project_headers
                 ):
                     continue  # of the system or of a library
                 elif kind == "<":

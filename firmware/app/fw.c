@@ -189,9 +189,14 @@ static void look_for_canopen(fw_t *fw) {
   }
 }
 
-/* A foreign owner that is silent for too long loses the axis to canopen. */
+/* A foreign owner that is silent for too long loses the axis to canopen. Canopen itself is watched
+ * by its node; but whoever enables the axis while a heartbeat is still away would not be missed. */
 static void watch_source(fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
+    if (fw->canopen.heartbeats_lost != 0 &&
+        fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+      cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
+    }
     return;
   }
   fw->source_silence += 1;

@@ -62,6 +62,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
     canopen->heartbeat_lost[i] = 0;
   }
+  canopen->heartbeats_lost = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
@@ -199,6 +200,7 @@ static uint8_t watched_node(uint32_t entry) {
 static void heartbeat_found(canopen_t *canopen, uint8_t i) {
   if (canopen->heartbeat_lost[i] != 0) {
     canopen->heartbeat_lost[i] = 0;
+    canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost - 1);
     emcy_raise(canopen, EMCY_RESET, 0);
   }
 }
@@ -215,6 +217,10 @@ static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *f
       canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + i),
                           fx_ticks_from_ms(fx_field(entry, 0, 16)));
       fw_source_alive(fw, FW_SOURCE_CANOPEN);
+      /* A boot-up message: who enabled the axis knows nothing of it any more. */
+      if (frame->data[0] == CANOPEN_INITIALISING) {
+        fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
+      }
     }
   }
 }
@@ -260,7 +266,9 @@ void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
 /* --- the tick --------------------------------------------------------------------------------- */
 
 static void heartbeat_missed(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  /* It was not lost before: what runs out was started by a heartbeat. */
   canopen->heartbeat_lost[i] = 1;
+  canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost + 1);
   emcy_raise(canopen, EMCY_HEARTBEAT, watched_node(canopen->params.consumer_heartbeat[i]));
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
   communication_error(canopen);

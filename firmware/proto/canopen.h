@@ -42,6 +42,7 @@ struct canopen {
   sdo_server_t sdo[CANOPEN_SDOS];
   emcy_t emcy;
   uint8_t heartbeat_lost[CANOPEN_HEARTBEATS];
+  uint8_t heartbeats_lost;            /* how many of them */
   uint8_t rpdo_late[CANOPEN_PDOS];    /* did not come in time while the axis was active */
   uint8_t rpdo_waiting[CANOPEN_PDOS]; /* its deadline starts when the axis becomes active */
   uint8_t watched[CANOPEN_PDOS];      /* this TPDO is sent now when it changes */

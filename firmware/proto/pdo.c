@@ -247,6 +247,11 @@ static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword
 static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
+  /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
+  rpdo_in_time(canopen, i);
+  canopen->rpdo_waiting[i] = 0;
+  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
+                      fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   /* The controlword last: it acts on the target and the mode that came with it. */
   const bool refused_other = write_part(canopen, fw, i, false);
   const bool refused = write_part(canopen, fw, i, true) || refused_other;
@@ -270,10 +275,6 @@ static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *
     pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
   }
   fw_source_alive(fw, FW_SOURCE_CANOPEN);
-  rpdo_in_time(canopen, i);
-  canopen->rpdo_waiting[i] = 0;
-  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
-                      fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   pdo->value = fx_load_payload(frame->data, bytes);
   pdo->pending = 1;
   if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {
@@ -310,19 +311,24 @@ static bool is_active(const fw_t *fw) {
 }
 
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
+  /* It begins anew with the axis being active, also for who enables again without the RPDO. */
+  canopen->rpdo_waiting[rpdo] = 1;
   if (!is_active(fw)) {
-    canopen->rpdo_waiting[rpdo] = 1;
     return;
   }
-  canopen->rpdo_late[rpdo] = 1;
-  emcy_raise(canopen, EMCY_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+  canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
+  if (canopen->rpdo_late[rpdo] == 0) {
+    canopen->rpdo_late[rpdo] = 1;
+    emcy_raise(canopen, EMCY_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+  }
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
 }
 
 void pdo_restart_deadlines(canopen_t *canopen) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0 &&
-        canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0) {
+        (canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0 || canopen->rpdo_late[i] != 0)) {
+      canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i));
       canopen->rpdo_waiting[i] = 1;
     }
   }

@@ -373,6 +373,63 @@ TEST_F(Fw, AnRpdoThatNeverCame) {
   ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
 }
 
+// The loss is a state, not an event: who enables again while it lasts is not left alone.
+TEST_F(Fw, NobodyEnablesWhileTheHeartbeatIsAway) {
+  WatchHeartbeat(10);
+  Drive();
+  Send(0x77F, {5});
+  ASSERT_EQ(TicksToOff(100), TicksOf(10) + 2);
+  const auto enable = [&] {
+    for (int word : {0x80, 0x06, 0x0F}) ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, word), 0u);
+    Tick(2);
+  };
+  enable();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
+  Send(0x77F, {5});
+  enable();
+  EXPECT_EQ(outputs_.amp_enable, 1);
+}
+
+TEST_F(Fw, AnRpdoThatStaysAwayAgain) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  Send(0x205, {0x0F, 0x00, 0xFE});
+  ASSERT_EQ(TicksToOff(1000), TicksOf(20) + 2);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+  Drive();
+  EXPECT_NE(TicksToOff(TicksOf(20) + 2), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+// Frames come, but the SYNC that would have them act does not.
+TEST_F(Fw, RpdosWithoutSyncKeepNoDeadline) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  ASSERT_EQ(Download(kCanopen, 0x1400, 2, 1, 1), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  int ticks = 0;
+  for (; ticks < 100 && outputs_.amp_enable != 0; ++ticks) {
+    Send(0x205, {0x0F, 0x00, 0xFE});
+    Tick();
+    Take();
+  }
+  EXPECT_LE(ticks, TicksOf(20) + 2);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+TEST_F(Fw, AMasterThatBootsUpAgainIsLost) {
+  WatchHeartbeat(1000);
+  Drive();
+  Send(0x77F, {5});
+  Tick();
+  ASSERT_TRUE(IsOn());
+  Send(0x77F, {0});
+  EXPECT_EQ(TicksToOff(10), 1);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+}
+
 TEST_F(Fw, ADeadPlantIsSeenInTheSameTick) {
   Drive();
   inputs_.sensor_valid = 0;

@@ -389,15 +389,15 @@ class Node:
             self.tell(i, 0x8220)
         else:
             self.told[i] -= {0x8210, 0x8220}
-        self.in_time(i)
-        self.unwatched[i] = False
-        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         self.brought[i] = data
         if self.od[0x1400 + i, 2] > 240:
             self.take_over(i)
 
     def take_over(self, i):
         data, self.brought[i] = self.brought[i], None
+        self.in_time(i)
+        self.unwatched[i] = False
+        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
             if entry >> 8 == 0x230100 and data & 0xFF == 0:
@@ -710,7 +710,9 @@ class Node:
         if source == 0 and before:
             for i in range(4):
                 valid = not self.od[0x1400 + i, 1] & OFF
-                if valid and self.od[0x1400 + i, 5] and self.timers[DEADLINE + i] == NEVER:
+                idle = self.timers[DEADLINE + i] == NEVER or self.late[i]
+                if valid and self.od[0x1400 + i, 5] and idle:
+                    self.timers[DEADLINE + i] = NEVER
                     self.unwatched[i] = True
 
     def watch_contact(self, seen):
@@ -793,11 +795,12 @@ class Node:
                 self.abort(timer - SDO, transfer.index, transfer.sub, 0x05040000)
             elif timer >= DEADLINE:
                 i = timer - DEADLINE
+                self.unwatched[i] = True
                 if active:
-                    self.late[i] = True
-                    self.emergency(0x8250, i + 1)
-                else:
-                    self.unwatched[i] = True
+                    self.brought[i] = None
+                    if not self.late[i]:
+                        self.late[i] = True
+                        self.emergency(0x8250, i + 1)
             elif EVENT <= timer < INHIBIT:
                 self.must_send[timer - EVENT] = True
             elif CONSUMER <= timer < EVENT:
