@@ -4,6 +4,7 @@
 
 #include "firmware/core/value.h"
 #include "firmware/fx/fx.h"
+#include "firmware/proto/cia402_state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 
@@ -176,17 +177,26 @@ static void give_to_canopen(fw_t *fw) {
   canopen_owns(&fw->canopen);
 }
 
-/* Whoever gives the axis away while it is enabled may find nobody there to take it. */
+/* Whoever gives the axis away while it is enabled may find nobody there to take it, or nobody whose
+ * end would ever be noticed. */
 static void look_for_canopen(fw_t *fw) {
-  const uint8_t fault = canopen_lost_for(&fw->canopen);
+  uint8_t fault = canopen_lost_for(&fw->canopen);
+  if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {
+    fault = AXIS_FAULT_SOURCE_LOST;
+  }
   if (fault != AXIS_FAULT_NONE) {
     cia402_owner_lost(&fw->drive, &fw->axis, fault);
   }
 }
 
-/* A foreign owner that is silent for too long loses the axis to canopen. */
+/* A foreign owner that is silent for too long loses the axis to canopen. Canopen itself is watched
+ * by its node; but whoever enables the axis while a heartbeat is still away would not be missed. */
 static void watch_source(fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
+    if (fw->canopen.heartbeats_lost != 0 &&
+        fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+      cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
+    }
     return;
   }
   fw->source_silence += 1;
@@ -269,7 +279,9 @@ void fw_source_alive(fw_t *fw, uint8_t source) {
 
 void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault) {
   if (source == fw->device.command_source) {
-    fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+    if (source != FW_SOURCE_CANOPEN) {
+      give_to_canopen(fw);
+    }
     cia402_owner_lost(&fw->drive, &fw->axis, fault);
   }
 }
@@ -347,12 +359,17 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   return FW_OK;
 }
 
+/* The drive is ahead of active_mode, which is of the last tick. Off the buses there is no drive. */
+static bool will_be_active(const fw_t *fw) {
+  return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
+}
+
 /* Whether the object's `writable` column allows a write now. */
 static bool writable_now(const fw_t *fw, const axis_object_t *entry) {
   const uint8_t recorder = fw->recorder.signals.recorder_state;
   switch (entry->writable) {
     case AXIS_WRITABLE_DISABLED:
-      return fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
+      return fw->axis.signals.active_mode == AXIS_MODE_DISABLED && !will_be_active(fw);
     case AXIS_WRITABLE_RECORDER_IDLE:
       return recorder == AXIS_RECORDER_STATE_IDLE || recorder == AXIS_RECORDER_STATE_DONE;
     default:
@@ -488,6 +505,9 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
 static void announce_device(fw_t *fw, uint8_t source, uint16_t object, int32_t previous,
                             int32_t value) {
   fw->source_silence = 0;
+  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous && !will_be_active(fw)) {
+    cia402_forget_targets(&fw->drive); /* the new owner asks for its own */
+  }
   if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous &&
       value == AXIS_COMMAND_SOURCE_CANOPEN) {
     give_to_canopen(fw);
@@ -521,6 +541,13 @@ static void announce(fw_t *fw, uint8_t source, uint16_t object, int32_t previous
   }
 }
 
+/* Flash at work can hold up the processor: no motion until it is done. */
+static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
+  return !cia402_is_powered(fw->drive.signals.drive_state) &&
+         ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
+          (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
+}
+
 /* What the table, the lock and the state say; the rest is check_rules(). */
 static int check_entry(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   if (!object_exists(object)) {
@@ -540,7 +567,7 @@ static int check_entry(const fw_t *fw, uint8_t source, uint16_t object, int32_t 
     return FW_ERROR_STATE;
   }
   /* A set of parameters is kept as it was at one moment. */
-  if (entry->stored != 0 && store_is_busy(&fw->store)) {
+  if ((entry->stored != 0 || starts_axis(fw, object, value)) && store_is_busy(&fw->store)) {
     return FW_ERROR_BUSY;
   }
   return FW_OK;

@@ -76,6 +76,9 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * Faults put out code 0, amplifier and brake off, counted from the event, 1 being the next tick:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
+ *     (both also if LCM owns, whose only way in this bus is)
+ *   a boot-up message of a node that 1016h watches; an owner that gives the enabled
+ *     axis to a canopen that is lost or that nobody watches                1
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen silent, N ticks of its watchdog               N + 1
  *   heartbeat or RPDO away, N ticks of its time                            N + 2

@@ -50,7 +50,8 @@ int32_t fw_object_value(const fw_t *fw, uint16_t object);
  * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
  *   or done) while it is not; a native mode other than disabled while a fault is latched, or over a
  *   bus, which uses controlword and modes_of_operation; a PDO's mapping while the PDO is valid.
- * FW_ERROR_BUSY: a stored parameter, or a command to the store, while the store is at work.
+ * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
+ *   the store is at work.
  * FW_ERROR_MAPPING: as above.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
  *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */

@@ -62,6 +62,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
     canopen->heartbeat_lost[i] = 0;
   }
+  canopen->heartbeats_lost = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
@@ -109,14 +110,15 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* The owner can no longer reach an axis that it left active. */
-static void leave_axis(fw_t *fw) {
-  int32_t mode = AXIS_MODE_DISABLED;
-  (void)fw_object_read(fw, AXIS_OBJ_ACTIVE_MODE, &mode);
-  if (mode != AXIS_MODE_DISABLED) {
-    fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
-  }
+/* Owners whose only way in is this bus. */
+static void lose_masters(fw_t *fw, uint8_t fault) {
+  fw_source_lost(fw, FW_SOURCE_CANOPEN, fault);
+  fw_source_lost(fw, FW_SOURCE_LCM, fault);
 }
+
+/* The owner can no longer reach an axis that it left active. The drive says whether it is: of a
+ * controlword that came just before, active_mode knows nothing yet. */
+static void leave_axis(fw_t *fw) { lose_masters(fw, AXIS_FAULT_SOURCE_LOST); }
 
 static void communication_error(canopen_t *canopen) {
   const uint8_t behaviour = canopen->params.error_behaviour;
@@ -198,6 +200,7 @@ static uint8_t watched_node(uint32_t entry) {
 static void heartbeat_found(canopen_t *canopen, uint8_t i) {
   if (canopen->heartbeat_lost[i] != 0) {
     canopen->heartbeat_lost[i] = 0;
+    canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost - 1);
     emcy_raise(canopen, EMCY_RESET, 0);
   }
 }
@@ -214,6 +217,10 @@ static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *f
       canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + i),
                           fx_ticks_from_ms(fx_field(entry, 0, 16)));
       fw_source_alive(fw, FW_SOURCE_CANOPEN);
+      /* A boot-up message: who enabled the axis knows nothing of it any more. */
+      if (frame->data[0] == CANOPEN_INITIALISING) {
+        fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
+      }
     }
   }
 }
@@ -259,7 +266,9 @@ void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
 /* --- the tick --------------------------------------------------------------------------------- */
 
 static void heartbeat_missed(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  /* It was not lost before: what runs out was started by a heartbeat. */
   canopen->heartbeat_lost[i] = 1;
+  canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost + 1);
   emcy_raise(canopen, EMCY_HEARTBEAT, watched_node(canopen->params.consumer_heartbeat[i]));
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
   communication_error(canopen);
@@ -342,6 +351,15 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
 
 void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
 
+bool canopen_is_watched(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
+    if (canopen->timers.running[CANOPEN_TIMER_CONSUMER + i] != 0) {
+      return true;
+    }
+  }
+  return pdo_has_deadline(canopen);
+}
+
 uint8_t canopen_lost_for(const canopen_t *canopen) {
   if (canopen->bus == CAN_BUS_OFF) {
     return AXIS_FAULT_CAN_OFF;
@@ -366,7 +384,7 @@ static void bus_off(canopen_t *canopen, fw_t *fw) {
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
-  fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_CAN_OFF);
+  lose_masters(fw, AXIS_FAULT_CAN_OFF);
   communication_error(canopen);
 }
 

@@ -42,6 +42,7 @@ struct canopen {
   sdo_server_t sdo[CANOPEN_SDOS];
   emcy_t emcy;
   uint8_t heartbeat_lost[CANOPEN_HEARTBEATS];
+  uint8_t heartbeats_lost;            /* how many of them */
   uint8_t rpdo_late[CANOPEN_PDOS];    /* did not come in time while the axis was active */
   uint8_t rpdo_waiting[CANOPEN_PDOS]; /* its deadline starts when the axis becomes active */
   uint8_t watched[CANOPEN_PDOS];      /* this TPDO is sent now when it changes */
@@ -94,6 +95,10 @@ void canopen_owns(canopen_t *canopen);
 /* Why nobody can be reached over the node: the fault (AXIS_FAULT_) of a bus that is off, a lost
  * heartbeat, a stopped node; AXIS_FAULT_NONE. */
 uint8_t canopen_lost_for(const canopen_t *canopen);
+
+/* Whether the end of a master would be noticed: a heartbeat is watched, or an RPDO has a deadline.
+ */
+bool canopen_is_watched(const canopen_t *canopen);
 
 /* The recorder was stopped or armed: what is being uploaded is gone. */
 void canopen_recording_replaced(canopen_t *canopen);

@@ -38,17 +38,20 @@ uint8_t canopen_timer_take(canopen_timers_t *timers) {
     timers->next = timers->now + FAR; /* and earlier, as they are found or started meanwhile */
   }
   uint32_t next = timers->next;
+  int32_t least = until(timers, next);
   for (uint32_t i = timers->looked_at; i < CANOPEN_TIMERS; i++) {
     if (timers->running[i] == 0) {
       continue;
     }
-    if (until(timers, timers->at[i]) <= 0) {
+    const int32_t left = until(timers, timers->at[i]);
+    if (left <= 0) {
       timers->running[i] = 0;
       timers->looked_at = (uint8_t)(i + 1);
       timers->next = next;
       return (uint8_t)i;
     }
-    if (until(timers, timers->at[i]) < until(timers, next)) {
+    if (left < least) {
+      least = left;
       next = timers->at[i];
     }
   }

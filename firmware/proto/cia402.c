@@ -26,11 +26,17 @@ static int8_t operation_of(uint8_t native_mode) {
 
 static uint8_t state_of(const cia402_t *drive) { return drive->signals.drive_state; }
 
-/* The power stage is on. */
-static bool is_powered(uint8_t state) {
-  return state == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
-         state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE ||
-         state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
+void cia402_forget_targets(cia402_t *drive) {
+  drive->position_written = 0;
+  drive->velocity_written = 0;
+  drive->force_written = 0;
+}
+
+/* The same of the native modes, whose set-points have no flag but 0. */
+static void forget_setpoints(axis_t *axis) {
+  axis->params.open_loop_code = 0;
+  axis->params.excitation_amplitude = 0;
+  axis->params.force_setpoint = 0;
 }
 
 static void enter(cia402_t *drive, uint8_t state) {
@@ -44,9 +50,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     /* What was asked for before a fault must be asked for again. */
-    drive->position_written = 0;
-    drive->velocity_written = 0;
-    drive->force_written = 0;
+    cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     drive->fault = AXIS_FAULT_NONE;
@@ -129,7 +133,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     return; /* the first one stays */
   }
-  if (is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE) {
+  if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE) {
     enter(drive, AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
     drive->fault = fault;
     return;
@@ -307,6 +311,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   }
   if (from == AXIS_DRIVE_STATE_FAULT) {
     axis_fault_reset(axis);
+    forget_setpoints(axis);
   }
   if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
     leave_operation(drive, to, drive->params.disable_operation_option, axis);
@@ -367,7 +372,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       command_mode(drive, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
-      if (wants_other_mode(drive) && (!is_powered(state_of(drive)) || cia402_stands(drive))) {
+      if (wants_other_mode(drive) &&
+          (!cia402_is_powered(state_of(drive)) || cia402_stands(drive))) {
         change_mode(drive);
       }
       break;
@@ -417,6 +423,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
 
 void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
   if (state_of(drive) == AXIS_DRIVE_STATE_FAULT) {
+    forget_setpoints(axis);
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
   }
   cia402_show(drive, axis);
@@ -424,6 +431,11 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
 
 void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
+  if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
+      drive->params.abort_connection_option != ABORT_NOTHING) {
+    cia402_forget_targets(drive);
+    forget_setpoints(axis);
+  }
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED && state != AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     return;
   }

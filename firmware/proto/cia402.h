@@ -143,8 +143,11 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 /* fault_reset was given outside the controlword. */
 void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
+/* What was written for the modes of the drive acts no more until it is written again. */
+void cia402_forget_targets(cia402_t *drive);
+
 /* The owner of the axis has gone: what abort_connection_option says, with this fault, if the axis
- * is enabled. */
+ * is enabled. What it asked for is forgotten, unless the axis is to go on. */
 void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 /* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */

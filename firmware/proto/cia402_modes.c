@@ -222,6 +222,7 @@ void cia402_take_setpoint(cia402_t *drive) {
     drive->buffered = setpoint;
     drive->setpoint_buffered = 1;
   }
+  drive->position_written = 0; /* it was written for this, not for a cyclic mode to come */
   drive->acknowledged = 1;
   drive->reached_tick = 0;
   drive->stopped_by_contact = 0;

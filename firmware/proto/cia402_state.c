@@ -52,6 +52,10 @@ uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, 
   return state;
 }
 
+bool cia402_is_powered(uint8_t state) {
+  return state == ENABLED || state == QUICK_STOP || state == REACTION;
+}
+
 bool cia402_enables(uint16_t controlword) { return (controlword & 0x8F) == 0x0F; }
 
 uint16_t cia402_state_bits(uint8_t state) {

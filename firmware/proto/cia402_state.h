@@ -36,6 +36,9 @@ enum {
  * disabled, is not told here; `may_resume`: quick stop may go back to operation enabled. */
 uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, bool may_resume);
 
+/* The power stage is on. */
+bool cia402_is_powered(uint8_t state);
+
 /* True for the command "enable operation". */
 bool cia402_enables(uint16_t controlword);
 

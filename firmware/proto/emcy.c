@@ -70,7 +70,14 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   if (!canopen_cob_valid(canopen->params.emcy_cob_id)) {
     return;
   }
-  emcy->count = (uint8_t)((emcy->count < EMCY_WAITING) ? emcy->count + 1 : EMCY_WAITING);
+  if (emcy->count == EMCY_WAITING) {
+    /* The history has it, and the latest says what is. */
+    emcy->count = EMCY_WAITING - 1;
+    for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
+      emcy->waiting[i] = emcy->waiting[i + 1];
+    }
+  }
+  emcy->count = (uint8_t)(emcy->count + 1);
   emcy->waiting[emcy->count - 1] =
       (emergency_t){.code = code,
                     .error_register = (uint8_t)(canopen->signals.error_register | class_of(code)),

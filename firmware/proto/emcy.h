@@ -41,7 +41,8 @@ typedef struct {
   uint8_t overrun_told;              /* 8110h was given since all frames were last sent */
 } emcy_t;
 
-/* Notes an emergency; it is sent at the end of a tick. If too many wait, the latest makes place. */
+/* Notes an emergency; it is sent at the end of a tick. If too many wait, the
+ * oldest falls out: the history keeps it, and the latest says what is. */
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
 
 /* A lasting condition has come or gone: gives 1001h its value. */

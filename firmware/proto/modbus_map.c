@@ -162,7 +162,13 @@ static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
     if (refusal != FW_OK && refusal != FW_ERROR_LOCKED) {
       return exception_of(refusal);
     }
-    acting = (uint16_t)(acting + (acts_at_once(object) ? 1 : 0));
+    /* Who gives the axis away could write nothing after it, nor take anything back. */
+    const bool gives_away =
+        object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
+    if (gives_away && i + 1 < writes->end) {
+      return MODBUS_EXCEPTION_VALUE;
+    }
+    acting = (uint16_t)(acting + ((acts_at_once(object) || gives_away) ? 1 : 0));
     words += 2 * (uint32_t)registers_of(object);
   }
   return (acting > 1) ? MODBUS_EXCEPTION_VALUE : MODBUS_OK;

@@ -172,8 +172,10 @@ static void send(canopen_t *canopen, uint8_t i, uint64_t value) {
   pdo->value = value;
   pdo->pending = 0;
   pdo->syncs = 0;
-  start_event_timer(canopen, i);
+  /* What is sent is valid and the node operational: no need of start_event_timer(). */
   if (is_event_driven(canopen, i)) {
+    canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_EVENT + i),
+                        fx_ticks_from_ms(canopen->params.tpdo_event_time[i]));
     canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_INHIBIT + i),
                         fx_ticks_from_100us(canopen->params.tpdo_inhibit_time[i]));
   }
@@ -220,17 +222,16 @@ static void tell(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   }
 }
 
-/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
-static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
-  pdo_t *pdo = &canopen->rpdo[i];
+/* Writes the controlword, or all other objects; whether one was refused. */
+static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword) {
+  const pdo_t *pdo = &canopen->rpdo[i];
   const uint32_t *entries = &canopen->params.rpdo_mapping[i * PDO_ENTRIES];
   bool refused = false;
   uint32_t bit = 0;
-  pdo->pending = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
     const uint8_t bits = entry_bits(entries[k]);
     const uint16_t object = pdo->objects[k];
-    if (object != AXIS_OBJ_NONE) {
+    if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = fw_object_write(fw, FW_SOURCE_CANOPEN, object,
                                          value_from_bits(part, axis_objects[object].type));
@@ -239,6 +240,21 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
     }
     bit += bits;
   }
+  return refused;
+}
+
+/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
+static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  pdo->pending = 0;
+  /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
+  rpdo_in_time(canopen, i);
+  canopen->rpdo_waiting[i] = 0;
+  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
+                      fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
+  /* The controlword last: it acts on the target and the mode that came with it. */
+  const bool refused_other = write_part(canopen, fw, i, false);
+  const bool refused = write_part(canopen, fw, i, true) || refused_other;
   if (refused) {
     tell(canopen, i, PDO_TOLD_REFUSED, EMCY_PARAMETER);
   } else {
@@ -259,10 +275,6 @@ static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *
     pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
   }
   fw_source_alive(fw, FW_SOURCE_CANOPEN);
-  rpdo_in_time(canopen, i);
-  canopen->rpdo_waiting[i] = 0;
-  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
-                      fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   pdo->value = fx_load_payload(frame->data, bytes);
   pdo->pending = 1;
   if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {
@@ -299,22 +311,36 @@ static bool is_active(const fw_t *fw) {
 }
 
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
+  /* It begins anew with the axis being active, also for who enables again without the RPDO. */
+  canopen->rpdo_waiting[rpdo] = 1;
   if (!is_active(fw)) {
-    canopen->rpdo_waiting[rpdo] = 1;
     return;
   }
-  canopen->rpdo_late[rpdo] = 1;
-  emcy_raise(canopen, EMCY_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+  canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
+  if (canopen->rpdo_late[rpdo] == 0) {
+    canopen->rpdo_late[rpdo] = 1;
+    emcy_raise(canopen, EMCY_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+  }
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
 }
 
 void pdo_restart_deadlines(canopen_t *canopen) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0 &&
-        canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0) {
+        (canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0 || canopen->rpdo_late[i] != 0)) {
+      canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i));
       canopen->rpdo_waiting[i] = 1;
     }
   }
+}
+
+bool pdo_has_deadline(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
+      return true;
+    }
+  }
+  return false;
 }
 
 void pdo_watch(canopen_t *canopen, const fw_t *fw) {

@@ -57,8 +57,10 @@ void pdo_tick(canopen_t *canopen, fw_t *fw);
 void pdo_event_timer(canopen_t *canopen, uint8_t tpdo);
 /* An RPDO did not come in time. */
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo);
-/* Deadlines that are not running begin anew, as soon as the axis is active. */
+/* Deadlines that are not running, or were missed, begin anew, as soon as the axis is active. */
 void pdo_restart_deadlines(canopen_t *canopen);
+/* Whether any RPDO has one. */
+bool pdo_has_deadline(const canopen_t *canopen);
 /* Deadlines begin anew when the axis becomes active. */
 void pdo_watch(canopen_t *canopen, const fw_t *fw);
 

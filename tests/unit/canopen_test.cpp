@@ -909,8 +909,8 @@ TEST_F(Canopen, EmergenciesKeepTheirInhibitTime) {
     NodeTick(1);
     for (const Frame &frame : Take(0x85)) sent.push_back({i, frame.data[0]});
   }
-  // The queue holds four; the latest takes the last place.
-  EXPECT_EQ(sent, (std::vector<std::array<int, 2>>{{0, 1}, {15, 2}, {30, 3}, {45, 6}}));
+  // The queue holds four; the oldest fall out, so that the last one told is what is.
+  EXPECT_EQ(sent, (std::vector<std::array<int, 2>>{{0, 3}, {15, 4}, {30, 5}, {45, 6}}));
 }
 
 TEST_F(Canopen, EmcyCanBeSwitchedOff) {

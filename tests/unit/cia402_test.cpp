@@ -424,6 +424,23 @@ TEST_F(Drive, AStaleCyclicTargetDoesNotMoveTheAxis) {
   EXPECT_EQ(Demand(), 5100);
 }
 
+// Written for a set-point of profile position, and taken: not for a cyclic mode that comes later.
+TEST_F(Drive, ATakenSetpointIsNoCyclicTarget) {
+  for (const int mode : {kCsp, static_cast<int>(CIA402_MODE_STIFFNESS)}) {
+    PowerUp();
+    Enable(kPp);
+    MoveTo(300);
+    Tick(1000);
+    Control(0x07);
+    Tick(3);
+    place_ = 5000;  // moved by hand
+    Tick(30);
+    Enable(mode);
+    Tick(50);
+    EXPECT_EQ(Demand(), 5000) << mode;
+  }
+}
+
 TEST_F(Drive, PeriodsRoundUpToTicks) {
   EXPECT_EQ(fx_ticks_from_period(1, -3), 2u);
   EXPECT_EQ(fx_ticks_from_period(2, -3), 3u);

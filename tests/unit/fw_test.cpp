@@ -373,6 +373,63 @@ TEST_F(Fw, AnRpdoThatNeverCame) {
   ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
 }
 
+// The loss is a state, not an event: who enables again while it lasts is not left alone.
+TEST_F(Fw, NobodyEnablesWhileTheHeartbeatIsAway) {
+  WatchHeartbeat(10);
+  Drive();
+  Send(0x77F, {5});
+  ASSERT_EQ(TicksToOff(100), TicksOf(10) + 2);
+  const auto enable = [&] {
+    for (int word : {0x80, 0x06, 0x0F}) ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, word), 0u);
+    Tick(2);
+  };
+  enable();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
+  Send(0x77F, {5});
+  enable();
+  EXPECT_EQ(outputs_.amp_enable, 1);
+}
+
+TEST_F(Fw, AnRpdoThatStaysAwayAgain) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  Send(0x205, {0x0F, 0x00, 0xFE});
+  ASSERT_EQ(TicksToOff(1000), TicksOf(20) + 2);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+  Drive();
+  EXPECT_NE(TicksToOff(TicksOf(20) + 2), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+// Frames come, but the SYNC that would have them act does not.
+TEST_F(Fw, RpdosWithoutSyncKeepNoDeadline) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  ASSERT_EQ(Download(kCanopen, 0x1400, 2, 1, 1), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  int ticks = 0;
+  for (; ticks < 100 && outputs_.amp_enable != 0; ++ticks) {
+    Send(0x205, {0x0F, 0x00, 0xFE});
+    Tick();
+    Take();
+  }
+  EXPECT_LE(ticks, TicksOf(20) + 2);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+TEST_F(Fw, AMasterThatBootsUpAgainIsLost) {
+  WatchHeartbeat(1000);
+  Drive();
+  Send(0x77F, {5});
+  Tick();
+  ASSERT_TRUE(IsOn());
+  Send(0x77F, {0});
+  EXPECT_EQ(TicksToOff(10), 1);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+}
+
 TEST_F(Fw, ADeadPlantIsSeenInTheSameTick) {
   Drive();
   inputs_.sensor_valid = 0;
@@ -441,6 +498,133 @@ TEST_F(Fw, StopAndResetsByNmtSwitchOff) {
     EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
     if (command == 130) ExpectNamed(AXIS_FAULT_SOURCE_LOST, 0x6010);
   }
+}
+
+// Frames that all come between two ticks: active_mode knows nothing of the controlword yet.
+TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
+  for (int command : {2, 130}) {
+    PowerUp();
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_OPEN_LOOP), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    Tick(2);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Send(0, {static_cast<uint8_t>(command), kNode});
+    EXPECT_EQ(TicksToOff(10), 1) << "command " << command;
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+  }
+}
+
+// LCM has no way in but the SDO server of this bus; its watchdog would come much later.
+TEST_F(Fw, LcmIsLostWithTheBus) {
+  for (int how = 0; how < 3; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_WATCHDOG, 65535);
+    Drive(kLcm);
+    if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
+    if (how == 1) Send(0, {2, kNode});
+    if (how == 2) Send(0, {130, kNode});
+    EXPECT_EQ(TicksToOff(10), 1) << how;
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
+    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+}
+
+// --- what was asked for before
+// --------------------------------------------------------------------
+
+// Enabled again by canopen, which asks for nothing: the axis stands, whatever was asked before.
+TEST_F(Fw, WhatAnOwnerAskedForEndsWithIt) {
+  for (int how = 0; how < 3; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+    Set(AXIS_OBJ_WATCHDOG, 20);
+    Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 2);
+    ASSERT_TRUE(Takes(kRtu));
+    ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_VELOCITY), 0u);
+    ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
+    if (how == 1) {
+      ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+      ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    }
+    if (how == 2) {
+      ASSERT_TRUE(Takes(kCanopen));
+    }
+    Tick(40);
+    ASSERT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x00), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Tick(100);
+    ASSERT_EQ(outputs_.amp_enable, 1);
+    EXPECT_EQ(Inner(AXIS_OBJ_POSITION_DEMAND), 0) << how;
+  }
+}
+
+TEST_F(Fw, NativeSetpointsEndWithAFault) {
+  for (int how = 0; how < 2; ++how) {
+    PowerUp();
+    Drive();
+    inputs_.sensor_valid = 0;
+    Tick();
+    inputs_.sensor_valid = 1;
+    ASSERT_TRUE(IsOff());
+    ASSERT_EQ(how == 0 ? Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80)
+                       : Write(kCanopen, AXIS_OBJ_FAULT_RESET, 1),
+              0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Tick(10);
+    EXPECT_EQ(outputs_.amp_enable, 1);
+    EXPECT_EQ(outputs_.dac_code, 0) << how;
+  }
+}
+
+// The controlword is mapped before the target; it must act on the one that came with it.
+TEST_F(Fw, AnRpdoStartsTheTargetItBrings) {
+  Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_POSITION), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARGET_POSITION, 36000), 0u);
+  Send(0, {1, kNode});
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  Tick(2);
+  Send(0x305, {0x1F, 0x00, 0x78, 0xEC, 0xFF, 0xFF});  // -5000
+  Tick(200);
+  EXPECT_LT(Inner(AXIS_OBJ_POSITION_DEMAND), 0);
+  EXPECT_EQ(fw_.drive.setpoint.position, -5000);
+}
+
+// Modbus refuses a whole request: nothing of it, nor of what was there before, starts to act.
+TEST_F(Fw, ARefusedRequestThatGivesTheAxisAwayStartsNothing) {
+  Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_VELOCITY), 0u);
+  ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
+  inputs_.sensor_valid = 0;
+  Tick();
+  inputs_.sensor_valid = 1;
+  for (int word : {0x80, 0x06, 0x0F}) {
+    ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, word), 0u);
+    Tick();
+  }
+  ASSERT_EQ(outputs_.amp_enable, 1);
+  const auto refused = [&](unsigned first, const std::vector<unsigned> &words) {
+    Bytes pdu = Pdu(16, {first, static_cast<unsigned>(words.size())});
+    pdu.push_back(static_cast<uint8_t>(2 * words.size()));
+    for (unsigned w : words) {
+      pdu.push_back(static_cast<uint8_t>(w >> 8));
+      pdu.push_back(static_cast<uint8_t>(w));
+    }
+    return IsException(AskRtu(pdu));
+  };
+  EXPECT_TRUE(refused(0, {0x0F, 3, 0, 0, 0, 0, 0, 0}));
+  EXPECT_TRUE(refused(4, {0, 0, 0, 0, 1000}));
+  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS);
+  Tick(100);
+  EXPECT_EQ(Inner(AXIS_OBJ_POSITION_DEMAND), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_TARGET_VELOCITY), 30000);
 }
 
 // --- the lock ------------------------------------------------------------------------------------
@@ -590,6 +774,17 @@ TEST_F(Fw, WhoGivesTheAxisToADeadCanopenLosesIt) {
                                       AXIS_FAULT_PDO_TIMEOUT};
     EXPECT_EQ(TicksToOff(100), kTicks[how]) << how;
     EXPECT_EQ(Inner(AXIS_OBJ_FAULT), kFaults[how]);
+  }
+}
+
+// Nor to a canopen of which nobody would notice that it is not there.
+TEST_F(Fw, WhoGivesTheAxisToAnUnwatchedCanopenLosesIt) {
+  for (Way way : {kRtu, kLcm, kGateway}) {
+    PowerUp();
+    Drive(way);
+    ASSERT_EQ(Write(way, AXIS_OBJ_COMMAND_SOURCE, 0), 0u);
+    EXPECT_EQ(TicksToOff(10), 1);
+    ExpectNamed(AXIS_FAULT_SOURCE_LOST, 0x6010);
   }
 }
 

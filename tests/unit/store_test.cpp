@@ -286,6 +286,26 @@ TEST(Store, IsRefusedWhileAModeIsActive) {
   EXPECT_EQ(flash.steps(), 0);
 }
 
+// An erase holds up the processor of a chip: never with the amplifier on, also if both are asked
+// for between the same two ticks.
+TEST(Store, NothingEnablesWhileItWorksNorInTheSameTick) {
+  for (const bool native : {true, false}) {
+    const uint16_t object = native ? AXIS_OBJ_MODE : AXIS_OBJ_CONTROLWORD;
+    const int32_t on = native ? static_cast<int32_t>(AXIS_MODE_OPEN_LOOP) : 0x0F;
+    Flash flash;
+    Axis axis(flash.memory());
+    ASSERT_EQ(axis.Write(AXIS_OBJ_CONTROLWORD, 0), FW_OK);
+    axis.Tick();
+    ASSERT_EQ(axis.Write(AXIS_OBJ_CONTROLWORD, 0x06), FW_OK);
+    ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
+    EXPECT_EQ(axis.Write(object, on), FW_ERROR_BUSY);
+    axis.Run();
+    ASSERT_EQ(axis.Write(object, on), FW_OK);
+    EXPECT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_STATE);
+    EXPECT_EQ(axis.Write(AXIS_OBJ_POLARITY, 0x80), FW_ERROR_STATE);
+  }
+}
+
 // A COB-ID that follows the node id follows the next one; a chosen one stays.
 TEST(Store, CobIdsFollowTheNodeIdUnlessChosen) {
   Flash flash;

@@ -202,7 +202,7 @@ class Node:
         if self.od[0x1014, 0] & OFF:
             return
         if len(self.waiting_emcy) == 4:
-            self.waiting_emcy.pop()
+            self.waiting_emcy.popleft()
         self.waiting_emcy.append(code | (self.register | error_class(code)) << 16 | info << 24)
 
     def send_emergencies(self):
@@ -248,10 +248,17 @@ class Node:
         elif behaviour == 0 and self.nmt == OPERATIONAL:
             self.enter(PRE_OPERATIONAL)
 
+    def lose_lcm(self):
+        """LCM reaches the axis over this bus alone."""
+        if self.owner == 2:
+            self.own(0)
+
     def command(self, length, data):
         if length != 2 or (data >> 8) & 0xFF not in (0, self.node_id):
             return
         what = data & 0xFF
+        if what in (2, 129, 130):
+            self.lose_lcm()
         if what in (1, 2, 128):
             self.enter({1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}[what])
         elif what in (129, 130):
@@ -382,15 +389,15 @@ class Node:
             self.tell(i, 0x8220)
         else:
             self.told[i] -= {0x8210, 0x8220}
-        self.in_time(i)
-        self.unwatched[i] = False
-        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         self.brought[i] = data
         if self.od[0x1400 + i, 2] > 240:
             self.take_over(i)
 
     def take_over(self, i):
         data, self.brought[i] = self.brought[i], None
+        self.in_time(i)
+        self.unwatched[i] = False
+        self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
             if entry >> 8 == 0x230100 and data & 0xFF == 0:
@@ -703,7 +710,9 @@ class Node:
         if source == 0 and before:
             for i in range(4):
                 valid = not self.od[0x1400 + i, 1] & OFF
-                if valid and self.od[0x1400 + i, 5] and self.timers[DEADLINE + i] == NEVER:
+                idle = self.timers[DEADLINE + i] == NEVER or self.late[i]
+                if valid and self.od[0x1400 + i, 5] and idle:
+                    self.timers[DEADLINE + i] = NEVER
                     self.unwatched[i] = True
 
     def watch_contact(self, seen):
@@ -786,11 +795,12 @@ class Node:
                 self.abort(timer - SDO, transfer.index, transfer.sub, 0x05040000)
             elif timer >= DEADLINE:
                 i = timer - DEADLINE
+                self.unwatched[i] = True
                 if active:
-                    self.late[i] = True
-                    self.emergency(0x8250, i + 1)
-                else:
-                    self.unwatched[i] = True
+                    self.brought[i] = None
+                    if not self.late[i]:
+                        self.late[i] = True
+                        self.emergency(0x8250, i + 1)
             elif EVENT <= timer < INHIBIT:
                 self.must_send[timer - EVENT] = True
             elif CONSUMER <= timer < EVENT:
@@ -814,6 +824,7 @@ class Node:
             self.ring.clear()
             self.closed = True
             self.update_register()
+            self.lose_lcm()
             self.communication_error()
             return
         if before == 2:
