@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NUMBERS = 140, TIMEOUT_US = 400000 };
+enum { NUMBERS = 140, TIMEOUT_S = 3 };
 
 static void show_failure(void) {
   const int code = errno - MODBUS_ENOBASE;
@@ -115,7 +115,7 @@ int main(int argc, char **argv) {
     fprintf(stderr, "modbus_client: %s: %s\n", argv[1], modbus_strerror(errno));
     return 1;
   }
-  modbus_set_response_timeout(bus, 0, TIMEOUT_US);
+  modbus_set_response_timeout(bus, TIMEOUT_S, 0);
   modbus_set_error_recovery(bus, MODBUS_ERROR_RECOVERY_PROTOCOL);
   char line[2048];
   while (fgets(line, sizeof(line), stdin) != NULL) {

@@ -109,7 +109,7 @@ def line(tmp_path_factory):
 
 @pytest.fixture
 def pymodbus(line):
-    client = ModbusSerialClient(str(line.ends[1]), baudrate=BAUD, timeout=0.5, retries=0)
+    client = ModbusSerialClient(str(line.ends[1]), baudrate=BAUD, timeout=3, retries=0)
     assert client.connect()
     yield client
     client.close()
