@@ -195,12 +195,7 @@ JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment
 
 JournalWriter::~JournalWriter() { close(lock_); }
 
-void JournalWriter::flush() {
-  const auto now = std::chrono::steady_clock::now();
-  if (now - flushed_ < std::chrono::seconds(1)) return;
-  flushed_ = now;
-  out_.flush();
-}
+void JournalWriter::flush() { out_.flush(); }
 
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
@@ -217,7 +212,6 @@ void JournalWriter::power_up(const fw_config_t &config) {
 
 void JournalWriter::write(std::int64_t tick, std::uint16_t object, std::int32_t raw) {
   out_ << "write " << tick << ' ' << object_meta(object).name << ' ' << raw << '\n';
-  flush();
 }
 
 void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
@@ -227,22 +221,18 @@ void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
   } else {
     out_ << int{frame.length} << ' ' << hex_of({frame.data, frame.length}) << '\n';
   }
-  flush();
 }
 
 void JournalWriter::lost(std::int64_t tick, std::uint16_t frames) {
   out_ << "lost " << tick << ' ' << frames << '\n';
-  flush();
 }
 
 void JournalWriter::bus(std::int64_t tick, std::uint8_t state) {
   out_ << "bus " << tick << ' ' << int{state} << '\n';
-  flush();
 }
 
 void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> bytes) {
   out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
-  flush();
 }
 
 void JournalWriter::end(std::int64_t ticks, const std::string &hash) {

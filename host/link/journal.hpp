@@ -45,14 +45,12 @@ class JournalWriter {
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void end(std::int64_t ticks, const std::string &hash);
-
- private:
-  // Now and then, so that a process that is killed leaves all but the last second.
+  // To be called now and then, so that a process that is killed leaves most of it.
   void flush();
 
+ private:
   int lock_;
   std::ofstream out_;
-  std::chrono::steady_clock::time_point flushed_;
 };
 
 struct Journal {

@@ -32,6 +32,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kServe{100};
 // The plant may miss the last answer and ask again, at most every 100 ms.
 constexpr milliseconds kLinger{250};
+constexpr int kTicksPerFlush = 1500;  // of the journal: about a second
 // Of frames that an interface does not take; what comes then is lost, as on a bus that is down.
 constexpr std::size_t kMostUnsent = 256;
 
@@ -107,6 +108,10 @@ class Axis {
     if (can_) can_->receive(ears_);
     const host::LinkOutputs out = firmware_->tick(in);
     say(modbus);
+    if (journal_ && ++unflushed_ == kTicksPerFlush) {
+      unflushed_ = 0;
+      journal_->flush();
+    }
     return out;
   }
 
@@ -174,6 +179,7 @@ class Axis {
   int number_;
   const host::Experiment &experiment_;
   fw_config_t config_{};
+  int unflushed_ = 0;
   std::unique_ptr<store_file_t, StoreCloser> store_;
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<nodes::CanPort> can_;
