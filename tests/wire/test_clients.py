@@ -360,7 +360,7 @@ def test_the_model_predicts_every_state_of_the_node(folder, results, flood):
     assert from_node[: len(said)] == said
     assert len(from_node) - len(said) <= 16  # its ring of frames to be sent
     # Every frame of the others was heard or counted as lost.
-    assert len(on_bus) - len(from_node) <= heard + lost  # candump may miss some, the node counts each
+    assert len(on_bus) - len(from_node) <= heard + lost  # candump may miss some
     print(
         f"\n{heard} frames heard, {results['random_frames']} of them random; {lost} lost and "
         f"counted; {len(said)} said, {counts[model.TICK]} ticks: as the model says"
