@@ -462,13 +462,13 @@ def second_gateway():
 
 
 def drive_on(can):
-    """Operation enabled, open loop at code 0, by CANopen's own master."""
-    answers = [
-        can.write(1, 0x2301, 0, 0, 1),
-        can.write(1, 0x6060, 0, 0xFE, 1),
-        *(can.write(1, 0x6040, 0, word, 2) for word in (0x06, 0x07, 0x0F)),
-    ]
-    return answers == [0x60] * 5
+    """Operation enabled, open loop at code 0, by CANopen's own master. The gateway polls on the
+    same SDO channel, so a request may come between its own: then it is made again."""
+    requests = [(0x2301, 0, 1), (0x6060, 0xFE, 1), *((0x6040, word, 2) for word in (6, 7, 15))]
+    return all(
+        any(can.write(1, index, 0, value, size) == 0x60 for _ in range(10))
+        for index, value, size in requests
+    )
 
 
 def killed(process, can, axis):
