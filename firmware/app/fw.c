@@ -7,6 +7,8 @@
 #include "firmware/proto/cia402_state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+/* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
+_Static_assert(sizeof(int) >= sizeof(int32_t), "app and proto need an int of 32 bits");
 
 /* Where each block of the object table lies in fw_t. */
 static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
@@ -268,12 +270,6 @@ void fw_overrun(fw_t *fw) {
   count_up(&fw->device_signals.overruns, 1);
   if (fw->config.buses != 0) {
     tell_held(fw, FW_EMERGENCY_OVERRUN);
-  }
-}
-
-void fw_source_alive(fw_t *fw, uint8_t source) {
-  if (source == fw->device.command_source) {
-    fw->source_silence = 0;
   }
 }
 
@@ -582,7 +578,7 @@ int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t val
                                                          : check_rules(fw, source, object, value);
 }
 
-int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+static int write_object(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   int refusal = check_entry(fw, source, object, value);
   if (refusal != FW_OK) {
     return refusal;
@@ -603,6 +599,14 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   value_store(fw, offset, entry->type, value);
   announce(fw, source, object, previous, value);
   return FW_OK;
+}
+
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+  const int refusal = write_object(fw, source, object, value);
+  if (refusal == FW_OK && source == fw->device.command_source) {
+    fw->source_silence = 0;
+  }
+  return refusal;
 }
 
 bool fw_object_restorable(uint16_t object, int32_t value) {

@@ -60,7 +60,7 @@ struct fw {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence;     /* ticks since the owner's last valid request */
+  uint32_t source_silence;     /* ticks since the owner last wrote */
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
@@ -80,7 +80,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   a boot-up message of a node that 1016h watches; an owner that gives the enabled
  *     axis to a canopen that is lost or that nobody watches                1
  *   NMT reset of the node: all at power-up values after the next tick      2
- *   owner other than canopen silent, N ticks of its watchdog               N + 1
+ *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat or RPDO away, N ticks of its time                            N + 2
  * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, but
  * for the first line; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the

@@ -53,6 +53,9 @@ int32_t fw_object_value(const fw_t *fw, uint16_t object);
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
  *   the store is at work.
  * FW_ERROR_MAPPING: as above.
+ * A write that is accepted feeds the owner's watchdog, and nothing else does: a client that only
+ * reads on would keep an axis moving that nobody commands any more. Writing what is there already
+ * is enough.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
  *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
@@ -63,9 +66,6 @@ int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t val
 
 /* What lies at a CANopen address, or NULL. */
 const axis_address_t *fw_address(uint16_t index, uint8_t sub);
-
-/* A valid request of this source was received: feeds its watchdog if it owns the axis. */
-void fw_source_alive(fw_t *fw, uint8_t source);
 
 /* The bus of this source has gone. If it owns the axis, `fault` (AXIS_FAULT_) is latched or what
  * else abort_connection_option says. */

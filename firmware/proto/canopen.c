@@ -172,7 +172,6 @@ static void receive_nmt(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) 
     default:
       return;
   }
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
 }
 
 static void receive_sync(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
@@ -185,7 +184,6 @@ static void receive_sync(canopen_t *canopen, fw_t *fw, const can_frame_t *frame)
   }
   canopen->sync_told = 0;
   canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
   if (canopen->signals.nmt_state == CANOPEN_OPERATIONAL) {
     pdo_sync(canopen, fw);
   }
@@ -216,7 +214,6 @@ static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *f
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + i),
                           fx_ticks_from_ms(fx_field(entry, 0, 16)));
-      fw_source_alive(fw, FW_SOURCE_CANOPEN);
       /* A boot-up message: who enabled the axis knows nothing of it any more. */
       if (frame->data[0] == CANOPEN_INITIALISING) {
         fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);

@@ -388,6 +388,11 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_TARGET_FORCE:
       drive->force_written = 1;
       break;
+    case AXIS_OBJ_POLARITY:
+      if (value != previous) {
+        cia402_forget_targets(drive); /* they were meant the other way round */
+      }
+      break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:
       derive_forces(drive);

@@ -309,11 +309,12 @@ static void interpolate(cia402_t *drive) {
   trajectory_step(&drive->trajectory, way.negative ? -step : step);
 }
 
-/* Methods 35 and 37: the place where the axis stands is home_offset. */
+/* Methods 35 and 37: the place where the axis stands is home_offset. An axis that still moves
+ * behind its trajectory would call a place home that it has left. */
 static void home(cia402_t *drive, const axis_t *axis) {
   const trajectory_limits_t limits = cia402_limits(drive, 0);
   trajectory_ramp(&drive->trajectory, 0, &limits);
-  if (drive->homing != CIA402_HOMING_BEGUN || drive->trajectory.velocity_q16 != 0) {
+  if (drive->homing != CIA402_HOMING_BEGUN || !cia402_stands(drive)) {
     return;
   }
   if (drive->params.homing_method == 0) {

@@ -274,7 +274,6 @@ static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *
   } else {
     pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
   }
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
   pdo->value = fx_load_payload(frame->data, bytes);
   pdo->pending = 1;
   if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {

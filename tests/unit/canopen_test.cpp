@@ -450,12 +450,14 @@ TEST_F(Canopen, ServersWriteForTheirSources) {
   EXPECT_EQ(Upload(0x200A, 0), 100u) << "all may read";
   EXPECT_EQ(Upload(0x200A, 0, 0x660), 100u);
   Tick(1400);
-  EXPECT_EQ(Upload(0x200A, 0, 0x640), 100u) << "a request keeps the axis";
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x640), 0u);
   Tick(1400);
-  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS);
-  Send(0x645, {0x40, 0, 0x10});
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS) << "a write keeps the axis";
+  EXPECT_EQ(Upload(0x200A, 0, 0x640), 100u);
+  EXPECT_EQ(Download(0x200F, 0, 7, 1, 0x640), 0x06090032u);
+  Send(0x645, {0x2B, 0x0A, 0x20});
   Tick(200);
-  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN) << "a broken one does not";
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN) << "nothing else does";
   EXPECT_EQ(Download(0x200A, 0, 101, 2), 0u);
 }
 

@@ -486,6 +486,23 @@ TEST_F(Drive, HomingShowsItsBitsInOrder) {
   EXPECT_EQ(Demand(), 0);
 }
 
+// The trajectory stands at once, the axis is pushed on: home is where it comes to rest.
+TEST_F(Drive, HomingWaitsUntilTheAxisStands) {
+  Set(AXIS_OBJ_HOMING_METHOD, 35);
+  Set(AXIS_OBJ_HOME_OFFSET, 70);
+  Enable(kHm);
+  Tick(3);
+  for (int i = 0; i < 60; ++i) {
+    if (i == 10) Control(kNew);
+    place_ += 40;
+    Tick();
+    ASSERT_EQ(Status() & 0x3000, 0x0000) << i;
+  }
+  ASSERT_GE(TicksUntil(0x3400, 0x1400, 500), 0);
+  EXPECT_LE(std::abs(Read(AXIS_OBJ_VELOCITY_ACTUAL)), Read(AXIS_OBJ_VELOCITY_THRESHOLD));
+  EXPECT_NEAR(Read(AXIS_OBJ_POSITION_ACTUAL), 70, 2);
+}
+
 TEST_F(Drive, HomingWithoutAMethodIsAnError) {
   Set(AXIS_OBJ_HOMING_METHOD, 0);
   Enable(kHm);
@@ -495,6 +512,18 @@ TEST_F(Drive, HomingWithoutAMethodIsAnError) {
 }
 
 // --- polarity ------------------------------------------------------------------------------------
+
+// A target that was written before means the other way now.
+TEST_F(Drive, PolarityTakesTargetsBack) {
+  Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
+  Set(AXIS_OBJ_POLARITY, 0x40);
+  Enable(kPv);
+  Tick(50);
+  EXPECT_EQ(Speed(), 0.0);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
+  Tick(50);
+  EXPECT_EQ(Speed(), -2.0);
+}
 
 TEST_F(Drive, PolarityNegatesTheWire) {
   place_ = 100;

@@ -647,15 +647,21 @@ TEST_F(Fw, NobodyGivesTheAxisToAThirdOne) {
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS);
 }
 
-TEST_F(Fw, AnOwnerThatFallsSilentIsLost) {
+// Also one that goes on reading: that says nothing of who commands the axis.
+TEST_F(Fw, AnOwnerThatWritesNoMoreIsLost) {
   for (Way way : {kGateway, kLcm, kRtu}) {
     for (int ms : {10, 15, 1000}) {
       PowerUp();
       ASSERT_TRUE(Takes(way));
       ASSERT_EQ(Write(way, AXIS_OBJ_WATCHDOG, ms), 0u);
       Drive(way);
-      (void)Read(way, AXIS_OBJ_STATUSWORD);
-      EXPECT_EQ(TicksToOff(3000), TicksOf(ms) + 1) << "way " << way << ", " << ms << " ms";
+      ASSERT_EQ(Write(way, AXIS_OBJ_WATCHDOG, ms), 0u);
+      int ticks = 0;
+      for (; IsOn() && ticks < 3000; ++ticks) {
+        (void)Read(way, AXIS_OBJ_STATUSWORD);
+        Tick();
+      }
+      EXPECT_EQ(ticks, TicksOf(ms) + 1) << "way " << way << ", " << ms << " ms";
       EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
       ExpectNamed(AXIS_FAULT_SOURCE_LOST, 0x6010);
     }
@@ -669,7 +675,7 @@ TEST_F(Fw, WhatOthersSendFeedsNobody) {
     PowerUp();
     Set(AXIS_OBJ_WATCHDOG, 20);
     Drive(owner);
-    (void)Read(owner, AXIS_OBJ_STATUSWORD);
+    ASSERT_EQ(Write(owner, AXIS_OBJ_WATCHDOG, 20), 0u);
     int ticks = 0;
     while (IsOn() && ticks < 100) {
       for (Way way : loud) (void)Write(way, AXIS_OBJ_CONTROLWORD, 0x0F);
@@ -1039,7 +1045,7 @@ TEST_F(Fw, BrokenModbusFrames) {
     PowerUp();
     Set(AXIS_OBJ_WATCHDOG, 20);
     Drive(kRtu);
-    EXPECT_EQ(Read(kRtu, AXIS_OBJ_COMMAND_SOURCE), 1u);
+    EXPECT_EQ(Write(kRtu, AXIS_OBJ_WATCHDOG, 20), 0u);
     EXPECT_TRUE(SendRtu(frame).empty());
     Tick(10);
     EXPECT_TRUE(IsOn());

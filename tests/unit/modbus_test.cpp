@@ -353,16 +353,20 @@ TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }
 
-// 100 ms are 150 ticks; any valid request feeds it, a broken one does not.
-TEST_F(Modbus, TheWatchdogIsFedByValidRequests) {
+// 100 ms are 150 ticks; what is written feeds it, also what was there already. A request that
+// reads, one that is refused and a broken one do not.
+TEST_F(Modbus, TheWatchdogIsFedByWritesThatAreAccepted) {
   EXPECT_EQ(Write16(7, {1, 100}).size(), 5u);
   for (int i = 0; i < 5; ++i) {
     Tick(149);
     EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS);
-    EXPECT_EQ(Ask(4, {0, 1}).size(), 4u);
+    EXPECT_EQ(Write16(8, {100}).size(), 5u);
   }
   Tick(149);
-  Send({kUnit, 4, 0, 0, 0, 1, 0, 0});
+  EXPECT_EQ(Ask(4, {0, 1}).size(), 4u);
+  EXPECT_EQ(Ask(3, {0, 9}).size(), 20u);
+  EXPECT_EQ(Write16(8, {1}), Exception(16, 3));
+  Send({kUnit, 6, 0, 8, 0, 100, 0, 0});
   Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }

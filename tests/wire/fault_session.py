@@ -114,7 +114,7 @@ def modbus_master(fd):
     registers(fd, 6, 7, 1)  # command_source: modbus
     registers(fd, 6, 8, WATCHDOG_MS)
     while True:
-        registers(fd, 4, 0, 1)
+        registers(fd, 6, 8, WATCHDOG_MS)
         time.sleep(0.03)
 
 
