@@ -104,7 +104,8 @@ static void watch_contact(fw_t *fw) {
 
 /* --- power-up and resets ---------------------------------------------------------------------- */
 
-/* Every parameter and signal at its power-up value; what was stored replaces the defaults. */
+/* Every parameter and signal at its power-up value, but for what counts losses; what was stored
+ * replaces the defaults. */
 static void power_up(fw_t *fw) {
   const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
   axis_init(&fw->axis);
@@ -151,6 +152,12 @@ static void carry_out_reset(fw_t *fw) {
   }
   /* Who saves and resets at once means the reset to find what was saved. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
+    return;
+  }
+  /* Loading takes longer than a tick on a chip: nothing may stand at the output meanwhile. */
+  if (fw->canopen.reset == CANOPEN_RESET_NODE &&
+      fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
+    cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
     return;
   }
   const uint8_t reset = canopen_take_reset(&fw->canopen);
@@ -394,7 +401,7 @@ static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t v
 
 /* A native mode over a bus would go round the state machine of the drive. */
 static int check_mode(const fw_t *fw, uint8_t source, int32_t value) {
-  const bool refused = source != FW_SOURCE_LOCAL || fw->axis.signals.fault != AXIS_FAULT_NONE;
+  const bool refused = source != FW_SOURCE_LOCAL || fw_fault(fw) != AXIS_FAULT_NONE;
   return (value != AXIS_MODE_DISABLED && refused) ? FW_ERROR_STATE : FW_OK;
 }
 
@@ -404,7 +411,7 @@ static int check_rules(const fw_t *fw, uint8_t source, uint16_t object, int32_t 
   bool in_range = true;
   switch (axis_objects[object].block) {
     case AXIS_BLOCK_DRIVE_PARAMETER:
-      return cia402_check(&fw->drive, &fw->axis, object, value);
+      return cia402_check(&fw->drive, object, value);
     case AXIS_BLOCK_CANOPEN_PARAMETER:
       return canopen_check(&fw->canopen, object, value);
     default:

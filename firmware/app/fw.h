@@ -82,9 +82,10 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat or RPDO away, N ticks of its time                            N + 2
- * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, but
- * for the first line; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the
- * axis enabled. Canopen is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
+ * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, of
+ * at most CIA402_STOPPING_TICKS, but for the first line and a reset of the node;
+ * abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis enabled. Canopen
+ * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 

@@ -29,7 +29,8 @@ typedef enum {
   FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
   FW_ERROR_LOCKED = -7,     /* another source owns the axis */
   FW_ERROR_BUSY = -8,       /* the store is still at work */
-  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits */
+  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits; a
+                               heartbeat that is watched already */
 } fw_error_t;
 
 /* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Anyone may read.

@@ -48,6 +48,7 @@ static void enter(cia402_t *drive, uint8_t state) {
     cia402_leave_mode(drive);
   }
   drive->outside_tick = 0;
+  drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     /* What was asked for before a fault must be asked for again. */
     cia402_forget_targets(drive);
@@ -90,6 +91,7 @@ void cia402_init(cia402_t *drive) {
   drive->lent = (cia402_lent_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
+  drive->stopping_tick = 0;
   drive->leaving = 0;
   drive->leaving_to = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   drive->fault = AXIS_FAULT_NONE;
@@ -184,11 +186,16 @@ static void operate(cia402_t *drive, axis_t *axis) {
   cia402_run(drive, axis);
 }
 
-/* Quick stop and fault reaction are seen for a tick at least, also from a stand. */
+/* Quick stop and fault reaction are seen for a tick at least, also from a stand, and end: a
+ * deceleration of next to nothing must not keep an axis going that nobody commands. */
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
-  return cia402_slow_down(drive, axis, rate_of(drive, quick)) && seen;
+  const bool stands = cia402_slow_down(drive, axis, rate_of(drive, quick));
+  if (drive->stopping_tick < CIA402_STOPPING_TICKS) {
+    drive->stopping_tick = (uint16_t)(drive->stopping_tick + 1);
+  }
+  return (stands && seen) || drive->stopping_tick == CIA402_STOPPING_TICKS;
 }
 
 static void stop_quickly(cia402_t *drive, axis_t *axis) {
@@ -260,8 +267,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
 
 /* --- between ticks ---------------------------------------------------------------------------- */
 
-int cia402_check(const cia402_t *drive, const axis_t *axis, uint16_t object, int32_t value) {
-  (void)axis;
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
   bool right = true;
   switch (object) {
     case AXIS_OBJ_MODES_OF_OPERATION:

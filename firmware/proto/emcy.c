@@ -8,7 +8,6 @@
 /* Bits of the error register. */
 enum {
   ERROR_ANY = 0x01,
-  ERROR_CURRENT = 0x02,
   ERROR_COMMUNICATION = 0x10,
   ERROR_PROFILE = 0x20,
   ERROR_MANUFACTURER = 0x80
@@ -18,8 +17,6 @@ static uint8_t class_of(uint16_t code) {
   switch (fx_field(code, 8, 8)) {
     case 0x00:
       return 0;
-    case 0x23:
-      return ERROR_ANY | ERROR_CURRENT;
     case 0x81:
     case 0x82:
       return ERROR_ANY | ERROR_COMMUNICATION;

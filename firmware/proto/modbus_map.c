@@ -150,6 +150,19 @@ typedef struct {
   uint8_t *words; /* of the first one */
 } writes_t;
 
+/* Whether the request takes the axis for its bus and goes on. */
+static bool takes_axis(const writes_t *writes) {
+  const uint8_t *words = writes->words;
+  for (uint16_t i = writes->begin; i < writes->end; i++) {
+    const uint16_t object = axis_holding[i].object;
+    if (object == AXIS_OBJ_COMMAND_SOURCE) {
+      return get_value(words, object, writes->low_first) == AXIS_COMMAND_SOURCE_MODBUS;
+    }
+    words += 2 * (uint32_t)registers_of(object);
+  }
+  return false;
+}
+
 /* What keeps a request from being written that can be known before. */
 static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
   const uint8_t *words = writes->words;
@@ -157,9 +170,12 @@ static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
   for (uint16_t i = writes->begin; i < writes->end; i++) {
     const uint16_t object = axis_holding[i].object;
     const int32_t value = get_value(words, object, writes->low_first);
-    const int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, object, value);
-    /* A request may take the axis and go on: what is locked shows when it is written. */
-    if (refusal != FW_OK && refusal != FW_ERROR_LOCKED) {
+    int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, object, value);
+    if (refusal == FW_ERROR_LOCKED && takes_axis(writes)) {
+      /* Of what it writes as the owner the rest must be right too, or it would be taken in vain. */
+      refusal = fw_object_check(fw, FW_SOURCE_LOCAL, object, value);
+    }
+    if (refusal != FW_OK) {
       return exception_of(refusal);
     }
     /* Who gives the axis away could write nothing after it, nor take anything back. */
@@ -348,7 +364,9 @@ static uint8_t carry_out(fw_t *fw, const coils_t *coils) {
   if (coils->one[MODBUS_COIL_ENABLE] && fault) {
     return MODBUS_EXCEPTION_STATE;
   }
-  if (coils->one[MODBUS_COIL_STORE] && coils->one[MODBUS_COIL_RECORDER_TRIGGER]) {
+  /* What a save under way would refuse when the rest was done. */
+  if (coils->one[MODBUS_COIL_STORE] &&
+      (coils->one[MODBUS_COIL_RECORDER_TRIGGER] || coils->one[MODBUS_COIL_ENABLE])) {
     return MODBUS_EXCEPTION_VALUE;
   }
   int refusal = write_commands(fw, coils);

@@ -163,7 +163,7 @@ static uint64_t pack(const canopen_t *canopen, const fw_t *fw, uint8_t i) {
 
 static void send(canopen_t *canopen, uint8_t i, uint64_t value) {
   pdo_t *pdo = &canopen->tpdo[i];
-  const uint8_t bytes = fx_bytes_of_bits(pdo->bits);
+  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
   can_frame_t *frame = can_output_add(
       &canopen->output, canopen_can_id(canopen->params.tpdo_cob_id[i]), bytes, CAN_OUTPUT_KEEP_PDO);
   if (frame != NULL) {
@@ -264,7 +264,7 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
 
 static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *frame) {
   pdo_t *pdo = &canopen->rpdo[i];
-  const uint8_t bytes = fx_bytes_of_bits(pdo->bits);
+  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
   if (frame->length < bytes) {
     tell(canopen, i, PDO_TOLD_SHORT, EMCY_PDO_SHORT);
     return;

@@ -230,10 +230,6 @@ TEST(Payload, BitsGoWhereTheyBelong) {
   EXPECT_EQ(fx_load_payload(bytes, 8), 0x8123456789ABCDEFu);
   EXPECT_EQ(bytes[8], 9);
   EXPECT_EQ(fx_load_payload(bytes, 0), 0u);
-  EXPECT_EQ(fx_bytes_of_bits(0), 0);
-  EXPECT_EQ(fx_bytes_of_bits(1), 1);
-  EXPECT_EQ(fx_bytes_of_bits(8), 1);
-  EXPECT_EQ(fx_bytes_of_bits(64), 8);
 }
 
 // --- NMT and heartbeat ---------------------------------------------------------------------------
