@@ -92,13 +92,13 @@ static void watch_contact(fw_t *fw) {
   const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
   const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
   if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    tell_held(fw, FW_EMERGENCY_CONTACT_LOST);
+    tell_held(fw, AXIS_ERROR_CODE_CONTACT_LOST);
   }
   if ((risen & SEEN_SATURATED) != 0) {
-    tell_held(fw, FW_EMERGENCY_FORCE_SATURATED);
+    tell_held(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
   }
   if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    tell_held(fw, FW_EMERGENCY_LIMIT_CYCLE);
+    tell_held(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
@@ -130,7 +130,7 @@ static void boot(fw_t *fw) {
   canopen_start(&fw->canopen);
   const uint8_t state = fw->device_signals.store_state;
   if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE) {
-    canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
   }
 }
 
@@ -215,7 +215,7 @@ static void watch_source(fw_t *fw) {
     cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
     /* A fault is told by its error code. */
     if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
-      canopen_emergency(&fw->canopen, FW_EMERGENCY_SOURCE, owner);
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
     }
   }
 }
@@ -224,7 +224,7 @@ static void serve_store(fw_t *fw) {
   const uint8_t state = store_tick(&fw->store, fw);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
-      canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
     }
     fw->device_signals.store_state = state;
   }
@@ -276,7 +276,7 @@ static void count_up(uint16_t *counter, uint16_t by) {
 void fw_overrun(fw_t *fw) {
   count_up(&fw->device_signals.overruns, 1);
   if (fw->config.buses != 0) {
-    tell_held(fw, FW_EMERGENCY_OVERRUN);
+    tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 

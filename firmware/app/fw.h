@@ -23,20 +23,11 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis (CiA 301, 7.2.7.1; FF00h and above are ours). The four
- * of FF00h are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
+/* Emergencies that are no fault of the axis: store_failed (at power-up: a set is there, but does
+ * not fit), source_lost (where abort_connection_option asks for no fault), and those of FF01h to
+ * FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
  * force_saturated, limit_cycle and overruns tell the rest. */
-enum {
-  FW_EMERGENCY_STORE = 0x5530,  /* a save failed; at power-up: a set is there, but does not fit */
-  FW_EMERGENCY_SOURCE = 0x6010, /* owner lost, and abort_connection_option asks for no fault */
-  FW_EMERGENCY_CONTACT_LOST = 0xFF01,
-  FW_EMERGENCY_FORCE_SATURATED = 0xFF02,
-  FW_EMERGENCY_LIMIT_CYCLE = 0xFF03,
-  FW_EMERGENCY_OVERRUN = 0xFF04,
-  FW_HELD_FIRST = FW_EMERGENCY_CONTACT_LOST,
-  FW_HELD = 4,
-  FW_HOLD_TICKS = 1500
-};
+enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
 typedef struct {

@@ -15,11 +15,11 @@ enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 /* 6060h of a native mode. */
 static int8_t operation_of(uint8_t native_mode) {
   static const int8_t operations[AXIS_MODE_COUNT] = {
-      [AXIS_MODE_DISABLED] = CIA402_MODE_NONE,
-      [AXIS_MODE_OPEN_LOOP] = CIA402_MODE_OPEN_LOOP,
-      [AXIS_MODE_POSITION] = CIA402_MODE_NATIVE_POSITION,
-      [AXIS_MODE_FORCE] = CIA402_MODE_NATIVE_FORCE,
-      [AXIS_MODE_EXCITATION] = CIA402_MODE_EXCITATION,
+      [AXIS_MODE_DISABLED] = AXIS_MODES_OF_OPERATION_NONE,
+      [AXIS_MODE_OPEN_LOOP] = AXIS_MODES_OF_OPERATION_OPEN_LOOP,
+      [AXIS_MODE_POSITION] = AXIS_MODES_OF_OPERATION_NATIVE_POSITION,
+      [AXIS_MODE_FORCE] = AXIS_MODES_OF_OPERATION_FORCE_COUNTS,
+      [AXIS_MODE_EXCITATION] = AXIS_MODES_OF_OPERATION_EXCITATION,
   };
   return operations[native_mode];
 }
@@ -353,11 +353,11 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     return;
   }
   switch (drive->signals.modes_of_operation_display) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
       cia402_take_setpoint(drive);
       break;
-    case CIA402_MODE_HOMING:
+    case AXIS_MODES_OF_OPERATION_HOMING:
       drive->homing = CIA402_HOMING_ASKED;
       break;
     default:

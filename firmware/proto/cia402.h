@@ -22,26 +22,6 @@
 #include "firmware/fx/fx.h"
 #include "firmware/proto/contact.h"
 
-/* Modes of operation: the values of 6060h. */
-enum {
-  CIA402_MODE_IMPEDANCE = -8,
-  CIA402_MODE_DAMPING = -7,
-  CIA402_MODE_STIFFNESS = -6,
-  CIA402_MODE_GUARDED_MOVE = -5,
-  CIA402_MODE_NATIVE_POSITION = -4,
-  CIA402_MODE_EXCITATION = -3,
-  CIA402_MODE_OPEN_LOOP = -2,
-  CIA402_MODE_NATIVE_FORCE = -1,
-  CIA402_MODE_NONE = 0,
-  CIA402_MODE_PROFILE_POSITION = 1,
-  CIA402_MODE_PROFILE_VELOCITY = 3,
-  CIA402_MODE_FORCE = 4,
-  CIA402_MODE_HOMING = 6,
-  CIA402_MODE_CYCLIC_POSITION = 8,
-  CIA402_MODE_CYCLIC_VELOCITY = 9,
-  CIA402_MODE_CYCLIC_FORCE = 10
-};
-
 /* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
 enum {
   CIA402_HOMING_IDLE = 0,

@@ -23,25 +23,10 @@ enum {
   MODBUS_EXCEPTION_BUSY = 6      /* the parameter store is at work */
 };
 
-/* Coils. */
-enum {
-  MODBUS_COIL_ENABLE = 0,      /* 1: controlword shutdown, then enable operation (4 in a fault);
-                                  0: shutdown. Reads 1 while operation is enabled */
-  MODBUS_COIL_FAULT_RESET = 1, /* 1: fault_reset. Reads 0 */
-  MODBUS_COIL_HALT = 2,        /* bit 8 of the controlword */
-  MODBUS_COIL_STORE = 3,       /* 1: store_parameters. Reads 1 while that lasts */
-  MODBUS_COIL_RECORDER_TRIGGER = 4, /* recorder_arm. Reads 1 while it is armed or recording */
-  MODBUS_COIL_COUNT = 5
-};
-
-/* Discrete inputs. */
-enum {
-  MODBUS_DISCRETE_STATUSWORD = 0, /* and up to 15: its bits */
-  MODBUS_DISCRETE_LIMIT_ACTIVE = 16,
-  MODBUS_DISCRETE_CONTACT = 17,
-  MODBUS_DISCRETE_LIMIT_CYCLE = 18,
-  MODBUS_DISCRETE_COUNT = 19
-};
+/* Coils (AXIS_COIL_). enable: 1 is controlword shutdown, then enable operation (exception 4 in a
+ * fault), 0 shutdown; reads 1 while operation is enabled. fault_reset: 1 gives it, reads 0. halt:
+ * bit 8 of the controlword. store: 1 is store_parameters, reads 1 while that lasts.
+ * recorder_trigger: recorder_arm, reads 1 while it is armed or recording. */
 
 typedef enum { MODBUS_HOLDING, MODBUS_INPUT } modbus_table_t;
 

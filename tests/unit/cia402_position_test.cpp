@@ -213,7 +213,7 @@ TEST_F(Drive, AStaleCyclicTargetDoesNotMoveTheAxis) {
 
 // Written for a set-point of profile position, and taken: not for a cyclic mode that comes later.
 TEST_F(Drive, ATakenSetpointIsNoCyclicTarget) {
-  for (const int mode : {kCsp, static_cast<int>(CIA402_MODE_STIFFNESS)}) {
+  for (const int mode : {kCsp, static_cast<int>(AXIS_MODES_OF_OPERATION_STIFFNESS)}) {
     PowerUp();
     Enable(kPp);
     MoveTo(300);

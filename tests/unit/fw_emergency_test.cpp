@@ -14,7 +14,8 @@ namespace {
 TEST_F(Fw, AFaultReactionIsNamedFromItsBeginning) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
   Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
-  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_VELOCITY), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY),
+            0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARGET_VELOCITY, 3000), 0u);
@@ -52,7 +53,7 @@ TEST_F(Fw, ALostContactIsToldWhileForceIsControlled) {
   inputs_.adc_code[0] = 0;
   Tick(2);
   EXPECT_EQ(CountTold(0xFF01), 0) << "nobody controls force";
-  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_NATIVE_FORCE), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_FORCE_COUNTS), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
   inputs_.adc_code[0] = 30;

@@ -136,7 +136,7 @@ class Fw : public BusFixture {
   void Drive(Way way = kCanopen) {
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
     ASSERT_TRUE(Takes(way));
-    ASSERT_EQ(Write(way, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_OPEN_LOOP), 0u);
+    ASSERT_EQ(Write(way, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);

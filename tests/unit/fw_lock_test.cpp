@@ -20,7 +20,8 @@ TEST_F(Fw, WhatAnOwnerAskedForEndsWithIt) {
     Set(AXIS_OBJ_WATCHDOG, 20);
     Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 2);
     ASSERT_TRUE(Takes(kRtu));
-    ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_VELOCITY), 0u);
+    ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY),
+              0u);
     ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
     if (how == 1) {
       ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
@@ -62,7 +63,8 @@ TEST_F(Fw, NativeSetpointsEndWithAFault) {
 // The controlword is mapped before the target; it must act on the one that came with it.
 TEST_F(Fw, AnRpdoStartsTheTargetItBrings) {
   Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
-  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_POSITION), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_POSITION),
+            0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARGET_POSITION, 36000), 0u);
   Send(0, {1, kNode});
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
@@ -78,7 +80,7 @@ TEST_F(Fw, AnRpdoStartsTheTargetItBrings) {
 TEST_F(Fw, ARefusedRequestThatGivesTheAxisAwayStartsNothing) {
   Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
   ASSERT_TRUE(Takes(kRtu));
-  ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_PROFILE_VELOCITY), 0u);
+  ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY), 0u);
   ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
   inputs_.sensor_valid = 0;
   Tick();

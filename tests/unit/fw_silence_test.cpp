@@ -48,7 +48,7 @@ TEST_F(Fw, AnRpdoThatStaysAway) {
 TEST_F(Fw, AnRpdoThatNeverCame) {
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
   ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
-  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_OPEN_LOOP), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
   Tick(500);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
@@ -202,7 +202,7 @@ TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
   for (int command : {2, 130}) {
     PowerUp();
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
-    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, CIA402_MODE_OPEN_LOOP), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
     ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
     ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
     Tick(2);
