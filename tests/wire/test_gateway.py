@@ -58,7 +58,7 @@ def test_state_is_published_steadily_whole_and_in_firmware_time(of):
     # About 2 s of 1500 ticks, however the guest's clock limps; 3 ticks are 2000 us.
     assert 1000 <= got["ticks"] <= 4500
     assert abs(got["utime"] - got["ticks"] * 2000 / 3) <= 1
-    assert got["ages_us"][0] >= 0 and got["ages_us"][1] < 500_000
+    assert got["ages_us"][0] >= 0 and got["ages_us"][1] < 2_000_000
     assert got["set"] == 3.0  # --set force_gain=3, written at the set-up
 
 
@@ -173,7 +173,7 @@ def test_modbus_streams(of):
     assert answer.startswith("0404")  # two registers
     assert got["pieces"].startswith("0404")
     assert [text and text[:4] for text in got["pipelined"]] == ["0404", "0404", None]
-    assert got["clients"] == 6 and got["seconds"] < 2
+    assert got["clients"] == 6 and got["seconds"] < 10
     assert got["rubbish"] == ""  # the connection is closed
 
 
