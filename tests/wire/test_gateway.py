@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from forceaxis import link, objects
+from forceaxis._core import InputError
+from forceaxis.gateway import trigger_on
 
 ROOT = Path(__file__).resolve().parents[2]
 VCAN = ROOT / "tools" / "vcan"
@@ -120,6 +122,13 @@ def test_what_the_axis_does_of_itself_becomes_events(of):
     # Generic error, and the fault in the first manufacturer byte.
     assert got["emcy"][0]["error_register"] & 1
     assert got["emcy"][0]["manufacturer"] & 0xFF == overspeed
+
+
+def test_a_session_resets_a_fault_and_keeps_the_latest_states(of):
+    got = of("faulted")
+    assert got["faults"] == [["overspeed", "fault"]] * 2
+    assert got["after"] == ["switch_on_disabled"] * 2
+    assert got["kept"] == [5, 5] and got["in_order"]
 
 
 def test_captures_are_whole_and_tick_by_tick(of):
@@ -239,6 +248,17 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
 
 
 # --- without CAN ---------------------------------------------------------------------------------
+
+
+def test_a_trigger_is_an_object_of_the_table():
+    assert trigger_on("force", 31.0, "falling") == {
+        "trigger_source": objects.BY_NAME["force"].index << 8,
+        "trigger_level": 31 * 256,
+        "trigger_edge": "falling",
+    }
+    for name in ("0x6064", "0x6064:0", "no_such"):
+        with pytest.raises(InputError, match=f"^{name}: expected "):
+            trigger_on(name, 1)
 
 
 def gateway(*args):
