@@ -1,11 +1,14 @@
 """Every gate of the firmware can fail: one planted violation each, in a copy of the tree."""
 
+import contextlib
 import importlib.util
+import io
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -32,6 +35,58 @@ def run(tool, root):
         text=True,
         check=False,
     )
+
+
+def tool_as_module(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def reads(gate, source, root):
+    """{path: text} of a source and of every project header that it reaches; None where only the
+    compiler could tell."""
+    found, ahead = {}, [source.relative_to(root).as_posix()]
+    while ahead:
+        name = ahead.pop()
+        if name in found:
+            continue
+        found[name] = (root / name).read_text()
+        for _, header, kind in gate.included(gate.joined(found[name])):
+            if kind == "<" and header in gate.LIBC_HEADERS:
+                continue
+            if kind != '"' or not (root / header).is_file():
+                return None
+            ahead.append(header)
+    return found
+
+
+@pytest.fixture(scope="module")
+def gate():
+    """tools/check_firmware.py in this process. It compiles a source only where the text that it
+    reads is new: most violations change one source of many."""
+    gate = tool_as_module("check_firmware")
+    examine, known = gate.examine, {}
+
+    def examine_once(source, root):
+        texts = reads(gate, source, root)
+        if texts is None:
+            return examine(source, root)
+        key = (source.relative_to(root), *sorted(texts.items()))
+        if key not in known:
+            known[key] = examine(source, root)
+        return known[key]
+
+    gate.examine = examine_once
+
+    def check(root):
+        out, error = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+            status = gate.main(["--root", str(root)])
+        return SimpleNamespace(returncode=status, stdout=out.getvalue(), stderr=error.getvalue())
+
+    return check
 
 
 @pytest.fixture
@@ -175,14 +230,42 @@ def test_a_clean_copy_passes(tree):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_a_violation_is_status_1_of_the_command(tree):
+    append(tree / "firmware/app/fw.c", "float x(void);\n")
+    done = run(["check_firmware.py"], tree)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert re.fullmatch(r"firmware/app/fw\.c:\d+: float: 'float'\n", done.stdout)
+
+
+def test_what_a_header_hides_is_found_in_every_source_that_reads_it(gate, tree):
+    """Nothing that was compiled before the change is taken for it."""
+    assert gate(tree).returncode == 0
+    readers = [
+        path.relative_to(tree)
+        for path in sorted((tree / "firmware/core").glob("*.c"))
+        if '#include "firmware/core/laws.h"' in path.read_text()
+    ]
+    assert readers
+    hidden = (
+        "JOIN(flo, at) x(JOIN(flo, at) a);\nJOIN(flo, at) x(JOIN(flo, at) a) { return a * a; }\n"
+    )
+    header = tree / "firmware/core/laws.h"
+    before, guard, after = header.read_text().rpartition("#endif")
+    header.write_text(before + JOIN + hidden + guard + after)
+    done = gate(tree)
+    assert done.returncode == 1
+    for path in readers:
+        assert f"{path}: float: instruction v" in done.stdout
+
+
 @pytest.mark.parametrize("name", VIOLATIONS)
-def test_a_violation_is_found(tree, name):
+def test_a_violation_is_found(gate, tree, name):
     rule, path, text = VIOLATIONS[name]
     target = tree / "firmware" / path
     target.parent.mkdir(parents=True, exist_ok=True)
     target.touch()
     append(target, text)
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 1, done.stdout + done.stderr
     rules = {line.split(": ")[1] for line in done.stdout.splitlines()}
     assert rule in rules, done.stdout
@@ -202,48 +285,48 @@ def test_a_violation_is_found(tree, name):
         '\\\n"firmware/core/axis.h"',
     ],
 )
-def test_an_include_that_leaves_sim_is_found(tree, include):
+def test_an_include_that_leaves_sim_is_found(gate, tree, include):
     append(tree / "sim/plant.hpp", f"#include {include}\n")
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 1, done.stdout
     assert done.stdout.startswith("sim/plant.hpp:2: layering: ")
 
 
 @pytest.mark.parametrize("include", ['"axis_host.h"', '"plant.hpp"', "<plant.hpp>", '"../x.hpp"'])
-def test_an_include_in_host_that_is_not_rooted_is_found(tree, include):
+def test_an_include_in_host_that_is_not_rooted_is_found(gate, tree, include):
     (tree / "host/link").mkdir()
     (tree / "host/link/run.cpp").write_text(f'#include "sim/plant.hpp"\n#include {include}\n')
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 1, done.stdout
     assert done.stdout.startswith("host/link/run.cpp:2: layering: ")
 
 
-def test_a_link_out_of_the_tree_is_found(tree):
+def test_a_link_out_of_the_tree_is_found(gate, tree):
     (tree / "firmware/core/sub").symlink_to(tree / "sim")
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 1
     assert done.stdout.startswith("firmware/core/sub: folder: ")
 
 
-def test_lines_keep_their_numbers_behind_continued_ones(tree):
+def test_lines_keep_their_numbers_behind_continued_ones(gate, tree):
     path = tree / "firmware/core/axis.c"
     path.write_text("#define X \\\n  1 \\\n  + 2\nfloat x(void);\n")
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert "firmware/core/axis.c:4: float: 'float'" in done.stdout
 
 
-def test_a_missing_guard_is_found(tree):
+def test_a_missing_guard_is_found(gate, tree):
     path = tree / "firmware/core/laws.h"
     path.write_text(path.read_text().replace("FIRMWARE_CORE_LAWS_H_", "LAWS_H"))
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 1
     assert "firmware/core/laws.h:1: conditional: expected the include guard" in done.stdout
 
 
-def test_words_in_comments_and_conditionals_in_ports_are_allowed(tree):
+def test_words_in_comments_and_conditionals_in_ports_are_allowed(gate, tree):
     append(tree / "firmware/core/axis.c", "/* double malloc 1.5 >> / static int */ // float %\n")
     append(tree / "firmware/port/host/axis_host.h", "#ifdef __cplusplus\n#endif\n")
-    done = run(["check_firmware.py"], tree)
+    done = gate(tree)
     assert done.returncode == 0, done.stdout
 
 

@@ -25,6 +25,7 @@ Everywhere in firmware, sim and host:
 """
 
 import argparse
+import functools
 import re
 import shutil
 import subprocess
@@ -88,6 +89,7 @@ TRIGRAPH = re.compile(r"\?\?[=/'()!<>-]")
 DIGRAPH = re.compile(r"%:|<:|:>|<%|%>")
 
 
+@functools.cache  # two rules read each file
 def joined(text):
     """Text with continued lines made one; empty lines after them keep the numbers of the others."""
 
@@ -218,31 +220,40 @@ def fail(message):
     return 2
 
 
+def examine(source, root):
+    """What the compiler makes of a source: (its complaint, nm's (type, name) of every symbol, the
+    first floating instruction)."""
+    with tempfile.TemporaryDirectory() as folder:
+        compiled = Path(folder) / "source.o"
+        done = tool(*COMPILER, f"-I{root}", "-c", source, "-o", compiled)
+        if done.returncode != 0:
+            return done.stderr.strip().split("\n")[0], [], None
+        symbols = [
+            tuple(line.split()[-2:])
+            for line in tool("arm-none-eabi-nm", compiled).stdout.splitlines()
+        ]
+        listing = tool("arm-none-eabi-objdump", "-d", "--no-show-raw-insn", compiled).stdout
+    instructions = (line.split("\t")[1:2] for line in listing.splitlines())
+    floating = (i[0].strip() for i in instructions if i and i[0].startswith("v"))
+    return None, symbols, next(floating, None)
+
+
 def check_objects(sources, root, findings):
     """What the source text can hide, the objects show."""
     defined, undefined = set(), {}
-    with tempfile.TemporaryDirectory() as folder:
-        for number, source in enumerate(sources):
-            compiled = Path(folder) / f"{number}.o"
-            done = tool(*COMPILER, f"-I{root}", "-c", source, "-o", compiled)
-            if done.returncode != 0:
-                findings.add(source, 0, "compile", done.stderr.strip().split("\n")[0])
+    for source in sources:
+        complaint, symbols, floating = examine(source, root)
+        if complaint is not None:
+            findings.add(source, 0, "compile", complaint)
+        for kind, name in symbols:
+            if kind in "Uw":
+                undefined.setdefault(name, source)
                 continue
-            for line in tool("arm-none-eabi-nm", compiled).stdout.splitlines():
-                *_, kind, name = line.split()
-                if kind in "Uw":
-                    undefined.setdefault(name, source)
-                    continue
-                defined.add(name)
-                if kind in "bBdDcCsSgG":
-                    findings.add(source, 0, "static", f"{name} is mutable (nm type {kind})")
-            for line in tool(
-                "arm-none-eabi-objdump", "-d", "--no-show-raw-insn", compiled
-            ).stdout.splitlines():
-                words = line.split("\t")
-                if len(words) > 1 and words[1].startswith("v"):
-                    findings.add(source, 0, "float", f"instruction {words[1].strip()}")
-                    break
+            defined.add(name)
+            if kind in "bBdDcCsSgG":
+                findings.add(source, 0, "static", f"{name} is mutable (nm type {kind})")
+        if floating:
+            findings.add(source, 0, "float", f"instruction {floating}")
     for name, source in sorted(undefined.items()):
         if name in defined or name in COMPILER_HELPERS:
             continue

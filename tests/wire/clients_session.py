@@ -220,6 +220,10 @@ class Client:
     def position(self):
         return self.drive.sdo[0x6064].raw
 
+    def ticks(self):
+        """tick_count: the time that the axis had, which in a guest comes in bursts."""
+        return self.drive.sdo[0x201F].raw
+
     # --- motion ---------------------------------------------------------------------------------
 
     def homing(self):
@@ -239,7 +243,7 @@ class Client:
         self.drive.op_mode = "PROFILED POSITION"
         self.enable()
         self.drive.sdo[0x607A].raw = target
-        since = time.monotonic()
+        since, first = time.monotonic(), self.ticks()
         self.drive.controlword = 0x1F
         self.status_bits(0x1000, 0x1000)
         acknowledged = time.monotonic() - since
@@ -248,6 +252,7 @@ class Client:
         return {
             "target": target,
             "acknowledged_s": acknowledged,
+            "reached_ticks": self.ticks() - first,
             "reached_s": time.monotonic() - since,
             "position": self.position(),
         }
@@ -258,9 +263,9 @@ class Client:
         self.drive.sdo[0x60FF].raw = velocity
         self.status_bits(0x0400, 0x0400, 5)
         time.sleep(0.1)
-        first, at = self.position(), self.drive.sdo[0x201F].raw
+        first, at = self.position(), self.ticks()
         time.sleep(0.2)
-        second, then = self.position(), self.drive.sdo[0x201F].raw
+        second, then = self.position(), self.ticks()
         self.drive.sdo[0x60FF].raw = 0
         self.status_bits(0x1000, 0x1000, 5)
         # Position and tick are two SDOs: some ticks apart.
@@ -280,13 +285,13 @@ class Client:
         wait_until("csp target", lambda: abs(self.position() - (start - 2000)) < 20)
         found["csp"] = [start - 2000, self.position()]
         drive.op_mode = "CYCLIC SYNCHRONOUS VELOCITY"
-        first = self.position()
+        first, at = self.position(), self.ticks()
         drive.rpdo[3][0].raw, drive.rpdo[3][1].raw = 0x0F, 5000
         drive.rpdo[3].transmit()
-        time.sleep(0.2)
+        wait_until("300 ticks", lambda: self.ticks() - at >= 300, 10)
         drive.rpdo[3][1].raw = 0
         drive.rpdo[3].transmit()
-        found["csv_moved"] = self.position() - first
+        found["csv_moved"], found["csv_ticks"] = self.position() - first, self.ticks() - at
         return found
 
     def contact(self, mode, target):

@@ -17,6 +17,7 @@ import time
 import traceback
 from pathlib import Path
 
+from forceaxis import gateway as sessions
 from forceaxis import link, objects, thesis_session
 from forceaxis.drive_words import BY_NAME
 from forceaxis.lcm_bus import TABLE_HASH, Bus, decode, now_us
@@ -303,6 +304,36 @@ def events(axis):
             if e.kind == axis_event_t.EVENT_EMCY
         ],
     }
+
+
+def faulted(axis):
+    """A session whose axis is too fast, twice: its fault is reset, and the axis drives again."""
+    found = {"faults": [], "after": []}
+    kept, sessions.STATES_KEPT = sessions.STATES_KEPT, 5
+    try:
+        with sessions.Session(1, timeout_s=4) as own:
+            for _ in range(2):
+                own.enable("open loop", output_limit=2048, open_loop_code=0, speed_max=0)
+                own.write_all({"speed_max": 1, "open_loop_code": 500})
+                state = own.wait_for(lambda s: s.fault, "a fault")
+                found["faults"].append(
+                    [BY_NAME["fault"].enum[state.fault], own.read("drive_state")]
+                )
+                own.write_all({"open_loop_code": 0, "speed_max": 0})
+                own.reset_fault()
+                state = own.wait_for(lambda s: s.fault == 0, "no fault")
+                found["after"].append(own.read("drive_state"))
+            before, newest = own.states, own.state(2)
+            until(lambda: own.states[-1].tick > newest.tick)
+            found["kept"] = [len(before), len(own.states)]
+            ticks = [s.tick for s in own.states]
+            found["in_order"] = ticks == sorted(ticks) and before[0].tick < ticks[0]
+    finally:
+        sessions.STATES_KEPT = kept
+    # A session leaves the axis ready; what follows wants it as it was.
+    axis.take()
+    axis.write("controlword", 0)
+    return found
 
 
 def captures(axis):
@@ -617,6 +648,7 @@ def main():
             keep("refusals", refusals, axis)
             keep("repetitions", repetitions, axis)
             keep("events", events, axis)
+            keep("faulted", faulted, axis)
             keep("captures", captures, axis)
             keep("map_reads", map_reads, axis, modbus)
             keep("map_refuses", map_refuses, modbus)

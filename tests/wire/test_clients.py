@@ -146,16 +146,18 @@ def test_motion_in_every_mode(step):
     print(f"\npp: {pp}")
     assert abs(pp["position"] - pp["target"]) <= 10  # position_window
     assert pp["acknowledged_s"] < TRANSITION_S
-    # 6000 counts at 30,000 count/s and 225,000 count/s^2 take 1/3 s; so does reaching the rest.
-    assert 0.3 < pp["reached_s"] < 3
+    # 6000 counts at 30,000 count/s and 225,000 count/s^2 take 1/3 s, 500 ticks; so does reaching
+    # the rest. Seconds say nothing: a guest that was late makes up for it.
+    assert 450 < pp["reached_ticks"] < 7500
     pv = step("pv")
     print(f"pv: {pv}")
     assert pv["seen"] == pytest.approx(pv["target"], rel=0.1)
     cyclic = step("cyclic")
     print(f"csp, csv: {cyclic}")
     assert abs(cyclic["csp"][0] - cyclic["csp"][1]) < 20
-    # 5000 count/s for 0.2 s, and the time that two frames take.
-    assert 600 < cyclic["csv_moved"] < 5000
+    # 5000 count/s for 300 ticks and more.
+    assert cyclic["csv_ticks"] >= 300
+    assert 600 < cyclic["csv_moved"] < 1.2 * 5000 * cyclic["csv_ticks"] / 1500
 
 
 @pytest.mark.parametrize("mode", ["tq", "cst"])

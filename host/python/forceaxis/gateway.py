@@ -18,8 +18,10 @@ that is refused raises live.Refused with the reason, a wait without success live
 
 import threading
 import time
+from collections import deque
 
 from forceaxis import drive_words, live
+from forceaxis._core import InputError
 from forceaxis.live import AxisClient, NoAnswer, Refused
 from forceaxis.messages import axis_state_t
 
@@ -30,13 +32,15 @@ SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 
+STATES_KEPT = 30_000  # ten minutes of 50 a second
+
 
 class Session(AxisClient):
     """An axis that is this program's own until the session is closed."""
 
     def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
         # Before the bus's thread begins to bring them.
-        self.states = []  # every state that was heard: axis_state_t, in order
+        self._states = deque(maxlen=STATES_KEPT)
         self._keeper = None
         super().__init__(axis, url, timeout_s)
         try:
@@ -63,11 +67,18 @@ class Session(AxisClient):
             self._keeper = None
         super().close()
 
+    @property
+    def states(self):
+        """The states that were heard, in order: axis_state_t, of the latest STATES_KEPT."""
+        with self._news:
+            return list(self._states)
+
     def _take(self, channel, data, wall_us):
         super()._take(channel, data, wall_us)
-        state = self._state
-        if state is not None and (not self.states or self.states[-1] is not state):
-            self.states.append(state)
+        with self._news:
+            state = self._state
+            if state is not None and (not self._states or self._states[-1] is not state):
+                self._states.append(state)
 
     def wait_for(self, holds, what, timeout_s=5.0):
         """The first state for which holds(state); NoAnswer names `what` when none comes in time."""
@@ -179,6 +190,8 @@ class _Keeper:
 def trigger_on(name, level, edge="rising"):
     """Settings of `capture`: begin when an object passes a level, in engineering units."""
     known = live.object_named(name)
+    if known is None:
+        raise InputError(f"{name}: expected the name of an object, to trigger on it")
     return {
         "trigger_source": known.index << 8 | known.sub,
         "trigger_level": round(level / known.scale),

@@ -52,7 +52,7 @@ def run(url=None, axis=1, strike_within_s=20.0):
         )
         after = session.wait_contact(WANTED)
         found["force_after_cnt"] = after.force_cnt_q8 / 256
-        states = list(session.states)
+        states = session.states
         gaps = sum(g.lost for g in session.gaps.values())
     found |= {
         "samples": held.total,
