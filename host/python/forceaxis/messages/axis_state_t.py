@@ -115,7 +115,7 @@ class axis_state_t(object):
 
         self.controlword = 0
         """
-        6040h, u16, as last sent by the gateway
+        6040h, u16, as read back from the axis
         LCM Type: int64_t
         """
 
@@ -265,7 +265,7 @@ class axis_state_t(object):
 
         self.num_more = 0
         """
-        further objects, as a gateway is configured to poll them
+        further objects; this project's gateway gives none
         LCM Type: int32_t
         """
 
