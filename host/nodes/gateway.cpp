@@ -49,8 +49,9 @@ class Gateway {
   Gateway(const Gateway &) = delete;
   Gateway &operator=(const Gateway &) = delete;
 
-  // Until a signal comes on this descriptor.
-  void run(int signals) {
+  // Until a signal comes on this descriptor, and the axes stand still or a second one comes. Gives
+  // the exit status.
+  int run(int signals) {
     loop_.watch(
         can_.fd(),
         [this] { return static_cast<short>(can_.waits_for_room() ? POLLIN | POLLOUT : POLLIN); },
@@ -59,13 +60,17 @@ class Gateway {
         signals, [] { return short{POLLIN}; },
         [this, signals](short) {
           signalfd_siginfo signal;
-          if (read(signals, &signal, sizeof signal) > 0 && !ending_) {
-            ending_ = true;
-            loop_.spawn(end());
+          if (read(signals, &signal, sizeof signal) <= 0) return;
+          if (ending_) {
+            status_ = 128 + static_cast<int>(signal.ssi_signo);
+            loop_.stop();
+          } else {
+            end();
           }
         });
     loop_.spawn(begin());
     loop_.run();
+    return status_;
   }
 
  private:
@@ -127,11 +132,17 @@ class Gateway {
               << std::endl;
   }
 
-  Task<void> end() {
-    if (claimed_) {
-      for (const auto &axis : axes_) co_await axis->node.shut_down();
-    }
-    loop_.stop();
+  // All axes at once: none goes on moving while another one is waited for.
+  void end() {
+    ending_ = true;
+    if (!claimed_) return loop_.stop();
+    unstopped_ = axes_.size();
+    for (const auto &axis : axes_) loop_.spawn(end(*axis));
+  }
+
+  Task<void> end(Axis &axis) {
+    co_await axis.node.shut_down();
+    if (--unstopped_ == 0) loop_.stop();
   }
 
   void send_heartbeat(std::uint8_t state) {
@@ -244,6 +255,8 @@ class Gateway {
   std::map<std::uint64_t, int> sockets_;  // of Modbus clients
   std::string told_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
+  std::size_t unstopped_ = 0;  // axes, when ending
+  int status_ = 0;
 };
 
 int complain(const std::string &what, int status) {
@@ -259,11 +272,10 @@ int main(int argc, char **argv) {
       "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes\n"
       "their state, events and captures over LCM and takes commands there, and serves Modbus TCP,\n"
       "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first. If it is "
-      "killed,\n"
-      "the axes miss its heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, "
-      "or\n"
-      "another gateway is there, 2 wrong usage.");
+      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first, for which a\n"
+      "second signal does not wait. If it is killed, the axes miss its heartbeat and are\n"
+      "disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another gateway is there, 2 wrong\n"
+      "usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
   add_gateway_options(app, options);
   app.footer(
       "Example:\n"
@@ -286,8 +298,7 @@ int main(int argc, char **argv) {
   const int signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
   try {
     finish_gateway_options(options);
-    Gateway(options).run(signals);
-    return 0;
+    return Gateway(options).run(signals);
   } catch (const GatewayUsage &error) {
     return complain(error.what(), 2);
   } catch (const std::exception &error) {

@@ -591,6 +591,79 @@ def other_table():
     return found
 
 
+class Driven(threading.Thread):
+    """A node with this object table that is in operation. By quick stop it stops when every one of
+    `together` was told to; never, if `stops` is false."""
+
+    def __init__(self, node, stops=True):
+        super().__init__(daemon=True)
+        self.node, self.stops, self.together = node, stops, [self]
+        self.can, self.end = Can(), threading.Event()
+        self.told, self.started = threading.Event(), threading.Event()
+        self.unwatched = False
+        self.values = {(o.index, o.sub): o.default for o in objects.OBJECTS}
+        state = BY_NAME["drive_state"]
+        self.state, self.states = (state.index, state.sub), state.enum
+        self.values[0x2300, 0] = TABLE_HASH
+        self.sizes = {(o.index, o.sub): int(o.type[1:]) // 8 for o in objects.OBJECTS}
+
+    def value(self, where):
+        if where != self.state:
+            return self.values.get(where, 0)
+        stopped = self.stops and all(other.told.is_set() for other in self.together)
+        return self.states.index("switch_on_disabled" if stopped else "operation_enabled")
+
+    def run(self):
+        beat = 0.0
+        while not self.end.is_set():
+            if time.monotonic() >= beat:
+                self.can.send(0x700 + self.node, b"\x05")
+                beat = time.monotonic() + 0.05
+            frame = self.can.receive(0.05)
+            if frame and frame[0] == 0 and frame[1] == bytes([1, self.node]):
+                self.started.set()
+            if frame and frame[0] == 0x600 + self.node and frame[1][0] != 0x80:
+                self.answer(frame[1])
+
+    def answer(self, request):
+        where = struct.unpack("<HB", request[1:4])
+        if request[0] >> 5 == 2:
+            size = self.sizes.get(where, 1)
+            value = self.value(where) % (1 << 8 * size)
+            answer = struct.pack("<BHBI", 0x43 | (4 - size) << 2, *where, value)
+        else:
+            self.values[where] = struct.unpack("<I", request[4:])[0]
+            answer = struct.pack("<BHBI", 0x60, *where, 0)
+            if where == (0x6040, 0) and self.values[where] == 2:
+                self.told.set()
+            if where[0] == 0x1016 and self.values[where] == 0:
+                self.unwatched = True
+        self.can.send(0x580 + self.node, answer)
+
+
+def two_axes_end():
+    """Two axes are stopped together, and a second signal waits for none."""
+    found = {}
+    for name, stops in (("together", True), ("at_once", False)):
+        nodes = [Driven(2, stops), Driven(3, stops)]
+        for node in nodes:
+            node.together = nodes
+            node.start()
+        process = gateway("--axes", "2,3")
+        assert all(node.started.wait(10) for node in nodes), process.said()
+        time.sleep(0.3)  # the set-up ends with the start
+        process.terminate()
+        told = [node.told.wait(5) for node in nodes]
+        if not stops:
+            process.terminate()
+        status = process.wait(10)
+        found[name] = [told, [node.unwatched for node in nodes], status]
+        for node in nodes:
+            node.end.set()
+            node.join()
+    return found
+
+
 def main():
     results = {}
 
@@ -636,6 +709,7 @@ def main():
             process.terminate()
             process.wait(5)
     keep("other_table", other_table)
+    keep("two_axes_end", two_axes_end)
     print(json.dumps(results))
 
 

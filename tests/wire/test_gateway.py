@@ -238,6 +238,14 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
     assert got["status"] == 0
 
 
+def test_a_gateway_that_is_ended_stops_all_axes_together(of):
+    got = of("two_axes_end")
+    # Each is told to stop, is seen to, and no longer watches for this gateway.
+    assert got["together"] == [[True, True], [True, True], 0]
+    # Of axes that do not stop a second signal waits for none: they are to miss the gateway.
+    assert got["at_once"] == [[True, True], [False, False], 143]
+
+
 # --- without CAN ---------------------------------------------------------------------------------
 
 
