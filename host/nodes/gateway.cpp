@@ -22,6 +22,8 @@ using namespace std::chrono_literals;
 constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
+// Taken from the bus at a time, so that a flood keeps neither SYNC and heartbeat nor LCM waiting.
+constexpr int kMostFrames = 256;
 // How long a gateway that starts listens for another one: longer than its heartbeat may be late.
 constexpr auto kClaim = 600ms;
 
@@ -194,7 +196,9 @@ class Gateway {
 
   void serve_can() {
     if (can_.waits_for_room()) can_.flush();
-    while (const auto frame = can_.receive()) {
+    for (int n = 0; n < kMostFrames; ++n) {
+      const auto frame = can_.receive();
+      if (!frame) return;
       if (frame->id == kHeartbeat + static_cast<std::uint32_t>(options_.node_id)) {
         meet_other();
         continue;
