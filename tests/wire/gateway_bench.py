@@ -410,6 +410,16 @@ def map_refuses(modbus):
         read_address=gain, read_count=2, address=gain, values=[770], device_id=1
     )
     found["exchange"] = exchanged.registers
+    exchange = struct.pack(">BHHHHBH", 23, 0x0300, 1, gain, 1, 2, 771)
+    found["exchange_hole"] = [wire.ask(1, exchange).hex(), registers(modbus, gain, 1)]
+    # Enable, no fault reset, no halt, store.
+    store = BY_NAME["store_state"].modbus
+    was = registers(modbus, store, 1, "input")
+    found["enable_and_store"] = [
+        wire.ask(1, struct.pack(">BHHBB", 15, 0, 4, 1, 0b1001)).hex(),
+        modbus.read_coils(0, count=1, device_id=1).bits[0],
+        registers(modbus, store, 1, "input") == was,
+    ]
     # Words of 32 bits the other way round.
     order = BY_NAME["modbus_word_order"].modbus
     where = BY_NAME["target_velocity"].modbus

@@ -152,6 +152,7 @@ def test_modbus_exceptions_and_writes_that_are_all_or_none(of):
     assert got["all_or_none"] == [3, True]
     assert got["mask"] == [False, True]
     assert got["exchange"][0] == 770
+    assert got["exchange_hole"] == ["9702", [770]]  # refused before it is written
     assert got["low_first"] == [0xFF00, 0xFFFF]
 
 
@@ -164,6 +165,8 @@ def test_modbus_coils_drive_the_state_machine(of):
     # latency_ticks is not written while enabled; output_limit before it is as it was.
     assert got["state"] == 4 and got["taken_back"]
     assert got["disabled"] is False
+    # One request asks for either; both are refused before anything is done.
+    assert got["enable_and_store"] == ["8f03", False, True]
 
 
 def test_modbus_streams(of):
