@@ -116,7 +116,7 @@ def test_what_the_axis_does_of_itself_becomes_events(of):
     )
     assert said[4, overspeed] == "fault overspeed"
     assert said[4, 0] == "fault cleared"
-    assert said[3, 0x7310] == "EMCY 7310h speed"
+    assert said[3, 0x7310] == "EMCY 7310h overspeed"
     # Generic error, and the fault in the first manufacturer byte.
     assert got["emcy"][0]["error_register"] & 1
     assert got["emcy"][0]["manufacturer"] & 0xFF == overspeed
