@@ -270,6 +270,10 @@ def repetitions(axis):
         bus._lcm.publish("AXIS_1_COMMAND", command.encode())
         time.sleep(0.5)
         found["late"] = [len(answers()), other.read("0x200E")]
+        # A client that waits for ever: the sum of the two is beyond 64 bits.
+        command.command_id, command.value, command.timeout_us = 5, [44], 2**63 - 1
+        bus.publish("AXIS_1_COMMAND", command)
+        found["patient"] = [[e.kind, list(e.value)] for e in until(answers) or []]
         return found
     finally:
         bus.close()

@@ -102,6 +102,7 @@ def test_commands_that_are_doubled_late_or_of_another_table(of):
     assert "12345678" in text and objects.OBJECTS_HASH[:8] in text
     assert got["by_address"] == [[DONE, [22]]]
     assert got["late"] == [0, 22]
+    assert got["patient"] == [[DONE, [44]]]
 
 
 def test_what_the_axis_does_of_itself_becomes_events(of):
