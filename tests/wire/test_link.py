@@ -389,6 +389,18 @@ def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
     assert summary["trace_hash"] == hashes(told)[0]
 
 
+def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
+    common = ["--run-id", link.new_run_id(), "--set", SHORT]
+    axis = start("axis_node", *common, "--journal", "/dev/full")
+    plant = start("plant_node", *common)
+    assert end(plant)["status"] == 0
+    told = end(axis)
+    assert told["status"] == 1 and hashes(told) == [in_process(SHORT)]
+    assert told["stderr"] == (
+        "axis_node: /dev/full: expected to be able to write the journal, it is not whole\n"
+    )
+
+
 # --- runs do not meet ----------------------------------------------------------------------------
 
 
