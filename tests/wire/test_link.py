@@ -439,6 +439,17 @@ def test_no_route_for_multicast_says_how():
     assert done.stderr.count("\n") == 1
 
 
+def test_a_claim_that_fails_is_not_called_another_run():
+    # One descriptor is left for both axes.
+    words = ["sh", "-c", 'ulimit -n 4; exec "$0" "$@"', NODES / "axis_node", EXPERIMENT]
+    done = subprocess.run(
+        [*words, "--axes", "2", "--run-id", str(link.new_run_id())],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert done.stderr.endswith("to claim it as axis 2, Too many open files\n")
+
+
 def test_no_can_interface_says_how():
     words = [NODES / "axis_node", EXPERIMENT, "--link", "socketcan", "--link-can", "nocan0"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
