@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 
 #include "host/link/objects.hpp"
 #include "host/nodes/number_range.hpp"
@@ -13,7 +12,6 @@
 namespace forceaxis::nodes {
 namespace {
 
-constexpr char kDefaultUrl[] = "udpm://239.255.76.67:7667?ttl=0";
 constexpr int kMostNodes = 31;
 
 // "1,2" or "1-6".
@@ -120,10 +118,7 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
 }
 
 void finish_gateway_options(GatewayOptions &o) {
-  if (o.lcm_url.empty()) {
-    const char *const given = std::getenv("LCM_DEFAULT_URL");
-    o.lcm_url = given != nullptr && *given != 0 ? given : kDefaultUrl;
-  }
+  if (o.lcm_url.empty()) o.lcm_url = lcm_bus::default_url();
   // libmodbus listens everywhere when an address begins with 0, and checks none.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
