@@ -263,11 +263,6 @@ class Gateway {
   int status_ = 0;
 };
 
-int complain(const std::string &what, int status) {
-  std::cerr << "gateway: " << what << '\n';
-  return status;
-}
-
 }  // namespace
 
 int main(int argc, char **argv) {
@@ -287,10 +282,7 @@ int main(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    std::string what = error.what();
-    for (char &c : what) c = c == '\n' ? ' ' : c;
-    return complain(what + "; see --help", 2);
+    return refuse("gateway", app, error);
   }
   // Before LCM starts a thread of its own, which would take the signals.
   sigset_t set;
@@ -300,12 +292,8 @@ int main(int argc, char **argv) {
   sigprocmask(SIG_BLOCK, &set, nullptr);
   signal(SIGPIPE, SIG_IGN);
   const int signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
-  try {
+  return guarded("gateway", [&options, signals] {
     finish_gateway_options(options);
     return Gateway(options).run(signals);
-  } catch (const GatewayUsage &error) {
-    return complain(error.what(), 2);
-  } catch (const std::exception &error) {
-    return complain(error.what(), 1);
-  }
+  });
 }
