@@ -19,6 +19,7 @@ from pathlib import Path
 import lcm
 import pytest
 from forceaxis import _core, link, tables
+from forceaxis.lcm_bus import Bus, decode
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -399,6 +400,41 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
     assert told["stderr"] == (
         "axis_node: /dev/full: expected to be able to write the journal, it is not whole\n"
     )
+
+
+# --- for whoever looks on ------------------------------------------------------------------------
+
+
+def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
+    url = _core.lcm_url_of(link.new_run_id())
+    monkeypatch.setenv("LCM_DEFAULT_URL", url)
+    heard = []
+    bus = Bus(None, lambda name, data, _: heard.append((name, decode(name, data))), "SIM_.*")
+    common = ["--run-id", link.new_run_id(), "--set", SHORT]
+    axis = start("axis_node", *common)
+    plant = start("plant_node", *common, "--live")
+    report = end(plant)
+    assert report["status"] == 0 and end(axis)["status"] == 0
+    # Looking on changes nothing.
+    assert hashes(report) == [in_process(SHORT)]
+    ended = time.monotonic() + 10
+    while not (heard and getattr(heard[-1][1], "clock_state", 0) == 3) and time.monotonic() < ended:
+        time.sleep(0.02)
+    bus.close()
+    ticks = list(range(0, 1501, 150))
+    clocks = [message for name, message in heard if name == "SIM_CLOCK"]
+    truths = [message for name, message in heard if name == "SIM_TRUTH"]
+    assert [c.tick for c in clocks] == [*ticks, 1500]
+    assert [c.clock_state for c in clocks] == [1] * len(ticks) + [3]
+    assert [t.utime for t in truths] == [k * 2000 // 3 for k in ticks]
+    assert {t.axis for t in truths} == {1} and len({t.run_id for t in truths}) == 1
+    trace = _core.run(str(EXPERIMENT), [SHORT]).columns()
+    for name, unit in (("sensor.force", "N"), ("robot.position", "m")):
+        at = truths[0].signal.index(name)
+        assert truths[0].unit[at] == unit
+        assert [t.value[0][at] for t in truths] == [float(trace[name][k]) for k in ticks]
+    force = truths[0].signal.index("sensor.force")
+    assert max(t.value[0][force] for t in truths) > 1  # it is in contact, truly
 
 
 # --- runs do not meet ----------------------------------------------------------------------------
