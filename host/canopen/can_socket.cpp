@@ -62,6 +62,9 @@ CanSocket::CanSocket(const std::string &interface) : interface_(interface) {
     fail("expected an interface that is up; `ip link set " + interface + " up`");
   }
   const int on = 1;
+  // The kernel keeps back what receive() would only pass over, however much of it comes.
+  const can_filter data{0, CAN_EFF_FLAG | CAN_RTR_FLAG};
+  ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_FILTER, &data, sizeof data);
   const can_err_mask_t errors = CAN_ERR_MASK;
   ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors);
   ::setsockopt(fd_, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);

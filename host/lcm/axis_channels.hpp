@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "host/lcm/lcm_ends.hpp"
+
 namespace forceaxis::lcm_bus {
 
 constexpr std::int64_t kNotAvailable = axis_state_t::NOT_AVAILABLE;
@@ -21,8 +23,6 @@ constexpr std::int64_t kNotAvailable = axis_state_t::NOT_AVAILABLE;
 struct LcmError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
-
-std::int64_t wall_us();
 
 struct Item {
   std::string object;

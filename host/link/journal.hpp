@@ -37,6 +37,8 @@ class JournalWriter {
   JournalWriter(const JournalWriter &) = delete;
   JournalWriter &operator=(const JournalWriter &) = delete;
 
+  // Whether all that was flushed is in the file: on a full disk the run goes on, the journal ends.
+  bool good() const { return out_.good(); }
   // What the firmware is powered up with, its store included.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);

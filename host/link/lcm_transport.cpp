@@ -1,10 +1,6 @@
 #include "host/link/lcm_transport.hpp"
 
-#include <arpa/inet.h>
 #include <lcm/lcm.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -14,20 +10,15 @@
 #include <forceaxis/link_outputs_t.hpp>  // generated from host/lcm
 #include <type_traits>
 
+#include "host/lcm/lcm_ends.hpp"
+
 namespace forceaxis::host {
 namespace {
 
-constexpr char kGroup[] = "239.255.76.67";  // LCM's own
 constexpr std::int64_t kFirstPort = 20000, kPorts = 40000;
 constexpr int kTickRateHz = 1500;
 
 std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / kTickRateHz; }
-
-std::int64_t wall_microseconds() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 link_inputs_t message_of(const LinkInputs &in) {
   link_inputs_t m{};
@@ -66,24 +57,6 @@ std::string channel(bool inputs, int axis) {
   return "AXIS_" + std::to_string(axis) + (inputs ? "_LINK_INPUTS" : "_LINK_OUTPUTS");
 }
 
-// LCM itself would only print warnings, and lose every message.
-void expect_route(const std::string &url) {
-  if (!url.starts_with("udpm://")) return;
-  const int s = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(1);
-  inet_pton(AF_INET, kGroup, &address.sin_addr);
-  const bool there = connect(s, reinterpret_cast<sockaddr *>(&address), sizeof address) == 0;
-  close(s);
-  if (!there) {
-    throw TransportError(url +
-                         ": expected a route for multicast, there is none; give the loopback "
-                         "interface one: `ip link set lo up multicast on && ip route add "
-                         "224.0.0.0/4 dev lo`");
-  }
-}
-
 template <class Out, class In>
 class LcmTransport : public Transport<Out, In> {
   using OutMessage = decltype(message_of(Out{}));
@@ -92,7 +65,8 @@ class LcmTransport : public Transport<Out, In> {
 
  public:
   LcmTransport(const std::string &url, std::int64_t run_id) : url_(url), run_id_(run_id) {
-    expect_route(url);
+    const std::string missing = lcm_bus::missing_route(url);
+    if (!missing.empty()) throw TransportError(missing);
     lcm_.reset(lcm_create(url.c_str()));
     if (!lcm_) throw TransportError(url + ": expected an LCM URL such as " + lcm_url_of(run_id));
     for (int i = 0; i < kMostAxes; ++i) {
@@ -104,7 +78,7 @@ class LcmTransport : public Transport<Out, In> {
   }
 
   void send(std::span<const Out> records) override {
-    const std::int64_t now = wall_microseconds();
+    const std::int64_t now = lcm_bus::wall_us();
     for (const Out &record : records) {
       OutMessage m = message_of(record);
       m.utime = microseconds_at(record.tick);
@@ -167,7 +141,7 @@ class LcmTransport : public Transport<Out, In> {
 
 std::string lcm_url_of(std::int64_t run_id) {
   const std::int64_t port = kFirstPort + (run_id % kPorts + kPorts) % kPorts;
-  return std::string("udpm://") + kGroup + ":" + std::to_string(port) + "?ttl=0";
+  return std::string("udpm://") + lcm_bus::kGroup + ":" + std::to_string(port) + "?ttl=0";
 }
 
 std::unique_ptr<PlantTransport> lcm_plant_transport(const std::string &url, std::int64_t run_id) {

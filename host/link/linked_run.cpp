@@ -44,12 +44,14 @@ class Pacer {
       started_ = true;
       start_ns_ = now_ns();
     }
-    const std::int64_t due_ns = start_ns_ + tick * 2000000 / 3;
+    const std::int64_t due_ns = due_ns_ = start_ns_ + tick * 2000000 / 3;
     if (now_ns() > due_ns + 2000000 / 3) ++overruns;
     const timespec due{due_ns / 1000000000, due_ns % 1000000000};
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
     }
   }
+  // Since the time of the tick that was waited for last.
+  std::int64_t late_us() const { return started_ ? (now_ns() - due_ns_) / 1000 : 0; }
   std::int64_t overruns = 0;
 
  private:
@@ -59,7 +61,7 @@ class Pacer {
     return std::int64_t{now.tv_sec} * 1000000000 + now.tv_nsec;
   }
   bool started_ = false;
-  std::int64_t start_ns_ = 0;
+  std::int64_t start_ns_ = 0, due_ns_ = 0;
 };
 
 }  // namespace
@@ -106,7 +108,7 @@ LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t
 
 LinkedPlants::~LinkedPlants() = default;
 
-std::vector<RunResult> LinkedPlants::run(bool real_time) {
+std::vector<RunResult> LinkedPlants::run(bool real_time, const LinkWatch &watch) {
   Ends &ends = *ends_;
   Pacer pacer;
   Clock::time_point first_answer{};
@@ -125,6 +127,14 @@ std::vector<RunResult> LinkedPlants::run(bool real_time) {
     }
     if (n == 0) break;
     ends.exchange->exchange({inputs.data(), n}, {outputs.data(), n});
+    if (watch && tick % kTicksBetweenMoments == 0) {
+      LinkMoment moment{tick, std::nullopt, {}};
+      if (real_time) moment.late_us = pacer.late_us();
+      for (std::size_t i = 0; i < n; ++i) {
+        moment.axes.push_back({inputs[i].axis, &running[i]->plant()});
+      }
+      watch(moment);
+    }
     for (std::size_t i = 0; i < n; ++i) running[i]->act(outputs[i]);
     ends.report.ticks = tick + 1;
     ends.report.overruns = pacer.overruns;

@@ -1,7 +1,9 @@
 #pragma once
 // A run whose firmware is another process: the plant's end of it, for one or several axes.
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -10,6 +12,7 @@
 #include "host/link/inject.hpp"
 #include "host/link/run.hpp"
 #include "host/link/socketcan.hpp"
+#include "sim/hybrid/plant.hpp"
 
 namespace forceaxis::host {
 
@@ -33,6 +36,19 @@ struct LinkReport {
   std::int64_t overruns = 0;  // paced ticks that began more than a tick late
 };
 
+// Where a run is, for whoever looks on.
+struct LinkMoment {
+  struct Axis {
+    int number;
+    const sim::Plant *plant;
+  };
+  std::int64_t tick = 0;
+  std::optional<std::int64_t> late_us;  // behind the wall clock, where the run keeps to it
+  std::vector<Axis> axes;               // those that still run, at this tick
+};
+constexpr std::int64_t kTicksBetweenMoments = 150;  // a tenth of a second
+using LinkWatch = std::function<void(const LinkMoment &)>;
+
 // The plants of a run. Opened (and known to be possible) before somebody is told that it is ready.
 class LinkedPlants {
  public:
@@ -42,9 +58,10 @@ class LinkedPlants {
   ~LinkedPlants();
 
   // All ticks. `real_time`: a tick begins at its time on the wall clock and not earlier. The
-  // results' `refused` are empty, those are known to the other process. Throws what the run in
+  // results' `refused` are empty, those are known to the other process. `watch` is called every
+  // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. Throws what the run in
   // process throws, LinkSilent, TransportError. report() tells in either case.
-  std::vector<RunResult> run(bool real_time);
+  std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {});
 
   LinkReport report() const;
 

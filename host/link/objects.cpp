@@ -49,4 +49,11 @@ std::string enum_text(std::uint16_t object, std::int32_t value) {
   return found;
 }
 
+std::string_view value_name(std::uint16_t object, std::int32_t value) {
+  for (const axis_value_text_t &named : axis_value_texts) {
+    if (named.object == object && named.value == value) return named.text;
+  }
+  return {};
+}
+
 }  // namespace forceaxis::host

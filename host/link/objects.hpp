@@ -23,4 +23,7 @@ std::optional<std::int32_t> enum_value(std::uint16_t object, std::string_view te
 // Text of an enum's value, or the number itself.
 std::string enum_text(std::uint16_t object, std::int32_t value);
 
+// The table's name of a single raw value, of an object that is no enum; empty if it has none.
+std::string_view value_name(std::uint16_t object, std::int32_t value);
+
 }  // namespace forceaxis::host

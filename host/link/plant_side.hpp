@@ -25,6 +25,7 @@ class PlantSide {
   // Whether a tick is left; the controller is evaluated at both ends, ticks + 1 times.
   bool running() const { return tick_ <= experiment_->ticks; }
   std::int64_t tick() const { return tick_; }
+  const sim::Plant &plant() const { return plant_; }
 
   // What the sensors say in the coming tick, after the impulses due. Once a tick; stays until the
   // next.

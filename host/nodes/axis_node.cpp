@@ -3,6 +3,7 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -13,6 +14,7 @@
 #include <span>
 #include <sstream>
 #include <thread>
+#include <utility>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/store_file.h"
@@ -78,8 +80,8 @@ class Axis {
     config_.buses = options.buses();
     config_.modbus_baud = static_cast<std::uint32_t>(options.modbus_baud);
     if (!options.journal.empty()) {
-      journal_ =
-          std::make_unique<host::JournalWriter>(options.journal + suffix, experiment, overrides);
+      journal_file_ = options.journal + suffix;
+      journal_ = std::make_unique<host::JournalWriter>(journal_file_, experiment, overrides);
       journal_->power_up(config_);
     }
     host::FirmwareOptions firmware{.hash = true, .config = &config_};
@@ -111,6 +113,7 @@ class Axis {
     if (journal_ && ++unflushed_ == kTicksPerFlush) {
       unflushed_ = 0;
       journal_->flush();
+      tell_broken_journal();
     }
     return out;
   }
@@ -140,6 +143,7 @@ class Axis {
     }
     const std::string hash = firmware_->hash();
     if (journal_) journal_->end(coming(), hash);
+    tell_broken_journal();
     nodes::JsonObject o;
     o.add("axis", number_)
         .add("experiment", experiment_.file.string())
@@ -152,6 +156,7 @@ class Axis {
     return o.text();
   }
 
+  bool journal_broken() const { return journal_ && !journal_->good(); }
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
@@ -159,6 +164,13 @@ class Axis {
 
  private:
   axis_host_t *axis() { return firmware_->axis(); }
+
+  // Once: the axis goes on, it may be driving something.
+  void tell_broken_journal() {
+    if (!journal_broken() || std::exchange(told_broken_, true)) return;
+    std::cerr << "axis_node: " << journal_file_
+              << ": expected to be able to write the journal, it is not whole\n";
+  }
 
   void say(nodes::ModbusPort *modbus) {
     // Everything is taken from the firmware every tick, also what nobody listens to: that is what a
@@ -180,6 +192,8 @@ class Axis {
   const host::Experiment &experiment_;
   fw_config_t config_{};
   int unflushed_ = 0;
+  std::string journal_file_;
+  bool told_broken_ = false;
   std::unique_ptr<store_file_t, StoreCloser> store_;
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<nodes::CanPort> can_;
@@ -319,7 +333,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
       .raw("statistics", nodes::statistics_json(statistics, injected));
   if (!failure.empty()) o.add("error", failure);
   std::cout << o.text() << std::endl;
-  if (failure.empty()) return 0;
+  const bool broken =
+      std::ranges::any_of(axes, [](const auto &axis) { return axis->journal_broken(); });
+  if (failure.empty()) return broken ? 1 : 0;
   if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
   return stopped != 0 ? 128 + stopped : 1;
 }
@@ -363,8 +379,8 @@ int main(int argc, char **argv) {
       "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
       "Prints one line when ready and one JSON object at the end. If the plant falls silent, the\n"
       "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed\n"
-      "(plant_node silent), 2 wrong usage or input, 130 and 143 ended by SIGINT and SIGTERM,\n"
-      "journal and report written.");
+      "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended\n"
+      "by SIGINT and SIGTERM, journal and report written.");
   nodes::add_options(app, options);
   app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
   app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");

@@ -22,6 +22,8 @@ using namespace std::chrono_literals;
 constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
+// Taken from the bus at a time, so that a flood keeps neither SYNC and heartbeat nor LCM waiting.
+constexpr int kMostFrames = 256;
 // How long a gateway that starts listens for another one: longer than its heartbeat may be late.
 constexpr auto kClaim = 600ms;
 
@@ -49,8 +51,9 @@ class Gateway {
   Gateway(const Gateway &) = delete;
   Gateway &operator=(const Gateway &) = delete;
 
-  // Until a signal comes on this descriptor.
-  void run(int signals) {
+  // Until a signal comes on this descriptor, and the axes stand still or a second one comes. Gives
+  // the exit status.
+  int run(int signals) {
     loop_.watch(
         can_.fd(),
         [this] { return static_cast<short>(can_.waits_for_room() ? POLLIN | POLLOUT : POLLIN); },
@@ -59,13 +62,17 @@ class Gateway {
         signals, [] { return short{POLLIN}; },
         [this, signals](short) {
           signalfd_siginfo signal;
-          if (read(signals, &signal, sizeof signal) > 0 && !ending_) {
-            ending_ = true;
-            loop_.spawn(end());
+          if (read(signals, &signal, sizeof signal) <= 0) return;
+          if (ending_) {
+            status_ = 128 + static_cast<int>(signal.ssi_signo);
+            loop_.stop();
+          } else {
+            end();
           }
         });
     loop_.spawn(begin());
     loop_.run();
+    return status_;
   }
 
  private:
@@ -127,11 +134,17 @@ class Gateway {
               << std::endl;
   }
 
-  Task<void> end() {
-    if (claimed_) {
-      for (const auto &axis : axes_) co_await axis->node.shut_down();
-    }
-    loop_.stop();
+  // All axes at once: none goes on moving while another one is waited for.
+  void end() {
+    ending_ = true;
+    if (!claimed_) return loop_.stop();
+    unstopped_ = axes_.size();
+    for (const auto &axis : axes_) loop_.spawn(end(*axis));
+  }
+
+  Task<void> end(Axis &axis) {
+    co_await axis.node.shut_down();
+    if (--unstopped_ == 0) loop_.stop();
   }
 
   void send_heartbeat(std::uint8_t state) {
@@ -183,7 +196,9 @@ class Gateway {
 
   void serve_can() {
     if (can_.waits_for_room()) can_.flush();
-    while (const auto frame = can_.receive()) {
+    for (int n = 0; n < kMostFrames; ++n) {
+      const auto frame = can_.receive();
+      if (!frame) return;
       if (frame->id == kHeartbeat + static_cast<std::uint32_t>(options_.node_id)) {
         meet_other();
         continue;
@@ -244,12 +259,9 @@ class Gateway {
   std::map<std::uint64_t, int> sockets_;  // of Modbus clients
   std::string told_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
+  std::size_t unstopped_ = 0;  // axes, when ending
+  int status_ = 0;
 };
-
-int complain(const std::string &what, int status) {
-  std::cerr << "gateway: " << what << '\n';
-  return status;
-}
 
 }  // namespace
 
@@ -259,11 +271,10 @@ int main(int argc, char **argv) {
       "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes\n"
       "their state, events and captures over LCM and takes commands there, and serves Modbus TCP,\n"
       "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first. If it is "
-      "killed,\n"
-      "the axes miss its heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, "
-      "or\n"
-      "another gateway is there, 2 wrong usage.");
+      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first, for which a\n"
+      "second signal does not wait. If it is killed, the axes miss its heartbeat and are\n"
+      "disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another gateway is there, 2 wrong\n"
+      "usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
   add_gateway_options(app, options);
   app.footer(
       "Example:\n"
@@ -271,10 +282,7 @@ int main(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    std::string what = error.what();
-    for (char &c : what) c = c == '\n' ? ' ' : c;
-    return complain(what + "; see --help", 2);
+    return refuse("gateway", app, error);
   }
   // Before LCM starts a thread of its own, which would take the signals.
   sigset_t set;
@@ -284,13 +292,8 @@ int main(int argc, char **argv) {
   sigprocmask(SIG_BLOCK, &set, nullptr);
   signal(SIGPIPE, SIG_IGN);
   const int signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
-  try {
+  return guarded("gateway", [&options, signals] {
     finish_gateway_options(options);
-    Gateway(options).run(signals);
-    return 0;
-  } catch (const GatewayUsage &error) {
-    return complain(error.what(), 2);
-  } catch (const std::exception &error) {
-    return complain(error.what(), 1);
-  }
+    return Gateway(options).run(signals);
+  });
 }

@@ -30,6 +30,12 @@ std::string hex(unsigned value) {
   return text;
 }
 
+// Whether the client has given up. Its numbers may be any: the sum of the two could overflow.
+bool late(const axis_command_t &command) {
+  return command.wall_utime < 0 || command.timeout_us < 0 ||
+         lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
+}
+
 }  // namespace
 
 void GatewayCommands::say(Id id, const Answer &answer) {
@@ -44,7 +50,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
     return;
   }
   // What is late stays undone: the client has given up by now, and nothing is to move late.
-  if (lcm_bus::wall_us() > command.wall_utime + command.timeout_us) return;
+  if (late(command)) return;
   if (waiting_.size() >= kMostWaiting) return;  // the client asks again
   answers_[id] = {};
   order_.push_back(id);
@@ -59,7 +65,7 @@ Task<void> GatewayCommands::serve() {
   while (loop_.running()) {
     const axis_command_t command = co_await waiting_;
     const Id id{command.run_id, command.command_id};
-    if (lcm_bus::wall_us() > command.wall_utime + command.timeout_us) {
+    if (late(command)) {
       answers_.erase(id);
       std::erase(order_, id);
       continue;

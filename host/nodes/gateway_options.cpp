@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 
 #include "host/link/objects.hpp"
 #include "host/nodes/number_range.hpp"
@@ -13,13 +12,12 @@
 namespace forceaxis::nodes {
 namespace {
 
-constexpr char kDefaultUrl[] = "udpm://239.255.76.67:7667?ttl=0";
 constexpr int kMostNodes = 31;
 
 // "1,2" or "1-6".
 std::vector<int> axes_of(const std::string &text) {
   const auto fail = [&text] {
-    throw GatewayUsage("--axes " + text + ": expected numbers from 1 to 31 such as 1,2 or 1-6");
+    throw UsageError("--axes " + text + ": expected numbers from 1 to 31 such as 1,2 or 1-6");
   };
   std::vector<int> axes;
   const char *at = text.data();
@@ -51,7 +49,7 @@ std::vector<int> axes_of(const std::string &text) {
 // "NAME=VALUE" in engineering units or an enum's text.
 AxisSettings::Parameter parameter_of(const std::string &set, const std::string &assignment) {
   const auto fail = [&set](const std::string &what) {
-    throw GatewayUsage("--set " + set + ": " + what);
+    throw UsageError("--set " + set + ": " + what);
   };
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos) fail("expected NAME=VALUE or N:NAME=VALUE");
@@ -120,23 +118,20 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
 }
 
 void finish_gateway_options(GatewayOptions &o) {
-  if (o.lcm_url.empty()) {
-    const char *const given = std::getenv("LCM_DEFAULT_URL");
-    o.lcm_url = given != nullptr && *given != 0 ? given : kDefaultUrl;
-  }
+  if (o.lcm_url.empty()) o.lcm_url = lcm_bus::default_url();
   // libmodbus listens everywhere when an address begins with 0, and checks none.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
       (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {
-    throw GatewayUsage("--modbus-bind " + o.modbus_address +
-                       ": expected an IPv4 address such as 127.0.0.1, or 0.0.0.0");
+    throw UsageError("--modbus-bind " + o.modbus_address +
+                     ": expected an IPv4 address such as 127.0.0.1, or 0.0.0.0");
   }
   if (o.watch_ms == 0) o.watch_ms = 3 * o.heartbeat_ms;
   if (o.watch_ms <= o.heartbeat_ms) {
-    throw GatewayUsage("--watch-ms: expected more than one heartbeat, " +
-                       std::to_string(o.heartbeat_ms) + " ms");
+    throw UsageError("--watch-ms: expected more than one heartbeat, " +
+                     std::to_string(o.heartbeat_ms) + " ms");
   }
-  if (o.watch_ms > 65535) throw GatewayUsage("--heartbeat-ms: expected at most 21845");
+  if (o.watch_ms > 65535) throw UsageError("--heartbeat-ms: expected at most 21845");
   for (const int axis : axes_of(o.axes)) {
     AxisSettings s;
     s.number = axis;
@@ -159,7 +154,7 @@ void finish_gateway_options(GatewayOptions &o) {
       s.parameters.push_back(parameter);
       found = true;
     }
-    if (!found) throw GatewayUsage("--set " + set + ": expected an axis of --axes " + o.axes);
+    if (!found) throw UsageError("--set " + set + ": expected an axis of --axes " + o.axes);
   }
 }
 

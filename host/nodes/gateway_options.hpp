@@ -1,18 +1,13 @@
 #pragma once
 // The command line of the gateway.
 #include <CLI/CLI.hpp>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "host/nodes/gateway_axis.hpp"
+#include "host/nodes/program.hpp"
 
 namespace forceaxis::nodes {
-
-// What only the command line can get wrong: exit status 2.
-struct GatewayUsage : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
 
 struct GatewayOptions {
   std::string can = "vcan0";
@@ -32,7 +27,7 @@ struct GatewayOptions {
 };
 
 void add_gateway_options(CLI::App &app, GatewayOptions &options);
-// Throws GatewayUsage.
+// Throws UsageError.
 void finish_gateway_options(GatewayOptions &options);
 
 }  // namespace forceaxis::nodes

@@ -1,7 +1,13 @@
 #include "host/nodes/gateway_words.hpp"
 
+#include <algorithm>
 #include <cstdio>
-#include <map>
+
+#include "host/link/objects.hpp"
+
+extern "C" {
+#include "firmware/objects/generated/axis_objects.h"
+}
 
 namespace forceaxis::nodes {
 namespace {
@@ -24,6 +30,13 @@ std::string hex(unsigned long long value, int digits) {
   return text;
 }
 
+// What the table of objects calls a value, empty if it has no name for it.
+std::string name_in_words(std::uint16_t object, std::int32_t value) {
+  std::string text(host::value_name(object, value));
+  std::ranges::replace(text, '_', ' ');
+  return text;
+}
+
 }  // namespace
 
 std::string drive_state_text(std::int64_t statusword) {
@@ -34,26 +47,9 @@ std::string drive_state_text(std::int64_t statusword) {
 }
 
 std::string mode_text(std::int64_t mode) {
-  static const std::map<std::int64_t, const char *> texts = {
-      {0, "none"},
-      {1, "profile position"},
-      {3, "profile velocity"},
-      {4, "force"},
-      {6, "homing"},
-      {8, "cyclic position"},
-      {9, "cyclic velocity"},
-      {10, "cyclic force"},
-      {-1, "force counts"},
-      {-2, "open loop"},
-      {-3, "excitation"},
-      {-4, "native position"},
-      {-5, "guarded move"},
-      {-6, "stiffness"},
-      {-7, "damping"},
-      {-8, "impedance"},
-  };
-  const auto found = texts.find(mode);
-  return found == texts.end() ? "mode " + std::to_string(mode) : found->second;
+  const std::string text =
+      name_in_words(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY, static_cast<std::int32_t>(mode));
+  return text.empty() ? "mode " + std::to_string(mode) : text;
 }
 
 std::string nmt_text(std::int64_t state) {
@@ -74,31 +70,8 @@ std::string nmt_text(std::int64_t state) {
 }
 
 std::string emergency_text(std::uint16_t code) {
-  static const std::map<std::uint16_t, const char *> texts = {
-      {0x0000, "error reset"},
-      {0x2310, "current"},
-      {0x5530, "store"},
-      {0x6010, "watchdog"},
-      {0x6320, "parameter"},
-      {0x7305, "encoder"},
-      {0x7310, "speed"},
-      {0x8110, "CAN overrun"},
-      {0x8120, "CAN passive"},
-      {0x8130, "heartbeat lost"},
-      {0x8140, "CAN off"},
-      {0x8210, "PDO too short"},
-      {0x8220, "PDO too long"},
-      {0x8240, "SYNC length"},
-      {0x8250, "PDO late"},
-      {0x8611, "following error"},
-      {0x8612, "limit"},
-      {0xFF01, "contact lost"},
-      {0xFF02, "force sensor saturated"},
-      {0xFF03, "limit cycle"},
-      {0xFF04, "loop overrun"},
-  };
-  const auto found = texts.find(code);
-  return "EMCY " + hex(code, 4) + (found == texts.end() ? "" : std::string(" ") + found->second);
+  const std::string text = code == 0 ? "error reset" : name_in_words(AXIS_OBJ_ERROR_CODE, code);
+  return "EMCY " + hex(code, 4) + (text.empty() ? "" : " " + text);
 }
 
 std::string hash_text(std::int64_t hash) {

@@ -235,7 +235,9 @@ Task<std::uint8_t> ModbusAxis::enable(std::int64_t halt) {
 Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, const std::vector<bool> &bits) {
   if (first + bits.size() > AXIS_COIL_COUNT) co_return kExceptionAddress;
   const Coils coils(first, bits);
-  if (coils.one[AXIS_COIL_STORE] && coils.one[AXIS_COIL_RECORDER_TRIGGER]) {
+  // At most one part that may be refused for itself: nothing is done before another is refused.
+  if (coils.one[AXIS_COIL_STORE] &&
+      (coils.one[AXIS_COIL_RECORDER_TRIGGER] || coils.one[AXIS_COIL_ENABLE])) {
     co_return kExceptionValue;
   }
   std::int64_t state = 0, source = 0, word = 0;
@@ -307,6 +309,11 @@ Task<modbus::Answer> ModbusAxis::serve(modbus::Request &r, bool writes_allowed) 
       }
       break;
     case modbus::kReadWriteRegisters:
+      // What cannot be read is refused before anything is written.
+      if (entries_of(true, r.read_first, r.read_count).empty()) {
+        answer.exception = kExceptionAddress;
+        break;
+      }
       answer.exception = co_await write_words(r.first, r.words);
       if (answer.exception == 0) {
         answer.exception = co_await read_words(true, r.read_first, r.read_count, answer.words);

@@ -2,19 +2,14 @@
 // What axis_node and plant_node have in common: arguments, errors, reports.
 #include <CLI/CLI.hpp>
 #include <cstdint>
-#include <functional>
 #include <string>
 #include <vector>
 
 #include "host/link/linked_run.hpp"
 #include "host/nodes/json.hpp"
+#include "host/nodes/program.hpp"
 
 namespace forceaxis::nodes {
-
-// What only the command line can get wrong: exit status 2.
-struct UsageError : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
 
 struct NodeOptions {
   std::vector<std::string> files;  // experiments of the axes, from the first on
@@ -43,12 +38,5 @@ std::string axes_range(const NodeOptions &options);
 // Statistics of one end, injected faults included.
 std::string statistics_json(const host::LinkStatistics &statistics,
                             const host::InjectionCounts &injected);
-
-// Runs a program: what it throws becomes one line on standard error and an exit status, 2 for what
-// the user must change, 1 for a run that failed.
-int guarded(const char *name, const std::function<int()> &program);
-
-// CLI11's complaint as one line and status 2; its help with 0.
-int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error);
 
 }  // namespace forceaxis::nodes

@@ -1,8 +1,12 @@
 // plant_node: the plants of one or several axes, in lock-step with an axis_node.
 #include <unistd.h>
 
+#include <algorithm>
 #include <iostream>
+#include <optional>
 
+#include "host/lcm/lcm_ends.hpp"
+#include "host/nodes/live_plants.hpp"
 #include "host/nodes/node_options.hpp"
 
 namespace {
@@ -25,20 +29,25 @@ std::string axis_json(int axis, const host::Experiment &experiment, const host::
   return o.add("edge_margin", result.edge_margin).text();
 }
 
-int run(const nodes::NodeOptions &options, bool real_time) {
+int run(const nodes::NodeOptions &options, bool real_time, bool live) {
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
   host::LinkedPlants plants(experiments, static_cast<std::uint8_t>(options.first_axis),
                             {.trace = false, .audit = false}, options.link);
+  std::optional<nodes::LivePlants> shown;
+  if (live) shown.emplace(lcm_bus::default_url());
   std::cout << "plant_node ready pid " << getpid() << ", " << host::link_text(options.link)
             << ", axes " << nodes::axes_range(options) << std::endl;
   std::vector<host::RunResult> results;
   std::string failure;
   try {
-    results = plants.run(real_time);
+    host::LinkWatch watch;
+    if (shown) watch = [&shown](const host::LinkMoment &moment) { shown->show(moment); };
+    results = plants.run(real_time, watch);
   } catch (const host::LinkSilent &error) {
     failure = error.what();
   }
   const host::LinkReport report = plants.report();
+  if (shown) shown->end(std::max<std::int64_t>(report.ticks - 1, 0), failure);
   std::string axes;
   for (std::size_t i = 0; i < results.size(); ++i) {
     nodes::append(axes,
@@ -77,6 +86,10 @@ int main(int argc, char **argv) {
   app.add_option("--pace", pace, "fast, or real: 1500 ticks a second by the wall clock.")
       ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();
+  bool live = false;
+  app.add_flag("--live", live,
+               "Publish the clock and the plants' true signals ten times a simulated second, for "
+               "`forceaxis monitor` and logs, on LCM_DEFAULT_URL or else LCM's default.");
   app.get_option("EXPERIMENT")->required();
   app.footer(
       "Example:\n"
@@ -89,6 +102,6 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("plant_node", [&] {
     nodes::finish_options(options);
-    return run(options, pace == "real");
+    return run(options, pace == "real", live);
   });
 }

@@ -200,7 +200,6 @@ def refusals(axis):
         "read_only": ("0x6041", 1),
         "no_object": ("0x5000", 1),
         "type": ("0x2019", 70000),
-        "name": ("0x200A", 0x1FFFF),
     }
     found = {}
     for key, (name, value) in tried.items():
@@ -227,7 +226,7 @@ def refusals(axis):
     return found
 
 
-def repetitions(axis):
+def repetitions():
     """A command that is doubled, one that is late, one of another table."""
     heard = []
     bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
@@ -271,6 +270,10 @@ def repetitions(axis):
         bus._lcm.publish("AXIS_1_COMMAND", command.encode())
         time.sleep(0.5)
         found["late"] = [len(answers()), other.read("0x200E")]
+        # A client that waits for ever: the sum of the two is beyond 64 bits.
+        command.command_id, command.value, command.timeout_us = 5, [44], 2**63 - 1
+        bus.publish("AXIS_1_COMMAND", command)
+        found["patient"] = [[e.kind, list(e.value)] for e in until(answers) or []]
         return found
     finally:
         bus.close()
@@ -441,6 +444,16 @@ def map_refuses(modbus):
         read_address=gain, read_count=2, address=gain, values=[770], device_id=1
     )
     found["exchange"] = exchanged.registers
+    exchange = struct.pack(">BHHHHBH", 23, 0x0300, 1, gain, 1, 2, 771)
+    found["exchange_hole"] = [wire.ask(1, exchange).hex(), registers(modbus, gain, 1)]
+    # Enable, no fault reset, no halt, store.
+    store = BY_NAME["store_state"].modbus
+    was = registers(modbus, store, 1, "input")
+    found["enable_and_store"] = [
+        wire.ask(1, struct.pack(">BHHBB", 15, 0, 4, 1, 0b1001)).hex(),
+        modbus.read_coils(0, count=1, device_id=1).bits[0],
+        registers(modbus, store, 1, "input") == was,
+    ]
     # Words of 32 bits the other way round.
     order = BY_NAME["modbus_word_order"].modbus
     where = BY_NAME["target_velocity"].modbus
@@ -480,14 +493,12 @@ def streams():
 
 
 def second_gateway():
-    started = time.monotonic()
     second = gateway(ready=False, port=1599)
-    status, seconds = second.wait(5), time.monotonic() - started
+    status = second.wait(5)
     third = gateway("--node-id", "126", ready=False)
     return {
         "status": status,
         "said": second.said(),
-        "seconds": seconds,
         "port": [third.wait(5), third.said()],
     }
 
@@ -514,10 +525,8 @@ def killed(process, can, axis):
     listener.join()
     beats = [t for t, identifier, _ in frames if identifier == 0x77F]
     emergencies = [(t, d.hex()) for t, i, d in frames if i == 0x081 and d[:2] == b"\x30\x81"]
-    words = [d[0] | d[1] << 8 for _, i, d in frames if i == 0x181]
     found["silence_ms"] = 1000 * (emergencies[0][0] - beats[-1]) if beats and emergencies else None
     found["emergencies"] = len(emergencies)
-    found["last_statusword"] = words[-1] if words else None
     again = gateway()
     state = until(lambda: operational(axis), 8)
     found["fault"] = BY_NAME["fault"].enum[state.fault] if state else None
@@ -622,6 +631,79 @@ def other_table():
     return found
 
 
+class Driven(threading.Thread):
+    """A node with this object table that is in operation. By quick stop it stops when every one of
+    `together` was told to; never, if `stops` is false."""
+
+    def __init__(self, node, stops=True):
+        super().__init__(daemon=True)
+        self.node, self.stops, self.together = node, stops, [self]
+        self.can, self.end = Can(), threading.Event()
+        self.told, self.started = threading.Event(), threading.Event()
+        self.unwatched = False
+        self.values = {(o.index, o.sub): o.default for o in objects.OBJECTS}
+        state = BY_NAME["drive_state"]
+        self.state, self.states = (state.index, state.sub), state.enum
+        self.values[0x2300, 0] = TABLE_HASH
+        self.sizes = {(o.index, o.sub): int(o.type[1:]) // 8 for o in objects.OBJECTS}
+
+    def value(self, where):
+        if where != self.state:
+            return self.values.get(where, 0)
+        stopped = self.stops and all(other.told.is_set() for other in self.together)
+        return self.states.index("switch_on_disabled" if stopped else "operation_enabled")
+
+    def run(self):
+        beat = 0.0
+        while not self.end.is_set():
+            if time.monotonic() >= beat:
+                self.can.send(0x700 + self.node, b"\x05")
+                beat = time.monotonic() + 0.05
+            frame = self.can.receive(0.05)
+            if frame and frame[0] == 0 and frame[1] == bytes([1, self.node]):
+                self.started.set()
+            if frame and frame[0] == 0x600 + self.node and frame[1][0] != 0x80:
+                self.answer(frame[1])
+
+    def answer(self, request):
+        where = struct.unpack("<HB", request[1:4])
+        if request[0] >> 5 == 2:
+            size = self.sizes.get(where, 1)
+            value = self.value(where) % (1 << 8 * size)
+            answer = struct.pack("<BHBI", 0x43 | (4 - size) << 2, *where, value)
+        else:
+            self.values[where] = struct.unpack("<I", request[4:])[0]
+            answer = struct.pack("<BHBI", 0x60, *where, 0)
+            if where == (0x6040, 0) and self.values[where] == 2:
+                self.told.set()
+            if where[0] == 0x1016 and self.values[where] == 0:
+                self.unwatched = True
+        self.can.send(0x580 + self.node, answer)
+
+
+def two_axes_end():
+    """Two axes are stopped together, and a second signal waits for none."""
+    found = {}
+    for name, stops in (("together", True), ("at_once", False)):
+        nodes = [Driven(2, stops), Driven(3, stops)]
+        for node in nodes:
+            node.together = nodes
+            node.start()
+        process = gateway("--axes", "2,3")
+        assert all(node.started.wait(10) for node in nodes), process.said()
+        time.sleep(0.3)  # the set-up ends with the start
+        process.terminate()
+        told = [node.told.wait(5) for node in nodes]
+        if not stops:
+            process.terminate()
+        status = process.wait(10)
+        found[name] = [told, [node.unwatched for node in nodes], status]
+        for node in nodes:
+            node.end.set()
+            node.join()
+    return found
+
+
 def main():
     results = {}
 
@@ -646,7 +728,7 @@ def main():
             keep("states", states, axis)
             keep("lock", lock, axis, modbus)
             keep("refusals", refusals, axis)
-            keep("repetitions", repetitions, axis)
+            keep("repetitions", repetitions)
             keep("events", events, axis)
             keep("faulted", faulted, axis)
             keep("captures", captures, axis)
@@ -668,6 +750,7 @@ def main():
             process.terminate()
             process.wait(5)
     keep("other_table", other_table)
+    keep("two_axes_end", two_axes_end)
     print(json.dumps(results))
 
 

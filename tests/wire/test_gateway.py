@@ -104,6 +104,7 @@ def test_commands_that_are_doubled_late_or_of_another_table(of):
     assert "12345678" in text and objects.OBJECTS_HASH[:8] in text
     assert got["by_address"] == [[DONE, [22]]]
     assert got["late"] == [0, 22]
+    assert got["patient"] == [[DONE, [44]]]
 
 
 def test_what_the_axis_does_of_itself_becomes_events(of):
@@ -118,7 +119,7 @@ def test_what_the_axis_does_of_itself_becomes_events(of):
     )
     assert said[4, overspeed] == "fault overspeed"
     assert said[4, 0] == "fault cleared"
-    assert said[3, 0x7310] == "EMCY 7310h speed"
+    assert said[3, 0x7310] == "EMCY 7310h overspeed"
     # Generic error, and the fault in the first manufacturer byte.
     assert got["emcy"][0]["error_register"] & 1
     assert got["emcy"][0]["manufacturer"] & 0xFF == overspeed
@@ -161,6 +162,7 @@ def test_modbus_exceptions_and_writes_that_are_all_or_none(of):
     assert got["all_or_none"] == [3, True]
     assert got["mask"] == [False, True]
     assert got["exchange"][0] == 770
+    assert got["exchange_hole"] == ["9702", [770]]  # refused before it is written
     assert got["low_first"] == [0xFF00, 0xFFFF]
 
 
@@ -173,6 +175,8 @@ def test_modbus_coils_drive_the_state_machine(of):
     # latency_ticks is not written while enabled; output_limit before it is as it was.
     assert got["state"] == 4 and got["taken_back"]
     assert got["disabled"] is False
+    # One request asks for either; both are refused before anything is done.
+    assert got["enable_and_store"] == ["8f03", False, True]
 
 
 def test_modbus_streams(of):
@@ -245,6 +249,14 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
     assert got["modbus"] == "8604"
     assert got["downloads"] == 0 and got["starts"] == 0
     assert got["status"] == 0
+
+
+def test_a_gateway_that_is_ended_stops_all_axes_together(of):
+    got = of("two_axes_end")
+    # Each is told to stop, is seen to, and no longer watches for this gateway.
+    assert got["together"] == [[True, True], [True, True], 0]
+    # Of axes that do not stop a second signal waits for none: they are to miss the gateway.
+    assert got["at_once"] == [[True, True], [False, False], 143]
 
 
 # --- without CAN ---------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from pathlib import Path
 import lcm
 import pytest
 from forceaxis import _core, link, tables
+from forceaxis.lcm_bus import Bus, decode
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -389,6 +390,53 @@ def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
     assert summary["trace_hash"] == hashes(told)[0]
 
 
+def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
+    common = ["--run-id", link.new_run_id(), "--set", SHORT]
+    axis = start("axis_node", *common, "--journal", "/dev/full")
+    plant = start("plant_node", *common)
+    assert end(plant)["status"] == 0
+    told = end(axis)
+    assert told["status"] == 1 and hashes(told) == [in_process(SHORT)]
+    assert told["stderr"] == (
+        "axis_node: /dev/full: expected to be able to write the journal, it is not whole\n"
+    )
+
+
+# --- for whoever looks on ------------------------------------------------------------------------
+
+
+def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
+    url = _core.lcm_url_of(link.new_run_id())
+    monkeypatch.setenv("LCM_DEFAULT_URL", url)
+    heard = []
+    bus = Bus(None, lambda name, data, _: heard.append((name, decode(name, data))), "SIM_.*")
+    common = ["--run-id", link.new_run_id(), "--set", SHORT]
+    axis = start("axis_node", *common)
+    plant = start("plant_node", *common, "--live")
+    report = end(plant)
+    assert report["status"] == 0 and end(axis)["status"] == 0
+    # Looking on changes nothing.
+    assert hashes(report) == [in_process(SHORT)]
+    ended = time.monotonic() + 10
+    while not (heard and getattr(heard[-1][1], "clock_state", 0) == 3) and time.monotonic() < ended:
+        time.sleep(0.02)
+    bus.close()
+    ticks = list(range(0, 1501, 150))
+    clocks = [message for name, message in heard if name == "SIM_CLOCK"]
+    truths = [message for name, message in heard if name == "SIM_TRUTH"]
+    assert [c.tick for c in clocks] == [*ticks, 1500]
+    assert [c.clock_state for c in clocks] == [1] * len(ticks) + [3]
+    assert [t.utime for t in truths] == [k * 2000 // 3 for k in ticks]
+    assert {t.axis for t in truths} == {1} and len({t.run_id for t in truths}) == 1
+    trace = _core.run(str(EXPERIMENT), [SHORT]).columns()
+    for name, unit in (("sensor.force", "N"), ("robot.position", "m")):
+        at = truths[0].signal.index(name)
+        assert truths[0].unit[at] == unit
+        assert [t.value[0][at] for t in truths] == [float(trace[name][k]) for k in ticks]
+    force = truths[0].signal.index("sensor.force")
+    assert max(t.value[0][force] for t in truths) > 1  # it is in contact, truly
+
+
 # --- runs do not meet ----------------------------------------------------------------------------
 
 
@@ -425,6 +473,17 @@ def test_no_route_for_multicast_says_how():
     assert done.returncode == 1
     assert "ip route add 224.0.0.0/4 dev lo" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_claim_that_fails_is_not_called_another_run():
+    # One descriptor is left for both axes.
+    words = ["sh", "-c", 'ulimit -n 4; exec "$0" "$@"', NODES / "axis_node", EXPERIMENT]
+    done = subprocess.run(
+        [*words, "--axes", "2", "--run-id", str(link.new_run_id())],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert done.stderr.endswith("to claim it as axis 2, Too many open files\n")
 
 
 def test_no_can_interface_says_how():

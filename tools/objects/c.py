@@ -245,6 +245,19 @@ def generate_meta(table):
             f'"{",".join(o["enum"])}", 0x{index:04X}, {sub}, {register(o, i)}, '
             f"{int(o['stored'])}}},\n"
         )
+    named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
+    out.append(
+        "};\n\n"
+        "/* Names of single raw values, of objects that are no enum. */\n"
+        "typedef struct {\n"
+        "  uint16_t object;\n"
+        "  int32_t value;\n"
+        "  const char *text; /* snake case */\n"
+        "} axis_value_text_t;\n\n"
+        f"#define AXIS_VALUE_TEXTS_COUNT {len(named)}\n"
+        "static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {\n"
+    )
+    out.extend(f'    {{{number}, {value}, "{text}"}},\n' for number, value, text in named)
     out.append("};\n\n#endif\n")
     return "".join(out)
 

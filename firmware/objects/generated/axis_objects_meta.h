@@ -590,4 +590,74 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0},
 };
 
+/* Names of single raw values, of objects that are no enum. */
+typedef struct {
+  uint16_t object;
+  int32_t value;
+  const char *text; /* snake case */
+} axis_value_text_t;
+
+#define AXIS_VALUE_TEXTS_COUNT 59
+static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
+    {68, 0, "none"},
+    {68, 21808, "store_failed"},
+    {68, 24592, "source_lost"},
+    {68, 25376, "parameter_refused"},
+    {68, 29440, "adc_range"},
+    {68, 29445, "sensor_invalid"},
+    {68, 29456, "overspeed"},
+    {68, 33040, "can_overrun"},
+    {68, 33056, "can_passive"},
+    {68, 33072, "heartbeat_lost"},
+    {68, 33088, "can_off"},
+    {68, 33296, "pdo_short"},
+    {68, 33312, "pdo_long"},
+    {68, 33344, "sync_length"},
+    {68, 33360, "pdo_timeout"},
+    {68, 34321, "following_error"},
+    {68, 34322, "limit_switches"},
+    {68, 65281, "contact_lost"},
+    {68, 65282, "force_saturated"},
+    {68, 65283, "limit_cycle"},
+    {68, 65284, "overrun"},
+    {68, 65285, "enable_lost"},
+    {68, 65286, "force_max"},
+    {69, -8, "impedance"},
+    {69, -7, "damping"},
+    {69, -6, "stiffness"},
+    {69, -5, "guarded_move"},
+    {69, -4, "native_position"},
+    {69, -3, "excitation"},
+    {69, -2, "open_loop"},
+    {69, -1, "force_counts"},
+    {69, 0, "none"},
+    {69, 1, "profile_position"},
+    {69, 3, "profile_velocity"},
+    {69, 4, "force"},
+    {69, 6, "homing"},
+    {69, 8, "cyclic_position"},
+    {69, 9, "cyclic_velocity"},
+    {69, 10, "cyclic_force"},
+    {70, -8, "impedance"},
+    {70, -7, "damping"},
+    {70, -6, "stiffness"},
+    {70, -5, "guarded_move"},
+    {70, -4, "native_position"},
+    {70, -3, "excitation"},
+    {70, -2, "open_loop"},
+    {70, -1, "force_counts"},
+    {70, 0, "none"},
+    {70, 1, "profile_position"},
+    {70, 3, "profile_velocity"},
+    {70, 4, "force"},
+    {70, 6, "homing"},
+    {70, 8, "cyclic_position"},
+    {70, 9, "cyclic_velocity"},
+    {70, 10, "cyclic_force"},
+    {276, 0, "initialising"},
+    {276, 4, "stopped"},
+    {276, 5, "operational"},
+    {276, 127, "pre_operational"},
+};
+
 #endif

@@ -12,7 +12,7 @@ AXIS_<n>_STATE    axis_state_t    gateway, at a steady rate (20 to 50 a second)
 AXIS_<n>_COMMAND  axis_command_t  clients; the gateway of that axis listens
 AXIS_<n>_EVENT    axis_event_t    gateway, as things happen
 AXIS_<n>_CAPTURE  axis_capture_t  gateway, the recorder's samples in blocks
-SIM_CLOCK         sim_clock_t     simulator, 5 to 20 a second
+SIM_CLOCK         sim_clock_t     simulator, 10 per second of simulated time, and at its end
 SIM_TRUTH         sim_truth_t     simulator, blocks of what no sensor of the axis sees
 
 Rules:
@@ -115,7 +115,7 @@ class axis_state_t(object):
 
         self.controlword = 0
         """
-        6040h, u16, as last sent by the gateway
+        6040h, u16, as read back from the axis
         LCM Type: int64_t
         """
 
@@ -265,7 +265,7 @@ class axis_state_t(object):
 
         self.num_more = 0
         """
-        further objects, as a gateway is configured to poll them
+        further objects; this project's gateway gives none
         LCM Type: int32_t
         """
 

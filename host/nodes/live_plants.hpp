@@ -1,0 +1,29 @@
+#pragma once
+// Plants for whoever watches: SIM_CLOCK and SIM_TRUTH of a linked run.
+#include <chrono>
+#include <optional>
+
+#include "host/lcm/sim_channels.hpp"
+#include "host/link/linked_run.hpp"
+
+namespace forceaxis::nodes {
+
+class LivePlants {
+ public:
+  explicit LivePlants(const std::string &url) : lcm_(url) {}
+
+  void show(const host::LinkMoment &moment);
+  // `why`: empty if the run came to its end.
+  void end(std::int64_t tick, const std::string &why);
+
+ private:
+  struct Before {
+    std::int64_t tick;
+    std::chrono::steady_clock::time_point at;
+  };
+
+  lcm_bus::SimChannels lcm_;
+  std::optional<Before> before_;
+};
+
+}  // namespace forceaxis::nodes
