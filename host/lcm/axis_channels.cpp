@@ -1,31 +1,20 @@
 #include "host/lcm/axis_channels.hpp"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <chrono>
 #include <random>
+
+#include "host/lcm/url.hpp"
 
 namespace forceaxis::lcm_bus {
 namespace {
 
-// LCM itself would only print warnings, and lose every message.
-std::string with_route(const std::string &url) {
-  if (!url.starts_with("udpm://")) return url;
-  const int s = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(1);
-  ::inet_pton(AF_INET, "239.255.76.67", &address.sin_addr);
-  const bool there = ::connect(s, reinterpret_cast<sockaddr *>(&address), sizeof address) == 0;
-  ::close(s);
-  if (there) return url;
-  throw LcmError(
-      url +
-      ": expected a route for multicast, there is none; give the loopback interface one: "
-      "`ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo`");
+// The URL, if it and the machine are such that messages arrive.
+std::string usable(const std::string &url) {
+  const std::string wrong = url_trouble(url);
+  if (!wrong.empty()) throw LcmError(wrong);
+  const std::string route = route_trouble();
+  if (!route.empty()) throw LcmError(url + ": " + route);
+  return url;
 }
 
 }  // namespace
@@ -36,10 +25,8 @@ std::int64_t wall_us() {
       .count();
 }
 
-AxisChannels::AxisChannels(const std::string &url) : lcm_(with_route(url)) {
-  if (!lcm_.good()) {
-    throw LcmError(url + ": expected an LCM URL such as udpm://239.255.76.67:7667?ttl=0");
-  }
+AxisChannels::AxisChannels(const std::string &url) : lcm_(usable(url)) {
+  if (!lcm_.good()) throw LcmError(url + ": expected a bus that LCM can join");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }

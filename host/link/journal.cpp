@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <optional>
@@ -164,30 +165,64 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
   return std::nullopt;
 }
 
-}  // namespace
+constexpr char kJournalOption[] = "--journal";
 
-JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
-                             std::span<const std::string> overrides)
-    : lock_(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)) {
-  const auto lock_fails = [this, &file](const std::string &what) {
-    close(lock_);
-    return std::runtime_error(file.string() + ": " + what);
+sim::InputError not_writable(const std::filesystem::path &file, const char *option, int error) {
+  return {file.string(), option,
+          std::string("expected a file that can be written, ") + std::strerror(error)};
+}
+
+// The open file, locked, or closed and a sim::InputError.
+int lock_journal(int opened, const std::filesystem::path &file) {
+  const auto fail = [opened, &file](const char *what) {
+    close(opened);
+    throw sim::InputError(file.string(), kJournalOption, what);
   };
-  if (lock_ < 0) throw std::runtime_error(file.string() + ": expected to be able to write here");
-  if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
-    throw lock_fails("expected a file of its own, another process writes its journal here");
+  if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
+    fail("expected a file of its own, another process writes its journal here");
   }
   struct stat is {};
   std::string title(sizeof kTitle - 1, '\0');
-  if (fstat(lock_, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
-      (pread(lock_, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
+  if (fstat(opened, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
+      (pread(opened, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
        title != kTitle)) {
-    close(lock_);
-    throw sim::InputError(file.string(), "--journal",
-                          "expected a new file or an old journal, not to lose what is here");
+    fail("expected a new file or an old journal, not to lose what is here");
   }
+  return opened;
+}
+
+}  // namespace
+
+void expect_writable(const std::filesystem::path &file, const char *option) {
+  int wrong = 0;
+  std::error_code unknown;
+  if (std::filesystem::is_directory(file, unknown)) {
+    wrong = EISDIR;
+  } else if (access(file.c_str(), F_OK) == 0) {
+    if (access(file.c_str(), R_OK | W_OK) != 0) wrong = errno;
+  } else {
+    const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
+    if (access(folder.c_str(), W_OK | X_OK) != 0) wrong = errno;
+  }
+  if (wrong != 0) throw not_writable(file, option, wrong);
+}
+
+void expect_journal(const std::filesystem::path &file) {
+  expect_writable(file, kJournalOption);
+  const int old = open(file.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  if (old >= 0) close(lock_journal(old, file));
+}
+
+JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
+                             std::span<const std::string> overrides) {
+  const int opened = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (opened < 0) throw not_writable(file, kJournalOption, errno);
+  lock_ = lock_journal(opened, file);
   out_.open(file, std::ios::trunc);
-  if (!out_) throw lock_fails("expected to be able to write here");
+  if (!out_) {
+    close(lock_);
+    throw not_writable(file, kJournalOption, errno);
+  }
   out_ << kTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';

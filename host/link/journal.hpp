@@ -29,8 +29,8 @@ namespace forceaxis::host {
 
 class JournalWriter {
  public:
-  // Creates the file or replaces a journal. Throws sim::InputError if it is something else, else
-  // std::runtime_error naming it: it cannot be written, or another process writes it.
+  // Creates the file or replaces a journal. Throws sim::InputError: it is something else, it cannot
+  // be written, or another process writes it.
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();
@@ -52,6 +52,12 @@ class JournalWriter {
   int lock_;
   std::ofstream out_;
 };
+
+// Throws what a JournalWriter of the file would, and leaves everything as it is.
+void expect_journal(const std::filesystem::path &file);
+
+// Throws sim::InputError unless a file can be written here, that one or a new one in its folder.
+void expect_writable(const std::filesystem::path &file, const char *option);
 
 struct Journal {
   struct Entry {

@@ -1,10 +1,6 @@
 #include "host/link/lcm_transport.hpp"
 
-#include <arpa/inet.h>
 #include <lcm/lcm.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +9,8 @@
 #include <forceaxis/link_inputs_t.hpp>   // generated from host/lcm
 #include <forceaxis/link_outputs_t.hpp>  // generated from host/lcm
 #include <type_traits>
+
+#include "host/lcm/url.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -66,22 +64,13 @@ std::string channel(bool inputs, int axis) {
   return "AXIS_" + std::to_string(axis) + (inputs ? "_LINK_INPUTS" : "_LINK_OUTPUTS");
 }
 
-// LCM itself would only print warnings, and lose every message.
-void expect_route(const std::string &url) {
-  if (!url.starts_with("udpm://")) return;
-  const int s = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(1);
-  inet_pton(AF_INET, kGroup, &address.sin_addr);
-  const bool there = connect(s, reinterpret_cast<sockaddr *>(&address), sizeof address) == 0;
-  close(s);
-  if (!there) {
-    throw TransportError(url +
-                         ": expected a route for multicast, there is none; give the loopback "
-                         "interface one: `ip link set lo up multicast on && ip route add "
-                         "224.0.0.0/4 dev lo`");
-  }
+// The URL, if it and the machine are such that messages arrive.
+const std::string &usable(const std::string &url) {
+  const std::string wrong = lcm_bus::url_trouble(url);
+  if (!wrong.empty()) throw TransportError(wrong);
+  const std::string route = lcm_bus::route_trouble();
+  if (!route.empty()) throw TransportError(url + ": " + route);
+  return url;
 }
 
 template <class Out, class In>
@@ -91,10 +80,9 @@ class LcmTransport : public Transport<Out, In> {
   static constexpr bool kPlant = std::is_same_v<Out, LinkInputs>;
 
  public:
-  LcmTransport(const std::string &url, std::int64_t run_id) : url_(url), run_id_(run_id) {
-    expect_route(url);
+  LcmTransport(const std::string &url, std::int64_t run_id) : url_(usable(url)), run_id_(run_id) {
     lcm_.reset(lcm_create(url.c_str()));
-    if (!lcm_) throw TransportError(url + ": expected an LCM URL such as " + lcm_url_of(run_id));
+    if (!lcm_) throw TransportError(url + ": expected a bus that LCM can join");
     for (int i = 0; i < kMostAxes; ++i) {
       Ear &ear = ears_[static_cast<std::size_t>(i)];
       ear = {this, static_cast<std::uint8_t>(i + 1)};

@@ -56,6 +56,24 @@ struct StoreCloser {
   }
 };
 
+std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
+  auto opened = std::make_unique<store_file_t>();
+  if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
+    throw sim::InputError(file, "--store", wrong);
+  }
+  return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
+}
+
+// What --store and --journal name can be used, seen before anything is opened for good: a run that
+// cannot begin leaves no file behind and none changed.
+void expect_files(const AxisOptions &options, const std::string &suffix) {
+  if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
+  if (options.store.empty()) return;
+  const std::string file = options.store + suffix;
+  host::expect_writable(file, "--store");
+  if (access(file.c_str(), F_OK) == 0) open_store(file);
+}
+
 // One axis of this node: its firmware, what that is attached to, and its journal.
 class Axis {
  public:
@@ -65,12 +83,7 @@ class Axis {
     // Files last: who finds the bus taken leaves them alone.
     if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     if (!options.store.empty()) {
-      const std::string file = options.store + suffix;
-      auto opened = std::make_unique<store_file_t>();
-      if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
-        throw std::runtime_error(file + ": " + wrong);
-      }
-      store_.reset(opened.release());
+      store_ = open_store(options.store + suffix);
       config_.memory = &store_->memory;
     }
     config_.hardware = "host";
@@ -240,6 +253,12 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     claims.push_back(host::claim_axis(options.link, options.first_axis + static_cast<int>(i)));
   }
+  const auto suffix = [&experiments](int number) {
+    return experiments.size() > 1 ? "." + std::to_string(number) : std::string();
+  };
+  for (std::size_t i = 0; i < experiments.size(); ++i) {
+    expect_files(own, suffix(options.first_axis + static_cast<int>(i)));
+  }
   std::unique_ptr<nodes::ModbusPort> modbus;
   if (!own.modbus.empty()) {
     modbus = std::make_unique<nodes::ModbusPort>(own.modbus, own.modbus_baud);
@@ -248,9 +267,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   const auto transport = host::open_axis_transport(options.link, injected);
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(
-        std::make_unique<Axis>(number, experiments[i], nodes::overrides_of(options, number), own,
-                               experiments.size() > 1 ? "." + std::to_string(number) : ""));
+    axes.push_back(std::make_unique<Axis>(
+        number, experiments[i], nodes::overrides_of(options, number), own, suffix(number)));
     numbers.push_back(static_cast<std::uint8_t>(number));
     last_ticks.push_back(experiments[i].ticks);
   }

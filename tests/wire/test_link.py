@@ -460,6 +460,75 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
     assert word in done.stderr
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "nonsense",
+        "pigeon://1",
+        "tcpq://localhost:1",  # with which liblcm ends the process
+        "udpm://nohost:7667",
+        "udpm://10.0.0.1:7667",  # no multicast
+        "udpm://239.255.76.67:99999",
+        "udpm://239.255.76.67:7667?ttl=x",
+        "udpm://239.255.76.67:7667?tll=0",
+    ],
+)
+def test_a_bad_lcm_url_is_one_line_and_status_2(url):
+    programs = (
+        ("axis_node", [EXPERIMENT, "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        ("plant_node", [EXPERIMENT, "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        # Also where there is no CAN: nothing is opened before.
+        ("gateway", ["--can", "nocan0", "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        ("gateway", [], {"LCM_DEFAULT_URL": url}, f"LCM_DEFAULT_URL {url}: "),
+    )
+    for name, args, more, said in programs:
+        done = subprocess.run(
+            [NODES / name, *args], env=os.environ | more, capture_output=True, text=True,
+            timeout=20, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == (
+            f"{name}: {said}expected an LCM URL such as udpm://239.255.76.67:7667?ttl=0\n"
+        )
+
+
+def test_a_bad_lcm_url_of_a_run_is_one_line_and_status_2():
+    done = forceaxis("run", EXPERIMENT, "--link", "lcm", "--lcm-url", "pigeon://1", status=2)
+    assert "pigeon://1: expected an LCM URL" in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--store", "--journal"])
+@pytest.mark.parametrize(
+    ("axes", "file"),
+    [
+        *((1, file) for file in ("nowhere/a", "folder", "locked/a", "text", "text/a")),
+        # Of two axes the first one's could be had; nothing is left of it.
+        *((2, file) for file in ("folder/a", "text")),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_one_line_and_status_2(tmp_path, option, axes, file):
+    (tmp_path / "folder" / "a.2").mkdir(parents=True)
+    (tmp_path / "locked").mkdir(mode=0o555)
+    texts = [tmp_path / "text", tmp_path / "text.2"]
+    for text in texts:
+        text.write_text("precious\n")
+    before = sorted(tmp_path.rglob("*"))
+    # Root may write everywhere, but for what that right is taken from.
+    bound = ["setpriv", "--bounding-set=-dac_override"] if os.geteuid() == 0 else []
+    other = "--journal" if option == "--store" else "--store"
+    done = subprocess.run(
+        [*bound, NODES / "axis_node", EXPERIMENT, "--axes", str(axes),
+         "--run-id", str(link.new_run_id()), "--start-timeout", "0.3",
+         option, tmp_path / file, other, tmp_path / "other"],
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"axis_node: {tmp_path / file}")
+    assert f": {option}: expected " in done.stderr and done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    assert [text.read_text() for text in texts] == ["precious\n"] * 2
+
+
 @pytest.mark.parametrize("name", ["axis_node", "plant_node"])
 def test_help_has_an_example(name):
     done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)
