@@ -129,7 +129,7 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     const auto object = find_object(line.word("an object"));
     if (!object) line.fail("the name of a firmware object");
     const auto raw = line.number<std::int32_t>("a raw value", INT32_MIN, INT32_MAX);
-    return Journal::Entry{tick, [o = *object, raw](axis_host_t *a) { axis_host_write(a, o, raw); }};
+    return Journal::Entry{tick, ObjectWrite{*object, raw}};
   }
   if (kind == "can") {
     const std::int64_t tick = line.tick();
@@ -143,27 +143,36 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
       frame.length = static_cast<std::uint8_t>(data.size());
       std::copy(data.begin(), data.end(), frame.data);
     }
-    return Journal::Entry{tick, [frame](axis_host_t *a) { axis_host_can_receive(a, &frame); }};
+    return Journal::Entry{tick, frame};
   }
   if (kind == "lost") {
     const std::int64_t tick = line.tick();
     const auto count = line.number<std::uint16_t>("a count", 1, 65535);
-    return Journal::Entry{tick, [count](axis_host_t *a) { axis_host_can_lost(a, count); }};
+    return Journal::Entry{tick, Journal::FramesLost{count}};
   }
   if (kind == "bus") {
     const std::int64_t tick = line.tick();
     const auto state = line.number<std::uint8_t>("a state", CAN_BUS_ACTIVE, CAN_BUS_OFF);
-    return Journal::Entry{tick, [state](axis_host_t *a) { axis_host_can_bus(a, state); }};
+    return Journal::Entry{tick, Journal::BusState{state}};
   }
   if (kind == "modbus") {
     const std::int64_t tick = line.tick();
-    return Journal::Entry{tick, [bytes = line.bytes("bytes", 65535)](axis_host_t *a) {
-                            axis_host_modbus_receive(a, bytes.data(),
-                                                     static_cast<std::uint16_t>(bytes.size()));
-                          }};
+    return Journal::Entry{tick, Journal::ModbusBytes{line.bytes("bytes", 65535)}};
   }
   return std::nullopt;
 }
+
+// What each kind of entry does to the firmware.
+struct Giver {
+  axis_host_t *axis;
+  void operator()(const ObjectWrite &w) const { axis_host_write(axis, w.object, w.raw); }
+  void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
+  void operator()(const Journal::FramesLost &l) const { axis_host_can_lost(axis, l.count); }
+  void operator()(const Journal::BusState &b) const { axis_host_can_bus(axis, b.state); }
+  void operator()(const Journal::ModbusBytes &m) const {
+    axis_host_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
+  }
+};
 
 constexpr char kJournalOption[] = "--journal";
 
@@ -274,6 +283,13 @@ void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
   out_ << "end " << ticks << ' ' << hash << std::endl;
 }
 
+void Journal::Entry::give(axis_host_t *axis) const { std::visit(Giver{axis}, what); }
+
+std::int64_t Journal::known_ticks() const {
+  if (ticks >= 0) return ticks;
+  return entries.empty() ? 1 : entries.back().tick + 1;
+}
+
 Journal read_journal(const std::filesystem::path &file) {
   std::ifstream in(file);
   Journal journal;
@@ -330,9 +346,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
   PlantSide plant(silent, options);
   auto entry = journal.entries.begin();
-  const std::int64_t last = journal.entries.empty() ? 0 : journal.entries.back().tick;
-  const std::int64_t ticks = journal.ticks < 0 ? last + 1 : journal.ticks;
-  while (plant.running() && plant.tick() < ticks) {
+  while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
       entry->give(firmware.axis());
     }

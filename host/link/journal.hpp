@@ -16,10 +16,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
@@ -60,9 +60,21 @@ void expect_journal(const std::filesystem::path &file);
 void expect_writable(const std::filesystem::path &file, const char *option);
 
 struct Journal {
+  // What an entry gives the firmware, besides writes and frames.
+  struct FramesLost {
+    std::uint16_t count;
+  };
+  struct BusState {
+    std::uint8_t state;
+  };
+  struct ModbusBytes {
+    std::vector<std::uint8_t> bytes;
+  };
   struct Entry {
     std::int64_t tick;
-    std::function<void(axis_host_t *)> give;  // to the firmware
+    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes> what;
+
+    void give(axis_host_t *axis) const;
   };
 
   std::filesystem::path file;
@@ -77,13 +89,16 @@ struct Journal {
   std::vector<Entry> entries;
   std::int64_t ticks = -1;  // -1: the journal has no end
   std::string trace_hash;
+
+  // How many ticks it tells of: without an end up to the last entry.
+  std::int64_t known_ticks() const;
 };
 
 // Throws sim::InputError naming file and line.
 Journal read_journal(const std::filesystem::path &file);
 
-// The run of the journal in process, without an end up to the last entry. `experiment` must be that
-// of the journal and gives the plant and the impulses. Throws as run().
+// The run of the journal in process, as far as that is known. `experiment` must be that of the
+// journal and gives the plant and the impulses. Throws as run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

@@ -346,6 +346,32 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         assert word in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_the_replay_for_the_model_reads_a_journal_as_replay_does(tmp_path):
+    """canopen_replay, on which test_clients.py relies, also where the journal breaks off."""
+    run_id = ["--run-id", link.new_run_id(), "--set", SHORT]
+    journal = tmp_path / "axis.log"
+    axis = start("axis_node", *run_id, "--journal", journal)
+    assert end(start("plant_node", *run_id))["status"] == 0
+    end(axis)
+    whole = journal.read_text()
+    header = whole[: whole.index("end ")]
+    for text in (whole, f"{header}can 700 601 8 4041600000000000\nlost 800 3\ncan 900 601 8 40"):
+        journal.write_text(text)
+        summary = json.loads(
+            forceaxis("replay", journal, "--json", status=int(text != whole)).stdout
+        )
+        log = subprocess.run(
+            [ROOT / "build/release/tests/wire/canopen_replay", journal],
+            capture_output=True, timeout=60, check=True,
+        ).stdout  # fmt: skip
+        records = list(struct.iter_unpack("<BBHIQ", log))
+        assert f"{records[-1][-1]:016x}" == summary["trace_hash"][:16]
+        # Records 2: ticks, 1: frames in, 10: frames lost.
+        counts = collections.Counter(record[0] for record in records)
+        assert counts[2] == summary["ticks"] == (1501 if text == whole else 801)
+        assert (counts[1], counts[10]) == ((0, 0) if text == whole else (1, 1))
+
+
 def test_a_journal_replaces_nothing_but_a_journal(tmp_path):
     other = tmp_path / "plant.toml"
     other.write_text("forceaxis = 1\n")
