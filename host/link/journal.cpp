@@ -159,6 +159,7 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     const std::int64_t tick = line.tick();
     return Journal::Entry{tick, Journal::ModbusBytes{line.bytes("bytes", 65535)}};
   }
+  if (kind == "overrun") return Journal::Entry{line.tick(), Journal::Overrun{}};
   return std::nullopt;
 }
 
@@ -169,6 +170,7 @@ struct Giver {
   void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
   void operator()(const Journal::FramesLost &l) const { axis_host_can_lost(axis, l.count); }
   void operator()(const Journal::BusState &b) const { axis_host_can_bus(axis, b.state); }
+  void operator()(const Journal::Overrun &) const { axis_host_overrun(axis); }
   void operator()(const Journal::ModbusBytes &m) const {
     axis_host_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
   }
@@ -279,6 +281,8 @@ void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> byte
   out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
 }
 
+void JournalWriter::overrun(std::int64_t tick) { out_ << "overrun " << tick << '\n'; }
+
 void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
   out_ << "end " << ticks << ' ' << hash << std::endl;
 }
@@ -323,7 +327,8 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.trace_hash = line.rest();
     } else {
       line.fail(
-          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus or end");
+          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus, overrun or "
+          "end");
     }
   }
   if (journal.experiment.empty()) {

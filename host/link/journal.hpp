@@ -8,7 +8,7 @@
 //   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
 //   config NODE BUSES / store HEX                          what the firmware was given at power-up
 //   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
-//   bus TICK STATE | modbus TICK HEX
+//   bus TICK STATE | modbus TICK HEX | overrun TICK
 //   end TICKS HASH                                         how long it ran, and its trace hash
 // Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-". A journal that breaks off has
 // no end; a line that breaks off does not count.
@@ -44,6 +44,7 @@ class JournalWriter {
   void lost(std::int64_t tick, std::uint16_t frames);
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
+  void overrun(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
   // To be called now and then, so that a process that is killed leaves most of it.
   void flush();
@@ -70,9 +71,10 @@ struct Journal {
   struct ModbusBytes {
     std::vector<std::uint8_t> bytes;
   };
+  struct Overrun {};
   struct Entry {
     std::int64_t tick;
-    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes> what;
+    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes, Overrun> what;
 
     void give(axis_host_t *axis) const;
   };

@@ -18,6 +18,7 @@
 #include "firmware/port/host/store_file.h"
 #include "host/link/firmware_side.hpp"
 #include "host/link/journal.hpp"
+#include "host/link/late_ticks.hpp"
 #include "host/link/objects.hpp"
 #include "host/link/socketcan.hpp"
 #include "host/nodes/axis_buses.hpp"
@@ -28,6 +29,7 @@ namespace {
 
 using namespace forceaxis;
 using std::chrono::milliseconds;
+using namespace std::chrono_literals;
 
 constexpr milliseconds kServe{100};
 // The plant may miss the last answer and ask again, at most every 100 ms.
@@ -45,6 +47,7 @@ struct AxisOptions {
   std::string journal;
   double hold_s = 0;
   bool serve = false;
+  bool real_time = false;  // a late tick counts
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
@@ -86,6 +89,7 @@ class Axis {
       store_ = open_store(options.store + suffix);
       config_.memory = &store_->memory;
     }
+    real_time_ = options.real_time;
     config_.hardware = "host";
     config_.node_id = static_cast<std::uint8_t>(number);
     config_.buses = options.buses();
@@ -118,6 +122,10 @@ class Axis {
   }
 
   host::LinkOutputs tick(const host::LinkInputs &in, nodes::ModbusPort *modbus) {
+    if (real_time_ && late_.late(std::chrono::steady_clock::now().time_since_epoch() / 1ns)) {
+      if (journal_) journal_->overrun(coming());
+      axis_host_overrun(axis());
+    }
     if (can_) can_->receive(ears_);
     const host::LinkOutputs out = firmware_->tick(in);
     say(modbus);
@@ -160,6 +168,7 @@ class Axis {
         .add("ticks", coming())
         .add("trace_hash", hash)
         .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
+        .add("overruns", firmware_->read(AXIS_OBJ_OVERRUNS))
         .raw("refused", "[" + refused + "]");
     if (!lost.empty()) o.raw("after_silence", lost);
     return o.text();
@@ -192,6 +201,8 @@ class Axis {
   int number_;
   const host::Experiment &experiment_;
   fw_config_t config_{};
+  bool real_time_ = false;
+  host::LateTicks late_;
   int unflushed_ = 0;
   std::unique_ptr<store_file_t, StoreCloser> store_;
   std::unique_ptr<host::JournalWriter> journal_;
@@ -406,8 +417,8 @@ int main(int argc, char **argv) {
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
       "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
       "with its buses, in real time, for clients of every kind:\n"
-      "  axis_node sim/experiments/contact.toml --can vcan0 --store axis.bin --journal "
-      "axis.journal &\n"
+      "  axis_node sim/experiments/contact.toml --pace real --can vcan0 --store axis.bin \\\n"
+      "    --journal axis.journal &\n"
       "  plant_node sim/experiments/contact.toml --pace real");
   try {
     app.parse(argc, argv);
@@ -420,6 +431,7 @@ int main(int argc, char **argv) {
       throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
     }
     nodes::finish_options(options);
+    own.real_time = options.pace == "real";
     end_by_signals();
     return run(options, own);
   });

@@ -52,6 +52,12 @@ void add_options(CLI::App &app, NodeOptions &o) {
          "on at the same time.")
       ->check(CLI::Range(std::int64_t{0}, std::int64_t{1} << 53))
       ->capture_default_str();
+  app.add_option("--pace", o.pace,
+                 "fast, or real: 1500 ticks a second by the wall clock. plant_node keeps that "
+                 "pace; axis_node told of it counts what comes more than a tick time late as "
+                 "overruns, object 2307h and emergency FF04h.")
+      ->check(CLI::IsMember({"fast", "real"}))
+      ->capture_default_str();
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
       ->check(real_range(0.01, 86400))

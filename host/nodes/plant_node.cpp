@@ -25,7 +25,7 @@ std::string axis_json(int axis, const host::Experiment &experiment, const host::
   return o.add("edge_margin", result.edge_margin).text();
 }
 
-int run(const nodes::NodeOptions &options, bool real_time) {
+int run(const nodes::NodeOptions &options) {
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
   host::LinkedPlants plants(experiments, static_cast<std::uint8_t>(options.first_axis),
                             {.trace = false, .audit = false}, options.link);
@@ -34,7 +34,7 @@ int run(const nodes::NodeOptions &options, bool real_time) {
   std::vector<host::RunResult> results;
   std::string failure;
   try {
-    results = plants.run(real_time);
+    results = plants.run(options.pace == "real");
   } catch (const host::LinkSilent &error) {
     failure = error.what();
   }
@@ -73,10 +73,6 @@ int main(int argc, char **argv) {
       "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run\n"
       "failed (axis_node silent), 2 wrong usage or input.");
   nodes::add_options(app, options);
-  std::string pace = "fast";
-  app.add_option("--pace", pace, "fast, or real: 1500 ticks a second by the wall clock.")
-      ->check(CLI::IsMember({"fast", "real"}))
-      ->capture_default_str();
   app.get_option("EXPERIMENT")->required();
   app.footer(
       "Example:\n"
@@ -89,6 +85,6 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("plant_node", [&] {
     nodes::finish_options(options);
-    return run(options, pace == "real");
+    return run(options);
   });
 }

@@ -303,6 +303,39 @@ def test_a_partner_that_never_comes_is_named():
         assert "is it running, on this link and with this run id?" in told["stderr"]
 
 
+# --- ticks that come too late --------------------------------------------------------------------
+
+
+def paused(tmp_path, *axis_args):
+    """A plant in real time that stands still for 0.1 s: the axis' report, and its journal."""
+    run_id = ["--run-id", link.new_run_id(), "--set", "experiment.duration_s=2"]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run_id, "--journal", journal, "--timeout", "10", *axis_args)
+    plant = start("plant_node", *run_id, "--pace", "real")
+    time.sleep(0.5)
+    plant.send_signal(signal.SIGSTOP)
+    time.sleep(0.1)
+    plant.send_signal(signal.SIGCONT)
+    assert end(plant)["status"] == 0
+    told = end(axis)
+    assert json.loads(forceaxis("replay", journal, "--json").stdout)["replay"]["same"]
+    return told["axes"][0], journal.read_text().splitlines()
+
+
+def test_a_late_tick_is_an_overrun_where_the_axis_is_to_be_in_real_time(tmp_path):
+    told, journal = paused(tmp_path, "--pace", "real")
+    late = [int(line.split()[1]) for line in journal if line.startswith("overrun ")]
+    assert told["overruns"] == len(late) > 0
+    assert any(600 < tick < 2900 for tick in late)  # where the plant stood still
+    assert told["trace_hash"] == in_process("experiment.duration_s=2")
+
+
+def test_nothing_is_late_in_lock_step(tmp_path):
+    told, journal = paused(tmp_path)
+    assert told["overruns"] == 0
+    assert not [line for line in journal if line.startswith("overrun ")]
+
+
 # --- buses and their journal ---------------------------------------------------------------------
 
 
