@@ -13,6 +13,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -603,6 +604,52 @@ def test_vcan_passes_on_input_output_and_status():
     assert done.returncode == 7
     assert done.stdout == "heard\n2\n"
     assert done.stderr == "said\n"
+
+
+def kernel_has_vcan():
+    words = ["ip", "link", "add", "vcan0", "type", "vcan"]
+    unshare = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]
+    return subprocess.run([*unshare, *words], capture_output=True, check=False).returncode == 0
+
+
+def test_vcan_clears_up_after_one_that_was_killed():
+    if kernel_has_vcan():
+        return  # no guest, no folders
+    with tempfile.TemporaryDirectory(prefix="fa") as name:
+        folder = Path(name)
+        own = os.environ | {"TMPDIR": name}
+        killed = subprocess.Popen([VCAN, "sleep", "60"], env=own, stdin=subprocess.DEVNULL)
+        end = time.monotonic() + 30
+        while not (left := list(folder.glob("vcan.*/guest"))) and time.monotonic() < end:
+            time.sleep(0.05)
+        killed.kill()
+        killed.wait()
+        namespace = os.readlink("/proc/self/ns/pid")
+        gone = left[0].parent
+        assert (gone / "owner").read_text() == f"{killed.pid} {namespace}\n"
+        long_ago = time.time() - 90
+        for kept, owner in {
+            "living": f"{os.getpid()} {namespace}\n",
+            "other0": f"{killed.pid} pid:[1]\n",  # of a container: none of ours to judge
+            "newest": "",
+            "inuse0": "",
+        }.items():
+            (folder / f"vcan.{kept}").mkdir()
+            (folder / f"vcan.{kept}" / "owner").write_text(owner)
+        for without in ("young0", "old000"):
+            (folder / f"vcan.{without}").mkdir()
+        for old in ("living", "other0", "inuse0", "old000"):
+            os.utime(folder / f"vcan.{old}", (long_ago, long_ago))
+        sleep = "import time; time.sleep(60)"
+        user = subprocess.Popen([sys.executable, "-c", sleep, folder / "vcan.inuse0" / "init"])
+        both = [subprocess.Popen([VCAN, "true"], env=own) for _ in range(2)]
+        assert [run_.wait(60) for run_ in both] == [0, 0]
+        user.kill()
+        user.wait()
+        assert not gone.exists()
+        assert sorted(f.name for f in folder.iterdir()) == [
+            "vcan.inuse0", "vcan.living", "vcan.newest", "vcan.other0", "vcan.young0",
+        ]  # fmt: skip
 
 
 def test_vcan_gives_a_terminal_a_shell():
