@@ -246,10 +246,13 @@ void JournalWriter::flush() { out_.flush(); }
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
        << '\n';
-  if (config.memory == nullptr) return;
-  std::vector<std::uint8_t> image(2 * std::size_t{config.memory->sector_bytes});
-  config.memory->read(config.memory->context, 0, image.data(),
-                      static_cast<std::uint32_t>(image.size()));
+  if (config.memory != nullptr) write_store(*config.memory);
+  flush();  // a process that is killed leaves a journal, not an empty file
+}
+
+void JournalWriter::write_store(const store_memory_t &memory) {
+  std::vector<std::uint8_t> image(2 * std::size_t{memory.sector_bytes});
+  memory.read(memory.context, 0, image.data(), static_cast<std::uint32_t>(image.size()));
   std::span<const std::uint8_t> store = image;
   // Erased bytes at the end are understood.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);

@@ -37,7 +37,7 @@ class JournalWriter {
   JournalWriter(const JournalWriter &) = delete;
   JournalWriter &operator=(const JournalWriter &) = delete;
 
-  // What the firmware is powered up with, its store included.
+  // What the firmware is powered up with, its store included. It is in the file from then on.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);
@@ -50,6 +50,8 @@ class JournalWriter {
   void flush();
 
  private:
+  void write_store(const store_memory_t &memory);
+
   int lock_;
   std::ofstream out_;
 };

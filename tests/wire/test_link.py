@@ -380,6 +380,30 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         assert word in done.stderr and done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("after_s", [0, 2])
+def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, after_s):
+    run_id = ["--run-id", link.new_run_id()]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run_id, "--journal", journal, "--store", tmp_path / "store")
+    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.3")
+    time.sleep(after_s)
+    axis.kill()
+    axis.communicate()
+    end(plant)
+    assert "end " not in journal.read_text()
+    out = tmp_path / "out"
+    done = forceaxis("replay", journal, "--json", "--out", out, status=1)
+    summary = json.loads(done.stdout)
+    assert summary["replay"]["ticks"] is None and summary["replay"]["same"] is False
+    assert done.stderr == (
+        f"forceaxis: {journal}: expected a line `end`; the node was killed, and replayed is what "
+        f"it had written down, {summary['ticks']} ticks\n"
+    )
+    assert (out / "trace.csv").exists()
+    plain = forceaxis("replay", journal, status=1)
+    assert "broken off" in plain.stdout and plain.stderr.count("\n") == 1
+
+
 def test_the_replay_for_the_model_reads_a_journal_as_replay_does(tmp_path):
     """canopen_replay, on which test_clients.py relies, also where the journal breaks off."""
     run_id = ["--run-id", link.new_run_id(), "--set", SHORT]
