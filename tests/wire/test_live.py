@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 from forceaxis import drive_words, log_tables, logs, objects
 from forceaxis._core import InputError
+from forceaxis.gateway import MODES
 from forceaxis.lcm_bus import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
 from forceaxis.live import AxisClient, NoAnswer, Refused, from_raw, to_raw
 from forceaxis.messages import axis_capture_t, axis_event_t, axis_state_t
@@ -175,6 +176,14 @@ def test_every_statusword_is_named_as_cia_402_names_it():
 def test_words_for_numbers_that_nobody_knows():
     assert drive_words.mode(10) == "cyclic force"
     assert drive_words.mode(-77) == "mode -77"
+    # The table names them, and nothing beside it.
+    named = dict(drive_words.BY_NAME["modes_of_operation"].values)
+    assert named == dict(drive_words.BY_NAME["modes_of_operation_display"].values)
+    assert set(MODES) == {drive_words.mode(n) for n in named}
+    assert all(MODES[text.replace("_", " ")] == n for n, text in named.items())
+    assert drive_words.emergency(0) == "EMCY 0000h error reset"
+    for code, text in drive_words.BY_NAME["error_code"].values[1:]:
+        assert drive_words.emergency(code) == f"EMCY {code:04X}h {text.replace('_', ' ')}"
     assert drive_words.enum("fault", 6) == "force_max"
     assert drive_words.enum("fault", 200) == "200"
     assert drive_words.enum("no_such_object", 3) == "3"
