@@ -113,9 +113,8 @@ def heartbeat_master():
 
 def modbus_master(fd):
     registers(fd, 6, 7, 1)  # command_source: modbus
-    registers(fd, 6, 8, WATCHDOG_MS)
     while True:
-        registers(fd, 4, 0, 1)
+        registers(fd, 6, 8, WATCHDOG_MS)  # reading would not feed it
         time.sleep(0.03)
 
 
