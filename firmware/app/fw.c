@@ -7,6 +7,8 @@
 #include "firmware/proto/cia402_state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+/* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
+_Static_assert(sizeof(int) >= sizeof(int32_t), "app and proto need an int of 32 bits");
 
 /* Where each block of the object table lies in fw_t. */
 static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
@@ -90,19 +92,20 @@ static void watch_contact(fw_t *fw) {
   const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
   const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
   if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    tell_held(fw, FW_EMERGENCY_CONTACT_LOST);
+    tell_held(fw, AXIS_ERROR_CODE_CONTACT_LOST);
   }
   if ((risen & SEEN_SATURATED) != 0) {
-    tell_held(fw, FW_EMERGENCY_FORCE_SATURATED);
+    tell_held(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
   }
   if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    tell_held(fw, FW_EMERGENCY_LIMIT_CYCLE);
+    tell_held(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
 /* --- power-up and resets ---------------------------------------------------------------------- */
 
-/* Every parameter and signal at its power-up value; what was stored replaces the defaults. */
+/* Every parameter and signal at its power-up value, but for what counts losses; what was stored
+ * replaces the defaults. */
 static void power_up(fw_t *fw) {
   const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
   axis_init(&fw->axis);
@@ -127,7 +130,7 @@ static void boot(fw_t *fw) {
   canopen_start(&fw->canopen);
   const uint8_t state = fw->device_signals.store_state;
   if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE) {
-    canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
   }
 }
 
@@ -149,6 +152,12 @@ static void carry_out_reset(fw_t *fw) {
   }
   /* Who saves and resets at once means the reset to find what was saved. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
+    return;
+  }
+  /* Loading takes longer than a tick on a chip: nothing may stand at the output meanwhile. */
+  if (fw->canopen.reset == CANOPEN_RESET_NODE &&
+      fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
+    cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
     return;
   }
   const uint8_t reset = canopen_take_reset(&fw->canopen);
@@ -206,7 +215,7 @@ static void watch_source(fw_t *fw) {
     cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
     /* A fault is told by its error code. */
     if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
-      canopen_emergency(&fw->canopen, FW_EMERGENCY_SOURCE, owner);
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
     }
   }
 }
@@ -215,7 +224,7 @@ static void serve_store(fw_t *fw) {
   const uint8_t state = store_tick(&fw->store, fw);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
-      canopen_emergency(&fw->canopen, FW_EMERGENCY_STORE, 0);
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
     }
     fw->device_signals.store_state = state;
   }
@@ -267,13 +276,7 @@ static void count_up(uint16_t *counter, uint16_t by) {
 void fw_overrun(fw_t *fw) {
   count_up(&fw->device_signals.overruns, 1);
   if (fw->config.buses != 0) {
-    tell_held(fw, FW_EMERGENCY_OVERRUN);
-  }
-}
-
-void fw_source_alive(fw_t *fw, uint8_t source) {
-  if (source == fw->device.command_source) {
-    fw->source_silence = 0;
+    tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 
@@ -398,7 +401,7 @@ static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t v
 
 /* A native mode over a bus would go round the state machine of the drive. */
 static int check_mode(const fw_t *fw, uint8_t source, int32_t value) {
-  const bool refused = source != FW_SOURCE_LOCAL || fw->axis.signals.fault != AXIS_FAULT_NONE;
+  const bool refused = source != FW_SOURCE_LOCAL || fw_fault(fw) != AXIS_FAULT_NONE;
   return (value != AXIS_MODE_DISABLED && refused) ? FW_ERROR_STATE : FW_OK;
 }
 
@@ -408,7 +411,7 @@ static int check_rules(const fw_t *fw, uint8_t source, uint16_t object, int32_t 
   bool in_range = true;
   switch (axis_objects[object].block) {
     case AXIS_BLOCK_DRIVE_PARAMETER:
-      return cia402_check(&fw->drive, &fw->axis, object, value);
+      return cia402_check(&fw->drive, object, value);
     case AXIS_BLOCK_CANOPEN_PARAMETER:
       return canopen_check(&fw->canopen, object, value);
     default:
@@ -582,7 +585,7 @@ int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t val
                                                          : check_rules(fw, source, object, value);
 }
 
-int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+static int write_object(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   int refusal = check_entry(fw, source, object, value);
   if (refusal != FW_OK) {
     return refusal;
@@ -603,6 +606,14 @@ int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
   value_store(fw, offset, entry->type, value);
   announce(fw, source, object, previous, value);
   return FW_OK;
+}
+
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
+  const int refusal = write_object(fw, source, object, value);
+  if (refusal == FW_OK && source == fw->device.command_source) {
+    fw->source_silence = 0;
+  }
+  return refusal;
 }
 
 bool fw_object_restorable(uint16_t object, int32_t value) {

@@ -23,20 +23,11 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis (CiA 301, 7.2.7.1; FF00h and above are ours). The four
- * of FF00h are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
+/* Emergencies that are no fault of the axis: store_failed (at power-up: a set is there, but does
+ * not fit), source_lost (where abort_connection_option asks for no fault), and those of FF01h to
+ * FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
  * force_saturated, limit_cycle and overruns tell the rest. */
-enum {
-  FW_EMERGENCY_STORE = 0x5530,  /* a save failed; at power-up: a set is there, but does not fit */
-  FW_EMERGENCY_SOURCE = 0x6010, /* owner lost, and abort_connection_option asks for no fault */
-  FW_EMERGENCY_CONTACT_LOST = 0xFF01,
-  FW_EMERGENCY_FORCE_SATURATED = 0xFF02,
-  FW_EMERGENCY_LIMIT_CYCLE = 0xFF03,
-  FW_EMERGENCY_OVERRUN = 0xFF04,
-  FW_HELD_FIRST = FW_EMERGENCY_CONTACT_LOST,
-  FW_HELD = 4,
-  FW_HOLD_TICKS = 1500
-};
+enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
 typedef struct {
@@ -60,7 +51,7 @@ struct fw {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence;     /* ticks since the owner's last valid request */
+  uint32_t source_silence;     /* ticks since the owner last wrote */
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
@@ -80,11 +71,12 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   a boot-up message of a node that 1016h watches; an owner that gives the enabled
  *     axis to a canopen that is lost or that nobody watches                1
  *   NMT reset of the node: all at power-up values after the next tick      2
- *   owner other than canopen silent, N ticks of its watchdog               N + 1
+ *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat or RPDO away, N ticks of its time                            N + 2
- * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, but
- * for the first line; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the
- * axis enabled. Canopen is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
+ * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, of
+ * at most CIA402_STOPPING_TICKS, but for the first line and a reset of the node;
+ * abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis enabled. Canopen
+ * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 

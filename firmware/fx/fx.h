@@ -22,11 +22,6 @@ static inline int32_t fx_s32_from_u32(uint32_t bits) {
   return (bits <= (uint32_t)INT32_MAX) ? (int32_t)bits : (int32_t)(-(int32_t)(~bits) - 1);
 }
 
-/* The same 64 bits read as two's complement. Scaling: none. Overflow: cannot. */
-static inline int64_t fx_s64_from_u64(uint64_t bits) {
-  return (bits <= (uint64_t)INT64_MAX) ? (int64_t)bits : (int64_t)(-(int64_t)(~bits) - 1);
-}
-
 /* a - b modulo 2^32, -2^31..2^31-1: the true difference of two counts less than 2^31 apart,
  * whichever of them has wrapped. Overflow: wraps, which is the purpose. */
 static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
@@ -347,10 +342,5 @@ void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes);
 
 /* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);
-
-/* How many whole bytes hold this many bits. */
-static inline uint8_t fx_bytes_of_bits(uint8_t bits) {
-  return (uint8_t)(((uint32_t)bits + 7) >> 3);
-}
 
 #endif

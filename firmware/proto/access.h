@@ -29,7 +29,8 @@ typedef enum {
   FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
   FW_ERROR_LOCKED = -7,     /* another source owns the axis */
   FW_ERROR_BUSY = -8,       /* the store is still at work */
-  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits */
+  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits; a
+                               heartbeat that is watched already */
 } fw_error_t;
 
 /* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Anyone may read.
@@ -53,6 +54,9 @@ int32_t fw_object_value(const fw_t *fw, uint16_t object);
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
  *   the store is at work.
  * FW_ERROR_MAPPING: as above.
+ * A write that is accepted feeds the owner's watchdog, and nothing else does: a client that only
+ * reads on would keep an axis moving that nobody commands any more. Writing what is there already
+ * is enough.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
  *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
@@ -63,9 +67,6 @@ int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t val
 
 /* What lies at a CANopen address, or NULL. */
 const axis_address_t *fw_address(uint16_t index, uint8_t sub);
-
-/* A valid request of this source was received: feeds its watchdog if it owns the axis. */
-void fw_source_alive(fw_t *fw, uint8_t source);
 
 /* The bus of this source has gone. If it owns the axis, `fault` (AXIS_FAULT_) is latched or what
  * else abort_connection_option says. */

@@ -47,7 +47,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   value_store_defaults(&canopen->signals, AXIS_BLOCK_CANOPEN_SIGNAL);
   add_node_id(&canopen->params, AXIS_BLOCK_CANOPEN_PARAMETER, node_id);
   add_node_id(&canopen->signals, AXIS_BLOCK_CANOPEN_SIGNAL, node_id);
-  canopen->signals.nmt_state = CANOPEN_INITIALISING;
+  canopen->signals.nmt_state = AXIS_NMT_STATE_INITIALISING;
   canopen_timers_init(&canopen->timers);
   can_output_clear(&canopen->output);
   canopen->output.lost = 0;
@@ -88,8 +88,8 @@ static void send_state(canopen_t *canopen, uint8_t state) {
 
 void canopen_start(canopen_t *canopen) {
   /* The boot-up message is a heartbeat of the state that is left with it. */
-  send_state(canopen, CANOPEN_INITIALISING);
-  canopen->signals.nmt_state = CANOPEN_PRE_OPERATIONAL;
+  send_state(canopen, AXIS_NMT_STATE_INITIALISING);
+  canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
   pdo_start(canopen);
 }
@@ -102,10 +102,10 @@ static void enter(canopen_t *canopen, uint8_t state) {
     return;
   }
   canopen->signals.nmt_state = state;
-  if (state == CANOPEN_OPERATIONAL || previous == CANOPEN_OPERATIONAL) {
-    pdo_operational(canopen, state == CANOPEN_OPERATIONAL);
+  if (state == AXIS_NMT_STATE_OPERATIONAL || previous == AXIS_NMT_STATE_OPERATIONAL) {
+    pdo_operational(canopen, state == AXIS_NMT_STATE_OPERATIONAL);
   }
-  if (state != CANOPEN_PRE_OPERATIONAL && state != CANOPEN_OPERATIONAL) {
+  if (state != AXIS_NMT_STATE_PRE_OPERATIONAL && state != AXIS_NMT_STATE_OPERATIONAL) {
     sdo_drop(canopen);
   }
 }
@@ -123,10 +123,10 @@ static void leave_axis(fw_t *fw) { lose_masters(fw, AXIS_FAULT_SOURCE_LOST); }
 static void communication_error(canopen_t *canopen) {
   const uint8_t behaviour = canopen->params.error_behaviour;
   const uint8_t state = canopen->signals.nmt_state;
-  if (behaviour == BEHAVIOUR_STOPPED && state != CANOPEN_INITIALISING) {
-    enter(canopen, CANOPEN_STOPPED);
-  } else if (behaviour == BEHAVIOUR_PRE_OPERATIONAL && state == CANOPEN_OPERATIONAL) {
-    enter(canopen, CANOPEN_PRE_OPERATIONAL);
+  if (behaviour == BEHAVIOUR_STOPPED && state != AXIS_NMT_STATE_INITIALISING) {
+    enter(canopen, AXIS_NMT_STATE_STOPPED);
+  } else if (behaviour == BEHAVIOUR_PRE_OPERATIONAL && state == AXIS_NMT_STATE_OPERATIONAL) {
+    enter(canopen, AXIS_NMT_STATE_PRE_OPERATIONAL);
   }
 }
 
@@ -135,7 +135,7 @@ static void ask_reset(canopen_t *canopen, fw_t *fw, uint8_t reset) {
   /* The reset empties the output. */
   fw_can_count_lost(fw, canopen->output.lost);
   canopen->output.lost = 0;
-  enter(canopen, CANOPEN_INITIALISING);
+  enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
 }
 
@@ -154,14 +154,14 @@ static void receive_nmt(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) 
   }
   switch (frame->data[0]) {
     case NMT_START:
-      enter(canopen, CANOPEN_OPERATIONAL);
+      enter(canopen, AXIS_NMT_STATE_OPERATIONAL);
       break;
     case NMT_STOP:
       leave_axis(fw);
-      enter(canopen, CANOPEN_STOPPED);
+      enter(canopen, AXIS_NMT_STATE_STOPPED);
       break;
     case NMT_PRE_OPERATIONAL:
-      enter(canopen, CANOPEN_PRE_OPERATIONAL);
+      enter(canopen, AXIS_NMT_STATE_PRE_OPERATIONAL);
       break;
     case NMT_RESET_NODE:
       ask_reset(canopen, fw, CANOPEN_RESET_NODE);
@@ -172,21 +172,19 @@ static void receive_nmt(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) 
     default:
       return;
   }
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
 }
 
 static void receive_sync(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
   if (frame->length != 0) {
     if (canopen->sync_told == 0) {
       canopen->sync_told = 1;
-      emcy_raise(canopen, EMCY_SYNC_LENGTH, frame->length);
+      emcy_raise(canopen, AXIS_ERROR_CODE_SYNC_LENGTH, frame->length);
     }
     return;
   }
   canopen->sync_told = 0;
   canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
-  if (canopen->signals.nmt_state == CANOPEN_OPERATIONAL) {
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
     pdo_sync(canopen, fw);
   }
 }
@@ -201,7 +199,7 @@ static void heartbeat_found(canopen_t *canopen, uint8_t i) {
   if (canopen->heartbeat_lost[i] != 0) {
     canopen->heartbeat_lost[i] = 0;
     canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost - 1);
-    emcy_raise(canopen, EMCY_RESET, 0);
+    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
   }
 }
 
@@ -216,9 +214,8 @@ static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *f
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + i),
                           fx_ticks_from_ms(fx_field(entry, 0, 16)));
-      fw_source_alive(fw, FW_SOURCE_CANOPEN);
       /* A boot-up message: who enabled the axis knows nothing of it any more. */
-      if (frame->data[0] == CANOPEN_INITIALISING) {
+      if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
       }
     }
@@ -241,7 +238,7 @@ static bool receive_sdo(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) 
 
 void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
   if (frame->remote != 0 || frame->length > 8 ||
-      canopen->signals.nmt_state == CANOPEN_INITIALISING) {
+      canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     return;
   }
   if (frame->id == ID_NMT) {
@@ -252,13 +249,13 @@ void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
     receive_heartbeat(canopen, fw, frame);
     return;
   }
-  if (canopen->signals.nmt_state == CANOPEN_STOPPED) {
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_STOPPED) {
     return;
   }
   if (frame->id == canopen_can_id(canopen->params.sync_cob_id)) {
     receive_sync(canopen, fw, frame);
   } else if (!receive_sdo(canopen, fw, frame) &&
-             canopen->signals.nmt_state == CANOPEN_OPERATIONAL) {
+             canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
     pdo_receive(canopen, fw, frame);
   }
 }
@@ -269,7 +266,8 @@ static void heartbeat_missed(canopen_t *canopen, fw_t *fw, uint8_t i) {
   /* It was not lost before: what runs out was started by a heartbeat. */
   canopen->heartbeat_lost[i] = 1;
   canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost + 1);
-  emcy_raise(canopen, EMCY_HEARTBEAT, watched_node(canopen->params.consumer_heartbeat[i]));
+  emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
+             watched_node(canopen->params.consumer_heartbeat[i]));
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
   communication_error(canopen);
 }
@@ -295,7 +293,7 @@ static void run_out(canopen_t *canopen, fw_t *fw, uint8_t timer) {
 static void tell_overrun(canopen_t *canopen) {
   if (canopen->emcy.overrun_told == 0) {
     canopen->emcy.overrun_told = 1;
-    emcy_raise(canopen, EMCY_CAN_OVERRUN, 0);
+    emcy_raise(canopen, AXIS_ERROR_CODE_CAN_OVERRUN, 0);
   }
 }
 
@@ -317,7 +315,7 @@ static bool any_pdo(const uint8_t flags[CANOPEN_PDOS]) {
 }
 
 void canopen_tick(canopen_t *canopen, fw_t *fw) {
-  if (canopen->signals.nmt_state != CANOPEN_INITIALISING) {
+  if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
     for (uint8_t timer = canopen_timer_take(&canopen->timers); timer != CANOPEN_TIMERS;
          timer = canopen_timer_take(&canopen->timers)) {
       run_out(canopen, fw, timer);
@@ -369,7 +367,8 @@ uint8_t canopen_lost_for(const canopen_t *canopen) {
       return AXIS_FAULT_HEARTBEAT_LOST;
     }
   }
-  return (canopen->signals.nmt_state == CANOPEN_STOPPED) ? AXIS_FAULT_SOURCE_LOST : AXIS_FAULT_NONE;
+  return (canopen->signals.nmt_state == AXIS_NMT_STATE_STOPPED) ? AXIS_FAULT_SOURCE_LOST
+                                                                : AXIS_FAULT_NONE;
 }
 
 /* --- what the port tells ---------------------------------------------------------------------- */
@@ -400,9 +399,10 @@ void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state) {
   }
   if (previous == CAN_BUS_OFF) {
     canopen->output.closed = 0;
-    emcy_raise(canopen, EMCY_CAN_RECOVERED, 0);
+    emcy_raise(canopen, AXIS_ERROR_CODE_CAN_OFF, 0);
   }
-  emcy_raise(canopen, (state == CAN_BUS_PASSIVE) ? EMCY_CAN_PASSIVE : EMCY_RESET, 0);
+  emcy_raise(canopen,
+             (state == CAN_BUS_PASSIVE) ? AXIS_ERROR_CODE_CAN_PASSIVE : AXIS_ERROR_CODE_NONE, 0);
 }
 
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {

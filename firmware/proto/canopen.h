@@ -24,14 +24,6 @@
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
-/* NMT states, as in a heartbeat. */
-enum {
-  CANOPEN_INITIALISING = 0,
-  CANOPEN_STOPPED = 4,
-  CANOPEN_OPERATIONAL = 5,
-  CANOPEN_PRE_OPERATIONAL = 127
-};
-
 struct canopen {
   canopen_params_t params;
   canopen_signals_t signals;

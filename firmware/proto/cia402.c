@@ -15,11 +15,11 @@ enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 /* 6060h of a native mode. */
 static int8_t operation_of(uint8_t native_mode) {
   static const int8_t operations[AXIS_MODE_COUNT] = {
-      [AXIS_MODE_DISABLED] = CIA402_MODE_NONE,
-      [AXIS_MODE_OPEN_LOOP] = CIA402_MODE_OPEN_LOOP,
-      [AXIS_MODE_POSITION] = CIA402_MODE_NATIVE_POSITION,
-      [AXIS_MODE_FORCE] = CIA402_MODE_NATIVE_FORCE,
-      [AXIS_MODE_EXCITATION] = CIA402_MODE_EXCITATION,
+      [AXIS_MODE_DISABLED] = AXIS_MODES_OF_OPERATION_NONE,
+      [AXIS_MODE_OPEN_LOOP] = AXIS_MODES_OF_OPERATION_OPEN_LOOP,
+      [AXIS_MODE_POSITION] = AXIS_MODES_OF_OPERATION_NATIVE_POSITION,
+      [AXIS_MODE_FORCE] = AXIS_MODES_OF_OPERATION_FORCE_COUNTS,
+      [AXIS_MODE_EXCITATION] = AXIS_MODES_OF_OPERATION_EXCITATION,
   };
   return operations[native_mode];
 }
@@ -48,6 +48,7 @@ static void enter(cia402_t *drive, uint8_t state) {
     cia402_leave_mode(drive);
   }
   drive->outside_tick = 0;
+  drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     /* What was asked for before a fault must be asked for again. */
     cia402_forget_targets(drive);
@@ -90,6 +91,7 @@ void cia402_init(cia402_t *drive) {
   drive->lent = (cia402_lent_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
+  drive->stopping_tick = 0;
   drive->leaving = 0;
   drive->leaving_to = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   drive->fault = AXIS_FAULT_NONE;
@@ -184,11 +186,16 @@ static void operate(cia402_t *drive, axis_t *axis) {
   cia402_run(drive, axis);
 }
 
-/* Quick stop and fault reaction are seen for a tick at least, also from a stand. */
+/* Quick stop and fault reaction are seen for a tick at least, also from a stand, and end: a
+ * deceleration of next to nothing must not keep an axis going that nobody commands. */
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
-  return cia402_slow_down(drive, axis, rate_of(drive, quick)) && seen;
+  const bool stands = cia402_slow_down(drive, axis, rate_of(drive, quick));
+  if (drive->stopping_tick < CIA402_STOPPING_TICKS) {
+    drive->stopping_tick = (uint16_t)(drive->stopping_tick + 1);
+  }
+  return (stands && seen) || drive->stopping_tick == CIA402_STOPPING_TICKS;
 }
 
 static void stop_quickly(cia402_t *drive, axis_t *axis) {
@@ -260,8 +267,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
 
 /* --- between ticks ---------------------------------------------------------------------------- */
 
-int cia402_check(const cia402_t *drive, const axis_t *axis, uint16_t object, int32_t value) {
-  (void)axis;
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
   bool right = true;
   switch (object) {
     case AXIS_OBJ_MODES_OF_OPERATION:
@@ -347,11 +353,11 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     return;
   }
   switch (drive->signals.modes_of_operation_display) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
       cia402_take_setpoint(drive);
       break;
-    case CIA402_MODE_HOMING:
+    case AXIS_MODES_OF_OPERATION_HOMING:
       drive->homing = CIA402_HOMING_ASKED;
       break;
     default:
@@ -387,6 +393,11 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_TARGET_FORCE:
       drive->force_written = 1;
+      break;
+    case AXIS_OBJ_POLARITY:
+      if (value != previous) {
+        cia402_forget_targets(drive); /* they were meant the other way round */
+      }
       break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:

@@ -22,26 +22,6 @@
 #include "firmware/fx/fx.h"
 #include "firmware/proto/contact.h"
 
-/* Modes of operation: the values of 6060h. */
-enum {
-  CIA402_MODE_IMPEDANCE = -8,
-  CIA402_MODE_DAMPING = -7,
-  CIA402_MODE_STIFFNESS = -6,
-  CIA402_MODE_GUARDED_MOVE = -5,
-  CIA402_MODE_NATIVE_POSITION = -4,
-  CIA402_MODE_EXCITATION = -3,
-  CIA402_MODE_OPEN_LOOP = -2,
-  CIA402_MODE_NATIVE_FORCE = -1,
-  CIA402_MODE_NONE = 0,
-  CIA402_MODE_PROFILE_POSITION = 1,
-  CIA402_MODE_PROFILE_VELOCITY = 3,
-  CIA402_MODE_FORCE = 4,
-  CIA402_MODE_HOMING = 6,
-  CIA402_MODE_CYCLIC_POSITION = 8,
-  CIA402_MODE_CYCLIC_VELOCITY = 9,
-  CIA402_MODE_CYCLIC_FORCE = 10
-};
-
 /* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
 enum {
   CIA402_HOMING_IDLE = 0,
@@ -53,6 +33,9 @@ enum {
 
 /* Whether the trajectory moves the axis, or only what the force laws measure the axis against. */
 enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTUAL = 2 };
+
+/* A quick stop or fault reaction takes 10 s at most, then the axis is switched off as it is. */
+enum { CIA402_STOPPING_TICKS = 15000 };
 
 /* The mean of velocity_actual. */
 enum { CIA402_MEAN_TICKS = 16 };
@@ -105,6 +88,7 @@ typedef struct {
   uint8_t setpoint_buffered;  /* 1: buffered holds one */
   uint8_t acknowledged;       /* 1: the new set-point of this controlword was taken */
   uint8_t settling_tick;      /* ticks that the trajectory has stood in slowing down */
+  uint16_t stopping_tick;     /* ticks of a quick stop or fault reaction */
   uint8_t leaving;            /* 1: slows down to change to leaving_to */
   uint8_t leaving_to;         /* AXIS_DRIVE_STATE_ */
   uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */
@@ -129,9 +113,9 @@ void cia402_wake(cia402_t *drive, const axis_t *axis);
 void cia402_before(cia402_t *drive, axis_t *axis);
 void cia402_after(cia402_t *drive, axis_t *axis);
 
-/* Whether a value within its range may be written now to an object of the drive: FW_OK or
- * FW_ERROR_RANGE, FW_ERROR_STATE. */
-int cia402_check(const cia402_t *drive, const axis_t *axis, uint16_t object, int32_t value);
+/* Whether a value within its range may be written to an object of the drive: FW_OK or
+ * FW_ERROR_RANGE. */
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 
 /* An object of the drive was `previous` and now is `value`; a controlword is carried out here. */
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,

@@ -12,12 +12,12 @@ enum { SPEED_MAX_CNT = 2048 };
 
 bool cia402_controls_force(int8_t mode) {
   switch (mode) {
-    case CIA402_MODE_FORCE:
-    case CIA402_MODE_CYCLIC_FORCE:
-    case CIA402_MODE_NATIVE_FORCE:
-    case CIA402_MODE_STIFFNESS:
-    case CIA402_MODE_DAMPING:
-    case CIA402_MODE_IMPEDANCE:
+    case AXIS_MODES_OF_OPERATION_FORCE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_FORCE_COUNTS:
+    case AXIS_MODES_OF_OPERATION_STIFFNESS:
+    case AXIS_MODES_OF_OPERATION_DAMPING:
+    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
       return true;
     default:
       return false;
@@ -26,16 +26,16 @@ bool cia402_controls_force(int8_t mode) {
 
 bool cia402_mode_exists(int32_t mode) {
   switch (mode) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_PROFILE_VELOCITY:
-    case CIA402_MODE_FORCE:
-    case CIA402_MODE_HOMING:
-    case CIA402_MODE_CYCLIC_POSITION:
-    case CIA402_MODE_CYCLIC_VELOCITY:
-    case CIA402_MODE_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_FORCE:
+    case AXIS_MODES_OF_OPERATION_HOMING:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
       return true;
     default:
-      return mode >= CIA402_MODE_IMPEDANCE && mode <= CIA402_MODE_NONE;
+      return mode >= AXIS_MODES_OF_OPERATION_IMPEDANCE && mode <= AXIS_MODES_OF_OPERATION_NONE;
   }
 }
 
@@ -309,11 +309,12 @@ static void interpolate(cia402_t *drive) {
   trajectory_step(&drive->trajectory, way.negative ? -step : step);
 }
 
-/* Methods 35 and 37: the place where the axis stands is home_offset. */
+/* Methods 35 and 37: the place where the axis stands is home_offset. An axis that still moves
+ * behind its trajectory would call a place home that it has left. */
 static void home(cia402_t *drive, const axis_t *axis) {
   const trajectory_limits_t limits = cia402_limits(drive, 0);
   trajectory_ramp(&drive->trajectory, 0, &limits);
-  if (drive->homing != CIA402_HOMING_BEGUN || drive->trajectory.velocity_q16 != 0) {
+  if (drive->homing != CIA402_HOMING_BEGUN || !cia402_stands(drive)) {
     return;
   }
   if (drive->params.homing_method == 0) {
@@ -388,7 +389,7 @@ static void control_impedance(cia402_t *drive, axis_t *axis, int8_t mode) {
   }
   trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, params->trajectory_velocity));
-  if (mode == CIA402_MODE_DAMPING) {
+  if (mode == AXIS_MODES_OF_OPERATION_DAMPING) {
     follow_velocity(drive, false);
   } else if (drive->position_written != 0) {
     move_to(drive, within_limits(drive, params->target_position), &limits);
@@ -399,11 +400,11 @@ static void control_impedance(cia402_t *drive, axis_t *axis, int8_t mode) {
       fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
   const int32_t velocity_error_q16 = drive->trajectory.velocity_q16 - axis_speed_q16(axis);
   const int64_t spring =
-      (mode == CIA402_MODE_DAMPING)
+      (mode == AXIS_MODES_OF_OPERATION_DAMPING)
           ? 0
           : fx_floor_shift_wide(fx_mul((int32_t)params->stiffness, position_error), 8);
   const int64_t damper =
-      (mode == CIA402_MODE_STIFFNESS)
+      (mode == AXIS_MODES_OF_OPERATION_STIFFNESS)
           ? 0
           : fx_floor_shift_wide(fx_mul((int32_t)params->damping, velocity_error_q16), 16);
   const int32_t limit = fx_ratio_apply(params->force_limit, drive->reading_of_force, 0);
@@ -433,20 +434,20 @@ static void run_trajectory(cia402_t *drive, axis_t *axis, int8_t mode) {
     return;
   }
   switch (mode) {
-    case CIA402_MODE_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
       guard_move(drive, axis);
       pursue_setpoint(drive);
       break;
-    case CIA402_MODE_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
       pursue_setpoint(drive);
       break;
-    case CIA402_MODE_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
       follow_velocity(drive, false);
       break;
-    case CIA402_MODE_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
       follow_velocity(drive, true);
       break;
-    case CIA402_MODE_CYCLIC_POSITION:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
       interpolate(drive);
       break;
     default:
@@ -459,8 +460,8 @@ static void run_trajectory(cia402_t *drive, axis_t *axis, int8_t mode) {
 void cia402_run(cia402_t *drive, axis_t *axis) {
   const int8_t mode = drive->signals.modes_of_operation_display;
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
-  if (mode == CIA402_MODE_FORCE || mode == CIA402_MODE_CYCLIC_FORCE) {
-    control_force(drive, axis, mode == CIA402_MODE_CYCLIC_FORCE, halted);
+  if (mode == AXIS_MODES_OF_OPERATION_FORCE || mode == AXIS_MODES_OF_OPERATION_CYCLIC_FORCE) {
+    control_force(drive, axis, mode == AXIS_MODES_OF_OPERATION_CYCLIC_FORCE, halted);
     return;
   }
   if (halted) {
@@ -468,21 +469,21 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
     return;
   }
   switch (mode) {
-    case CIA402_MODE_NATIVE_FORCE:
+    case AXIS_MODES_OF_OPERATION_FORCE_COUNTS:
       run_native(drive, axis, AXIS_MODE_FORCE);
       break;
-    case CIA402_MODE_OPEN_LOOP:
+    case AXIS_MODES_OF_OPERATION_OPEN_LOOP:
       run_native(drive, axis, AXIS_MODE_OPEN_LOOP);
       break;
-    case CIA402_MODE_EXCITATION:
+    case AXIS_MODES_OF_OPERATION_EXCITATION:
       run_native(drive, axis, AXIS_MODE_EXCITATION);
       break;
-    case CIA402_MODE_NATIVE_POSITION:
+    case AXIS_MODES_OF_OPERATION_NATIVE_POSITION:
       run_native(drive, axis, AXIS_MODE_POSITION);
       break;
-    case CIA402_MODE_STIFFNESS:
-    case CIA402_MODE_DAMPING:
-    case CIA402_MODE_IMPEDANCE:
+    case AXIS_MODES_OF_OPERATION_STIFFNESS:
+    case AXIS_MODES_OF_OPERATION_DAMPING:
+    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
       control_impedance(drive, axis, mode);
       break;
     default:
@@ -494,8 +495,8 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
 
 void cia402_leave_mode(cia402_t *drive) {
   const int8_t mode = drive->signals.modes_of_operation_display;
-  if (mode == CIA402_MODE_CYCLIC_POSITION || mode == CIA402_MODE_STIFFNESS ||
-      mode == CIA402_MODE_IMPEDANCE) {
+  if (mode == AXIS_MODES_OF_OPERATION_CYCLIC_POSITION ||
+      mode == AXIS_MODES_OF_OPERATION_STIFFNESS || mode == AXIS_MODES_OF_OPERATION_IMPEDANCE) {
     drive->position_written = 0;
   }
   drive->setpoint_active = 0;

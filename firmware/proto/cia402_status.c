@@ -5,15 +5,20 @@
 #include "firmware/proto/cia402_state.h"
 #include "firmware/proto/cia402_units.h"
 
-/* CiA 301 and 402; FFxxh are ours, those up to FF04h emergencies without a fault. */
 uint16_t cia402_error_code(uint8_t fault) {
   static const uint16_t codes[AXIS_FAULT_COUNT] = {
-      [AXIS_FAULT_NONE] = 0x0000,           [AXIS_FAULT_SENSOR_INVALID] = 0x7305,
-      [AXIS_FAULT_ENABLE_LOST] = 0xFF05,    [AXIS_FAULT_ADC_RANGE] = 0x7300,
-      [AXIS_FAULT_LIMIT_SWITCHES] = 0x8612, [AXIS_FAULT_OVERSPEED] = 0x7310,
-      [AXIS_FAULT_FORCE_MAX] = 0xFF06,      [AXIS_FAULT_FOLLOWING_ERROR] = 0x8611,
-      [AXIS_FAULT_HEARTBEAT_LOST] = 0x8130, [AXIS_FAULT_SOURCE_LOST] = 0x6010,
-      [AXIS_FAULT_CAN_OFF] = 0x8140,        [AXIS_FAULT_PDO_TIMEOUT] = 0x8250,
+      [AXIS_FAULT_NONE] = AXIS_ERROR_CODE_NONE,
+      [AXIS_FAULT_SENSOR_INVALID] = AXIS_ERROR_CODE_SENSOR_INVALID,
+      [AXIS_FAULT_ENABLE_LOST] = AXIS_ERROR_CODE_ENABLE_LOST,
+      [AXIS_FAULT_ADC_RANGE] = AXIS_ERROR_CODE_ADC_RANGE,
+      [AXIS_FAULT_LIMIT_SWITCHES] = AXIS_ERROR_CODE_LIMIT_SWITCHES,
+      [AXIS_FAULT_OVERSPEED] = AXIS_ERROR_CODE_OVERSPEED,
+      [AXIS_FAULT_FORCE_MAX] = AXIS_ERROR_CODE_FORCE_MAX,
+      [AXIS_FAULT_FOLLOWING_ERROR] = AXIS_ERROR_CODE_FOLLOWING_ERROR,
+      [AXIS_FAULT_HEARTBEAT_LOST] = AXIS_ERROR_CODE_HEARTBEAT_LOST,
+      [AXIS_FAULT_SOURCE_LOST] = AXIS_ERROR_CODE_SOURCE_LOST,
+      [AXIS_FAULT_CAN_OFF] = AXIS_ERROR_CODE_CAN_OFF,
+      [AXIS_FAULT_PDO_TIMEOUT] = AXIS_ERROR_CODE_PDO_TIMEOUT,
   };
   return codes[fault];
 }
@@ -37,27 +42,27 @@ static uint16_t mode_bits(const cia402_t *drive) {
   bool bit_12 = false;
   bool bit_13 = false;
   switch (drive->signals.modes_of_operation_display) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
       bit_12 = drive->acknowledged != 0 || drive->setpoint_buffered != 0;
       bit_13 = is_outside(drive);
       break;
-    case CIA402_MODE_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
       bit_12 = drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time);
       break;
-    case CIA402_MODE_HOMING:
+    case AXIS_MODES_OF_OPERATION_HOMING:
       bit_12 = drive->homing == CIA402_HOMING_DONE;
       bit_13 = drive->homing == CIA402_HOMING_ERROR;
       break;
-    case CIA402_MODE_CYCLIC_POSITION:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
       bit_13 = is_outside(drive);
       bit_12 = follows_command(drive);
       break;
-    case CIA402_MODE_CYCLIC_VELOCITY:
-    case CIA402_MODE_CYCLIC_FORCE:
-    case CIA402_MODE_STIFFNESS:
-    case CIA402_MODE_DAMPING:
-    case CIA402_MODE_IMPEDANCE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_STIFFNESS:
+    case AXIS_MODES_OF_OPERATION_DAMPING:
+    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
       bit_12 = follows_command(drive);
       break;
     default:
@@ -69,12 +74,12 @@ static uint16_t mode_bits(const cia402_t *drive) {
 /* How long the target must have been reached, ticks. */
 static uint32_t reached_ticks(const cia402_t *drive) {
   switch (drive->signals.modes_of_operation_display) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_GUARDED_MOVE:
-    case CIA402_MODE_CYCLIC_POSITION:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
       return fx_ticks_from_ms(drive->params.position_window_time);
-    case CIA402_MODE_PROFILE_VELOCITY:
-    case CIA402_MODE_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
       return fx_ticks_from_ms(drive->params.velocity_window_time);
     default:
       return 0;
@@ -88,7 +93,7 @@ static bool shows_reached(const cia402_t *drive) {
   if (!is_enabled(drive)) {
     return false;
   }
-  if (drive->signals.modes_of_operation_display == CIA402_MODE_HOMING) {
+  if (drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_HOMING) {
     return drive->homing == CIA402_HOMING_IDLE || drive->homing == CIA402_HOMING_DONE;
   }
   return drive->reached_tick > reached_ticks(drive);
@@ -196,19 +201,19 @@ static bool has_reached(const cia402_t *drive) {
     return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
   }
   switch (drive->signals.modes_of_operation_display) {
-    case CIA402_MODE_PROFILE_POSITION:
-    case CIA402_MODE_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
       return drive->setpoint_active == 0 &&
              (drive->stopped_by_contact != 0 ||
               is_in_position_window(drive, drive->setpoint.position));
-    case CIA402_MODE_CYCLIC_POSITION:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
       return drive->position_written == 0 ||
              is_in_position_window(drive, drive->params.target_position);
-    case CIA402_MODE_PROFILE_VELOCITY:
-    case CIA402_MODE_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
       return has_reached_velocity(drive);
-    case CIA402_MODE_FORCE:
-    case CIA402_MODE_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_FORCE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
       return has_reached_force(drive);
     default:
       return false;

@@ -8,7 +8,6 @@
 /* Bits of the error register. */
 enum {
   ERROR_ANY = 0x01,
-  ERROR_CURRENT = 0x02,
   ERROR_COMMUNICATION = 0x10,
   ERROR_PROFILE = 0x20,
   ERROR_MANUFACTURER = 0x80
@@ -18,8 +17,6 @@ static uint8_t class_of(uint16_t code) {
   switch (fx_field(code, 8, 8)) {
     case 0x00:
       return 0;
-    case 0x23:
-      return ERROR_ANY | ERROR_CURRENT;
     case 0x81:
     case 0x82:
       return ERROR_ANY | ERROR_COMMUNICATION;
@@ -64,7 +61,7 @@ static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_t *emcy = &canopen->emcy;
   emcy_update(canopen);
-  if (code != EMCY_RESET) {
+  if (code != AXIS_ERROR_CODE_NONE) {
     remember(canopen, code, info);
   }
   if (!canopen_cob_valid(canopen->params.emcy_cob_id)) {
@@ -87,11 +84,11 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
 /* What the node has told by itself, when it took the owner away. */
 static bool is_told(const canopen_t *canopen, uint16_t code) {
   switch (code) {
-    case EMCY_HEARTBEAT:
+    case AXIS_ERROR_CODE_HEARTBEAT_LOST:
       return any(canopen->heartbeat_lost, CANOPEN_HEARTBEATS);
-    case EMCY_PDO_TIMEOUT:
+    case AXIS_ERROR_CODE_PDO_TIMEOUT:
       return any(canopen->rpdo_late, CANOPEN_PDOS);
-    case EMCY_CAN_RECOVERED:
+    case AXIS_ERROR_CODE_CAN_OFF:
       return canopen->bus == CAN_BUS_OFF;
     default:
       return false;
@@ -103,14 +100,15 @@ void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
   if (is_told(canopen, code)) {
     emcy_update(canopen);
   } else {
-    emcy_raise(canopen, code, (code == EMCY_RESET) ? 0 : fault);
+    emcy_raise(canopen, code, (code == AXIS_ERROR_CODE_NONE) ? 0 : fault);
   }
 }
 
 void emcy_tick(canopen_t *canopen) {
   emcy_t *emcy = &canopen->emcy;
   const uint8_t state = canopen->signals.nmt_state;
-  const bool may_send = state == CANOPEN_PRE_OPERATIONAL || state == CANOPEN_OPERATIONAL;
+  const bool may_send =
+      state == AXIS_NMT_STATE_PRE_OPERATIONAL || state == AXIS_NMT_STATE_OPERATIONAL;
   while (emcy->count != 0 && may_send && canopen->timers.running[CANOPEN_TIMER_EMCY] == 0 &&
          canopen->output.closed == 0 &&
          canopen->output.count + CAN_OUTPUT_KEEP_EMCY < CAN_OUTPUT_FRAMES) {

@@ -4,27 +4,15 @@
 /* Emergencies of a CANopen node: frames, their history (1003h) and the error register (1001h).
  *
  * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
- * about: the fault (AXIS_FAULT_) of a code that the drive gives, else a node, a PDO, or 0. Code 0
+ * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
+ * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
+ * refused by an object, the owner that is lost, else 0. Codes are AXIS_ERROR_CODE_. Code 0
  * says that something has gone; the register in the frame tells whether anything is left. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 typedef struct canopen canopen_t;
-
-/* Codes of CiA 301 that the node itself gives. */
-enum {
-  EMCY_RESET = 0x0000,
-  EMCY_PARAMETER = 0x6320,   /* an object refused what an RPDO had for it; info: RPDO 1..4 */
-  EMCY_CAN_OVERRUN = 0x8110, /* frames were lost */
-  EMCY_CAN_PASSIVE = 0x8120,
-  EMCY_HEARTBEAT = 0x8130,     /* info: the node that has gone silent */
-  EMCY_CAN_RECOVERED = 0x8140, /* from bus off */
-  EMCY_PDO_SHORT = 0x8210,     /* not processed; info: RPDO 1..4 */
-  EMCY_PDO_LONG = 0x8220,      /* the first bytes were used; info: RPDO 1..4 */
-  EMCY_SYNC_LENGTH = 0x8240,   /* ignored */
-  EMCY_PDO_TIMEOUT = 0x8250    /* info: RPDO 1..4 */
-};
 
 enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
 

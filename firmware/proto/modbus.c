@@ -57,7 +57,6 @@ static void take_frame(modbus_t *modbus, fw_t *fw) {
   if (unit == BROADCAST && !writes(modbus->frame[1])) {
     return;
   }
-  fw_source_alive(fw, FW_SOURCE_MODBUS);
   const uint16_t answer = modbus_request_serve(modbus, fw, (uint16_t)(length - BYTES_CRC));
   if (unit == BROADCAST) {
     count(modbus, MODBUS_COUNT_UNANSWERED);

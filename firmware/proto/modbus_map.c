@@ -150,6 +150,19 @@ typedef struct {
   uint8_t *words; /* of the first one */
 } writes_t;
 
+/* Whether the request takes the axis for its bus and goes on. */
+static bool takes_axis(const writes_t *writes) {
+  const uint8_t *words = writes->words;
+  for (uint16_t i = writes->begin; i < writes->end; i++) {
+    const uint16_t object = axis_holding[i].object;
+    if (object == AXIS_OBJ_COMMAND_SOURCE) {
+      return get_value(words, object, writes->low_first) == AXIS_COMMAND_SOURCE_MODBUS;
+    }
+    words += 2 * (uint32_t)registers_of(object);
+  }
+  return false;
+}
+
 /* What keeps a request from being written that can be known before. */
 static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
   const uint8_t *words = writes->words;
@@ -157,9 +170,12 @@ static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
   for (uint16_t i = writes->begin; i < writes->end; i++) {
     const uint16_t object = axis_holding[i].object;
     const int32_t value = get_value(words, object, writes->low_first);
-    const int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, object, value);
-    /* A request may take the axis and go on: what is locked shows when it is written. */
-    if (refusal != FW_OK && refusal != FW_ERROR_LOCKED) {
+    int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, object, value);
+    if (refusal == FW_ERROR_LOCKED && takes_axis(writes)) {
+      /* Of what it writes as the owner the rest must be right too, or it would be taken in vain. */
+      refusal = fw_object_check(fw, FW_SOURCE_LOCAL, object, value);
+    }
+    if (refusal != FW_OK) {
       return exception_of(refusal);
     }
     /* Who gives the axis away could write nothing after it, nor take anything back. */
@@ -263,13 +279,13 @@ static bool is_enabled(const fw_t *fw) {
 static bool coil(const fw_t *fw, uint32_t n) {
   const uint32_t recorder = value_of(fw, AXIS_OBJ_RECORDER_STATE);
   switch (n) {
-    case MODBUS_COIL_ENABLE:
+    case AXIS_COIL_ENABLE:
       return is_enabled(fw);
-    case MODBUS_COIL_HALT:
+    case AXIS_COIL_HALT:
       return (value_of(fw, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT) != 0;
-    case MODBUS_COIL_STORE:
+    case AXIS_COIL_STORE:
       return value_of(fw, AXIS_OBJ_STORE_STATE) == AXIS_STORE_STATE_SAVING;
-    case MODBUS_COIL_RECORDER_TRIGGER:
+    case AXIS_COIL_RECORDER_TRIGGER:
       return recorder == AXIS_RECORDER_STATE_ARMED || recorder == AXIS_RECORDER_STATE_RECORDING;
     default:
       return false;
@@ -278,11 +294,11 @@ static bool coil(const fw_t *fw, uint32_t n) {
 
 static bool discrete(const fw_t *fw, uint32_t n) {
   switch (n) {
-    case MODBUS_DISCRETE_LIMIT_ACTIVE:
+    case AXIS_DISCRETE_LIMIT_ACTIVE:
       return value_of(fw, AXIS_OBJ_LIMIT_REASON) != AXIS_LIMIT_REASON_NONE;
-    case MODBUS_DISCRETE_CONTACT:
+    case AXIS_DISCRETE_CONTACT:
       return value_of(fw, AXIS_OBJ_CONTACT) != 0;
-    case MODBUS_DISCRETE_LIMIT_CYCLE:
+    case AXIS_DISCRETE_LIMIT_CYCLE:
       return value_of(fw, AXIS_OBJ_LIMIT_CYCLE) != 0;
     default:
       return fx_field(value_of(fw, AXIS_OBJ_STATUSWORD), n, 1) != 0;
@@ -301,11 +317,11 @@ static uint8_t read_bits(const fw_t *fw, bool (*bit)(const fw_t *fw, uint32_t n)
 }
 
 uint8_t modbus_read_coils(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to) {
-  return read_bits(fw, coil, MODBUS_COIL_COUNT, first, count, to);
+  return read_bits(fw, coil, AXIS_COIL_COUNT, first, count, to);
 }
 
 uint8_t modbus_read_discretes(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to) {
-  return read_bits(fw, discrete, MODBUS_DISCRETE_COUNT, first, count, to);
+  return read_bits(fw, discrete, AXIS_DISCRETE_COUNT, first, count, to);
 }
 
 static int write_object(fw_t *fw, uint16_t object, uint32_t value) {
@@ -314,16 +330,16 @@ static int write_object(fw_t *fw, uint16_t object, uint32_t value) {
 
 /* A request's coils. */
 typedef struct {
-  bool one[MODBUS_COIL_COUNT];
-  bool zero[MODBUS_COIL_COUNT]; /* neither: not part of the request */
+  bool one[AXIS_COIL_COUNT];
+  bool zero[AXIS_COIL_COUNT]; /* neither: not part of the request */
 } coils_t;
 
 /* What may be refused although the controlword may be written; at most one such part is there. */
 static int write_commands(fw_t *fw, const coils_t *coils) {
-  if (coils->one[MODBUS_COIL_STORE]) {
+  if (coils->one[AXIS_COIL_STORE]) {
     return write_object(fw, AXIS_OBJ_STORE_PARAMETERS, 1);
   }
-  if (coils->one[MODBUS_COIL_RECORDER_TRIGGER]) {
+  if (coils->one[AXIS_COIL_RECORDER_TRIGGER]) {
     return write_object(fw, AXIS_OBJ_RECORDER_ARM, 1);
   }
   return FW_OK;
@@ -345,31 +361,33 @@ static uint8_t carry_out(fw_t *fw, const coils_t *coils) {
   const uint32_t state = value_of(fw, AXIS_OBJ_DRIVE_STATE);
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
                      state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
-  if (coils->one[MODBUS_COIL_ENABLE] && fault) {
+  if (coils->one[AXIS_COIL_ENABLE] && fault) {
     return MODBUS_EXCEPTION_STATE;
   }
-  if (coils->one[MODBUS_COIL_STORE] && coils->one[MODBUS_COIL_RECORDER_TRIGGER]) {
+  /* What a save under way would refuse when the rest was done. */
+  if (coils->one[AXIS_COIL_STORE] &&
+      (coils->one[AXIS_COIL_RECORDER_TRIGGER] || coils->one[AXIS_COIL_ENABLE])) {
     return MODBUS_EXCEPTION_VALUE;
   }
   int refusal = write_commands(fw, coils);
   if (refusal != FW_OK) {
     return exception_of(refusal);
   }
-  if (coils->zero[MODBUS_COIL_RECORDER_TRIGGER]) {
+  if (coils->zero[AXIS_COIL_RECORDER_TRIGGER]) {
     (void)write_object(fw, AXIS_OBJ_RECORDER_ARM, 0);
   }
-  if (coils->one[MODBUS_COIL_FAULT_RESET]) {
+  if (coils->one[AXIS_COIL_FAULT_RESET]) {
     (void)write_object(fw, AXIS_OBJ_FAULT_RESET, 1);
   }
   const uint32_t other = value_of(fw, AXIS_OBJ_CONTROLWORD) & ~(uint32_t)CONTROL_HALT;
-  if (coils->one[MODBUS_COIL_HALT]) {
+  if (coils->one[AXIS_COIL_HALT]) {
     (void)write_object(fw, AXIS_OBJ_CONTROLWORD, other | CONTROL_HALT);
-  } else if (coils->zero[MODBUS_COIL_HALT]) {
+  } else if (coils->zero[AXIS_COIL_HALT]) {
     (void)write_object(fw, AXIS_OBJ_CONTROLWORD, other);
   }
-  if (coils->one[MODBUS_COIL_ENABLE]) {
+  if (coils->one[AXIS_COIL_ENABLE]) {
     refusal = enable(fw);
-  } else if (coils->zero[MODBUS_COIL_ENABLE]) {
+  } else if (coils->zero[AXIS_COIL_ENABLE]) {
     const uint32_t halt = value_of(fw, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT;
     refusal = write_object(fw, AXIS_OBJ_CONTROLWORD, halt | CONTROL_SHUTDOWN);
   }
@@ -377,7 +395,7 @@ static uint8_t carry_out(fw_t *fw, const coils_t *coils) {
 }
 
 uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8_t *bits) {
-  if ((uint32_t)first + count > MODBUS_COIL_COUNT) {
+  if ((uint32_t)first + count > AXIS_COIL_COUNT) {
     return MODBUS_EXCEPTION_ADDRESS;
   }
   const int32_t word = (int32_t)value_of(fw, AXIS_OBJ_CONTROLWORD);
@@ -386,7 +404,7 @@ uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8
     return exception_of(refusal);
   }
   coils_t coils;
-  for (uint32_t n = 0; n < MODBUS_COIL_COUNT; n++) {
+  for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
     const bool part = n >= first && n < (uint32_t)first + count;
     const bool one = part && fx_bit_get(bits, n - first);
     coils.one[n] = one;

@@ -23,25 +23,10 @@ enum {
   MODBUS_EXCEPTION_BUSY = 6      /* the parameter store is at work */
 };
 
-/* Coils. */
-enum {
-  MODBUS_COIL_ENABLE = 0,      /* 1: controlword shutdown, then enable operation (4 in a fault);
-                                  0: shutdown. Reads 1 while operation is enabled */
-  MODBUS_COIL_FAULT_RESET = 1, /* 1: fault_reset. Reads 0 */
-  MODBUS_COIL_HALT = 2,        /* bit 8 of the controlword */
-  MODBUS_COIL_STORE = 3,       /* 1: store_parameters. Reads 1 while that lasts */
-  MODBUS_COIL_RECORDER_TRIGGER = 4, /* recorder_arm. Reads 1 while it is armed or recording */
-  MODBUS_COIL_COUNT = 5
-};
-
-/* Discrete inputs. */
-enum {
-  MODBUS_DISCRETE_STATUSWORD = 0, /* and up to 15: its bits */
-  MODBUS_DISCRETE_LIMIT_ACTIVE = 16,
-  MODBUS_DISCRETE_CONTACT = 17,
-  MODBUS_DISCRETE_LIMIT_CYCLE = 18,
-  MODBUS_DISCRETE_COUNT = 19
-};
+/* Coils (AXIS_COIL_). enable: 1 is controlword shutdown, then enable operation (exception 4 in a
+ * fault), 0 shutdown; reads 1 while operation is enabled. fault_reset: 1 gives it, reads 0. halt:
+ * bit 8 of the controlword. store: 1 is store_parameters, reads 1 while that lasts.
+ * recorder_trigger: recorder_arm, reads 1 while it is armed or recording. */
 
 typedef enum { MODBUS_HOLDING, MODBUS_INPUT } modbus_table_t;
 
@@ -55,7 +40,8 @@ uint8_t modbus_read_registers(const fw_t *fw, modbus_table_t table, uint16_t fir
 /* All of them or none: each value must be acceptable for itself, with what is there before the
  * request; then they are written in the order of the registers, but what cannot be taken back (the
  * controlword, a native mode, a command) last, so that a controlword finds the targets written with
- * it. Should one be refused nevertheless, those before it are written back. `words` is used up. */
+ * it. Should one be refused nevertheless, those before it are written back, but for an
+ * axis that was taken from LCM, which only LCM can take again. `words` is used up. */
 uint8_t modbus_write_registers(fw_t *fw, uint16_t first, uint16_t count, uint8_t *words);
 
 /* One 16-bit object: (value and `and_mask`) or (`or_mask` and not `and_mask`). */
@@ -65,8 +51,8 @@ uint8_t modbus_mask_register(fw_t *fw, uint16_t first, uint16_t and_mask, uint16
 uint8_t modbus_read_coils(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to);
 uint8_t modbus_read_discretes(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to);
 
-/* All or none; store and recorder_trigger cannot both be 1, exception 3. Order: those two, fault
- * reset, halt, enable. */
+/* All or none; store cannot be 1 together with recorder_trigger or enable, exception 3. Order:
+ * those two, fault reset, halt, enable. */
 uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8_t *bits);
 
 #endif

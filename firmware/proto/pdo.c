@@ -79,15 +79,15 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
 /* Which TPDOs have to be compared in every tick, so that the others cost nothing. */
 static void update_watched(canopen_t *canopen) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    const bool watched = canopen->signals.nmt_state == CANOPEN_OPERATIONAL &&
+    const bool watched = canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
                          tpdo_valid(canopen, i) && is_event_driven(canopen, i);
     canopen->watched[i] = watched ? 1 : 0;
   }
 }
 
 static void start_event_timer(canopen_t *canopen, uint8_t i) {
-  const bool runs = canopen->signals.nmt_state == CANOPEN_OPERATIONAL && tpdo_valid(canopen, i) &&
-                    is_event_driven(canopen, i);
+  const bool runs = canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
+                    tpdo_valid(canopen, i) && is_event_driven(canopen, i);
   canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_EVENT + i),
                       runs ? fx_ticks_from_ms(canopen->params.tpdo_event_time[i]) : 0);
 }
@@ -108,7 +108,7 @@ static void start_tpdo(canopen_t *canopen, uint8_t i) {
 static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
   if (canopen->rpdo_late[i] != 0) {
     canopen->rpdo_late[i] = 0;
-    emcy_raise(canopen, EMCY_RESET, 0);
+    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
   }
 }
 
@@ -163,7 +163,7 @@ static uint64_t pack(const canopen_t *canopen, const fw_t *fw, uint8_t i) {
 
 static void send(canopen_t *canopen, uint8_t i, uint64_t value) {
   pdo_t *pdo = &canopen->tpdo[i];
-  const uint8_t bytes = fx_bytes_of_bits(pdo->bits);
+  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
   can_frame_t *frame = can_output_add(
       &canopen->output, canopen_can_id(canopen->params.tpdo_cob_id[i]), bytes, CAN_OUTPUT_KEEP_PDO);
   if (frame != NULL) {
@@ -256,7 +256,7 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
   const bool refused_other = write_part(canopen, fw, i, false);
   const bool refused = write_part(canopen, fw, i, true) || refused_other;
   if (refused) {
-    tell(canopen, i, PDO_TOLD_REFUSED, EMCY_PARAMETER);
+    tell(canopen, i, PDO_TOLD_REFUSED, AXIS_ERROR_CODE_PARAMETER_REFUSED);
   } else {
     pdo->told = (uint8_t)(pdo->told & ~(uint32_t)PDO_TOLD_REFUSED);
   }
@@ -264,17 +264,16 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
 
 static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *frame) {
   pdo_t *pdo = &canopen->rpdo[i];
-  const uint8_t bytes = fx_bytes_of_bits(pdo->bits);
+  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
   if (frame->length < bytes) {
-    tell(canopen, i, PDO_TOLD_SHORT, EMCY_PDO_SHORT);
+    tell(canopen, i, PDO_TOLD_SHORT, AXIS_ERROR_CODE_PDO_SHORT);
     return;
   }
   if (frame->length > bytes) {
-    tell(canopen, i, PDO_TOLD_LONG, EMCY_PDO_LONG);
+    tell(canopen, i, PDO_TOLD_LONG, AXIS_ERROR_CODE_PDO_LONG);
   } else {
     pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
   }
-  fw_source_alive(fw, FW_SOURCE_CANOPEN);
   pdo->value = fx_load_payload(frame->data, bytes);
   pdo->pending = 1;
   if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {
@@ -319,7 +318,7 @@ void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
   canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
   if (canopen->rpdo_late[rpdo] == 0) {
     canopen->rpdo_late[rpdo] = 1;
-    emcy_raise(canopen, EMCY_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+    emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
   }
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
 }

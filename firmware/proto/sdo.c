@@ -344,11 +344,7 @@ void sdo_receive(canopen_t *canopen, fw_t *fw, uint8_t server, const can_frame_t
                              .server = &canopen->sdo[server],
                              .data = frame->data,
                              .number = server};
-  const uint32_t command = fx_field(frame->data[0], 5, 3);
-  if (command <= CLIENT_ABORT) {
-    fw_source_alive(fw, server);
-  }
-  switch (command) {
+  switch (fx_field(frame->data[0], 5, 3)) {
     case CLIENT_DOWNLOAD:
       end(canopen, server);
       initiate_download(&request);

@@ -74,8 +74,8 @@ struct ModbusAxis::Coils {
   Coils(unsigned first, const std::vector<bool> &bits) {
     for (unsigned i = 0; i < bits.size(); ++i) (bits[i] ? one : zero)[first + i] = true;
   }
-  bool one[MODBUS_COIL_COUNT] = {};
-  bool zero[MODBUS_COIL_COUNT] = {};
+  bool one[AXIS_COIL_COUNT] = {};
+  bool zero[AXIS_COIL_COUNT] = {};
 };
 
 Task<std::uint8_t> ModbusAxis::read(std::uint16_t object, std::int64_t &value) {
@@ -181,10 +181,10 @@ Task<std::uint8_t> ModbusAxis::write_all(std::vector<Write> &writes) {
 
 Task<std::uint8_t> ModbusAxis::read_bits(bool coils, std::uint16_t first, std::uint16_t count,
                                          std::vector<bool> &bits) {
-  const unsigned all = coils ? unsigned{MODBUS_COIL_COUNT} : unsigned{MODBUS_DISCRETE_COUNT};
+  const unsigned all = coils ? unsigned{AXIS_COIL_COUNT} : unsigned{AXIS_DISCRETE_COUNT};
   if (first + static_cast<unsigned>(count) > all) co_return kExceptionAddress;
   std::int64_t statusword = 0;
-  if (!coils && first < MODBUS_DISCRETE_LIMIT_ACTIVE) {
+  if (!coils && first < AXIS_DISCRETE_LIMIT_ACTIVE) {
     const std::uint8_t exception = co_await read(AXIS_OBJ_STATUSWORD, statusword);
     if (exception != 0) co_return exception;
   }
@@ -194,10 +194,10 @@ Task<std::uint8_t> ModbusAxis::read_bits(bool coils, std::uint16_t first, std::u
       constexpr std::uint16_t kOf[] = {AXIS_OBJ_DRIVE_STATE, AXIS_OBJ_NONE, AXIS_OBJ_CONTROLWORD,
                                        AXIS_OBJ_STORE_STATE, AXIS_OBJ_RECORDER_STATE};
       object = kOf[n];
-    } else if (n >= MODBUS_DISCRETE_LIMIT_ACTIVE) {
+    } else if (n >= AXIS_DISCRETE_LIMIT_ACTIVE) {
       constexpr std::uint16_t kOf[] = {AXIS_OBJ_LIMIT_REASON, AXIS_OBJ_CONTACT,
                                        AXIS_OBJ_LIMIT_CYCLE};
-      object = kOf[n - MODBUS_DISCRETE_LIMIT_ACTIVE];
+      object = kOf[n - AXIS_DISCRETE_LIMIT_ACTIVE];
     }
     std::int64_t value = 0;
     if (object != AXIS_OBJ_NONE) {
@@ -205,7 +205,7 @@ Task<std::uint8_t> ModbusAxis::read_bits(bool coils, std::uint16_t first, std::u
       if (exception != 0) co_return exception;
     }
     bool bit = value != 0;
-    if (!coils && n < MODBUS_DISCRETE_LIMIT_ACTIVE) bit = (statusword >> n & 1) != 0;
+    if (!coils && n < AXIS_DISCRETE_LIMIT_ACTIVE) bit = (statusword >> n & 1) != 0;
     if (object == AXIS_OBJ_DRIVE_STATE) bit = value == AXIS_DRIVE_STATE_OPERATION_ENABLED;
     if (object == AXIS_OBJ_CONTROLWORD) bit = (value & kHalt) != 0;
     if (object == AXIS_OBJ_STORE_STATE) bit = value == AXIS_STORE_STATE_SAVING;
@@ -233,9 +233,9 @@ Task<std::uint8_t> ModbusAxis::enable(std::int64_t halt) {
 }
 
 Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, const std::vector<bool> &bits) {
-  if (first + bits.size() > MODBUS_COIL_COUNT) co_return kExceptionAddress;
+  if (first + bits.size() > AXIS_COIL_COUNT) co_return kExceptionAddress;
   const Coils coils(first, bits);
-  if (coils.one[MODBUS_COIL_STORE] && coils.one[MODBUS_COIL_RECORDER_TRIGGER]) {
+  if (coils.one[AXIS_COIL_STORE] && coils.one[AXIS_COIL_RECORDER_TRIGGER]) {
     co_return kExceptionValue;
   }
   std::int64_t state = 0, source = 0, word = 0;
@@ -245,31 +245,31 @@ Task<std::uint8_t> ModbusAxis::write_coils(std::uint16_t first, const std::vecto
   if (exception != 0) co_return exception;
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
                      state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
-  if (source != AXIS_COMMAND_SOURCE_MODBUS || (coils.one[MODBUS_COIL_ENABLE] && fault)) {
+  if (source != AXIS_COMMAND_SOURCE_MODBUS || (coils.one[AXIS_COIL_ENABLE] && fault)) {
     co_return kExceptionState;
   }
-  if (coils.one[MODBUS_COIL_STORE]) {
+  if (coils.one[AXIS_COIL_STORE]) {
     exception = co_await write(AXIS_OBJ_STORE_PARAMETERS, 1);
-  } else if (coils.one[MODBUS_COIL_RECORDER_TRIGGER]) {
+  } else if (coils.one[AXIS_COIL_RECORDER_TRIGGER]) {
     exception = co_await write(AXIS_OBJ_RECORDER_ARM, 1);
   }
   if (exception != 0) co_return exception;
-  if (coils.zero[MODBUS_COIL_RECORDER_TRIGGER]) {
+  if (coils.zero[AXIS_COIL_RECORDER_TRIGGER]) {
     exception = co_await write(AXIS_OBJ_RECORDER_ARM, 0);
     if (exception != 0) co_return exception;
   }
-  if (coils.one[MODBUS_COIL_FAULT_RESET]) {
+  if (coils.one[AXIS_COIL_FAULT_RESET]) {
     exception = co_await write(AXIS_OBJ_FAULT_RESET, 1);
     if (exception != 0) co_return exception;
   }
   std::int64_t halt = word & kHalt;
-  if (coils.one[MODBUS_COIL_HALT] || coils.zero[MODBUS_COIL_HALT]) {
-    halt = coils.one[MODBUS_COIL_HALT] ? kHalt : 0;
+  if (coils.one[AXIS_COIL_HALT] || coils.zero[AXIS_COIL_HALT]) {
+    halt = coils.one[AXIS_COIL_HALT] ? kHalt : 0;
     exception = co_await write(AXIS_OBJ_CONTROLWORD, (word & ~kHalt) | halt);
     if (exception != 0) co_return exception;
   }
-  if (coils.one[MODBUS_COIL_ENABLE]) co_return co_await enable(halt);
-  if (coils.zero[MODBUS_COIL_ENABLE]) {
+  if (coils.one[AXIS_COIL_ENABLE]) co_return co_await enable(halt);
+  if (coils.zero[AXIS_COIL_ENABLE]) {
     co_return co_await write(AXIS_OBJ_CONTROLWORD, halt | kShutdown);
   }
   co_return 0;

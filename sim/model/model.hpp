@@ -120,6 +120,8 @@ enum class Dimension {
 std::string_view unit_of(Dimension dimension);
 /// The dimension of a spelling, or nothing if it is not in the list.
 std::optional<Dimension> dimension_of(std::string_view unit);
+/// Every accepted spelling.
+std::vector<std::string> unit_spellings();
 
 struct Parameter {
   std::string name;

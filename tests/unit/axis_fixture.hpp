@@ -3,13 +3,12 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cstdint>
 
-#include "firmware/port/host/firmware.hpp"
+#include "tests/unit/firmware_fixture.hpp"
 
-// One axis with good inputs: enable chain closed, sensors valid, everything 0.
-class AxisFixture : public ::testing::Test {
+// One axis on no bus.
+class AxisFixture : public FirmwareFixture {
  protected:
   AxisFixture() { PowerUp(); }
 
@@ -21,31 +20,15 @@ class AxisFixture : public ::testing::Test {
     fw_init(&fw_, &config);
   }
 
-  int Write(uint16_t object, int32_t value) {
-    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
-  }
-
   // How the recorder is told of an object: index times 256 plus sub-index.
   static int32_t Address(uint16_t object) {
-    for (const axis_address_t &a : axis_addresses) {
-      if (a.what == AXIS_ADDRESS_OBJECT && a.value == object) return a.index * 256 + a.sub;
-    }
-    return 0xFFFFFF;  // none
-  }
-
-  void Set(uint16_t object, int32_t value) {
-    ASSERT_EQ(Write(object, value), FW_OK) << "object " << object << " value " << value;
-  }
-
-  int32_t Read(uint16_t object) const {
-    int32_t value = 0;
-    EXPECT_EQ(fw_object_read(&fw_, object, &value), FW_OK) << "object " << object;
-    return value;
+    const axis_address_t *a = AddressOf(object);
+    return a == nullptr ? 0xFFFFFF : a->index * 256 + a->sub;
   }
 
   // The code put out.
   int Tick() {
-    fw_tick(&fw_, &inputs_, &outputs_);
+    FirmwareFixture::Tick();
     return outputs_.dac_code;
   }
 
@@ -77,11 +60,6 @@ class AxisFixture : public ::testing::Test {
     EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_DISABLED);
     EXPECT_EQ(Read(AXIS_OBJ_MODE), AXIS_MODE_DISABLED);
   }
-
-  std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
-  fw_t fw_{};
-  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1};
-  axis_outputs_t outputs_{};
 };
 
 #endif

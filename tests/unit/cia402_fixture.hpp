@@ -6,17 +6,13 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
-#include <vector>
 
-#include "firmware/port/host/firmware.hpp"
+#include "tests/unit/firmware_fixture.hpp"
 
 // A drive on a simple axis: the amplifier commands speed, `counts_per_code` counts a tick and code;
 // disabled it stands. A spring of `stiffness` 8-bit counts per encoder count from `wall` on.
-class DriveFixture : public ::testing::Test {
+class DriveFixture : public FirmwareFixture {
  protected:
-  static constexpr int kTicksPerSecond = 1500;
-  static constexpr int kHalt = 0x100;
-
   DriveFixture() { PowerUp(); }
 
   void PowerUp() {
@@ -28,20 +24,6 @@ class DriveFixture : public ::testing::Test {
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
     Set(AXIS_OBJ_FORCE_GAIN, 5 * 256);
     Set(AXIS_OBJ_CONTROLWORD, 0);  // wakes the drive
-  }
-
-  int Write(uint16_t object, int32_t value) {
-    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
-  }
-
-  void Set(uint16_t object, int32_t value) {
-    ASSERT_EQ(Write(object, value), FW_OK) << "object " << object << " value " << value;
-  }
-
-  int32_t Read(uint16_t object) const {
-    int32_t value = 0;
-    EXPECT_EQ(fw_object_read(&fw_, object, &value), FW_OK) << "object " << object;
-    return value;
   }
 
   int State() const { return fw_.drive.signals.drive_state; }
@@ -98,14 +80,44 @@ class DriveFixture : public ::testing::Test {
 
   double Speed() const { return fw_.drive.trajectory.velocity_q16 / 65536.0; }  // count a tick
 
-  fw_t fw_{};
-  axis_inputs_t inputs_{};
-  axis_outputs_t outputs_{};
   double place_ = 0.0;
   double counts_per_code_ = 0.02;
   double wall_ = 1e12;
   double stiffness_ = 0.5;
   bool stuck_ = false;
+};
+
+// Modes of operation on a simulated axis. Figures are worked out by hand from the parameters:
+// 3000 count/s are 2 counts a tick, 225,000 count/s^2 are 0.1 count/tick^2.
+class Drive : public DriveFixture {
+ protected:
+  static constexpr int kPp = 1, kPv = 3, kTq = 4, kHm = 6, kCsp = 8, kCsv = 9, kCst = 10;
+  static constexpr int kOperate = 0x0F, kNew = 0x1F, kNewNow = 0x3F, kNewRelative = 0x5F;
+  static constexpr int kHalt = 0x100;
+  static constexpr int kReached = 0x400, kBit12 = 0x1000, kBit13 = 0x2000, kLimit = 0x800;
+
+  void MoveTo(int32_t target, int command = kNew) {
+    Set(AXIS_OBJ_TARGET_POSITION, target);
+    Control(command);
+    Control(kOperate);
+  }
+
+  // Follows the trajectory until it stands; checks speed and its changes.
+  int Follow(double speed_max, double up, double down, int most = 20000) {
+    double before = Speed();
+    for (int i = 1; i <= most; ++i) {
+      Tick();
+      EXPECT_LE(std::abs(Speed()), speed_max + 1e-9);
+      const double change = Speed() - before;
+      const bool slower = std::abs(Speed()) < std::abs(before);
+      EXPECT_LE(std::abs(change), (slower ? down : up) + 1e-9) << "tick " << i;
+      before = Speed();
+      if (Speed() == 0.0) {
+        return i;
+      }
+    }
+    return -1;
+  }
 };
 
 #endif

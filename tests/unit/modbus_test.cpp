@@ -1,5 +1,5 @@
 // The Modbus RTU server over a whole firmware: requests as bytes, answers as bytes. The frames and
-// CRCs are put together here, apart from the firmware.
+// CRCs are put together apart from the firmware.
 
 #include <gtest/gtest.h>
 
@@ -12,97 +12,41 @@
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
 #include "firmware/proto/modbus_map.h"
+#include "tests/unit/bus_fixture.hpp"
 
 namespace {
 
-using Bytes = std::vector<uint8_t>;
+constexpr uint8_t kUnit = kNode;
 
-// As the Modbus specification writes it, by 16 bits and a polynomial.
-uint16_t Crc(const Bytes &bytes) {
-  unsigned crc = 0xFFFF;
-  for (uint8_t byte : bytes) {
-    crc ^= byte;
-    for (int i = 0; i < 8; ++i) {
-      const bool one = (crc & 1) != 0;
-      crc >>= 1;
-      if (one) crc ^= 0xA001;
-    }
-  }
-  return static_cast<uint16_t>(crc);
-}
-
-Bytes Closed(Bytes frame) {
-  const uint16_t crc = Crc(frame);
-  frame.push_back(static_cast<uint8_t>(crc & 0xFF));
-  frame.push_back(static_cast<uint8_t>(crc >> 8));
-  return frame;
-}
-
-void Add(Bytes &frame, unsigned word) {
-  frame.push_back(static_cast<uint8_t>(word >> 8));
-  frame.push_back(static_cast<uint8_t>(word));
-}
-
-constexpr uint8_t kUnit = 5;
-
-class Modbus : public ::testing::Test {
+class Modbus : public BusFixture {
  protected:
   Modbus() { PowerUp(0); }
 
   void PowerUp(uint32_t baud) {
-    fw_config_t config{};
-    config.recorder_buffer = buffer_;
-    config.recorder_bytes = sizeof(buffer_);
-    config.node_id = kUnit;
-    config.buses = 1;
+    fw_config_t config = NodeConfig();
     config.modbus_baud = baud;
     fw_init(&fw_, &config);
   }
 
-  void Tick(int ticks = 1) {
-    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
-    for (int i = 0; i < ticks; ++i) fw_tick(&fw_, &inputs, &outputs_);
-  }
-
-  void Send(const Bytes &bytes) {
-    fw_modbus_receive(&fw_, bytes.data(), static_cast<uint16_t>(bytes.size()));
-  }
-
-  Bytes Fetch() {
-    Bytes answer;
-    uint8_t piece[7];  // fetched in pieces, as a port would
-    for (uint16_t n; (n = fw_modbus_transmit(&fw_, piece, sizeof(piece))) > 0;) {
-      answer.insert(answer.end(), piece, piece + n);
-    }
-    return answer;
-  }
+  void Send(const Bytes &bytes) { SendSerial(bytes); }
 
   // The answer's PDU: function and data; empty without one. Its unit and CRC are checked.
   Bytes Ask(const Bytes &pdu, uint8_t unit = kUnit) {
-    Bytes frame{unit};
-    frame.insert(frame.end(), pdu.begin(), pdu.end());
-    Send(Closed(frame));
+    Send(RtuFrame(unit, pdu));
     Bytes answer = Fetch();
     if (answer.empty()) return {};
     EXPECT_GE(answer.size(), 5u);
-    EXPECT_EQ(Crc(answer), 0) << "CRC of the answer";
+    EXPECT_EQ(Crc16(answer), 0) << "CRC of the answer";
     EXPECT_EQ(answer[0], kUnit);
     return {answer.begin() + 1, answer.end() - 2};
   }
 
   Bytes Ask(uint8_t function, std::initializer_list<unsigned> words, uint8_t unit = kUnit) {
-    Bytes pdu{function};
-    for (unsigned word : words) Add(pdu, word);
-    return Ask(pdu, unit);
+    return Ask(Pdu(function, words), unit);
   }
 
   Bytes Write16(unsigned first, const std::vector<unsigned> &words, uint8_t unit = kUnit) {
-    Bytes pdu{16};
-    Add(pdu, first);
-    Add(pdu, static_cast<unsigned>(words.size()));
-    pdu.push_back(static_cast<uint8_t>(2 * words.size()));
-    for (unsigned word : words) Add(pdu, word);
-    return Ask(pdu, unit);
+    return Ask(WritePdu(first, words), unit);
   }
 
   // The values of function 3 or 4; empty after an exception.
@@ -117,14 +61,6 @@ class Modbus : public ::testing::Test {
     return words;
   }
 
-  int32_t Read(uint16_t object) const {
-    int32_t value = 0;
-    EXPECT_EQ(fw_object_read(&fw_, object, &value), FW_OK);
-    return value;
-  }
-  void Set(uint16_t object, int32_t value) {
-    ASSERT_EQ(fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value), FW_OK) << object;
-  }
   void Own() { Set(AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS); }
 
   static Bytes Exception(uint8_t function, uint8_t code) {
@@ -135,10 +71,6 @@ class Modbus : public ::testing::Test {
     const Bytes answer = Ask(8, {sub_function, 0});
     return answer.size() == 5 ? 256u * answer[3] + answer[4] : 0xFFFFFFFFu;
   }
-
-  uint8_t buffer_[4096] = {};
-  fw_t fw_{};
-  axis_outputs_t outputs_{};
 };
 
 TEST_F(Modbus, StateIsSmall) { EXPECT_LE(sizeof(modbus_t), 600u); }
@@ -353,16 +285,20 @@ TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }
 
-// 100 ms are 150 ticks; any valid request feeds it, a broken one does not.
-TEST_F(Modbus, TheWatchdogIsFedByValidRequests) {
+// 100 ms are 150 ticks; what is written feeds it, also what was there already. A request that
+// reads, one that is refused and a broken one do not.
+TEST_F(Modbus, TheWatchdogIsFedByWritesThatAreAccepted) {
   EXPECT_EQ(Write16(7, {1, 100}).size(), 5u);
   for (int i = 0; i < 5; ++i) {
     Tick(149);
     EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS);
-    EXPECT_EQ(Ask(4, {0, 1}).size(), 4u);
+    EXPECT_EQ(Write16(8, {100}).size(), 5u);
   }
   Tick(149);
-  Send({kUnit, 4, 0, 0, 0, 1, 0, 0});
+  EXPECT_EQ(Ask(4, {0, 1}).size(), 4u);
+  EXPECT_EQ(Ask(3, {0, 9}).size(), 20u);
+  EXPECT_EQ(Write16(8, {1}), Exception(16, 3));
+  Send({kUnit, 6, 0, 8, 0, 100, 0, 0});
   Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }
@@ -403,6 +339,25 @@ TEST_F(Modbus, AFaultIsResetByItsCoil) {
   EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
   EXPECT_EQ(outputs_.amp_enable, 0);
   EXPECT_EQ(Ask(5, {0, 0xFF00}).size(), 5u);
+}
+
+TEST_F(Modbus, StoreAndEnableAreTwoRequests) {
+  Own();
+  EXPECT_EQ(Ask(Bytes{15, 0, 0, 0, 4, 1, 0b1001}), Exception(15, 3));
+  Tick(2);
+  EXPECT_EQ(Read(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  EXPECT_EQ(Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_EMPTY);
+}
+
+// What it writes as the owner is checked before it takes the axis.
+TEST_F(Modbus, ARefusedRequestLeavesTheAxisToItsOwner) {
+  for (const int owner : {AXIS_COMMAND_SOURCE_CANOPEN, AXIS_COMMAND_SOURCE_LCM}) {
+    Set(AXIS_OBJ_COMMAND_SOURCE, owner);
+    EXPECT_EQ(Write16(7, {1, 9}), Exception(16, 3)) << "a watchdog of 9 ms";
+    EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), owner);
+  }
+  EXPECT_EQ(Write16(7, {1, 100}).size(), 5u);
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS);
 }
 
 TEST_F(Modbus, TheRecorderHasACoil) {
@@ -651,7 +606,7 @@ TEST_F(Modbus, RandomBytes) {
     Send(bytes);
     Tick(static_cast<int>(random() % 3));
     for (const Bytes answer = Fetch(); !answer.empty();) {
-      EXPECT_EQ(Crc(answer), 0);
+      EXPECT_EQ(Crc16(answer), 0);
       EXPECT_EQ(answer[0], kUnit);
       break;
     }

@@ -16,7 +16,8 @@
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
 //                  Logged when it has changed; otherwise it has not
 //   6 TPDO a's mapped objects now hold d (logged when it changes)
-//   7 RPDOs of which an object refused its value when last taken over: a, one bit each; before 1
+//   7 a: bits 0 to 3, RPDOs of which an object refused its value when last taken over; bit 4, the
+//     owner has written since the last tick; before 1
 //   8 the finished recording has c bytes
 //   9 the recording was stopped or armed
 //  10 c frames were lost on the way in
@@ -195,6 +196,9 @@ class Flood {
     for (unsigned i = 0; i < 4; ++i) {
       if ((fw_.canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) refused |= uint8_t(1u << i);
     }
+    // Only of what the drive judges does the model need this; within a tick it cannot be told
+    // from a write before.
+    if (fw_.source_silence == 0) refused |= 0x10;
     if (refused != refused_) {
       refused_ = refused;
       Log(kRefused, refused);

@@ -2,7 +2,7 @@
 
 `Node` is fed what canopen_flood logged: frames in, ticks, what the port told, and what no model of
 communication can know (values of mapped objects, the drive's error code, whether an object of the
-drive refused an RPDO's value). It predicts every frame out, the NMT state, the lock, and each
+drive refused the value of an RPDO or an SDO server). It predicts every frame out, the NMT state, the lock, and each
 object of the communication part; `check` compares them and names the record that differs.
 """
 
@@ -120,6 +120,7 @@ class Node:
         self.can_lost = 0
         self.values = [0] * 4  # of what TPDOs map
         self.refused = 0
+        self.fed = False  # the owner's last write of a value that only the drive can judge
         self.recording = 0
         self.active = 0
         self.bus = 0
@@ -428,8 +429,6 @@ class Node:
 
     def request(self, server, data):
         specifier = data >> 5 & 7
-        if specifier <= 4 and server == self.owner:
-            self.silence = 0
         transfer = self.servers[server]
         index, sub = data >> 8 & 0xFFFF, data >> 24 & 0xFF
         if specifier in (0, 3):
@@ -605,8 +604,13 @@ class Node:
             self.watchdog, self.silence = value, 0
         elif o.part == "canopen":
             self.write_communication(at, value)
-        elif o.part != "device":
+            self.silence = 0
+        elif o.part == "device":
+            self.silence = 0
+        else:
             # The axis or the drive decides.
+            if self.fed:
+                self.silence = 0
             refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06090030, 0x08000022)]
             self.answer(server, *(choice for f in (done, *refusals) for choice in exactly(f)))
             return
@@ -884,7 +888,7 @@ def check(log, node):
             elif kind == VALUE:
                 node.values[a] = d
             elif kind == REFUSED:
-                node.refused = a
+                node.refused, node.fed = a & 15, a & 16 != 0
             elif kind == RECORDING:
                 node.recording = c
             elif kind == REPLACED:

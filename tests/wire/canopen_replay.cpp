@@ -107,6 +107,7 @@ class Log {
     for (unsigned i = 0; i < 4; ++i) {
       if ((fw_->canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) now |= uint8_t(1u << i);
     }
+    if (fw_->source_silence == 0) now |= 0x10;
     if (now != refused_) add(kRefused, now);
     refused_ = now;
   }

@@ -445,38 +445,36 @@ STATUSWORD = [
 ]
 
 
-def sources():
-    """All of the protocols' C."""
-    return "".join(p.read_text() for p in sorted((ROOT / "firmware/proto").glob("*.[ch]")))
+def in_header(prefix):
+    """The C header's names, in lower case, and values."""
+    header = (GENERATED / "axis_objects.h").read_text()
+    found = re.findall(rf"\bAXIS_{prefix}_(\w+) = (\d+)", header)
+    return {name.lower(): int(value) for name, value in found}
 
 
-def test_every_error_code_of_the_firmware_has_its_name_in_the_table():
-    named = {value: text for value, text in AT[0x603F, 0][1]["values"]}
-    faults = re.findall(r"\[AXIS_FAULT_(\w+)\] = (0x\w{4}),", sources())
-    assert {name.lower() for name, _ in faults} == set(AT[0x2021, 0][1]["enum"])
-    for name, code in faults:
-        assert named[int(code, 16)] == name.lower()
-    others = re.findall(r"\bEMCY_(\w+) = (0x\w{4})\b", sources())
-    assert others
-    for name, code in others:
-        assert int(code, 16) in named, name
+# CiA 301 and 402, typed from the standards; FF01h and above are ours.
+ERROR_CODES = {
+    "none": 0x0000, "store_failed": 0x5530, "source_lost": 0x6010, "parameter_refused": 0x6320,
+    "adc_range": 0x7300, "sensor_invalid": 0x7305, "overspeed": 0x7310, "can_overrun": 0x8110,
+    "can_passive": 0x8120, "heartbeat_lost": 0x8130, "can_off": 0x8140, "pdo_short": 0x8210,
+    "pdo_long": 0x8220, "sync_length": 0x8240, "pdo_timeout": 0x8250, "following_error": 0x8611,
+    "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
+    "limit_cycle": 0xFF03, "overrun": 0xFF04, "enable_lost": 0xFF05, "force_max": 0xFF06,
+}  # fmt: skip
+
+
+def test_error_codes_are_those_of_the_standards():
+    assert in_header("ERROR_CODE") == ERROR_CODES
+    assert set(AT[0x2021, 0][1]["enum"]) <= set(ERROR_CODES)  # each fault has one of its name
 
 
 @pytest.mark.parametrize("kind", ["coil", "discrete"])
-def test_bits_are_those_of_the_firmware(modbus, kind):
-    """The server's own enum says the same as the table; it names the statusword's bits as one."""
-    names = re.findall(rf"\bMODBUS_{kind.upper()}_(\w+) = (\d+)", sources())
-    in_c = {name.lower(): int(value) for name, value in names}
-    generated = (GENERATED / "axis_objects.h").read_text()
-    names = re.findall(rf"\bAXIS_{kind.upper()}_(\w+) = (\d+)", generated)
-    in_header = {name.lower(): int(value) for name, value in names}
-    in_map = {r["name"]: int(r["address"]) for r in modbus if r["space"] == kind}
-    assert in_map == in_header
-    assert in_c.pop("count") == len(in_map)
+def test_bits_are_those_of_the_map(modbus, kind):
+    in_c = in_header(kind.upper())
+    assert in_c.pop("count") == len(in_c)
+    assert {r["name"]: int(r["address"]) for r in modbus if r["space"] == kind} == in_c
     if kind == "discrete":
-        first = in_c.pop("statusword")
-        assert [in_map.pop(name) for name in STATUSWORD] == list(range(first, first + 16))
-    assert in_map == in_c
+        assert [in_c[name] for name in STATUSWORD] == list(range(16))
 
 
 # --- the manual's pages ---

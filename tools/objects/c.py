@@ -51,7 +51,9 @@ def enum_constants(table):
             yield [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
     for kind, bits in (("COIL", table.coils), ("DISCRETE", table.discretes)):
         if bits:
-            yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits]
+            yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits] + [
+                (f"AXIS_{kind}_COUNT", 1 + max(bit["address"] for bit in bits))
+            ]
 
 
 def generate_header(table):

@@ -445,7 +445,8 @@ enum {
   AXIS_COIL_FAULT_RESET = 1,
   AXIS_COIL_HALT = 2,
   AXIS_COIL_STORE = 3,
-  AXIS_COIL_RECORDER_TRIGGER = 4
+  AXIS_COIL_RECORDER_TRIGGER = 4,
+  AXIS_COIL_COUNT = 5
 };
 
 enum {
@@ -467,7 +468,8 @@ enum {
   AXIS_DISCRETE_MANUFACTURER_15 = 15,
   AXIS_DISCRETE_LIMIT_ACTIVE = 16,
   AXIS_DISCRETE_CONTACT = 17,
-  AXIS_DISCRETE_LIMIT_CYCLE = 18
+  AXIS_DISCRETE_LIMIT_CYCLE = 18,
+  AXIS_DISCRETE_COUNT = 19
 };
 
 typedef struct {
@@ -543,8 +545,8 @@ typedef struct {
   uint32_t position_window; /* distance from the target at which it counts as reached [count] */
   int32_t target_position; /* wanted position [count] */
   int32_t home_offset; /* position that homing gives the place where the axis stands [count] */
-  int32_t position_limit_min; /* targets below it are drawn to it; the smallest value means none [count] */
-  int32_t position_limit_max; /* targets above it are drawn to it; the largest value means none [count] */
+  int32_t position_limit_min; /* targets below it are drawn to it; the smallest value means none; force is bound by 2016h alone [count] */
+  int32_t position_limit_max; /* targets above it are drawn to it; the largest value means none; force is bound by 2017h alone [count] */
   uint32_t encoder_increments; /* encoder counts in that many motor revolutions [count] */
   uint32_t encoder_revolutions; /* motor revolutions in that many encoder counts [1] */
   uint32_t velocity_max; /* bound of every target and profile velocity [count/s] */
@@ -650,7 +652,7 @@ typedef struct {
 } canopen_signals_t;
 
 typedef struct {
-  uint16_t watchdog; /* a source other than canopen is lost when it is silent for that long [ms] */
+  uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
   uint8_t command_source; /* bus that may write; another one takes it by writing its own number [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
 } device_params_t;
@@ -664,8 +666,8 @@ typedef struct {
 } device_signals_t;
 
 /* First 32 bits of the table's SHA-256: programs with the same one mean the same. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x6349fc75)
-#define AXIS_OBJECTS_HASH_TEXT "6349fc75"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x8c7de466)
+#define AXIS_OBJECTS_HASH_TEXT "8c7de466"
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };

@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "6349fc75af54b15cf5c517c5ea80f31055a60bebf5a76d6394b9229a43c14394"
+#define AXIS_OBJECTS_HASH "8c7de466c04e252e8e587d62a4d42bf0550d972750f3b29952b806c8ddbcb52b"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -208,9 +208,9 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "rw", "any", "", 0x607A, 0, 2, 0},
     {87, 4, "home_offset", "parameter", "drive", "position that homing gives the place where the axis stands", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "rw", "any", "", 0x607C, 0, 524, 1},
-    {88, 4, "position_limit_min", "parameter", "drive", "targets below it are drawn to it; the smallest value means none", "i32", "count",
+    {88, 4, "position_limit_min", "parameter", "drive", "targets below it are drawn to it; the smallest value means none; force is bound by 2016h alone", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(-2147483648), "rw", "any", "", 0x607D, 1, 526, 1},
-    {89, 4, "position_limit_max", "parameter", "drive", "targets above it are drawn to it; the largest value means none", "i32", "count",
+    {89, 4, "position_limit_max", "parameter", "drive", "targets above it are drawn to it; the largest value means none; force is bound by 2017h alone", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(2147483647), "rw", "any", "", 0x607D, 2, 528, 1},
     {90, 1, "polarity", "parameter", "drive", "bits: 7 position, 6 velocity: wire values are negated", "u8", "1",
      1.0, INT64_C(0), INT64_C(192), INT64_C(0), "rw", "disabled", "", 0x607E, 0, 530, 1},
@@ -253,7 +253,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {109, 2, "force_demand", "signal", "drive", "force the force law is asked for", "i16", "per mille",
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x6074, 0, 328, 0},
     {110, 4, "rated_force", "parameter", "drive", "the force of 1000 per mille", "u32", "mN",
-     1.0, INT64_C(1), INT64_C(2147483647), INT64_C(100000), "rw", "any", "", 0x6076, 0, 546, 1},
+     1.0, INT64_C(1), INT64_C(2147483647), INT64_C(100000), "rw", "disabled", "", 0x6076, 0, 546, 1},
     {111, 2, "force_actual", "signal", "drive", "contact force", "i16", "per mille",
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x6077, 0, 7, 0},
     {112, 2, "current_actual", "signal", "drive", "code of the motor current, per mille of its range", "i16", "per mille",
@@ -261,7 +261,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {113, 4, "force_slope", "parameter", "drive", "rate at which the force mode changes its force", "u32", "per mille/s",
      1.0, INT64_C(1), INT64_C(2147483647), INT64_C(10000), "rw", "any", "", 0x6087, 0, 548, 1},
     {114, 4, "force_scale", "parameter", "drive", "force of one count of an 8-bit reading", "u32", "uN",
-     1.0, INT64_C(1), INT64_C(2147483647), INT64_C(2500000), "rw", "any", "", 0x2201, 0, 550, 1},
+     1.0, INT64_C(1), INT64_C(2147483647), INT64_C(2500000), "rw", "disabled", "", 0x2201, 0, 550, 1},
     {115, 4, "contact_force", "parameter", "drive", "magnitude of the reading above which the axis counts as in contact", "i32", "count",
      0.00390625, INT64_C(1), INT64_C(65536), INT64_C(512), "rw", "any", "", 0x2202, 0, 552, 1},
     {116, 4, "approach_velocity_max", "parameter", "drive", "speed at which the force modes approach out of contact", "u32", "count/s",
@@ -304,7 +304,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2300, 0, 336, 0},
     {135, 1, "command_source", "parameter", "device", "bus that may write; another one takes it by writing its own number", "u8", "1",
      1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0},
-    {136, 2, "watchdog", "parameter", "device", "a source other than canopen is lost when it is silent for that long", "u16", "ms",
+    {136, 2, "watchdog", "parameter", "device", "a source other than canopen is lost when it writes nothing for that long", "u16", "ms",
      1.0, INT64_C(10), INT64_C(65535), INT64_C(1000), "rw", "any", "", 0x2302, 0, 8, 1},
     {137, 1, "store_parameters", "command", "device", "1 keeps all parameters over a power cut; only while the axis is disabled", "u8", "1",
      1.0, INT64_C(1), INT64_C(1), INT64_C(0), "rw", "disabled", "", 0x2303, 0, 496, 0},

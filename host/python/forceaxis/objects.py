@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "6349fc75af54b15cf5c517c5ea80f31055a60bebf5a76d6394b9229a43c14394"
+OBJECTS_HASH = "8c7de466c04e252e8e587d62a4d42bf0550d972750f3b29952b806c8ddbcb52b"
 
 OBJECTS = (
     AxisObject(
@@ -2223,7 +2223,7 @@ OBJECTS = (
         name="position_limit_min",
         kind="parameter",
         part="drive",
-        meaning="targets below it are drawn to it; the smallest value means none",
+        meaning="targets below it are drawn to it; the smallest value means none; force is bound by 2016h alone",
         type="i32",
         unit="count",
         scale=1.0,
@@ -2247,7 +2247,7 @@ OBJECTS = (
         name="position_limit_max",
         kind="parameter",
         part="drive",
-        meaning="targets above it are drawn to it; the largest value means none",
+        meaning="targets above it are drawn to it; the largest value means none; force is bound by 2017h alone",
         type="i32",
         unit="count",
         scale=1.0,
@@ -2759,7 +2759,7 @@ OBJECTS = (
         max=2147483647,
         default=100000,
         access="rw",
-        writable="any",
+        writable="disabled",
         index=0x6076,
         sub=0,
         modbus=546,
@@ -2855,7 +2855,7 @@ OBJECTS = (
         max=2147483647,
         default=2500000,
         access="rw",
-        writable="any",
+        writable="disabled",
         index=0x2201,
         sub=0,
         modbus=550,
@@ -3375,7 +3375,7 @@ OBJECTS = (
         name="watchdog",
         kind="parameter",
         part="device",
-        meaning="a source other than canopen is lost when it is silent for that long",
+        meaning="a source other than canopen is lost when it writes nothing for that long",
         type="u16",
         unit="ms",
         scale=1.0,

@@ -1,0 +1,108 @@
+#pragma once
+// Reading a plant's file: a Section hands out the typed values of one TOML table.
+//
+// Every value is checked for its kind and range and, where it names a parameter, for that one's
+// unit. What does not fit is thrown as InputError: one line with the whole path of the key. In the
+// end finish() refuses the keys that nobody has asked for. A section holds references: the table,
+// the source and the lists given to it must outlive it.
+#include <toml++/impl/forward_declarations.h>
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "sim/model/model.hpp"
+
+namespace forceaxis::sim {
+
+/// A file and the parameters that its values may name.
+struct Source {
+  std::string file;
+  std::vector<Parameter> parameters;
+
+  /// The parameter of this name, or nullptr.
+  Parameter *find(std::string_view name);
+  std::vector<std::string> parameter_names() const;
+  [[noreturn]] void fail(const std::string &key, const std::string &message) const {
+    throw InputError(file, key, message);
+  }
+};
+
+/// What a number may be. All are finite, and 0 or between 1e-30 and 1e30 in size.
+enum class Sign { any, not_zero, not_negative, positive };
+
+class Section {
+ public:
+  Section(Source &source, const toml::table &table, std::string path)
+      : source_(source), table_(table), path_(std::move(path)) {}
+
+  /// The node of a key, which is known from now on, or nullptr.
+  const toml::node *find(std::string_view key);
+  const toml::node &require(std::string_view key, std::string_view expected);
+  bool has(std::string_view key) { return find(key) != nullptr; }
+
+  std::string text(std::string_view key, std::string_view expected);
+  std::optional<std::string> optional_text(std::string_view key, std::string_view expected);
+  /// The element's own name, an identifier.
+  std::string name();
+
+  /// A number in SI, a parameter, or a parameter negated.
+  double value(std::string_view key, Dimension dimension, Sign sign);
+  std::optional<double> optional_value(std::string_view key, Dimension dimension, Sign sign);
+  double value_or(std::string_view key, Dimension dimension, Sign sign, double fallback) {
+    return optional_value(key, dimension, sign).value_or(fallback);
+  }
+  /// One such value, or a list of them that is not empty.
+  std::vector<double> values(std::string_view key, Dimension dimension, Sign sign);
+  /// The same in rising order. Empty if the key is absent.
+  std::vector<double> rising(std::string_view key, Dimension dimension);
+  int integer(std::string_view key, int low, int high, std::optional<int> fallback);
+
+  /// Index of the body that is named, or kGround.
+  int body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
+           std::optional<int> fallback);
+  Ends between(const std::vector<Body> &bodies);
+
+  /// Visits and finishes the table of a key, if there is one.
+  void one(std::string_view key, const std::function<void(Section &)> &visit);
+  /// Visits and finishes every table of a list, if there is one.
+  void each(std::string_view key, const std::function<void(Section &)> &visit);
+
+  /// Refuses what has not been asked for.
+  void finish() const;
+  [[noreturn]] void fail(std::string_view key, const std::string &message) const;
+
+ private:
+  std::string key_path(std::string_view key) const;
+  double resolve(const std::string &key, const toml::node &node, Dimension dimension, Sign sign);
+  std::vector<double> list(std::string_view key, Dimension dimension, Sign sign);
+  void child(const toml::node &node, const std::string &path,
+             const std::function<void(Section &)> &visit) const;
+
+  Source &source_;
+  const toml::table &table_;
+  std::string path_;
+  std::vector<std::string> known_;
+};
+
+/// Index of a body by name, or kGround.
+int find_body(const std::vector<Body> &bodies, std::string_view name);
+
+// Pieces of messages.
+
+/// A quoted TOML key or a file name may hold control characters; an error stays one line.
+std::string one_line(std::string_view text);
+std::string in_quotes(std::string_view text);
+/// The shortest decimal that reads back the same.
+std::string number_text(double value);
+std::string joined(const std::vector<std::string> &names);
+/// "; did you mean NAME?" for the nearest of the known names, or nothing.
+std::string suggestion(std::string_view wrong, const std::vector<std::string> &known);
+/// A node as a message calls it.
+std::string kind_of(const toml::node &node);
+bool is_identifier(std::string_view name);
+
+}  // namespace forceaxis::sim

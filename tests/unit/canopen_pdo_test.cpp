@@ -1,0 +1,279 @@
+// PDOs: their bits, times, mapping and errors.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <vector>
+
+#include "tests/unit/canopen_fixture.hpp"
+
+namespace {
+
+TEST(Payload, BitsGoWhereTheyBelong) {
+  EXPECT_EQ(fx_payload_put(0, 0xFFFFFFFFu, 32, 32), 0xFFFFFFFF00000000u);
+  EXPECT_EQ(fx_payload_put(1, 0x1FFu, 63, 1), 0x8000000000000001u);
+  EXPECT_EQ(fx_payload_put(0, 0xABCDu, 9, 8), 0xCDu << 9);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 0, 32), 0x89ABCDEFu);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 32, 32), 0x81234567u);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 63, 1), 1u);
+  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 4, 8), 0xDEu);
+  uint8_t bytes[9] = {9, 9, 9, 9, 9, 9, 9, 9, 9};
+  fx_store_payload(bytes, 0x8123456789ABCDEFu, 3);
+  EXPECT_EQ(fx_load_payload(bytes, 4), 0x09ABCDEFu);
+  fx_store_payload(bytes, 0x8123456789ABCDEFu, 8);
+  EXPECT_EQ(fx_load_payload(bytes, 8), 0x8123456789ABCDEFu);
+  EXPECT_EQ(bytes[8], 9);
+  EXPECT_EQ(fx_load_payload(bytes, 0), 0u);
+}
+
+TEST_F(Canopen, DefaultPdosWork) {
+  Nmt(1);
+  Take();
+  Tick();
+  // Event driven: once when it becomes operational.
+  auto frames = Take(0x185);
+  ASSERT_EQ(frames.size(), 1u);
+  EXPECT_EQ(frames[0].data.size(), 3u);
+  Send(0x80, {});
+  frames = Take();
+  ASSERT_EQ(frames.size(), 1u) << "TPDO2 alone, at once";
+  EXPECT_EQ(frames[0].id, 0x285);
+  EXPECT_EQ(frames[0].data.size(), 8u);
+  Send(0x305, {0x00, 0x00, 0x78, 0x56, 0x34, 0x12});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0x12345678);
+  Send(0x405, {0x00, 0x00, 0xFF, 0xFF, 0xFF, 0xFF});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), -1);
+  Send(0x505, {0x00, 0x00, 0xFE, 0xFF});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), -2);
+}
+
+TEST_F(Canopen, TheEventTimerAndChangesSendATpdo) {
+  Start();
+  fw_.drive.signals.statusword = 0x1234;
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185), (std::vector<Frame>{{0x185, {0x34, 0x12, 0}}})) << "in the same tick";
+  NodeTick(29);
+  EXPECT_TRUE(Take(0x185).empty());
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u) << "20 ms after it was last sent";
+  Nmt(128);
+  fw_.drive.signals.statusword = 1;
+  NodeTick(100);
+  EXPECT_TRUE(Take(0x185).empty()) << "not operational";
+}
+
+TEST_F(Canopen, TheInhibitTimeHoldsChangesBack) {
+  EXPECT_EQ(Download(0x1800, 3, 50, 2), 0x08000022u) << "not while it is valid";
+  ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
+  ASSERT_EQ(Download(0x1800, 3, 50, 2), 0u);  // 5 ms: 7.5, so 8 ticks
+  ASSERT_EQ(Download(0x1800, 1, 0x40000185, 4), 0u);
+  Nmt(1);
+  Take();
+  int sent_at = -1;
+  for (int i = 0; i < 100; ++i) {
+    fw_.drive.signals.statusword = static_cast<uint16_t>(i + 1);
+    NodeTick(1);
+    if (Take(0x185).empty()) continue;
+    if (sent_at >= 0) {
+      EXPECT_EQ(i - sent_at, 8);
+    }
+    sent_at = i;
+  }
+  EXPECT_GT(sent_at, 80);
+}
+
+TEST_F(Canopen, SynchronousTypes) {
+  Nmt(1);
+  for (int type : {1, 2, 3, 240}) {
+    ASSERT_EQ(Download(0x1801, 2, static_cast<uint32_t>(type), 1), 0u);
+    Take();
+    for (int sync = 1; sync <= 2 * type; ++sync) {
+      Send(0x80, {});
+      EXPECT_EQ(Take(0x285).size(), sync % type == 0 ? 1u : 0u) << type << " at " << sync;
+    }
+  }
+  ASSERT_EQ(Download(0x1801, 2, 0, 1), 0u);
+  Send(0x80, {});
+  EXPECT_EQ(Take(0x285).size(), 1u);
+  Send(0x80, {});
+  EXPECT_TRUE(Take(0x285).empty()) << "nothing has changed";
+  fw_.drive.signals.position_actual += 1;
+  NodeTick(10);
+  EXPECT_TRUE(Take(0x285).empty());
+  Send(0x80, {});
+  EXPECT_EQ(Take(0x285).size(), 1u);
+  for (int type = 241; type <= 253; ++type) {
+    EXPECT_EQ(Download(0x1801, 2, static_cast<uint32_t>(type), 1), 0x06090030u);
+    EXPECT_EQ(Download(0x1401, 2, static_cast<uint32_t>(type), 1), 0x06090030u);
+  }
+}
+
+TEST_F(Canopen, SynchronousRpdosWaitForSync) {
+  ASSERT_EQ(Download(0x1401, 2, 1, 1), 0u);
+  Nmt(1);
+  Send(0x305, {0x00, 0x00, 1, 0, 0, 0});
+  Send(0x305, {0x00, 0x00, 2, 0, 0, 0});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0);
+  Send(0x80, {});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2);
+  Send(0x305, {0x00, 0x00, 3, 0, 0, 0});
+  Nmt(128);
+  Nmt(1);
+  Send(0x80, {});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2) << "forgotten with the state";
+}
+
+TEST_F(Canopen, RemapsAtRunTime) {
+  Start();
+  Remap(0x1A02 - 0x200, 0x1A02, 0x40000385, {0x60640020, 0x60410010, 0x60610008, 0x22100008}, 1);
+  fw_.drive.signals.position_actual = 0x04030201;
+  fw_.drive.signals.statusword = 0x0605;
+  fw_.drive.signals.modes_of_operation_display = 7;
+  fw_.drive.signals.contact = 1;
+  Take();
+  Send(0x80, {});
+  EXPECT_EQ(Take(0x385), (std::vector<Frame>{{0x385, {1, 2, 3, 4, 5, 6, 7, 1}}}));
+  // Dummies keep places free, even of one bit.
+  Remap(0x1403, 0x1603, 0x505, {0x00010001, 0x00050008, 0x60710010, 0x00020008}, 255);
+  // 25 bits before the last: the value is bits 9 to 24 of the frame.
+  const uint64_t bits = uint64_t{0xABCD & 0x7FFF} << 9;
+  std::vector<uint8_t> data = LittleEndian(static_cast<uint32_t>(bits), 4);
+  data.push_back(0);
+  Send(0x505, data);
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 0x2BCD);
+}
+
+TEST_F(Canopen, MappingIsRefusedWhilePdoIsValid) {
+  for (uint16_t pdo = 0; pdo < 2; ++pdo) {
+    for (uint16_t side : {0x0000, 0x0400}) {
+      const uint16_t mapping = static_cast<uint16_t>(0x1600 + side + pdo);
+      const uint16_t communication = static_cast<uint16_t>(mapping - 0x200);
+      const uint32_t entry = *Upload(mapping, 1);
+      const uint32_t cob_id = *Upload(communication, 1);
+      EXPECT_EQ(Download(mapping, 0, 0, 1), 0x08000022u);
+      EXPECT_EQ(Download(mapping, 0, 2, 1), 0u) << "what it is already";
+      EXPECT_EQ(Download(mapping, 1, entry, 4), 0u) << "what it is already";
+      EXPECT_EQ(Download(mapping, 1, 0x60FF0020, 4), 0x08000022u);
+      EXPECT_EQ(Download(communication, 1, cob_id + 0x20, 4), 0x08000022u);
+      EXPECT_EQ(Download(communication, 1, (cob_id + 0x20) | 0x80000000u, 4), 0u);
+      EXPECT_EQ(Download(mapping, 1, 0x60FF0020, 4), 0x08000022u) << "not while any are mapped";
+      EXPECT_EQ(Download(mapping, 0, 0, 1), 0u);
+      EXPECT_EQ(Download(mapping, 1, 0x60FF0020, 4), 0u);
+      EXPECT_EQ(Download(mapping, 0, 9, 1), 0x06090031u);
+      EXPECT_EQ(Download(mapping, 0, 1, 1), 0u);
+      EXPECT_EQ(Download(communication, 1, cob_id + 0x20, 4), 0u);
+    }
+  }
+}
+
+TEST_F(Canopen, EntriesAreChecked) {
+  for (uint16_t mapping : {0x1603, 0x1A03}) {
+    const bool transmit = mapping == 0x1A03;
+    const uint16_t communication = static_cast<uint16_t>(mapping - 0x200);
+    ASSERT_EQ(Download(communication, 1, 0x80000000u, 4), 0u) << "the short way to switch it off";
+    ASSERT_EQ(Download(mapping, 0, 0, 1), 0u);
+    EXPECT_EQ(Download(mapping, 1, 0x50000008, 4), 0x06020000u);
+    EXPECT_EQ(Download(mapping, 1, 0x60400110, 4), 0x06020000u) << "no such sub-index";
+    EXPECT_EQ(Download(mapping, 1, 0x60710008, 4), 0x06040041u) << "16 bits";
+    EXPECT_EQ(Download(mapping, 1, 0x10170010, 4), 0x06040041u) << "communication";
+    EXPECT_EQ(Download(mapping, 1, 0x10180008, 4), 0x06040041u) << "a number of sub-indices";
+    EXPECT_EQ(Download(mapping, 1, 0x10080008, 4), 0x06040041u) << "a text";
+    EXPECT_EQ(Download(mapping, 1, 0x201E0008, 4), transmit ? 0x06040041u : 0u) << "write only";
+    EXPECT_EQ(Download(mapping, 1, 0x60410010, 4), transmit ? 0u : 0x06040041u) << "read only";
+    EXPECT_EQ(Download(mapping, 1, 0x00050008, 4), transmit ? 0x06020000u : 0u) << "a dummy";
+    EXPECT_EQ(Download(mapping, 1, 0x00050010, 4), transmit ? 0x06020000u : 0x06040041u);
+    EXPECT_EQ(Download(mapping, 1, 0, 4), 0u) << "empty";
+    EXPECT_EQ(Download(mapping, 0, 1, 1), 0x06040042u) << "but not to be mapped";
+    for (uint8_t i = 1; i <= 3; ++i) ASSERT_EQ(Download(mapping, i, 0x607A0020, 4), 0u);
+    EXPECT_EQ(Download(mapping, 0, 3, 1), 0x06040042u) << "96 bits";
+    EXPECT_EQ(Upload(mapping, 0), 0u);
+    EXPECT_EQ(Download(mapping, 0, 2, 1), 0u);
+  }
+}
+
+TEST_F(Canopen, CobIdsAreChecked) {
+  const auto restricted = [](uint32_t id) {
+    return id <= 0x7F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) ||
+           (id >= 0x601 && id <= 0x67F) || (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
+  };
+  for (uint16_t index : {0x1400, 0x1800}) {
+    const uint32_t rtr = index == 0x1800 ? 0x40000000 : 0;
+    for (uint32_t id = 0; id < 0x800; ++id) {
+      ASSERT_EQ(Download(index, 1, 0x80000000u | id, 4), 0u);
+      ASSERT_EQ(Download(index, 1, rtr | id, 4), restricted(id) ? 0x06090030u : 0u)
+          << std::hex << id;
+    }
+    ASSERT_EQ(Download(index, 1, 0x80000205u, 4), 0u);
+    EXPECT_EQ(Download(index, 1, 0x20000205u, 4), 0x06090030u) << "29 bits";
+    EXPECT_EQ(Download(index, 1, 0x00001205u, 4), 0x06090030u);
+  }
+  EXPECT_EQ(Download(0x1005, 0, 0x40000080, 4), 0x06090030u) << "it does not produce SYNC";
+  EXPECT_EQ(Download(0x1005, 0, 0x601, 4), 0x06090030u);
+  EXPECT_EQ(Download(0x1005, 0, 0x100, 4), 0u);
+  Send(0x80, {});
+  EXPECT_EQ(Read(AXIS_OBJ_SYNC_COUNT), 0);
+  Send(0x100, {});
+  EXPECT_EQ(Read(AXIS_OBJ_SYNC_COUNT), 1);
+  EXPECT_EQ(Download(0x1014, 0, 0x90, 4), 0x08000022u);
+  EXPECT_EQ(Download(0x1014, 0, 0x80000090, 4), 0u);
+  EXPECT_EQ(Download(0x1014, 0, 0x90, 4), 0u);
+}
+
+TEST_F(Canopen, PdoLengthErrorsAreToldOnce) {
+  Start();
+  for (int i = 0; i < 5; ++i) Send(0x305, {0, 0, 1, 0, 0});
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8210, 0x11, 2)});
+  Send(0x305, {0, 0, 1, 0, 0, 0});
+  Send(0x305, {0, 0});
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 1);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8210, 0x11, 2)});
+  Send(0x305, {0, 0, 2, 0, 0, 0, 9, 9});
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2) << "the first bytes";
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8220, 0x11, 2)});
+  EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0) << "it does not last";
+}
+
+TEST_F(Canopen, ARefusedValueIsToldAndTheOthersAreTaken) {
+  Start();
+  Remap(0x1403, 0x1603, 0x505, {0x60FF0020, 0x60710010}, 255);
+  for (int i = 0; i < 3; ++i) Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 0);
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x6320, 0x01, 4)});
+  EXPECT_EQ(Read(AXIS_OBJ_NMT_STATE), 5);
+  // While another source owns the axis it is silence, not an error.
+  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);
+  Send(0x505, {0, 0, 0, 0, 0, 0});
+  Tick();
+  EXPECT_TRUE(Take(0x85).empty());
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);
+}
+
+TEST_F(Canopen, AnRpdoThatStaysAwayFromAnActiveAxisIsAFault) {
+  ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
+  ASSERT_EQ(Download(0x1401, 5, 100, 2), 0u);  // 150 ticks
+  ASSERT_EQ(Download(0x6007, 0, 0, 2), 0u);    // the drive does nothing about it
+  Start();
+  Send(0x305, {0, 0, 1, 0, 0, 0});
+  NodeTick(1000);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{}) << "nobody is hurt by a disabled axis";
+  fw_.axis.signals.active_mode = AXIS_MODE_POSITION;
+  NodeTick(150);
+  EXPECT_TRUE(Take(0x85).empty()) << "counted from the start of the mode";
+  NodeTick(1);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8250, 0x11, 2)});
+  EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0x11);
+  Send(0x305, {0, 0, 1, 0, 0, 0});
+  NodeTick(150);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0, 0, 0)});
+  Send(0x305, {0, 0, 1, 0, 0, 0});
+  NodeTick(150);
+  EXPECT_TRUE(Take(0x85).empty());
+}
+
+}  // namespace

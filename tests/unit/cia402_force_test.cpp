@@ -1,0 +1,194 @@
+// Force, guarded move, stiffness and damping.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+
+#include "tests/unit/cia402_fixture.hpp"
+
+namespace {
+
+// 1000 per mille are 100 N, a count of the reading 2.5 N: 40 counts.
+TEST_F(Drive, TheForceModeApproachesSlowlyAndPresses) {
+  for (const int mode : {kTq, kCst}) {
+    PowerUp();
+    wall_ = 400;
+    Enable(mode);
+    Tick(50);
+    EXPECT_EQ(place_, 0.0);
+    EXPECT_EQ(Status() & kReached, kReached);  // no force is wanted
+    Set(AXIS_OBJ_TARGET_FORCE, 750);           // 30 counts
+    double fastest = 0.0;
+    int ticks = 0;
+    for (; Read(AXIS_OBJ_CONTACT) == 0 && ticks < 1000; ++ticks) {
+      const double from = place_;
+      Tick();
+      ASSERT_LE(Speed(), 2.0);
+      if (Read(AXIS_OBJ_CONTACT) == 0) {
+        fastest = std::max(fastest, place_ - from);
+      }
+    }
+    EXPECT_LE(fastest, 2.2);
+    EXPECT_NEAR(ticks, 215, 30);  // 400 counts at 2 a tick
+    EXPECT_EQ(Status() & kReached, 0);
+    Tick(1000);
+    EXPECT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 750, 26);
+    EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 750);
+    EXPECT_EQ(Status() & kReached, kReached);
+    EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 0);
+    EXPECT_NEAR(Read(AXIS_OBJ_FORCE_PEAK), 30 * 256, 4 * 256);
+    // Halted, it lets go and then stays.
+    Control(kOperate | kHalt);
+    Tick(1500);
+    EXPECT_LT(Read(AXIS_OBJ_FORCE_ACTUAL), 60);
+    EXPECT_EQ(Status() & kReached, kReached);
+    EXPECT_GT(place_, 380);
+  }
+}
+
+TEST_F(Drive, LosingTheContactNeverRunsAway) {
+  wall_ = 400;
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(1200);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTACT), 1);
+  wall_ = 1e6;  // the workpiece is pulled away
+  Tick();       // the force law sees no force yet
+  for (int i = 0; i < 300; ++i) {
+    const double from = place_;
+    Tick();
+    ASSERT_LE(place_ - from, 2.2) << i;
+    ASSERT_LE(Speed(), 2.0);
+  }
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1);
+  EXPECT_EQ(Read(AXIS_OBJ_BUMP_DECAY_SHIFT), 6);
+}
+
+TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
+  Enable(kTq);
+  stuck_ = true;
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(3000);
+  // A quarter second of approach, 16 counts, and the way of the ramp: 2^2 / (2 x 0.1).
+  EXPECT_LE(Demand(), 750 + 16 + 21);
+}
+
+TEST_F(Drive, LimitCyclesAreNamed) {
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Set(AXIS_OBJ_LIMIT_CYCLE_LOSSES, 4);
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_EQ(Read(AXIS_OBJ_LIMIT_CYCLE), 0);
+    wall_ = place_ - 100;
+    Tick(2);
+    wall_ = 1e9;
+    Tick(2);
+    EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), i + 1);
+  }
+  EXPECT_EQ(Read(AXIS_OBJ_LIMIT_CYCLE), 1);
+  EXPECT_NE(Status() & 0x80, 0);
+  Tick(1390);
+  EXPECT_EQ(Read(AXIS_OBJ_LIMIT_CYCLE), 1);
+  Tick(110);
+  EXPECT_EQ(Read(AXIS_OBJ_LIMIT_CYCLE), 0);
+}
+
+TEST_F(Drive, AForceReadingAtItsEndIsTold) {
+  Enable(kTq);
+  wall_ = -1000;
+  Tick();
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_SATURATED), 1);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_RAW), 255);
+}
+
+TEST_F(Drive, TheForceLimitBoundsTheTarget) {
+  wall_ = 100;
+  Enable(kTq);
+  Set(AXIS_OBJ_FORCE_LIMIT, 500);
+  Set(AXIS_OBJ_TARGET_FORCE, 900);
+  Tick(2000);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 500);
+  EXPECT_EQ(Status() & kLimit, kLimit);
+  EXPECT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 500, 26);
+}
+
+TEST_F(Drive, RatiosOfForcesAreExactEnough) {
+  const struct {
+    uint32_t a, b;
+    int8_t e;
+    int32_t x, value;
+  } rows[] = {{100000, 2500000, 8, 1000, 10240},
+              {2500000, 100000, -8, 10240, 1000},
+              {1, 2147483647, -8, INT32_MAX, 0},
+              {2147483647, 1, 8, 1, INT32_MAX},
+              {1, 1, 0, -12345, -12345},
+              {3, 1, 0, 7, 21},
+              {1, 3, 0, 300000000, 100000000},
+              {1, 2, 0, 3, 2},
+              {1, 2, 0, -3, -2},
+              {7, 5, 2, 100, 560}};
+  for (const auto &row : rows) {
+    EXPECT_EQ(fx_ratio_apply(row.x, fx_ratio(row.a, row.b, row.e), 0), row.value)
+        << row.a << " / " << row.b;
+  }
+}
+
+TEST_F(Drive, TheGuardedMoveStopsAtTheWorkpiece) {
+  wall_ = 1000;
+  Enable(-5);
+  Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 3000);
+  MoveTo(5000);
+  ASSERT_GE(TicksUntil(kReached, kReached, 3000), 0);
+  Tick(500);
+  EXPECT_NEAR(place_, 1005, 10);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT), 1);
+  MoveTo(5000);  // refused by the workpiece
+  Tick(100);
+  EXPECT_NEAR(place_, 1005, 10);
+  MoveTo(200);  // away is free
+  ASSERT_GE(TicksUntil(kReached, kReached, 3000), 0);
+  EXPECT_EQ(Demand(), 200);
+}
+
+TEST_F(Drive, StiffnessIsASpring) {
+  // 1/2 count of force per encoder count: pressed by 60 counts of way, the axis gives 30 of force.
+  wall_ = 100;
+  stiffness_ = 0.5;
+  Set(AXIS_OBJ_STIFFNESS, 32768);
+  Set(AXIS_OBJ_DAMPING, 0);
+  Enable(-6);
+  Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 3000);
+  Tick(10);
+  EXPECT_EQ(place_, 0.0);
+  Set(AXIS_OBJ_TARGET_POSITION, 180);
+  Tick(3000);
+  // Equilibrium: 0.5 (180 - x) = 0.5 (x - 100), x = 140, force 20 counts.
+  EXPECT_NEAR(place_, 140, 3);
+  EXPECT_NEAR(Read(AXIS_OBJ_FORCE) / 256.0, 20, 2);
+  EXPECT_NEAR(Read(AXIS_OBJ_FORCE_DEMAND), 500, 50);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 0);
+}
+
+TEST_F(Drive, DampingFollowsASpeedAndYields) {
+  Set(AXIS_OBJ_DAMPING, 5 * 256);  // 5 counts of force per count a tick
+  Enable(-7);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
+  Tick(600);
+  // Free: code = 5 x 5 (2 - v) and v = 0.02 code, so v = 2/3 a tick.
+  const double from = place_;
+  Tick(150);
+  EXPECT_NEAR((place_ - from) / 150, 2.0 / 3.0, 0.1);
+}
+
+TEST_F(Drive, ImpedanceIsBoth) {
+  wall_ = 100;
+  Set(AXIS_OBJ_STIFFNESS, 32768);
+  Set(AXIS_OBJ_DAMPING, 5 * 256);
+  Enable(-8);
+  Set(AXIS_OBJ_TARGET_POSITION, 180);
+  Tick(4000);
+  EXPECT_NEAR(place_, 140, 4);
+}
+
+}  // namespace

@@ -1,0 +1,213 @@
+// Native modes, changes of mode, and masters that do anything at random.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <random>
+
+#include "tests/unit/cia402_fixture.hpp"
+
+namespace {
+
+TEST_F(Drive, NativeModesRunWithTheUsersParameters) {
+  Set(AXIS_OBJ_FORCE_SETPOINT, 30 * 256);
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  Enable(-1);
+  EXPECT_EQ(outputs_.dac_code, 150);  // 5 x (30 - 0)
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 750);
+  PowerUp();
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, 12);
+  Enable(-2);
+  Tick(600);
+  EXPECT_EQ(outputs_.dac_code, 12);
+  PowerUp();
+  Set(AXIS_OBJ_PROFILE_ENABLE, AXIS_PROFILE_ENABLE_TRAPEZOID);
+  Set(AXIS_OBJ_PROFILE_VELOCITY_MAX, 65536);
+  Enable(-4);
+  Set(AXIS_OBJ_POSITION_SETPOINT, 500);
+  Tick(100);
+  EXPECT_EQ(Read(AXIS_OBJ_PROFILE_VELOCITY), 65536);
+  EXPECT_EQ(Read(AXIS_OBJ_PROFILE_ENABLE), AXIS_PROFILE_ENABLE_TRAPEZOID);
+}
+
+TEST_F(Drive, TheUsersParametersAreOnlyLent) {
+  Set(AXIS_OBJ_PROFILE_ENABLE, AXIS_PROFILE_ENABLE_TRAPEZOID);
+  Set(AXIS_OBJ_POSITION_SETPOINT, 77);
+  Set(AXIS_OBJ_FORCE_SETPOINT, 88);
+  wall_ = 300;
+  for (const int mode : {kPp, kPv, kTq, kHm, kCsp, kCsv, kCst, -5, -6, -7, -8}) {
+    Enable(mode);
+    Set(AXIS_OBJ_TARGET_FORCE, 300);
+    for (int i = 0; i < 400; ++i) {
+      Tick();
+      ASSERT_EQ(Read(AXIS_OBJ_PROFILE_ENABLE), AXIS_PROFILE_ENABLE_TRAPEZOID);
+      ASSERT_EQ(Read(AXIS_OBJ_POSITION_SETPOINT), 77);
+      ASSERT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 88);
+      ASSERT_EQ(Read(AXIS_OBJ_BUMP_DECAY_SHIFT), 6);
+    }
+    Control(0);
+    Tick(2);
+  }
+}
+
+TEST_F(Drive, ARewriteOfTheModeChangesNothing) {
+  Enable(kPp);
+  MoveTo(5000);
+  Tick(100);
+  for (int i = 0; i < 3000; ++i) {
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kPp);
+    Tick();
+  }
+  EXPECT_EQ(Demand(), 5000);
+}
+
+TEST_F(Drive, AChangeOfModeStopsFirstWithoutABump) {
+  const int modes[] = {kPp, kPv, kTq, kHm, kCsp, kCsv, kCst, 0, -1, -2, -4, -5, -6, -7, -8};
+  for (const int from : {kPv, kCsv}) {
+    for (const int to : modes) {
+      if (from == to) {
+        continue;
+      }
+      PowerUp();
+      Enable(from);
+      Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+      Tick(300);
+      Set(AXIS_OBJ_MODES_OF_OPERATION, to);
+      Set(AXIS_OBJ_TARGET_VELOCITY, 0);
+      int before = outputs_.dac_code;
+      int ticks = 0;
+      while (Mode() == from && ticks < 300) {
+        Tick();
+        ++ticks;
+        EXPECT_LE(std::abs(outputs_.dac_code - before), 20);
+        before = outputs_.dac_code;
+      }
+      EXPECT_NEAR(ticks, 101 + 45, 25);  // 10 counts a tick at 0.1 a tick, then the lag
+      EXPECT_EQ(Mode(), to);
+      for (int i = 0; i < 300; ++i) {
+        Tick();
+        EXPECT_LE(std::abs(outputs_.dac_code - before), 20) << from << " to " << to;
+        before = outputs_.dac_code;
+      }
+      EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    }
+  }
+}
+
+TEST_F(Drive, TheFirstTickOfAllIsNotTrusted) {
+  PowerUp();
+  place_ = 36000;
+  Set(AXIS_OBJ_MODES_OF_OPERATION, kPp);
+  Control(6);
+  Control(15);
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+  for (int i = 0; i < 20; ++i) {
+    Tick();
+    EXPECT_EQ(outputs_.dac_code, 0);
+  }
+  EXPECT_EQ(Demand(), 36000);
+}
+
+TEST_F(Drive, RandomMastersKeepTheRules) {
+  std::mt19937 random(20);
+  const auto pick = [&](int low, int high) {
+    return low + static_cast<int>(random() % static_cast<unsigned>(high - low + 1));
+  };
+  const int commands[] = {0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x21F};
+  Set(AXIS_OBJ_VELOCITY_MAX, 15000);  // 10 counts a tick
+  Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 12000);
+  wall_ = 3000;
+  const double most = 10.0;
+  int powered_ticks = 0;
+  int in_mode[19] = {};
+  int in_state[8] = {};
+  for (int step = 0; step < 1000000; ++step) {
+    switch (pick(0, 15)) {
+      case 0:
+        Set(AXIS_OBJ_CONTROLWORD, pick(0, 0xFFFF));
+        break;
+      case 1:
+      case 2:
+        Set(AXIS_OBJ_CONTROLWORD, commands[pick(0, 10)]);
+        break;
+      case 3:
+        (void)Write(AXIS_OBJ_MODES_OF_OPERATION, pick(-8, 10));
+        break;
+      case 4:
+        Set(AXIS_OBJ_TARGET_POSITION,
+            (pick(0, 9) == 0) ? static_cast<int32_t>(random()) : pick(-5000, 5000));
+        break;
+      case 5:
+        Set(AXIS_OBJ_TARGET_VELOCITY, pick(-20000, 20000));
+        break;
+      case 6:
+        Set(AXIS_OBJ_TARGET_FORCE, pick(-2000, 2000));
+        break;
+      case 7:
+        if (pick(0, 40) == 0) {
+          inputs_.din = static_cast<uint8_t>(pick(0, 15));
+        } else {
+          inputs_.din = AXIS_DIN_ENABLE;
+        }
+        break;
+      case 8:
+        (void)Write(AXIS_OBJ_QUICK_STOP_OPTION, pick(0, 6));
+        Set(AXIS_OBJ_FAULT_REACTION_OPTION, pick(0, 2));
+        break;
+      case 9:
+        if (pick(0, 20) == 0) {
+          cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_CAN_OFF);
+        }
+        break;
+      case 10:
+        Set(AXIS_OBJ_INTERPOLATION_PERIOD, pick(0, 20));
+        break;
+      case 11:
+        wall_ = place_ + pick(-20, 2000);
+        break;
+      default:
+        break;
+    }
+    inputs_.sensor_valid = pick(0, 5000) != 0;
+    const int state = State();
+    const int tracking = fw_.drive.tracking;
+    const double speed = Speed();
+    Tick();
+    const int now = State();
+    // Without a controlword the state changes by itself in these ways only.
+    const bool by_itself =
+        now == state || now == AXIS_DRIVE_STATE_FAULT ||
+        (state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE &&
+         now == AXIS_DRIVE_STATE_SWITCH_ON_DISABLED) ||
+        (state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+         (now == AXIS_DRIVE_STATE_SWITCHED_ON || now == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON));
+    ASSERT_TRUE(by_itself) << step << ": " << state << " to " << now;
+    ASSERT_EQ(now == AXIS_DRIVE_STATE_FAULT, Read(AXIS_OBJ_FAULT) != AXIS_FAULT_NONE);
+    powered_ticks += outputs_.amp_enable;
+    ++in_state[now];
+    in_mode[Mode() + 8] += now == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+    if (fw_.drive.tracking == CIA402_TRACKING_AXIS) {
+      ASSERT_LE(std::abs(Speed()), most) << step;
+      const int mode = Mode();
+      const bool profiled = mode != kCsp && mode != kCsv && mode != -5;
+      if (tracking == CIA402_TRACKING_AXIS && profiled && fw_.drive.pressing == 0) {
+        // The quick-stop ramp is the steepest: 1 count/tick^2.
+        ASSERT_LE(std::abs(Speed() - speed), 1.0) << step << " mode " << mode;
+      }
+    }
+    if (HasFatalFailure()) {
+      return;
+    }
+  }
+  EXPECT_GT(powered_ticks, 100000);
+  for (int state = 1; state < 8; ++state) {
+    EXPECT_GT(in_state[state], 1000) << state;
+  }
+  for (const int mode : {1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8}) {
+    EXPECT_GT(in_mode[mode + 8], 100) << mode;
+  }
+}
+
+}  // namespace

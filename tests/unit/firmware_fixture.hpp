@@ -1,0 +1,46 @@
+#ifndef TESTS_UNIT_FIRMWARE_FIXTURE_HPP_
+#define TESTS_UNIT_FIRMWARE_FIXTURE_HPP_
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdint>
+
+#include "firmware/port/host/firmware.hpp"
+
+// A firmware and its inputs, good ones: enable chain closed, sensors valid, everything 0. A fixture
+// that is derived from this one powers it up.
+class FirmwareFixture : public ::testing::Test {
+ protected:
+  static const axis_address_t *AddressOf(uint16_t object) {
+    for (const axis_address_t &a : axis_addresses) {
+      if (a.what == AXIS_ADDRESS_OBJECT && a.value == object) return &a;
+    }
+    return nullptr;
+  }
+
+  int Write(uint16_t object, int32_t value) {
+    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
+  }
+
+  void Set(uint16_t object, int32_t value) {
+    ASSERT_EQ(Write(object, value), FW_OK) << "object " << object << " value " << value;
+  }
+
+  int32_t Read(uint16_t object) const {
+    int32_t value = 0;
+    EXPECT_EQ(fw_object_read(&fw_, object, &value), FW_OK) << "object " << object;
+    return value;
+  }
+
+  void Tick(int ticks = 1) {
+    for (int i = 0; i < ticks; ++i) fw_tick(&fw_, &inputs_, &outputs_);
+  }
+
+  std::array<uint8_t, FW_RECORDER_BYTES> buffer_{};
+  fw_t fw_{};
+  axis_inputs_t inputs_{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+  axis_outputs_t outputs_{};
+};
+
+#endif

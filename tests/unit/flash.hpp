@@ -1,0 +1,110 @@
+#ifndef TESTS_UNIT_FLASH_HPP_
+#define TESTS_UNIT_FLASH_HPP_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <random>
+
+#include "firmware/port/host/firmware.hpp"
+#include "tests/unit/frames.hpp"
+
+// Flash: programming clears bits of blank bytes, erasing sets those of a sector. Each byte is one
+// step, an erase kEraseSteps; after `life` steps the power is gone in the middle of the next one.
+class Flash {
+ public:
+  static constexpr int kErased = 0xFF;
+  static constexpr int kEraseSteps = 8;
+
+  explicit Flash(uint32_t sector_bytes = STORE_SECTOR_MIN)
+      : bytes_(2 * sector_bytes, kErased),
+        memory_{this, sector_bytes, &Flash::Read, &Flash::Program, &Flash::Erase} {}
+
+  const store_memory_t *memory() const { return &memory_; }
+  Bytes &bytes() { return bytes_; }
+
+  // Power for so many steps, with the bits of a torn step by `seed`; -1: for ever.
+  void PowerFor(int64_t life, uint32_t seed) {
+    life_ = life;
+    random_.seed(seed);
+  }
+  int64_t steps() const { return steps_; }
+  int erases() const { return erases_; }
+  bool misused() const { return misused_; }
+  int most_per_call() const { return most_per_call_; }
+
+  // A worn memory: programming fails where a byte at or behind an address is touched.
+  uint32_t worn_from = UINT32_MAX;
+  uint32_t worn_to = UINT32_MAX;
+  bool worn_says_so = true;  // false: the bytes are just not as wanted
+  bool erase_works = true;
+
+ private:
+  static Flash &Of(void *context) { return *static_cast<Flash *>(context); }
+
+  static void Read(void *context, uint32_t address, uint8_t *to, uint32_t count) {
+    Flash &f = Of(context);
+    f.misused_ |= address + count > f.bytes_.size();
+    std::copy_n(f.bytes_.begin() + address, count, to);
+  }
+
+  static bool Program(void *context, uint32_t address, const uint8_t *from, uint32_t count) {
+    Flash &f = Of(context);
+    f.misused_ |= address % 4 != 0 || count % 4 != 0 || address + count > f.bytes_.size();
+    f.most_per_call_ = std::max(f.most_per_call_, static_cast<int>(count));
+    for (uint32_t i = 0; i < count; ++i) {
+      uint8_t &byte = f.bytes_[address + i];
+      if (f.life_ == 0) return false;
+      f.misused_ |= byte != kErased;
+      ++f.steps_;
+      if (f.life_ > 0 && --f.life_ == 0) {
+        // Torn: some of the bits that were to be cleared are.
+        byte &= static_cast<uint8_t>(from[i] | f.random_());
+        return false;
+      }
+      if (address + i >= f.worn_from && address + i < f.worn_to) {
+        byte &= static_cast<uint8_t>(from[i] | 0x40);
+        if (f.worn_says_so) return false;
+        continue;
+      }
+      byte &= from[i];
+    }
+    return true;
+  }
+
+  static bool Erase(void *context, uint8_t sector) {
+    Flash &f = Of(context);
+    const size_t size = f.bytes_.size() / 2;
+    const auto begin = f.bytes_.begin() + static_cast<std::ptrdiff_t>(sector * size);
+    if (f.life_ == 0) return false;
+    f.misused_ |= sector > 1;
+    ++f.erases_;
+    if (!f.erase_works) return false;
+    for (int step = 1; step <= kEraseSteps; ++step) {
+      ++f.steps_;
+      if (f.life_ > 0 && --f.life_ == 0) {
+        // Partly erased: some bytes wholly, some in a few bits, some not at all.
+        for (size_t i = 0; i < size; ++i) {
+          const uint32_t luck = f.random_() % kEraseSteps;
+          auto &byte = *(begin + static_cast<std::ptrdiff_t>(i));
+          if (luck < static_cast<uint32_t>(step)) byte = kErased;
+          if (luck == static_cast<uint32_t>(step)) byte |= static_cast<uint8_t>(f.random_());
+        }
+        return false;
+      }
+    }
+    std::fill_n(begin, size, kErased);
+    return true;
+  }
+
+  Bytes bytes_;
+  store_memory_t memory_;
+  std::minstd_rand random_;
+  int64_t life_ = -1;
+  int64_t steps_ = 0;
+  int erases_ = 0;
+  int most_per_call_ = 0;
+  bool misused_ = false;
+};
+
+#endif

@@ -1,0 +1,134 @@
+// What the buses are told: a fault that ramps first, and what is no fault.
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "tests/unit/flash.hpp"
+#include "tests/unit/fw_fixture.hpp"
+
+namespace {
+
+TEST_F(Fw, AFaultReactionIsNamedFromItsBeginning) {
+  Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
+  Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY),
+            0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARGET_VELOCITY, 3000), 0u);
+  double place = 0;
+  const auto move = [&](int ticks) {
+    for (int i = 0; i < ticks; ++i) {
+      inputs_.encoder_cnt = static_cast<int32_t>(place);
+      Tick();
+      if (outputs_.amp_enable != 0) place += 0.02 * outputs_.dac_code;
+    }
+  };
+  move(500);
+  Told();
+  // A fault that the drive finds: the axis is held, the demand runs away.
+  Set(AXIS_OBJ_FOLLOWING_ERROR_WINDOW, 20);
+  Set(AXIS_OBJ_FOLLOWING_ERROR_TIMEOUT, 0);
+  int waited = 0;
+  while (Inner(AXIS_OBJ_DRIVE_STATE) == AXIS_DRIVE_STATE_OPERATION_ENABLED && waited < 2000) {
+    Tick();
+    ++waited;
+  }
+  ASSERT_EQ(Inner(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE) << "latched at the end";
+  EXPECT_EQ(Inner(AXIS_OBJ_ERROR_CODE), 0x8611);
+  EXPECT_EQ(Told(), std::vector<int>{0x8611 | AXIS_FAULT_FOLLOWING_ERROR << 16});
+  for (int i = 0; i < 2000 && !IsOff(); ++i) Tick();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_FOLLOWING_ERROR);
+  EXPECT_TRUE(Told().empty()) << "once";
+}
+
+TEST_F(Fw, ALostContactIsToldWhileForceIsControlled) {
+  inputs_.adc_code[0] = 30;
+  Tick(2);
+  inputs_.adc_code[0] = 0;
+  Tick(2);
+  EXPECT_EQ(CountTold(0xFF01), 0) << "nobody controls force";
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_FORCE_COUNTS), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  inputs_.adc_code[0] = 30;
+  Tick(3);
+  EXPECT_EQ(CountTold(0xFF01), 0);
+  inputs_.adc_code[0] = 0;
+  Tick();
+  EXPECT_EQ(Told(), std::vector<int>{0xFF01});
+  // Again and again: once a second, and the limit cycle.
+  for (int i = 0; i < 1480; ++i) {
+    inputs_.adc_code[0] = (i & 1) != 0 ? 0 : 30;
+    Tick();
+    Take();
+  }
+  EXPECT_EQ(Told(), std::vector<int>{0xFF03});
+  for (int i = 0; i < 1500; ++i) {
+    inputs_.adc_code[0] = (i & 1) != 0 ? 0 : 30;
+    Tick();
+    Take();
+  }
+  EXPECT_EQ(Told(), std::vector<int>{0xFF01});
+  EXPECT_EQ(Inner(AXIS_OBJ_CONTACT_LOSSES), 1 + 740 + 750);
+  EXPECT_EQ(Inner(AXIS_OBJ_ERROR_REGISTER), 0) << "nothing of it lasts";
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
+}
+
+TEST_F(Fw, ASaturatedSensorIsTold) {
+  inputs_.adc_code[0] = 254;
+  Tick(3);
+  EXPECT_EQ(CountTold(0xFF02), 0);
+  inputs_.adc_code[0] = 255;
+  Tick();
+  EXPECT_EQ(CountTold(0xFF02), 1);
+  Tick(3000);
+  EXPECT_EQ(CountTold(0xFF02), 0) << "the edge, not the state";
+  inputs_.adc_code[0] = 254;
+  Tick();
+  inputs_.adc_code[0] = 255;
+  Tick();
+  EXPECT_EQ(CountTold(0xFF02), 1);
+}
+
+TEST_F(Fw, OverrunsAreToldOnceASecond) {
+  for (int i = 0; i < 3000; ++i) {
+    fw_overrun(&fw_);
+    Tick();
+    Take();
+  }
+  EXPECT_EQ(CountTold(0xFF04), 2);
+  EXPECT_EQ(Inner(AXIS_OBJ_OVERRUNS), 3000);
+  EXPECT_EQ(Inner(AXIS_OBJ_ERROR_HISTORY_COUNT), 2);
+}
+
+// A set is there, but of another object table: the axis runs on defaults.
+TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
+  Flash flash;
+  PowerUp(flash.memory());
+  Tick();
+  EXPECT_EQ(CountTold(0x5530), 0);
+  Set(AXIS_OBJ_FORCE_GAIN, 1234);
+  Set(AXIS_OBJ_STORE_PARAMETERS, 1);
+  Tick(3000);
+  ASSERT_EQ(Inner(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVED);
+  Bytes &image = flash.bytes();
+  const size_t set = image[0] != Flash::kErased ? 0 : STORE_SECTOR_MIN;
+  image[set + 4] ^= 1;  // the hash
+  const size_t length = STORE_HEAD_BYTES + (image[set + 12] | image[set + 13] << 8);
+  PutWord(image, set + length, Crc32(&image[set], length));
+  PowerUp(flash.memory());
+  Tick();
+  ASSERT_EQ(Inner(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_OTHER_TABLE);
+  EXPECT_EQ(CountTold(0x5530), 1);
+  Send(0, {129, kNode});
+  Tick(2);
+  EXPECT_EQ(CountTold(0x5530), 1) << "also after a reset";
+}
+
+}  // namespace

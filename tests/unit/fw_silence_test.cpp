@@ -1,0 +1,231 @@
+// Who falls silent, breaks off or loses its senses is missed, in time.
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <map>
+
+#include "tests/unit/fw_fixture.hpp"
+
+namespace {
+
+TEST_F(Fw, ASupervisorThatIsKilledIsMissedByItsHeartbeat) {
+  for (int ms : {1, 2, 10, 25, 100, 1000}) {
+    PowerUp();
+    WatchHeartbeat(ms);
+    Drive();
+    Send(0x77F, {5});
+    EXPECT_EQ(TicksToOff(3000), TicksOf(ms) + 2) << ms << " ms";
+    ExpectNamed(AXIS_FAULT_HEARTBEAT_LOST, 0x8130);
+  }
+}
+
+TEST_F(Fw, AHeartbeatInTimeKeepsTheAxis) {
+  WatchHeartbeat(10);
+  Drive();
+  for (int i = 0; i < 50; ++i) {
+    Send(0x77F, {5});
+    for (int k = 0; k < TicksOf(10); ++k) {
+      Tick();
+      ASSERT_TRUE(IsOn()) << i << ' ' << k;
+    }
+  }
+}
+
+TEST_F(Fw, AnRpdoThatStaysAway) {
+  for (int ms : {1, 5, 20, 333}) {
+    PowerUp();
+    ASSERT_EQ(Download(kCanopen, 0x1400, 5, static_cast<uint32_t>(ms), 2), 0u);
+    Send(0, {1, kNode});
+    Drive();
+    Send(0x205, {0x0F, 0x00, 0xFE});
+    EXPECT_EQ(TicksToOff(1000), TicksOf(ms) + 2) << ms << " ms";
+    ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
+  }
+}
+
+// The master that died before its first RPDO: the deadline begins with the axis being active.
+TEST_F(Fw, AnRpdoThatNeverCame) {
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
+  Tick(500);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  EXPECT_EQ(TicksToOff(100), TicksOf(20) + 2);
+  ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
+}
+
+// The loss is a state, not an event: who enables again while it lasts is not left alone.
+TEST_F(Fw, NobodyEnablesWhileTheHeartbeatIsAway) {
+  WatchHeartbeat(10);
+  Drive();
+  Send(0x77F, {5});
+  ASSERT_EQ(TicksToOff(100), TicksOf(10) + 2);
+  const auto enable = [&] {
+    for (int word : {0x80, 0x06, 0x0F}) ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, word), 0u);
+    Tick(2);
+  };
+  enable();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
+  Send(0x77F, {5});
+  enable();
+  EXPECT_EQ(outputs_.amp_enable, 1);
+}
+
+TEST_F(Fw, AnRpdoThatStaysAwayAgain) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  Send(0x205, {0x0F, 0x00, 0xFE});
+  ASSERT_EQ(TicksToOff(1000), TicksOf(20) + 2);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+  Drive();
+  EXPECT_NE(TicksToOff(TicksOf(20) + 2), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+// Frames come, but the SYNC that would have them act does not.
+TEST_F(Fw, RpdosWithoutSyncKeepNoDeadline) {
+  ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+  ASSERT_EQ(Download(kCanopen, 0x1400, 2, 1, 1), 0u);
+  Send(0, {1, kNode});
+  Drive();
+  int ticks = 0;
+  for (; ticks < 100 && outputs_.amp_enable != 0; ++ticks) {
+    Send(0x205, {0x0F, 0x00, 0xFE});
+    Tick();
+    Take();
+  }
+  EXPECT_LE(ticks, TicksOf(20) + 2);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
+}
+
+TEST_F(Fw, AMasterThatBootsUpAgainIsLost) {
+  WatchHeartbeat(1000);
+  Drive();
+  Send(0x77F, {5});
+  Tick();
+  ASSERT_TRUE(IsOn());
+  Send(0x77F, {0});
+  EXPECT_EQ(TicksToOff(10), 1);
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+}
+
+TEST_F(Fw, ADeadPlantIsSeenInTheSameTick) {
+  Drive();
+  inputs_.sensor_valid = 0;
+  EXPECT_EQ(TicksToOff(10), 1);
+  ExpectNamed(AXIS_FAULT_SENSOR_INVALID, 0x7305);
+}
+
+TEST_F(Fw, FaultsOfInputsAreSeenInTheSameTick) {
+  const struct {
+    int fault, code;
+    axis_inputs_t inputs;
+  } cases[] = {
+      {AXIS_FAULT_ENABLE_LOST, 0xFF05, {0, {0, 0}, 0, 1}},
+      {AXIS_FAULT_ADC_RANGE, 0x7300, {0, {256, 0}, AXIS_DIN_ENABLE, 1}},
+      {AXIS_FAULT_LIMIT_SWITCHES,
+       0x8612,
+       {0, {0, 0}, AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG, 1}},
+      {AXIS_FAULT_OVERSPEED, 0x7310, {101, {0, 0}, AXIS_DIN_ENABLE, 1}},
+      {AXIS_FAULT_FORCE_MAX, 0xFF06, {0, {201, 0}, AXIS_DIN_ENABLE, 1}},
+  };
+  for (const auto &c : cases) {
+    PowerUp();
+    Set(AXIS_OBJ_SPEED_MAX, 100);
+    Set(AXIS_OBJ_FORCE_MAX, 200 * 256);
+    Drive();
+    inputs_ = c.inputs;
+    EXPECT_EQ(TicksToOff(10), 1) << c.fault;
+    ExpectNamed(c.fault, c.code);
+  }
+}
+
+TEST_F(Fw, ALostBusIsSeenInTheComingTick) {
+  Drive();
+  fw_can_bus(&fw_, CAN_BUS_OFF);
+  EXPECT_EQ(TicksToOff(10), 1);
+  ExpectNamed(AXIS_FAULT_CAN_OFF, 0x8140, false && "nobody hears it");
+}
+
+TEST_F(Fw, ALostBusIsToldWhenItIsBack) {
+  Drive();
+  fw_can_bus(&fw_, CAN_BUS_OFF);
+  Tick(1000);
+  EXPECT_TRUE(Take().empty()) << "nothing waits, nothing is sent";
+  fw_can_bus(&fw_, CAN_BUS_ACTIVE);
+  Tick();
+  ExpectNamed(AXIS_FAULT_CAN_OFF, 0x8140);
+}
+
+TEST_F(Fw, WhoOwnsTheAxisByAnotherBusIsNotHurtByCan) {
+  WatchHeartbeat(10);
+  Drive(kRtu);
+  Send(0x77F, {5});
+  fw_can_bus(&fw_, CAN_BUS_OFF);
+  for (int i = 0; i < 200; ++i) {
+    Tick();
+    ASSERT_TRUE(IsOn()) << i;
+  }
+}
+
+TEST_F(Fw, StopAndResetsByNmtSwitchOff) {
+  for (const auto &[command, ticks] : std::map<int, int>{{2, 1}, {130, 1}, {129, 1}}) {
+    PowerUp();
+    Drive();
+    Send(0, {static_cast<uint8_t>(command), kNode});
+    EXPECT_EQ(TicksToOff(10), ticks) << "command " << command;
+    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+    if (command == 130) ExpectNamed(AXIS_FAULT_SOURCE_LOST, 0x6010);
+  }
+}
+
+// The master of the node asks for a reset while another bus drives the axis. Loading parameters may
+// take the chip longer than a tick, so the axis is off before.
+TEST_F(Fw, AResetOfTheNodeRestsTheAxisFirst) {
+  Drive(kRtu);
+  Send(0, {129, kNode});
+  Tick();
+  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS) << "nothing is loaded in a tick that drives";
+  Tick();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  EXPECT_EQ(Inner(AXIS_OBJ_OPEN_LOOP_CODE), 0);
+}
+
+// Frames that all come between two ticks: active_mode knows nothing of the controlword yet.
+TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
+  for (int command : {2, 130}) {
+    PowerUp();
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    Tick(2);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Send(0, {static_cast<uint8_t>(command), kNode});
+    EXPECT_EQ(TicksToOff(10), 1) << "command " << command;
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+  }
+}
+
+// LCM has no way in but the SDO server of this bus; its watchdog would come much later.
+TEST_F(Fw, LcmIsLostWithTheBus) {
+  for (int how = 0; how < 3; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_WATCHDOG, 65535);
+    Drive(kLcm);
+    if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
+    if (how == 1) Send(0, {2, kNode});
+    if (how == 2) Send(0, {130, kNode});
+    EXPECT_EQ(TicksToOff(10), 1) << how;
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
+    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+}
+
+}  // namespace
