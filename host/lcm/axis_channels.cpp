@@ -2,21 +2,12 @@
 
 #include <random>
 
+#include "host/lcm/url.hpp"
+
 namespace forceaxis::lcm_bus {
-namespace {
 
-std::string with_route(const std::string &url) {
-  const std::string missing = missing_route(url);
-  if (!missing.empty()) throw LcmError(missing);
-  return url;
-}
-
-}  // namespace
-
-AxisChannels::AxisChannels(const std::string &url) : lcm_(with_route(url)) {
-  if (!lcm_.good()) {
-    throw LcmError(url + ": expected an LCM URL such as " + kDefaultUrl);
-  }
+AxisChannels::AxisChannels(const std::string &url) : lcm_(usable<LcmError>(url)) {
+  if (!lcm_.good()) throw LcmError(url + ": expected a bus that LCM can join");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }

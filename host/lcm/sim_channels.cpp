@@ -4,22 +4,17 @@
 #include <stdexcept>
 
 #include "host/lcm/lcm_ends.hpp"
+#include "host/lcm/url.hpp"
 
 namespace forceaxis::lcm_bus {
 namespace {
-
-std::string with_route(const std::string &url) {
-  const std::string missing = missing_route(url);
-  if (!missing.empty()) throw std::runtime_error(missing);
-  return url;
-}
 
 std::int64_t utime_of(std::int64_t tick) { return tick * 2000 / 3; }
 
 }  // namespace
 
-SimChannels::SimChannels(const std::string &url) : lcm_(with_route(url)) {
-  if (!lcm_.good()) throw std::runtime_error(url + ": expected an LCM URL such as " + kDefaultUrl);
+SimChannels::SimChannels(const std::string &url) : lcm_(usable<std::runtime_error>(url)) {
+  if (!lcm_.good()) throw std::runtime_error(url + ": expected a bus that LCM can join");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <optional>
@@ -128,7 +129,7 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     const auto object = find_object(line.word("an object"));
     if (!object) line.fail("the name of a firmware object");
     const auto raw = line.number<std::int32_t>("a raw value", INT32_MIN, INT32_MAX);
-    return Journal::Entry{tick, [o = *object, raw](axis_host_t *a) { axis_host_write(a, o, raw); }};
+    return Journal::Entry{tick, ObjectWrite{*object, raw}};
   }
   if (kind == "can") {
     const std::int64_t tick = line.tick();
@@ -142,52 +143,97 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
       frame.length = static_cast<std::uint8_t>(data.size());
       std::copy(data.begin(), data.end(), frame.data);
     }
-    return Journal::Entry{tick, [frame](axis_host_t *a) { axis_host_can_receive(a, &frame); }};
+    return Journal::Entry{tick, frame};
   }
   if (kind == "lost") {
     const std::int64_t tick = line.tick();
     const auto count = line.number<std::uint16_t>("a count", 1, 65535);
-    return Journal::Entry{tick, [count](axis_host_t *a) { axis_host_can_lost(a, count); }};
+    return Journal::Entry{tick, Journal::FramesLost{count}};
   }
   if (kind == "bus") {
     const std::int64_t tick = line.tick();
     const auto state = line.number<std::uint8_t>("a state", CAN_BUS_ACTIVE, CAN_BUS_OFF);
-    return Journal::Entry{tick, [state](axis_host_t *a) { axis_host_can_bus(a, state); }};
+    return Journal::Entry{tick, Journal::BusState{state}};
   }
   if (kind == "modbus") {
     const std::int64_t tick = line.tick();
-    return Journal::Entry{tick, [bytes = line.bytes("bytes", 65535)](axis_host_t *a) {
-                            axis_host_modbus_receive(a, bytes.data(),
-                                                     static_cast<std::uint16_t>(bytes.size()));
-                          }};
+    return Journal::Entry{tick, Journal::ModbusBytes{line.bytes("bytes", 65535)}};
   }
+  if (kind == "overrun") return Journal::Entry{line.tick(), Journal::Overrun{}};
   return std::nullopt;
+}
+
+// What each kind of entry does to the firmware.
+struct Giver {
+  axis_host_t *axis;
+  void operator()(const ObjectWrite &w) const { axis_host_write(axis, w.object, w.raw); }
+  void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
+  void operator()(const Journal::FramesLost &l) const { axis_host_can_lost(axis, l.count); }
+  void operator()(const Journal::BusState &b) const { axis_host_can_bus(axis, b.state); }
+  void operator()(const Journal::Overrun &) const { axis_host_overrun(axis); }
+  void operator()(const Journal::ModbusBytes &m) const {
+    axis_host_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
+  }
+};
+
+constexpr char kJournalOption[] = "--journal";
+
+sim::InputError not_writable(const std::filesystem::path &file, const char *option, int error) {
+  return {file.string(), option,
+          std::string("expected a file that can be written, ") + std::strerror(error)};
+}
+
+// The open file, locked, or closed and a sim::InputError.
+int lock_journal(int opened, const std::filesystem::path &file) {
+  const auto fail = [opened, &file](const char *what) {
+    close(opened);
+    throw sim::InputError(file.string(), kJournalOption, what);
+  };
+  if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
+    fail("expected a file of its own, another process writes its journal here");
+  }
+  struct stat is {};
+  std::string title(sizeof kTitle - 1, '\0');
+  if (fstat(opened, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
+      (pread(opened, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
+       title != kTitle)) {
+    fail("expected a new file or an old journal, not to lose what is here");
+  }
+  return opened;
 }
 
 }  // namespace
 
+void expect_writable(const std::filesystem::path &file, const char *option) {
+  int wrong = 0;
+  std::error_code unknown;
+  if (std::filesystem::is_directory(file, unknown)) {
+    wrong = EISDIR;
+  } else if (access(file.c_str(), F_OK) == 0) {
+    if (access(file.c_str(), R_OK | W_OK) != 0) wrong = errno;
+  } else {
+    const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
+    if (access(folder.c_str(), W_OK | X_OK) != 0) wrong = errno;
+  }
+  if (wrong != 0) throw not_writable(file, option, wrong);
+}
+
+void expect_journal(const std::filesystem::path &file) {
+  expect_writable(file, kJournalOption);
+  const int old = open(file.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  if (old >= 0) close(lock_journal(old, file));
+}
+
 JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
-                             std::span<const std::string> overrides)
-    : lock_(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)) {
-  const auto lock_fails = [this, &file](const std::string &what) {
-    close(lock_);
-    return std::runtime_error(file.string() + ": " + what);
-  };
-  if (lock_ < 0) throw std::runtime_error(file.string() + ": expected to be able to write here");
-  if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
-    throw lock_fails("expected a file of its own, another process writes its journal here");
-  }
-  struct stat is {};
-  std::string title(sizeof kTitle - 1, '\0');
-  if (fstat(lock_, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
-      (pread(lock_, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
-       title != kTitle)) {
-    close(lock_);
-    throw sim::InputError(file.string(), "--journal",
-                          "expected a new file or an old journal, not to lose what is here");
-  }
+                             std::span<const std::string> overrides) {
+  const int opened = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (opened < 0) throw not_writable(file, kJournalOption, errno);
+  lock_ = lock_journal(opened, file);
   out_.open(file, std::ios::trunc);
-  if (!out_) throw lock_fails("expected to be able to write here");
+  if (!out_) {
+    close(lock_);
+    throw not_writable(file, kJournalOption, errno);
+  }
   out_ << kTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';
@@ -200,10 +246,13 @@ void JournalWriter::flush() { out_.flush(); }
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
        << '\n';
-  if (config.memory == nullptr) return;
-  std::vector<std::uint8_t> image(2 * std::size_t{config.memory->sector_bytes});
-  config.memory->read(config.memory->context, 0, image.data(),
-                      static_cast<std::uint32_t>(image.size()));
+  if (config.memory != nullptr) write_store(*config.memory);
+  flush();  // a process that is killed leaves a journal, not an empty file
+}
+
+void JournalWriter::write_store(const store_memory_t &memory) {
+  std::vector<std::uint8_t> image(2 * std::size_t{memory.sector_bytes});
+  memory.read(memory.context, 0, image.data(), static_cast<std::uint32_t>(image.size()));
   std::span<const std::uint8_t> store = image;
   // Erased bytes at the end are understood.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
@@ -235,8 +284,17 @@ void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> byte
   out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
 }
 
+void JournalWriter::overrun(std::int64_t tick) { out_ << "overrun " << tick << '\n'; }
+
 void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
   out_ << "end " << ticks << ' ' << hash << std::endl;
+}
+
+void Journal::Entry::give(axis_host_t *axis) const { std::visit(Giver{axis}, what); }
+
+std::int64_t Journal::known_ticks() const {
+  if (ticks >= 0) return ticks;
+  return entries.empty() ? 1 : entries.back().tick + 1;
 }
 
 Journal read_journal(const std::filesystem::path &file) {
@@ -272,7 +330,8 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.trace_hash = line.rest();
     } else {
       line.fail(
-          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus or end");
+          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus, overrun or "
+          "end");
     }
   }
   if (journal.experiment.empty()) {
@@ -295,9 +354,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
   PlantSide plant(silent, options);
   auto entry = journal.entries.begin();
-  const std::int64_t last = journal.entries.empty() ? 0 : journal.entries.back().tick;
-  const std::int64_t ticks = journal.ticks < 0 ? last + 1 : journal.ticks;
-  while (plant.running() && plant.tick() < ticks) {
+  while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
       entry->give(firmware.axis());
     }

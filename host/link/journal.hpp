@@ -8,7 +8,7 @@
 //   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
 //   config NODE BUSES / store HEX                          what the firmware was given at power-up
 //   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
-//   bus TICK STATE | modbus TICK HEX
+//   bus TICK STATE | modbus TICK HEX | overrun TICK
 //   end TICKS HASH                                         how long it ran, and its trace hash
 // Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-". A journal that breaks off has
 // no end; a line that breaks off does not count.
@@ -16,10 +16,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
@@ -29,8 +29,8 @@ namespace forceaxis::host {
 
 class JournalWriter {
  public:
-  // Creates the file or replaces a journal. Throws sim::InputError if it is something else, else
-  // std::runtime_error naming it: it cannot be written, or another process writes it.
+  // Creates the file or replaces a journal. Throws sim::InputError: it is something else, it cannot
+  // be written, or another process writes it.
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();
@@ -39,26 +39,48 @@ class JournalWriter {
 
   // Whether all that was flushed is in the file: on a full disk the run goes on, the journal ends.
   bool good() const { return out_.good(); }
-  // What the firmware is powered up with, its store included.
+  // What the firmware is powered up with, its store included. It is in the file from then on.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);
   void lost(std::int64_t tick, std::uint16_t frames);
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
+  void overrun(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
   // To be called now and then, so that a process that is killed leaves most of it.
   void flush();
 
  private:
+  void write_store(const store_memory_t &memory);
+
   int lock_;
   std::ofstream out_;
 };
 
+// Throws what a JournalWriter of the file would, and leaves everything as it is.
+void expect_journal(const std::filesystem::path &file);
+
+// Throws sim::InputError unless a file can be written here, that one or a new one in its folder.
+void expect_writable(const std::filesystem::path &file, const char *option);
+
 struct Journal {
+  // What an entry gives the firmware, besides writes and frames.
+  struct FramesLost {
+    std::uint16_t count;
+  };
+  struct BusState {
+    std::uint8_t state;
+  };
+  struct ModbusBytes {
+    std::vector<std::uint8_t> bytes;
+  };
+  struct Overrun {};
   struct Entry {
     std::int64_t tick;
-    std::function<void(axis_host_t *)> give;  // to the firmware
+    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes, Overrun> what;
+
+    void give(axis_host_t *axis) const;
   };
 
   std::filesystem::path file;
@@ -73,13 +95,16 @@ struct Journal {
   std::vector<Entry> entries;
   std::int64_t ticks = -1;  // -1: the journal has no end
   std::string trace_hash;
+
+  // How many ticks it tells of: without an end up to the last entry.
+  std::int64_t known_ticks() const;
 };
 
 // Throws sim::InputError naming file and line.
 Journal read_journal(const std::filesystem::path &file);
 
-// The run of the journal in process, without an end up to the last entry. `experiment` must be that
-// of the journal and gives the plant and the impulses. Throws as run().
+// The run of the journal in process, as far as that is known. `experiment` must be that of the
+// journal and gives the plant and the impulses. Throws as run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

@@ -11,6 +11,7 @@
 #include <type_traits>
 
 #include "host/lcm/lcm_ends.hpp"
+#include "host/lcm/url.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -64,11 +65,10 @@ class LcmTransport : public Transport<Out, In> {
   static constexpr bool kPlant = std::is_same_v<Out, LinkInputs>;
 
  public:
-  LcmTransport(const std::string &url, std::int64_t run_id) : url_(url), run_id_(run_id) {
-    const std::string missing = lcm_bus::missing_route(url);
-    if (!missing.empty()) throw TransportError(missing);
+  LcmTransport(const std::string &url, std::int64_t run_id)
+      : url_(lcm_bus::usable<TransportError>(url)), run_id_(run_id) {
     lcm_.reset(lcm_create(url.c_str()));
-    if (!lcm_) throw TransportError(url + ": expected an LCM URL such as " + lcm_url_of(run_id));
+    if (!lcm_) throw TransportError(url + ": expected a bus that LCM can join");
     for (int i = 0; i < kMostAxes; ++i) {
       Ear &ear = ears_[static_cast<std::size_t>(i)];
       ear = {this, static_cast<std::uint8_t>(i + 1)};

@@ -20,6 +20,7 @@
 #include "firmware/port/host/store_file.h"
 #include "host/link/firmware_side.hpp"
 #include "host/link/journal.hpp"
+#include "host/link/late_ticks.hpp"
 #include "host/link/objects.hpp"
 #include "host/link/socketcan.hpp"
 #include "host/nodes/axis_buses.hpp"
@@ -30,6 +31,7 @@ namespace {
 
 using namespace forceaxis;
 using std::chrono::milliseconds;
+using namespace std::chrono_literals;
 
 constexpr milliseconds kServe{100};
 // The plant may miss the last answer and ask again, at most every 100 ms.
@@ -47,6 +49,7 @@ struct AxisOptions {
   std::string journal;
   double hold_s = 0;
   bool serve = false;
+  bool real_time = false;  // a late tick counts
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
@@ -58,6 +61,24 @@ struct StoreCloser {
   }
 };
 
+std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
+  auto opened = std::make_unique<store_file_t>();
+  if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
+    throw sim::InputError(file, "--store", wrong);
+  }
+  return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
+}
+
+// What --store and --journal name can be used, seen before anything is opened for good: a run that
+// cannot begin leaves no file behind and none changed.
+void expect_files(const AxisOptions &options, const std::string &suffix) {
+  if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
+  if (options.store.empty()) return;
+  const std::string file = options.store + suffix;
+  host::expect_writable(file, "--store");
+  if (access(file.c_str(), F_OK) == 0) open_store(file);
+}
+
 // One axis of this node: its firmware, what that is attached to, and its journal.
 class Axis {
  public:
@@ -67,14 +88,10 @@ class Axis {
     // Files last: who finds the bus taken leaves them alone.
     if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     if (!options.store.empty()) {
-      const std::string file = options.store + suffix;
-      auto opened = std::make_unique<store_file_t>();
-      if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
-        throw std::runtime_error(file + ": " + wrong);
-      }
-      store_.reset(opened.release());
+      store_ = open_store(options.store + suffix);
       config_.memory = &store_->memory;
     }
+    real_time_ = options.real_time;
     config_.hardware = "host";
     config_.node_id = static_cast<std::uint8_t>(number);
     config_.buses = options.buses();
@@ -107,6 +124,10 @@ class Axis {
   }
 
   host::LinkOutputs tick(const host::LinkInputs &in, nodes::ModbusPort *modbus) {
+    if (real_time_ && late_.late(std::chrono::steady_clock::now().time_since_epoch() / 1ns)) {
+      if (journal_) journal_->overrun(coming());
+      axis_host_overrun(axis());
+    }
     if (can_) can_->receive(ears_);
     const host::LinkOutputs out = firmware_->tick(in);
     say(modbus);
@@ -151,6 +172,7 @@ class Axis {
         .add("ticks", coming())
         .add("trace_hash", hash)
         .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
+        .add("overruns", firmware_->read(AXIS_OBJ_OVERRUNS))
         .raw("refused", "[" + refused + "]");
     if (!lost.empty()) o.raw("after_silence", lost);
     return o.text();
@@ -191,6 +213,8 @@ class Axis {
   int number_;
   const host::Experiment &experiment_;
   fw_config_t config_{};
+  bool real_time_ = false;
+  host::LateTicks late_;
   int unflushed_ = 0;
   std::string journal_file_;
   bool told_broken_ = false;
@@ -254,6 +278,12 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     claims.push_back(host::claim_axis(options.link, options.first_axis + static_cast<int>(i)));
   }
+  const auto suffix = [&experiments](int number) {
+    return experiments.size() > 1 ? "." + std::to_string(number) : std::string();
+  };
+  for (std::size_t i = 0; i < experiments.size(); ++i) {
+    expect_files(own, suffix(options.first_axis + static_cast<int>(i)));
+  }
   std::unique_ptr<nodes::ModbusPort> modbus;
   if (!own.modbus.empty()) {
     modbus = std::make_unique<nodes::ModbusPort>(own.modbus, own.modbus_baud);
@@ -262,9 +292,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   const auto transport = host::open_axis_transport(options.link, injected);
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(
-        std::make_unique<Axis>(number, experiments[i], nodes::overrides_of(options, number), own,
-                               experiments.size() > 1 ? "." + std::to_string(number) : ""));
+    axes.push_back(std::make_unique<Axis>(
+        number, experiments[i], nodes::overrides_of(options, number), own, suffix(number)));
     numbers.push_back(static_cast<std::uint8_t>(number));
     last_ticks.push_back(experiments[i].ticks);
   }
@@ -404,8 +433,8 @@ int main(int argc, char **argv) {
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
       "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
       "with its buses, in real time, for clients of every kind:\n"
-      "  axis_node sim/experiments/contact.toml --can vcan0 --store axis.bin --journal "
-      "axis.journal &\n"
+      "  axis_node sim/experiments/contact.toml --pace real --can vcan0 --store axis.bin \\\n"
+      "    --journal axis.journal &\n"
       "  plant_node sim/experiments/contact.toml --pace real");
   try {
     app.parse(argc, argv);
@@ -418,6 +447,7 @@ int main(int argc, char **argv) {
       throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
     }
     nodes::finish_options(options);
+    own.real_time = options.pace == "real";
     end_by_signals();
     return run(options, own);
   });

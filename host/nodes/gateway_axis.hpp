@@ -3,8 +3,8 @@
 // LCM.
 //
 // The default SDO channel is the master's own: set-up, polling, uploads of the recorder. It counts
-// as CANopen. The channels of LCM and Modbus carry nothing but what their clients asked for, so
-// that a client's silence stays a silence for the watchdog of the axis.
+// as CANopen. The channels of LCM and Modbus carry nothing but what their clients asked for: the
+// watchdog of the axis is fed by what a client writes, and by nothing of the gateway's own.
 #include <array>
 #include <cstdint>
 #include <optional>

@@ -311,7 +311,7 @@ void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
 }
 
 // Waits for the recorder and fetches what it holds. It is watched and read on the master's channel:
-// a client that only waits does not feed the watchdog.
+// the client's own goes on carrying its commands, a long upload or not.
 Task<void> GatewayCommands::follow_capture(axis_command_t command) {
   const lcm_bus::CommandId id{command.run_id, command.command_id};
   while (loop_.running()) {

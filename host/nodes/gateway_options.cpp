@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 
+#include "host/lcm/url.hpp"
 #include "host/link/objects.hpp"
 #include "host/nodes/number_range.hpp"
 
@@ -84,8 +85,8 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
                  "Node ids, which are Modbus units and LCM channels too: 1,2 or 1-6.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.lcm_url,
-                 "LCM bus; default: LCM_DEFAULT_URL, else udpm://239.255.76.67:7667?ttl=0, this "
-                 "machine.");
+                 "LCM bus, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
+                 "udpm://239.255.76.67:7667?ttl=0, this machine.");
   app.add_option("--modbus-port", o.modbus_port, "TCP port of the Modbus server; 0: none.")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
@@ -118,7 +119,13 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
 }
 
 void finish_gateway_options(GatewayOptions &o) {
-  if (o.lcm_url.empty()) o.lcm_url = lcm_bus::default_url();
+  std::string from = "--lcm-url ";
+  if (o.lcm_url.empty()) {
+    o.lcm_url = lcm_bus::default_url();
+    from = "LCM_DEFAULT_URL ";
+  }
+  const std::string wrong = lcm_bus::url_trouble(o.lcm_url);
+  if (!wrong.empty()) throw UsageError(from + wrong);
   // libmodbus listens everywhere when an address begins with 0, and checks none.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||

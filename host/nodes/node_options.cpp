@@ -3,6 +3,7 @@
 #include <cctype>
 #include <stdexcept>
 
+#include "host/lcm/url.hpp"
 #include "host/nodes/number_range.hpp"
 
 namespace forceaxis::nodes {
@@ -40,13 +41,21 @@ void add_options(CLI::App &app, NodeOptions &o) {
   app.add_option("--link-can", o.link.can_interface,
                  "CAN interface of the link, no other traffic on it.")
       ->capture_default_str();
-  app.add_option("--lcm-url", o.link.lcm_url,
-                 "LCM URL of the link; default: a port that follows from the run number.");
+  app.add_option(
+      "--lcm-url", o.link.lcm_url,
+      "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N; default: a port that follows from "
+      "the run number.");
   app.add_option(
          "--run-id", o.link.run_id,
          "Number of the run (LCM): the same for both nodes, another for every run that goes "
          "on at the same time.")
       ->check(CLI::Range(std::int64_t{0}, std::int64_t{1} << 53))
+      ->capture_default_str();
+  app.add_option("--pace", o.pace,
+                 "fast, or real: 1500 ticks a second by the wall clock. plant_node keeps that "
+                 "pace; axis_node told of it counts what comes more than a tick time late as "
+                 "overruns, object 2307h and emergency FF04h.")
+      ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
@@ -68,6 +77,10 @@ void finish_options(NodeOptions &o) {
     } catch (const std::invalid_argument &error) {
       throw UsageError(std::string("--inject: ") + error.what());
     }
+  }
+  if (!o.link.lcm_url.empty()) {
+    const std::string wrong = lcm_bus::url_trouble(o.link.lcm_url);
+    if (!wrong.empty()) throw UsageError("--lcm-url " + wrong);
   }
   o.link.timeouts = {milliseconds_of(o.start_timeout_s), milliseconds_of(o.timeout_s)};
   if (o.axes > 0 && o.files.size() > 1) {

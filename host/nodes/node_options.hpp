@@ -17,6 +17,7 @@ struct NodeOptions {
   int first_axis = 1;
   int axes = 0;  // 0: as many as there are files; else one file for all of them
   std::string inject;
+  std::string pace = "fast";  // or "real"
   double start_timeout_s = 5;
   double timeout_s = 1;
   host::LinkOptions link;

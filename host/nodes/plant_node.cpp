@@ -29,7 +29,7 @@ std::string axis_json(int axis, const host::Experiment &experiment, const host::
   return o.add("edge_margin", result.edge_margin).text();
 }
 
-int run(const nodes::NodeOptions &options, bool real_time, bool live) {
+int run(const nodes::NodeOptions &options, bool live) {
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
   host::LinkedPlants plants(experiments, static_cast<std::uint8_t>(options.first_axis),
                             {.trace = false, .audit = false}, options.link);
@@ -42,7 +42,7 @@ int run(const nodes::NodeOptions &options, bool real_time, bool live) {
   try {
     host::LinkWatch watch;
     if (shown) watch = [&shown](const host::LinkMoment &moment) { shown->show(moment); };
-    results = plants.run(real_time, watch);
+    results = plants.run(options.pace == "real", watch);
   } catch (const host::LinkSilent &error) {
     failure = error.what();
   }
@@ -82,10 +82,6 @@ int main(int argc, char **argv) {
       "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run\n"
       "failed (axis_node silent), 2 wrong usage or input.");
   nodes::add_options(app, options);
-  std::string pace = "fast";
-  app.add_option("--pace", pace, "fast, or real: 1500 ticks a second by the wall clock.")
-      ->check(CLI::IsMember({"fast", "real"}))
-      ->capture_default_str();
   bool live = false;
   app.add_flag("--live", live,
                "Publish the clock and the plants' true signals ten times a simulated second, for "
@@ -102,6 +98,6 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("plant_node", [&] {
     nodes::finish_options(options);
-    return run(options, pace == "real", live);
+    return run(options, live);
   });
 }

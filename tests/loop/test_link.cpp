@@ -7,6 +7,7 @@
 
 #include "host/link/exchange.hpp"
 #include "host/link/inject.hpp"
+#include "host/link/late_ticks.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
 #include "host/link/plant_side.hpp"
@@ -250,6 +251,37 @@ TEST(Exchange, WithoutThePlantTheAxisIsDisabledInOneTick) {
   EXPECT_EQ(lost.out, 0);
   EXPECT_EQ(lost.fault, AXIS_FAULT_SENSOR_INVALID);
   EXPECT_EQ(firmware.next_tick(), 1);
+}
+
+// --- late ticks ----------------------------------------------------------------------------------
+
+// How many of `ticks` come too late when tick k comes at when(k), in ticks.
+template <class When>
+int late_ticks(int ticks, When when) {
+  LateTicks watch;
+  int late = 0;
+  for (int k = 0; k < ticks; ++k) {
+    if (watch.late(std::int64_t{1} << 40 | static_cast<std::int64_t>(when(k) * 2e6 / 3))) ++late;
+  }
+  return late;
+}
+
+TEST(LateTicks, ComeMoreThanATickAfterTheirTime) {
+  EXPECT_EQ(late_ticks(15000, [](int k) { return 1.0 * k; }), 0);
+  EXPECT_EQ(late_ticks(15000, [](int k) { return k + 0.9 * (k % 2); }), 0);
+  // One that stands still for 15 ticks, and then catches up.
+  const auto still = [](int k) {
+    return k < 1000 || k > 1015 ? 1.0 * k : 1015 + 0.01 * (k - 1000);
+  };
+  EXPECT_EQ(late_ticks(15000, still), 1);
+  // So twice; the first tick of all may be late too.
+  EXPECT_EQ(late_ticks(15000, [&](int k) { return k == 0 ? 5.0 : still(k) + 3 * (k == 3000); }), 2);
+  // Half as fast as it is to be: each is one late.
+  EXPECT_NEAR(late_ticks(3000, [](int k) { return 2.0 * k; }), 1500, 10);
+  // As fast as it can.
+  EXPECT_EQ(late_ticks(15000, [](int k) { return 0.05 * k; }), 0);
+  // Ten minutes of a plant whose clock is 100 ppm slow.
+  EXPECT_EQ(late_ticks(900000, [](int k) { return 1.0001 * k; }), 0);
 }
 
 // --- injected faults -----------------------------------------------------------------------------

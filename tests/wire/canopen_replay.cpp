@@ -9,11 +9,8 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
-#include <fstream>
-#include <sstream>
-#include <stdexcept>
 #include <string>
-#include <vector>
+#include <variant>
 
 #include "firmware/port/host/firmware.hpp"
 #include "host/link/firmware_side.hpp"
@@ -57,8 +54,7 @@ uint64_t data_of(const can_frame_t &frame) {
 
 class Log {
  public:
-  // fw_t is axis_host_t's first member; what an RPDO was refused is no object.
-  explicit Log(axis_host_t *axis) : axis_(axis), fw_(reinterpret_cast<const fw_t *>(axis)) {
+  explicit Log(axis_host_t *axis) : axis_(axis), fw_(axis_host_firmware(axis)) {
     values();
     state();
   }
@@ -153,41 +149,6 @@ class Log {
   uint8_t refused_ = 0;
 };
 
-// What an entry of the journal is, which itself only says how it is given. Read from the file, in
-// whose order the entries are.
-struct Line {
-  std::string kind;
-  can_frame_t frame{};
-  unsigned lost = 0;
-};
-
-std::vector<Line> lines_of(const char *file) {
-  std::vector<Line> lines;
-  std::ifstream in(file);
-  for (std::string text; std::getline(in, text);) {
-    std::istringstream words(text);
-    Line line;
-    std::string id, length, data;
-    words >> line.kind;
-    if (line.kind == "can") {
-      words >> id >> id >> length >> data;
-      line.frame.id = static_cast<uint16_t>(std::stoul(id, nullptr, 16));
-      line.frame.remote = length == "R";
-      if (length != "R") line.frame.length = static_cast<uint8_t>(std::stoul(length));
-      for (unsigned i = 0; i < line.frame.length; ++i) {
-        line.frame.data[i] =
-            static_cast<uint8_t>(std::stoul(data.substr(2 * std::size_t{i}, 2), nullptr, 16));
-      }
-    } else if (line.kind == "lost") {
-      words >> line.lost >> line.lost;
-    } else if (line.kind != "write" && line.kind != "bus" && line.kind != "modbus") {
-      continue;
-    }
-    lines.push_back(line);
-  }
-  return lines;
-}
-
 int replay(const char *file) {
   const host::Journal journal = host::read_journal(file);
   host::Experiment experiment = host::load_experiment(journal.experiment, journal.overrides);
@@ -200,23 +161,21 @@ int replay(const char *file) {
   config.modbus_baud = journal.modbus_baud;
   host::FirmwareSide firmware(experiment, {.hash = true, .config = &config});
   host::PlantSide plant(experiment, {});
-  const std::vector<Line> lines = lines_of(file);
-  if (lines.size() != journal.entries.size()) throw std::runtime_error("lines and entries differ");
-  std::size_t at = 0;
-  for (; at < lines.size() && lines[at].kind == "write"; ++at) {
-    journal.entries[at].give(firmware.axis());
+  auto entry = journal.entries.begin();
+  const auto end = journal.entries.end();
+  for (; entry != end && std::holds_alternative<host::ObjectWrite>(entry->what); ++entry) {
+    entry->give(firmware.axis());
   }
   Log log(firmware.axis());
-  while (plant.running() && plant.tick() < journal.ticks) {
-    for (; at < lines.size() && journal.entries[at].tick <= plant.tick(); ++at) {
-      journal.entries[at].give(firmware.axis());
-      const Line &line = lines[at];
-      if (line.kind == "can") {
+  while (plant.running() && plant.tick() < journal.known_ticks()) {
+    for (; entry != end && entry->tick <= plant.tick(); ++entry) {
+      entry->give(firmware.axis());
+      if (const auto *frame = std::get_if<can_frame_t>(&entry->what)) {
         log.refused();
-        log.add(kFrameIn, static_cast<uint8_t>(line.frame.length | line.frame.remote << 7),
-                line.frame.id, 0, data_of(line.frame));
-      } else if (line.kind == "lost") {
-        log.add(kLost, 0, 0, line.lost);
+        log.add(kFrameIn, static_cast<uint8_t>(frame->length | frame->remote << 7), frame->id, 0,
+                data_of(*frame));
+      } else if (const auto *lost = std::get_if<host::Journal::FramesLost>(&entry->what)) {
+        log.add(kLost, 0, 0, lost->count);
       }
       log.taken_in();
     }

@@ -9,6 +9,7 @@ import contextlib
 import json
 import os
 import select
+import signal
 import socket
 import struct
 import subprocess
@@ -112,9 +113,8 @@ def heartbeat_master():
 
 def modbus_master(fd):
     registers(fd, 6, 7, 1)  # command_source: modbus
-    registers(fd, 6, 8, WATCHDOG_MS)
     while True:
-        registers(fd, 6, 8, WATCHDOG_MS)
+        registers(fd, 6, 8, WATCHDOG_MS)  # reading would not feed it
         time.sleep(0.03)
 
 
@@ -226,6 +226,25 @@ def killed_plant():
     return seen | {"journal": len(seen["journal"])}
 
 
+def late_ticks(*axis_args):
+    """The plant stands still for a moment: nothing is lost, but ticks come too late."""
+    with bench("--timeout", "5", *axis_args) as seen:
+        bus = seen["bus"]
+        bus.listen(0.5)
+        seen["plant"].send_signal(signal.SIGSTOP)
+        bus.listen(0.2)
+        seen["plant"].send_signal(signal.SIGCONT)
+        bus.listen(0.5)
+        seen["overruns"] = bus.read(0x2307)
+        seen["register"] = registers(seen["line"], 4, 0x0C, 1).hex()
+    late = [tick for tick, *_ in entries(seen["journal"], "overrun")]
+    return seen | {"late": late, "journal": len(seen["journal"])}
+
+
+def late_in_real_time():
+    return late_ticks("--pace", "real")
+
+
 def lost_bus():
     with bench() as seen:
         bus = seen["bus"]
@@ -269,6 +288,8 @@ if __name__ == "__main__":
     elif sys.argv[1:2] == ["modbus"]:
         modbus_master(int(sys.argv[2]))
     else:
-        scenarios = killed_supervisor, killed_plant, lost_bus, two_masters
+        scenarios = (
+            killed_supervisor, killed_plant, lost_bus, two_masters, late_ticks, late_in_real_time,
+        )  # fmt: skip
         chosen = [s for s in scenarios if sys.argv[1:] in ([], [s.__name__])]
         json.dump({s.__name__: s() for s in chosen}, sys.stdout)

@@ -20,6 +20,7 @@ from pathlib import Path
 from forceaxis import gateway as sessions
 from forceaxis import link, objects, thesis_session
 from forceaxis.drive_words import BY_NAME
+from forceaxis.gateway import Session
 from forceaxis.lcm_bus import TABLE_HASH, Bus, decode, now_us
 from forceaxis.live import AxisClient, NoAnswer, Refused
 from forceaxis.messages import axis_command_t, axis_event_t, axis_state_t
@@ -113,9 +114,9 @@ class Tcp:
         return got
 
 
-def registers(client, start, count, kind="holding"):
+def registers(client, start, count, kind="holding", unit=1):
     read = client.read_holding_registers if kind == "holding" else client.read_input_registers
-    answer = read(start, count=count, device_id=1)
+    answer = read(start, count=count, device_id=unit)
     return answer.exception_code if answer.isError() else answer.registers
 
 
@@ -195,6 +196,7 @@ def lock(axis, modbus):
 def refusals(axis):
     """What a client is told, in words, with the code."""
     axis.take()
+    axis.write("watchdog", 30_000)  # what is refused does not feed it
     tried = {
         "range": ("latency_ticks", 3),
         "read_only": ("0x6041", 1),
@@ -701,6 +703,96 @@ def two_axes_end():
         for node in nodes:
             node.end.set()
             node.join()
+def start_node(name, *args):
+    words = [link.program(name), thesis_session.EXPERIMENT, "--axes", "2", "--link", "socketcan"]
+    words += ["--start-timeout", "20", "--set", "experiment.duration_s=60", *args]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert "ready" in process.stdout.readline(), name
+    return process
+
+
+def standing(clients):
+    """Of each axis: position, CiA 402 state and number, as published."""
+    states = [client.state() for client in clients]
+    return [[s.position_cnt, s.statusword & 0x6F, s.axis] for s in states]
+
+
+def two_axes():
+    """One gateway, two axes: each is moved by one bus while the other is to stand still."""
+    nodes = [start_node("axis_node", "--can", "vcan0"), start_node("plant_node", "--pace", "real")]
+    # Two axes may be more than a busy guest does in real time, and they count time in ticks.
+    slow = ["--heartbeat-ms", "1000", "--sdo-timeout-ms", "3000"]
+    sets = ["--set", "force_gain=3", "--set", "2:force_gain=7"]
+    process = gateway("--axes", "1,2", *sets, *slow)
+    modbus = ModbusTcpClient("127.0.0.1", port=PORT, timeout=3)
+    assert modbus.connect()
+    try:
+        with AxisClient(2, timeout_s=4) as second, Session(1, timeout_s=4) as first:
+            until(lambda: operational(second), 10)
+            return move_each(first, second, modbus) | {"said": process.said()}
+    finally:
+        modbus.close()
+        process.terminate()
+        process.wait(5)
+        for node in nodes:
+            node.kill()
+            node.communicate()
+
+
+def move_each(first, second, modbus):
+    def write(unit, name, *words):
+        """None or the exception."""
+        where = BY_NAME[name].modbus
+        answer = modbus.write_registers(where, list(words), device_id=unit)
+        return answer.exception_code if answer.isError() else None
+
+    def position(unit):
+        high, low = registers(modbus, BY_NAME["position_actual"].modbus, 2, "input", unit)
+        return (high << 16 | low) - (high >> 15 << 32)
+
+    both = first, second
+    gain = BY_NAME["force_gain"].modbus
+    found = {
+        "gains": [
+            [axis.read("force_gain") for axis in both],
+            [registers(modbus, gain, 1, unit=unit) for unit in (1, 2)],
+        ],
+        "node_ids": [registers(modbus, BY_NAME["node_id"].modbus, 1, "input", u) for u in (1, 2)],
+        "owners": [axis.read("command_source") for axis in both],
+        "taken": write(1, "command_source", 1),
+        "owners_then": [axis.read("command_source") for axis in both],
+    }
+    first.take()
+    # Axis 1 by LCM.
+    first.write_all({"position_gain": 4.0, "velocity_gain": 20.0})
+    first.home()
+    before = standing(both)
+    first.enable("profile position", trajectory_velocity=60_000)
+    first.move(2000)
+    found["by_lcm"] = [before, standing(both)]
+    # Axis 2 by Modbus.
+    assert write(2, "command_source", 1, 60_000) is None  # and its watchdog
+    found["refused"] = [write(unit, "force_gain", 512) for unit in (1, 2)]
+    before = standing(both)
+    target = before[1][0] + 1500
+    for name, *words in (
+        ("position_gain", 1024),
+        ("velocity_gain", 5120),
+        ("modes_of_operation", 1),
+        ("target_position", target >> 16 & 0xFFFF, target & 0xFFFF),
+        *(("controlword", word) for word in (6, 7, 15, 0x1F)),
+    ):
+        assert write(2, name, *words) is None, name
+    until(lambda: second.state().statusword & 1 << 10 and abs(position(2) - target) < 10, 20)
+    found["by_modbus"] = [before, standing(both)]
+    found["modbus_sees"] = [position(1), position(2)]
+    found["gains_after"] = [axis.read("force_gain") for axis in both]
+    found["owners_after"] = [axis.read("command_source") for axis in both]
+    # And one is off while the other goes on.
+    write(2, "controlword", 0)
+    until(lambda: second.state().statusword & 0x6F == 0x40)
+    found["off"] = standing(both)
+    found["lost"] = sum(g.lost for axis in both for g in axis.gaps.values())
     return found
 
 
@@ -751,6 +843,7 @@ def main():
             process.wait(5)
     keep("other_table", other_table)
     keep("two_axes_end", two_axes_end)
+    keep("two_axes", two_axes)
     print(json.dumps(results))
 
 

@@ -15,6 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR_INVALID, HEARTBEAT_LOST, SOURCE_LOST, CAN_OFF = 1, 8, 9, 10
+OVERRUN = 0xFF04
 HEARTBEAT_TICKS = 150  # of 100 ms
 WATCHDOG_TICKS = 300  # of 200 ms
 
@@ -64,6 +65,21 @@ def test_a_killed_plant_is_missed(session):
     assert lost["tick"] == seen["on"][1] + 1
     assert (lost["dac_code"], lost["amp_enable"], lost["brake_release"]) == (0, False, False)
     assert axis["axes"][0]["fault"] == "sensor_invalid"
+
+
+def test_late_ticks_are_counted_and_told(session):
+    seen = session["late_in_real_time"]
+    # The guest stands still by itself too, so more than one may be late.
+    assert 1 <= seen["overruns"] <= len(seen["late"])
+    assert seen["register"][:6] == "010402" and int(seen["register"][6:], 16) >= seen["overruns"]
+    assert OVERRUN in seen["emergencies"]
+    assert seen["on"][1] > seen["late"][0] + 300  # a warning: the axis goes on
+
+
+def test_in_lock_step_no_tick_is_late(session):
+    seen = session["late_ticks"]
+    assert (seen["overruns"], seen["late"], seen["register"]) == (0, [], "0104020000")
+    assert OVERRUN not in seen["emergencies"]
 
 
 def test_a_lost_bus_is_seen(session):

@@ -257,6 +257,31 @@ def test_a_gateway_that_is_ended_stops_all_axes_together(of):
     assert got["together"] == [[True, True], [True, True], 0]
     # Of axes that do not stop a second signal waits for none: they are to miss the gateway.
     assert got["at_once"] == [[True, True], [False, False], 143]
+def test_two_axes_behind_one_gateway_are_kept_apart(of):
+    got = of("two_axes")
+    enabled, disabled = 0x27, 0x40
+    # The same by LCM and by Modbus, whose raw gain has 8 fractional bits.
+    assert got["gains"] == [[3.0, 7.0], [[768], [1792]]]
+    assert got["node_ids"] == [[1], [2]]
+    assert got["owners"] == ["lcm", "canopen"]
+    assert (got["taken"], got["owners_then"]) == (None, ["modbus", "canopen"])
+    # Axis 1 goes 2000 counts by LCM, axis 2 not one.
+    (first, second), (first_after, second_after) = got["by_lcm"]
+    assert first == [0, enabled, 1] and second[1:] == [disabled, 2]
+    assert abs(first_after[0] - 2000) <= 10 and first_after[1:] == [enabled, 1]
+    assert second_after == second
+    # Axis 2 goes 1500 counts by Modbus, axis 1 holds its place.
+    (first, second), (first_after, second_after) = got["by_modbus"]
+    assert abs(second_after[0] - second[0] - 1500) <= 10 and second_after[1:] == [enabled, 2]
+    assert abs(first_after[0] - first[0]) <= 2 and first_after[1:] == [enabled, 1]
+    for seen, state in zip(got["modbus_sees"], (first_after, second_after), strict=True):
+        assert abs(seen - state[0]) <= 2
+    # Unit 1 is LCM's, unit 2 takes it.
+    assert got["refused"] == [4, None]
+    assert got["gains_after"] == [3.0, 2.0]
+    assert got["owners_after"] == ["lcm", "modbus"]
+    assert [state for _, state, _ in got["off"]] == [enabled, disabled]
+    assert got["lost"] == 0 and got["said"] == ""
 
 
 # --- without CAN ---------------------------------------------------------------------------------

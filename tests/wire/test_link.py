@@ -13,6 +13,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -304,6 +305,39 @@ def test_a_partner_that_never_comes_is_named():
         assert "is it running, on this link and with this run id?" in told["stderr"]
 
 
+# --- ticks that come too late --------------------------------------------------------------------
+
+
+def paused(tmp_path, *axis_args):
+    """A plant in real time that stands still for 0.1 s: the axis' report, and its journal."""
+    run_id = ["--run-id", link.new_run_id(), "--set", "experiment.duration_s=2"]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run_id, "--journal", journal, "--timeout", "10", *axis_args)
+    plant = start("plant_node", *run_id, "--pace", "real")
+    time.sleep(0.5)
+    plant.send_signal(signal.SIGSTOP)
+    time.sleep(0.1)
+    plant.send_signal(signal.SIGCONT)
+    assert end(plant)["status"] == 0
+    told = end(axis)
+    assert json.loads(forceaxis("replay", journal, "--json").stdout)["replay"]["same"]
+    return told["axes"][0], journal.read_text().splitlines()
+
+
+def test_a_late_tick_is_an_overrun_where_the_axis_is_to_be_in_real_time(tmp_path):
+    told, journal = paused(tmp_path, "--pace", "real")
+    late = [int(line.split()[1]) for line in journal if line.startswith("overrun ")]
+    assert told["overruns"] == len(late) > 0
+    assert any(600 < tick < 2900 for tick in late)  # where the plant stood still
+    assert told["trace_hash"] == in_process("experiment.duration_s=2")
+
+
+def test_nothing_is_late_in_lock_step(tmp_path):
+    told, journal = paused(tmp_path)
+    assert told["overruns"] == 0
+    assert not [line for line in journal if line.startswith("overrun ")]
+
+
 # --- buses and their journal ---------------------------------------------------------------------
 
 
@@ -345,6 +379,56 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         journal.write_text(changed)
         done = forceaxis("replay", journal, status=status)
         assert word in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("after_s", [0, 2])
+def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, after_s):
+    run_id = ["--run-id", link.new_run_id()]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run_id, "--journal", journal, "--store", tmp_path / "store")
+    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.3")
+    time.sleep(after_s)
+    axis.kill()
+    axis.communicate()
+    end(plant)
+    assert "end " not in journal.read_text()
+    out = tmp_path / "out"
+    done = forceaxis("replay", journal, "--json", "--out", out, status=1)
+    summary = json.loads(done.stdout)
+    assert summary["replay"]["ticks"] is None and summary["replay"]["same"] is False
+    assert done.stderr == (
+        f"forceaxis: {journal}: expected a line `end`; the node was killed, and replayed is what "
+        f"it had written down, {summary['ticks']} ticks\n"
+    )
+    assert (out / "trace.csv").exists()
+    plain = forceaxis("replay", journal, status=1)
+    assert "broken off" in plain.stdout and plain.stderr.count("\n") == 1
+
+
+def test_the_replay_for_the_model_reads_a_journal_as_replay_does(tmp_path):
+    """canopen_replay, on which test_clients.py relies, also where the journal breaks off."""
+    run_id = ["--run-id", link.new_run_id(), "--set", SHORT]
+    journal = tmp_path / "axis.log"
+    axis = start("axis_node", *run_id, "--journal", journal)
+    assert end(start("plant_node", *run_id))["status"] == 0
+    end(axis)
+    whole = journal.read_text()
+    header = whole[: whole.index("end ")]
+    for text in (whole, f"{header}can 700 601 8 4041600000000000\nlost 800 3\ncan 900 601 8 40"):
+        journal.write_text(text)
+        summary = json.loads(
+            forceaxis("replay", journal, "--json", status=int(text != whole)).stdout
+        )
+        log = subprocess.run(
+            [ROOT / "build/release/tests/wire/canopen_replay", journal],
+            capture_output=True, timeout=60, check=True,
+        ).stdout  # fmt: skip
+        records = list(struct.iter_unpack("<BBHIQ", log))
+        assert f"{records[-1][-1]:016x}" == summary["trace_hash"][:16]
+        # Records 2: ticks, 1: frames in, 10: frames lost.
+        counts = collections.Counter(record[0] for record in records)
+        assert counts[2] == summary["ticks"] == (1501 if text == whole else 801)
+        assert (counts[1], counts[10]) == ((0, 0) if text == whole else (1, 1))
 
 
 def test_a_journal_replaces_nothing_but_a_journal(tmp_path):
@@ -519,6 +603,75 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
     assert word in done.stderr
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "nonsense",
+        "pigeon://1",
+        "tcpq://localhost:1",  # with which liblcm ends the process
+        "udpm://nohost:7667",
+        "udpm://10.0.0.1:7667",  # no multicast
+        "udpm://239.255.76.67:99999",
+        "udpm://239.255.76.67:7667?ttl=x",
+        "udpm://239.255.76.67:7667?tll=0",
+    ],
+)
+def test_a_bad_lcm_url_is_one_line_and_status_2(url):
+    programs = (
+        ("axis_node", [EXPERIMENT, "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        ("plant_node", [EXPERIMENT, "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        # Also where there is no CAN: nothing is opened before.
+        ("gateway", ["--can", "nocan0", "--lcm-url", url], {}, f"--lcm-url {url}: "),
+        ("gateway", [], {"LCM_DEFAULT_URL": url}, f"LCM_DEFAULT_URL {url}: "),
+    )
+    for name, args, more, said in programs:
+        done = subprocess.run(
+            [NODES / name, *args], env=os.environ | more, capture_output=True, text=True,
+            timeout=20, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == (
+            f"{name}: {said}expected an LCM URL such as udpm://239.255.76.67:7667?ttl=0\n"
+        )
+
+
+def test_a_bad_lcm_url_of_a_run_is_one_line_and_status_2():
+    done = forceaxis("run", EXPERIMENT, "--link", "lcm", "--lcm-url", "pigeon://1", status=2)
+    assert "pigeon://1: expected an LCM URL" in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--store", "--journal"])
+@pytest.mark.parametrize(
+    ("axes", "file"),
+    [
+        *((1, file) for file in ("nowhere/a", "folder", "locked/a", "text", "text/a")),
+        # Of two axes the first one's could be had; nothing is left of it.
+        *((2, file) for file in ("folder/a", "text")),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_one_line_and_status_2(tmp_path, option, axes, file):
+    (tmp_path / "folder" / "a.2").mkdir(parents=True)
+    (tmp_path / "locked").mkdir(mode=0o555)
+    texts = [tmp_path / "text", tmp_path / "text.2"]
+    for text in texts:
+        text.write_text("precious\n")
+    before = sorted(tmp_path.rglob("*"))
+    # Root may write everywhere, but for what that right is taken from.
+    bound = ["setpriv", "--bounding-set=-dac_override"] if os.geteuid() == 0 else []
+    other = "--journal" if option == "--store" else "--store"
+    done = subprocess.run(
+        [*bound, NODES / "axis_node", EXPERIMENT, "--axes", str(axes),
+         "--run-id", str(link.new_run_id()), "--start-timeout", "0.3",
+         option, tmp_path / file, other, tmp_path / "other"],
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"axis_node: {tmp_path / file}")
+    assert f": {option}: expected " in done.stderr and done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    assert [text.read_text() for text in texts] == ["precious\n"] * 2
+
+
 @pytest.mark.parametrize("name", ["axis_node", "plant_node"])
 def test_help_has_an_example(name):
     done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)
@@ -534,6 +687,52 @@ def test_vcan_passes_on_input_output_and_status():
     assert done.returncode == 7
     assert done.stdout == "heard\n2\n"
     assert done.stderr == "said\n"
+
+
+def kernel_has_vcan():
+    words = ["ip", "link", "add", "vcan0", "type", "vcan"]
+    unshare = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]
+    return subprocess.run([*unshare, *words], capture_output=True, check=False).returncode == 0
+
+
+def test_vcan_clears_up_after_one_that_was_killed():
+    if kernel_has_vcan():
+        return  # no guest, no folders
+    with tempfile.TemporaryDirectory(prefix="fa") as name:
+        folder = Path(name)
+        own = os.environ | {"TMPDIR": name}
+        killed = subprocess.Popen([VCAN, "sleep", "60"], env=own, stdin=subprocess.DEVNULL)
+        end = time.monotonic() + 30
+        while not (left := list(folder.glob("vcan.*/guest"))) and time.monotonic() < end:
+            time.sleep(0.05)
+        killed.kill()
+        killed.wait()
+        namespace = os.readlink("/proc/self/ns/pid")
+        gone = left[0].parent
+        assert (gone / "owner").read_text() == f"{killed.pid} {namespace}\n"
+        long_ago = time.time() - 90
+        for kept, owner in {
+            "living": f"{os.getpid()} {namespace}\n",
+            "other0": f"{killed.pid} pid:[1]\n",  # of a container: none of ours to judge
+            "newest": "",
+            "inuse0": "",
+        }.items():
+            (folder / f"vcan.{kept}").mkdir()
+            (folder / f"vcan.{kept}" / "owner").write_text(owner)
+        for without in ("young0", "old000"):
+            (folder / f"vcan.{without}").mkdir()
+        for old in ("living", "other0", "inuse0", "old000"):
+            os.utime(folder / f"vcan.{old}", (long_ago, long_ago))
+        sleep = "import time; time.sleep(60)"
+        user = subprocess.Popen([sys.executable, "-c", sleep, folder / "vcan.inuse0" / "init"])
+        both = [subprocess.Popen([VCAN, "true"], env=own) for _ in range(2)]
+        assert [run_.wait(60) for run_ in both] == [0, 0]
+        user.kill()
+        user.wait()
+        assert not gone.exists()
+        assert sorted(f.name for f in folder.iterdir()) == [
+            "vcan.inuse0", "vcan.living", "vcan.newest", "vcan.other0", "vcan.young0",
+        ]  # fmt: skip
 
 
 def test_vcan_gives_a_terminal_a_shell():

@@ -17,6 +17,7 @@ import struct
 import subprocess
 import sys
 import termios
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,9 +27,10 @@ import numpy as np
 import pytest
 from forceaxis import drive_words, log_tables, logs, objects
 from forceaxis._core import InputError
+from forceaxis.gateway import MODES, Session
 from forceaxis.lcm_bus import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
 from forceaxis.live import AxisClient, NoAnswer, Refused, from_raw, to_raw
-from forceaxis.messages import axis_capture_t, axis_event_t, axis_state_t
+from forceaxis.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
 from forceaxis.monitor import AxisPanel, Monitor
 from forceaxis.sources import Live, Replay
 from forceaxis.watch import Watch
@@ -179,6 +181,14 @@ def test_every_statusword_is_named_as_cia_402_names_it():
 def test_words_for_numbers_that_nobody_knows():
     assert drive_words.mode(10) == "cyclic force"
     assert drive_words.mode(-77) == "mode -77"
+    # The table names them, and nothing beside it.
+    named = dict(drive_words.BY_NAME["modes_of_operation"].values)
+    assert named == dict(drive_words.BY_NAME["modes_of_operation_display"].values)
+    assert set(MODES) == {drive_words.mode(n) for n in named}
+    assert all(MODES[text.replace("_", " ")] == n for n, text in named.items())
+    assert drive_words.emergency(0) == "EMCY 0000h error reset"
+    for code, text in drive_words.BY_NAME["error_code"].values[1:]:
+        assert drive_words.emergency(code) == f"EMCY {code:04X}h {text.replace('_', ' ')}"
     assert drive_words.enum("fault", 6) == "force_max"
     assert drive_words.enum("fault", 200) == "200"
     assert drive_words.enum("no_such_object", 3) == "3"
@@ -751,6 +761,62 @@ def test_commands_are_answered_though_datagrams_get_lost(url):
             axis.write("force_gain", 300)
         with pytest.raises(NoAnswer):
             axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=0.1)
+
+
+class Watched(Gateway):
+    """A stand-in that notes what is written, and whose axis may belong to somebody else."""
+
+    def __init__(self, url):
+        super().__init__(url, [1])
+        self.values[1, "watchdog"], self.foreign, self.written = 700, False, []
+        self.running = True
+        self.thread = threading.Thread(target=self.run)
+
+    def command(self, channel, data):
+        c = decode(channel, data)
+        if (c.run_id, c.command_id) not in self.answers and c.kind != axis_command_t.KIND_READ:
+            items = list(zip(c.object, c.value, strict=True))
+            self.written.append((self.foreign, c.kind, items))
+            if self.foreign and c.kind == axis_command_t.KIND_WRITE:
+                answer = 1, axis_event_t.EVENT_REFUSED, "the axis belongs to modbus", 0x08000021, c
+                self.answers[c.run_id, c.command_id] = answer
+        super().command(channel, data)
+
+    def run(self):
+        k = 0
+        while self.running:
+            self.lcm.handle_timeout(10)
+            self.send("AXIS_1_STATE", state_of(1, k))
+            k += 1
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.running = False
+        self.thread.join()
+
+
+def test_a_session_keeps_its_axis_by_writing_its_watchdog_as_it_is(url):
+    with Watched(url) as axis, Session(1, url) as session:
+        assert until(lambda: len(axis.written) > 4)
+        assert axis.written[0][1] == axis_command_t.KIND_TAKE
+        assert axis.written[1:] == [(False, axis_command_t.KIND_WRITE, [("watchdog", 700)])] * len(
+            axis.written[1:]
+        )
+        # One that the session changes stays.
+        for value in range(1000, 1020):
+            session.write("watchdog", value)
+            time.sleep(0.03)
+        assert until(lambda: axis.written[-3:] == axis.written[-1:] * 3)
+        assert axis.values[1, "watchdog"] == 1019
+        writes = [items[0][1] for _, kind, items in axis.written if kind == 1]
+        assert writes == sorted(writes)
+        # Somebody else takes the axis: it is his, whatever the session goes on trying.
+        axis.foreign, before = True, len(axis.written)
+        assert until(lambda: len(axis.written) > before + 2)
+        assert {kind for foreign, kind, _ in axis.written if foreign} == {1}
 
 
 def test_a_client_captures_what_the_recorder_holds(url):

@@ -37,6 +37,8 @@ int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value) {
 
 const axis_signals_t *axis_host_signals(const axis_host_t *host) { return &host->fw.axis.signals; }
 
+const fw_t *axis_host_firmware(const axis_host_t *host) { return &host->fw; }
+
 int axis_host_write(axis_host_t *host, uint16_t object, int32_t value) {
   return fw_object_write(&host->fw, FW_SOURCE_LOCAL, object, value);
 }

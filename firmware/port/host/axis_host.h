@@ -34,6 +34,9 @@ int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
 /* The signals of the axis as they stand, for those who look at them every tick. */
 const axis_signals_t *axis_host_signals(const axis_host_t *host);
 
+/* The firmware itself, for those who look where no object does. */
+const fw_t *axis_host_firmware(const axis_host_t *host);
+
 /* As FW_SOURCE_LOCAL: the source lock does not hold it. */
 int axis_host_write(axis_host_t *host, uint16_t object, int32_t value);
 

@@ -118,7 +118,7 @@ def replay(journal, out, as_json):
     """Run again, in process, what a firmware on buses did: from the journal of its axis_node.
 
     The same trace hash comes out; the exit status is 1 if it does not, or if the journal breaks off
-    without one.
+    without one, because the node was killed: then what is there is replayed.
     """
     done, told = experiments.replay(journal)
     same = done.summary["trace_hash"] == told["trace_hash"]
@@ -129,9 +129,14 @@ def replay(journal, out, as_json):
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         click.echo(experiments.describe(done.summary))
-        click.echo(f"journal      {told['entries']} entries, trace hash {told['trace_hash']}")
+        known = told["trace_hash"] or "none, it is broken off"
+        click.echo(f"journal      {told['entries']} entries, trace hash {known}")
     if told["ticks"] is None:
-        fail(f"{journal}: expected a line `end`; the node was ended before its run was", status=1)
+        fail(
+            f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
+            f"written down, {done.summary['ticks']} ticks",
+            status=1,
+        )
     if not same:
         fail(f"{journal}: expected the trace hash {told['trace_hash']} again", status=1)
 

@@ -16,52 +16,17 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
-# Where the object table names no value (`values` of the object), or the number is not an object's.
+# The names of the object table, as they are read.
 MODES = {
-    0: "none",
-    1: "profile position",
-    3: "profile velocity",
-    4: "force",
-    6: "homing",
-    8: "cyclic position",
-    9: "cyclic velocity",
-    10: "cyclic force",
-    -1: "force counts",
-    -2: "open loop",
-    -3: "excitation",
-    -4: "native position",
-    -5: "guarded move",
-    -6: "stiffness",
-    -7: "damping",
-    -8: "impedance",
+    value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
 }
+# Not those of the table: -1 is the gateway's, and a master says booting and pre-operational.
 NODE_STATES = {
     0: "booting",
     4: "stopped",
     5: "operational",
     127: "pre-operational",
     -1: "silent",
-}
-EMERGENCIES = {
-    0x0000: "error reset",
-    0x2310: "current",
-    0x5530: "store",
-    0x6010: "watchdog",
-    0x6320: "parameter",
-    0x7305: "encoder",
-    0x7310: "speed",
-    0x8110: "CAN overrun",
-    0x8120: "CAN passive",
-    0x8130: "heartbeat lost",
-    0x8140: "CAN off",
-    0x8210: "PDO length",
-    0x8240: "SYNC length",
-    0x8611: "following error",
-    0x8612: "limit",
-    0xFF01: "contact lost",
-    0xFF02: "force sensor saturated",
-    0xFF03: "limit cycle",
-    0xFF04: "loop overrun",
 }
 
 # Statusword bits that mean the same in every mode.
@@ -101,8 +66,7 @@ def status_bits(statusword, mode=None):
 
 def mode(number):
     """The mode of operation (6061h) in words."""
-    said = _named("modes_of_operation_display", number) or MODES.get(number)
-    return said.replace("_", " ") if said else f"mode {number}"
+    return MODES.get(number, f"mode {number}")
 
 
 def node_state(number):
@@ -111,8 +75,7 @@ def node_state(number):
 
 def emergency(code):
     """An EMCY code in words, with its number."""
-    text = EMERGENCIES.get(code) if code == 0 else _named("error_code", code)
-    text = text or EMERGENCIES.get(code)
+    text = _named("error_code", code) if code else "error reset"
     return f"EMCY {code:04X}h {text.replace('_', ' ')}" if text else f"EMCY {code:04X}h"
 
 

@@ -55,6 +55,13 @@ class Session(AxisClient):
             self.close()
             raise
 
+    def write_all(self, values):
+        """As AxisClient's; a new watchdog is not overtaken by the one that keeps the axis."""
+        if self._keeper is None or not {"watchdog", "0x2302"} & values.keys():
+            return super().write_all(values)
+        with self._keeper.unchanged:
+            return super().write_all(values)
+
     def close(self):
         """Leaves the axis disabled and to CANopen, as far as it still answers."""
         if self._keeper:
@@ -163,13 +170,15 @@ class Session(AxisClient):
 
 
 class _Keeper:
-    """Keeps the axis: reads an object several times within its watchdog. A client of its own, so
-    that a session that waits in a capture is kept as well."""
+    """Keeps the axis: writes its watchdog as it is, several times within it, because only writes of
+    the owner feed it. Whoever else has taken the axis keeps it: then the write is refused. A client
+    of its own, so that a session that waits in a capture is kept as well."""
 
     PERIOD_S = 0.2
 
     def __init__(self, axis, url):
         self._client = AxisClient(axis, url)
+        self.unchanged = threading.Lock()  # held from reading the watchdog to writing it again
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -177,7 +186,8 @@ class _Keeper:
     def _run(self):
         while not self._stop.wait(self.PERIOD_S):
             try:
-                self._client.read("command_source")
+                with self.unchanged:
+                    self._client.write("watchdog", self._client.read("watchdog"))
             except (Refused, NoAnswer):
                 continue  # a state or a refusal tells the session
 

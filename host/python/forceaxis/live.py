@@ -139,7 +139,7 @@ class AxisClient:
         return {n: from_raw(n, v) for n, v in zip(answer.object, answer.value, strict=True)}
 
     def take(self):
-        """Makes LCM the axis's command source; kept by commands that follow within its watchdog."""
+        """Makes LCM the axis's command source; kept by writes that follow within its watchdog."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self):

@@ -33,7 +33,7 @@ class axis_command_t(object):
     blocks follow on _CAPTURE, then EVENT_CAPTURE, all with this command's ids
     """
     KIND_TAKE = 4
-    """ take the command source for LCM; the client keeps it by commands """
+    """ take the command source for LCM; the client keeps it by writes """
     KIND_RELEASE = 5
     """ give the command source back to CANopen """
 
