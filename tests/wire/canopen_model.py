@@ -775,7 +775,8 @@ class Node:
             if self.waiting_emcy:
                 self.send_emergencies()
         self.now += 1
-        if self.reset is not None:
+        # An axis that is active is at rest before its node powers up again, a tick later.
+        if self.reset is not None and not (self.reset == 129 and active):
             self.after_reset()
 
     def after_reset(self):
