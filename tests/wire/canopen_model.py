@@ -1,9 +1,10 @@
 """A second CANopen node, written from CiA 301 and the object table: what the firmware's must do.
 
-`Node` is fed what canopen_flood logged: frames in, ticks, what the port told, and what no model of
-communication can know (values of mapped objects, the drive's error code, whether an object of the
-drive refused the value of an RPDO or an SDO server). It predicts every frame out, the NMT state, the lock, and each
-object of the communication part; `check` compares them and names the record that differs.
+`Node` is fed what canopen_flood logged: frames in, ticks, what the port told, and what no model
+of communication can know (values of mapped objects, the drive's error code, whether an object of
+the drive refused the value of an RPDO or an SDO server). It predicts every frame out, the NMT
+state, the lock, and each object of the communication part; `check` compares them and names the
+record that differs.
 """
 
 import struct

@@ -20,7 +20,6 @@ from pathlib import Path
 from forceaxis import gateway as sessions
 from forceaxis import link, objects, thesis_session
 from forceaxis.drive_words import BY_NAME
-from forceaxis.gateway import Session
 from forceaxis.lcm_bus import TABLE_HASH, Bus, decode, now_us
 from forceaxis.live import AxisClient, NoAnswer, Refused
 from forceaxis.messages import axis_command_t, axis_event_t, axis_state_t
@@ -703,6 +702,9 @@ def two_axes_end():
         for node in nodes:
             node.end.set()
             node.join()
+    return found
+
+
 def start_node(name, *args):
     words = [link.program(name), thesis_session.EXPERIMENT, "--axes", "2", "--link", "socketcan"]
     words += ["--start-timeout", "20", "--set", "experiment.duration_s=60", *args]
@@ -727,7 +729,7 @@ def two_axes():
     modbus = ModbusTcpClient("127.0.0.1", port=PORT, timeout=3)
     assert modbus.connect()
     try:
-        with AxisClient(2, timeout_s=4) as second, Session(1, timeout_s=4) as first:
+        with AxisClient(2, timeout_s=4) as second, sessions.Session(1, timeout_s=4) as first:
             until(lambda: operational(second), 10)
             return move_each(first, second, modbus) | {"said": process.said()}
     finally:

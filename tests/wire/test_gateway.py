@@ -257,6 +257,8 @@ def test_a_gateway_that_is_ended_stops_all_axes_together(of):
     assert got["together"] == [[True, True], [True, True], 0]
     # Of axes that do not stop a second signal waits for none: they are to miss the gateway.
     assert got["at_once"] == [[True, True], [False, False], 143]
+
+
 def test_two_axes_behind_one_gateway_are_kept_apart(of):
     got = of("two_axes")
     enabled, disabled = 0x27, 0x40
