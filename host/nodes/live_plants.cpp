@@ -7,7 +7,7 @@ void LivePlants::show(const host::LinkMoment &moment) {
   sim_clock_t clock{};
   clock.tick = moment.tick;
   clock.clock_state = sim_clock_t::CLOCK_RUNNING;
-  clock.late_us = moment.late_us.value_or(sim_clock_t::NOT_AVAILABLE);
+  clock.late_us = moment.late_us ? *moment.late_us : sim_clock_t::NOT_AVAILABLE;
   clock.speed_permille = sim_clock_t::NOT_AVAILABLE;
   if (before_ && now > before_->at) {
     const double simulated_s = static_cast<double>(moment.tick - before_->tick) / sim::kTickRateHz;

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/lcm/lcm_ends.hpp"
+#include "host/lcm/url.hpp"
 #include "host/nodes/live_plants.hpp"
 #include "host/nodes/node_options.hpp"
 
@@ -98,6 +99,8 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("plant_node", [&] {
     nodes::finish_options(options);
+    const std::string wrong = live ? lcm_bus::url_trouble(lcm_bus::default_url()) : "";
+    if (!wrong.empty()) throw nodes::UsageError("LCM_DEFAULT_URL " + wrong);
     return run(options, live);
   });
 }

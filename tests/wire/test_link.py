@@ -623,6 +623,12 @@ def test_a_bad_lcm_url_is_one_line_and_status_2(url):
         # Also where there is no CAN: nothing is opened before.
         ("gateway", ["--can", "nocan0", "--lcm-url", url], {}, f"--lcm-url {url}: "),
         ("gateway", [], {"LCM_DEFAULT_URL": url}, f"LCM_DEFAULT_URL {url}: "),
+        (
+            "plant_node",
+            [EXPERIMENT, "--live"],
+            {"LCM_DEFAULT_URL": url},
+            f"LCM_DEFAULT_URL {url}: ",
+        ),
     )
     for name, args, more, said in programs:
         done = subprocess.run(
