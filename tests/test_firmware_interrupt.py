@@ -8,10 +8,11 @@ import random
 import struct
 
 import pytest
-from test_firmware_targets import (  # noqa: F401 (cortex_m4 is a fixture)
+from test_firmware_targets import (  # noqa: F401 (fixtures)
     LOCAL,
     Emulator,
     Inputs,
+    built,
     cortex_m4,
     load_objects,
 )

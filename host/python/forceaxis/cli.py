@@ -13,12 +13,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 from forceaxis import (
+    cli_flash,
     cli_frequency,
     cli_gateway,
     cli_identify,
     cli_live,
     cli_objects,
     experiments,
+    flash,
     link,
     new,
     paths,
@@ -440,6 +442,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
 
 for verb in (
     *cli_frequency.VERBS,
+    cli_flash.flash_,
     cli_identify.identify,
     *cli_gateway.VERBS,
     *cli_live.VERBS,
@@ -456,7 +459,7 @@ def main():
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))
-    except (SimulationError, link.LinkError) as error:
+    except (SimulationError, link.LinkError, flash.FlashError) as error:
         fail(str(error), status=1)
     except subprocess.TimeoutExpired as error:
         program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]
