@@ -39,6 +39,7 @@ typedef struct {
   uint32_t modbus_baud; /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;      /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
   uint8_t buses;        /* 1: CANopen and Modbus are served */
+  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
 struct fw {
