@@ -288,6 +288,9 @@ typedef struct {
 #define USART_CR1_M BIT(12)
 #define USART_CR1_UE BIT(13)
 
+/* Unique device ID: three words. */
+#define UID_BASE 0x1FFF7A10
+
 /* --- independent watchdog --------------------------------------------------------------------- */
 
 typedef struct {

@@ -46,5 +46,10 @@ uint16_t port_can_lost(void) { return 0; }
 /* Never enabled. */
 void can_interrupt(void) {}
 
-/* No wfi: under -icount it doubles the period of every timer. */
-void port_idle(void) {}
+/* No wfi: under -icount it doubles the period of every timer. The emulated USART asks for an
+ * interrupt when a byte comes, but not when one may be sent. */
+void port_idle(void) {
+  if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {
+    NVIC->ISPR1 = BIT(IRQ_USART2 - 32);
+  }
+}
