@@ -65,7 +65,7 @@ static uint32_t crc_of_memory(const store_t *store, uint32_t crc, uint32_t at, u
 static uint32_t word_at(const store_t *store, uint32_t at) {
   uint8_t bytes[4];
   read(store, at, bytes, 4);
-  return fx_load_le(bytes, 4);
+  return fx_load_le32(bytes);
 }
 
 static uint32_t record_bytes(uint32_t entries) {
