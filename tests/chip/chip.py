@@ -85,7 +85,7 @@ class Chip:
         self.uc.mem_map(UID & ~0xFFF, 0x1000, unicorn.UC_PROT_READ)
         self.uc.mem_write(UID, struct.pack("<3I", *UID_WORDS))
         self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
-        self.steps = 0
+        self.steps, self.steps_max = 0, STEPS_MAX
         self.trace = None  # a set of the addresses of blocks that were run
         self.problem = None
         self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
@@ -131,7 +131,7 @@ class Chip:
     # --- running
 
     def _run(self, address, until):
-        self.steps, self.limit, self.problem = 0, STEPS_MAX, None
+        self.steps, self.limit, self.problem = 0, self.steps_max, None
         self.uc.emu_start(address | 1, until)
         if self.problem is not None:
             raise self.problem

@@ -6,6 +6,8 @@ Time is what a test makes it: a conversion takes so many reads of its status reg
 after so many, a CAN bus moves when Can.bits() is called.
 """
 
+from collections import defaultdict
+
 SUPPLY_V = 3.3
 HSI_HZ = 16e6
 READS_UNTIL_READY = 3
@@ -30,7 +32,7 @@ class Peripheral:
 
     def __init__(self, board):
         self.board = board
-        self.registers = dict(self.reset)
+        self.registers = defaultdict(int, self.reset)
 
     def __getitem__(self, offset):
         return self.registers.get(offset, 0)

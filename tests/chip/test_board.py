@@ -313,7 +313,7 @@ def test_scaling_of_the_adc(chip, adc_bits):
     for force_v, current_v in ((0.0, 3.29), (0.5, 2.0), (1.7, 0.013), (3.3, 3.3)):
         chip.board.adc.volts = {6: force_v, 7: current_v}
         chip.tick()
-        for name, volts in (("adc_code_force", force_v), ("adc_code_current", current_v)):
+        for name, volts in (("force_raw", force_v), ("current_raw", current_v)):
             exact = min(int(volts / SUPPLY_V * 4096), 4095)
             assert chip.read(name) == (exact << 4) >> (16 - adc_bits), (name, volts)
 

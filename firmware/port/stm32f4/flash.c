@@ -15,7 +15,7 @@ enum { SECTOR_BYTES = 16384 };
 enum { PROGRAM_POLLS_MAX = 10000 };
 
 /* An erase takes 250 ms, at most 800. A poll of the loop below takes about 1000 cycles. */
-enum { ERASE_POLLS_MAX = 168000, ERASE_POLL_LOOPS = 250 };
+enum { ERASE_POLLS_MAX = 168000, ERASE_POLL_LOOPS = 50 };
 
 static void unlock(void) {
   FLASH->KEYR = FLASH_KEY1;
@@ -87,7 +87,7 @@ __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_fro
     done = (FLASH->SR & FLASH_SR_BSY) == 0;
     IWDG->KR = IWDG_KEY_FEED;
     for (uint32_t i = 0; i < ERASE_POLL_LOOPS && !done; i++) {
-      __asm volatile("" ::: "memory");
+      __asm volatile(".rept 16; nop; .endr");
     }
   }
   __asm volatile("cpsie i" ::: "memory");
