@@ -23,9 +23,9 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: a set is there, but does
- * not fit), source_lost (where abort_connection_option asks for no fault), and those of FF01h to
- * FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
+/* Emergencies that are no fault of the axis: store_failed (at power-up: something is there, but no
+ * set that fits), source_lost (where abort_connection_option asks for no fault), and those of FF01h
+ * to FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
  * force_saturated, limit_cycle and overruns tell the rest. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 

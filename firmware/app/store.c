@@ -170,8 +170,12 @@ static void settle(store_t *store, uint32_t begin) {
 uint8_t store_load(store_t *store, fw_t *fw) {
   store_init(store, store->memory);
   record_t record;
-  if (store->memory == NULL || !newest_record(store, UINT32_MAX, &record)) {
+  if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
+  }
+  if (!newest_record(store, UINT32_MAX, &record)) {
+    const bool blank = tail_of(store, 0) == 0 && tail_of(store, 1) == 0;
+    return blank ? AXIS_STORE_STATE_EMPTY : AXIS_STORE_STATE_FAILED;
   }
   settle(store, record.begin);
   store->sequence = record.sequence;

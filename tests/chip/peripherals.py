@@ -7,6 +7,7 @@ after so many, a CAN bus moves when Can.bits() is called.
 """
 
 from collections import defaultdict
+from typing import ClassVar
 
 SUPPLY_V = 3.3
 HSI_HZ = 16e6
@@ -28,7 +29,7 @@ class Peripheral:
     """Registers that hold what is written, unless a model overrides read() or write()."""
 
     size = 0x400
-    reset = {}  # offset: value
+    reset: ClassVar[dict[int, int]] = {}  # offset: value
 
     def __init__(self, board):
         self.board = board
@@ -47,7 +48,7 @@ class Peripheral:
 class Rcc(Peripheral):
     """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready."""
 
-    reset = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
+    reset: ClassVar = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
     lock_reads = READS_UNTIL_READY
     reads = 0
     switches = True
@@ -107,7 +108,7 @@ class Flash(Peripheral):
     """3.8, and the two sectors that the firmware may write, 16 KiB each from 0x08004000."""
 
     BASE, SECTOR = 0x08004000, 0x4000
-    reset = {0x10: 0x80000000}
+    reset: ClassVar = {0x10: 0x80000000}
     busy_reads = READS_UNTIL_READY
 
     def __init__(self, board):
@@ -221,7 +222,7 @@ class Gpio(Peripheral):
 class Tim5(Peripheral):
     """17.3.12: in encoder mode 3 the counter follows both edges of TI1 and TI2, up to ARR."""
 
-    reset = {0x2C: 0xFFFFFFFF}
+    reset: ClassVar = {0x2C: 0xFFFFFFFF}
 
     def turn(self, counts):
         port = self.board.gpioa
@@ -321,7 +322,13 @@ class Dac(Peripheral):
 class Can(Peripheral):
     """30: bxCAN. Frames are (id, data, extended, remote)."""
 
-    reset = {0x00: 0x00010002, 0x04: 0x00000C02, 0x08: 0x1C000000, 0x1C: 0x01230000, 0x200: 0x2A1C0E01}
+    reset: ClassVar = {
+        0x00: 0x00010002,
+        0x04: 0x00000C02,
+        0x08: 0x1C000000,
+        0x1C: 0x01230000,
+        0x200: 0x2A1C0E01,
+    }
     OFF_BITS = 128 * 11
 
     def __init__(self, board):
@@ -457,7 +464,7 @@ class Can(Peripheral):
 class Usart(Peripheral):
     """25.6"""
 
-    reset = {0x00: 0xC0}
+    reset: ClassVar = {0x00: 0xC0}
 
     def __init__(self, board):
         super().__init__(board)
@@ -499,7 +506,7 @@ class Usart(Peripheral):
 class Iwdg(Peripheral):
     """21.4"""
 
-    reset = {0x08: 0xFFF}
+    reset: ClassVar = {0x08: 0xFFF}
 
     def __init__(self, board):
         super().__init__(board)

@@ -1,4 +1,4 @@
-"""The parameter store in two sectors of the chip's flash: driver and store of the released image."""
+"""The parameter store in two sectors of the chip's flash, as the released image does it."""
 
 import pytest
 from chip import TABLE, Chip, release
@@ -172,8 +172,11 @@ def test_a_corrupted_sector_falls_back_to_the_other_then_to_defaults_with_an_emc
         second[i] &= 0x5A
     again = release(Chip(bytes(second)))
     assert again.read("force_gain") == newest - 1
-    # Both are, but for the beginning of one: nothing is left to load.
-    default = TABLE.BY_NAME["force_gain"].default
-    both = bytes(b & 0x5A for b in flash.bytes)
-    again = release(Chip(both))
-    assert again.read("force_gain") == default
+    # Both are: nothing is left to load.
+    again = release(Chip(bytes(b & 0x5A for b in flash.bytes)))
+    assert again.read("force_gain") == TABLE.BY_NAME["force_gain"].default
+    assert STATES[again.read("store_state")] == "failed"
+    assert any(i == 0x081 and d[:2] == b"\x30\x55" for i, d, _ in again.board.can.sent)
+    # What is saved next counts again, and a blank flash is no failure.
+    assert save(again, 321) == "saved"
+    assert restarted(again).read("force_gain") == 321
