@@ -340,7 +340,8 @@ const char *fw_text(const fw_t *fw, uint16_t index) {
     case 0x1009:
       return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
     default:
-      return FW_VERSION " " AXIS_OBJECTS_HASH_TEXT;
+      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
+                                           : fw->config.software;
   }
 }
 

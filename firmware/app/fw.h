@@ -23,9 +23,9 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: a set is there, but does
- * not fit), source_lost (where abort_connection_option asks for no fault), and those of FF01h to
- * FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
+/* Emergencies that are no fault of the axis: store_failed (at power-up: something is there, but no
+ * set that fits), source_lost (where abort_connection_option asks for no fault), and those of FF01h
+ * to FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
  * force_saturated, limit_cycle and overruns tell the rest. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
@@ -39,6 +39,7 @@ typedef struct {
   uint32_t modbus_baud; /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;      /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
   uint8_t buses;        /* 1: CANopen and Modbus are served */
+  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
 struct fw {

@@ -176,6 +176,12 @@ static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
 /* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 
+/* The same of 4 bytes: one load on chips that can. */
+static inline uint32_t fx_load_le32(const uint8_t *from) {
+  return (uint32_t)from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) |
+         ((uint32_t)from[3] << 24);
+}
+
 /* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
