@@ -56,6 +56,7 @@ struct fw {
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
+  uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
   uint8_t live;                /* drive and protocols are served; see fw_tick() */
 };
 
@@ -80,6 +81,14 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+
+/* fw_tick() in two, for a port whose ticks are an interrupt: the first in the interrupt, the second
+ * after it, before anything else is done with fw, and not interrupted by the first. In fw_between()
+ * is what is seldom due and long, none of which the outputs of this tick depend on: emergencies,
+ * timers of the node that run out, the silence of Modbus, resets (they last longer than a tick),
+ * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md. */
+void fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+void fw_between(fw_t *fw);
 
 /* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
  * none); frames that were lost; the state of the bus, CAN_BUS_, at each change. */

@@ -46,13 +46,6 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
 
-void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
-  for (uint8_t i = 0; i < bytes; i++) {
-    to[i] = (uint8_t)(payload & 0xFFu);
-    payload >>= 8;
-  }
-}
-
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
   uint64_t payload = 0;
   for (uint8_t i = bytes; i > 0; i--) {

@@ -173,6 +173,25 @@ static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   }
 }
 
+/* Copies 2 or 4 bytes that need no alignment. Written out, they are one load and one store on chips
+ * that can. */
+static inline void fx_copy_2(uint8_t *to, const uint8_t *from) {
+  const uint8_t byte_0 = from[0];
+  const uint8_t byte_1 = from[1];
+  to[0] = byte_0;
+  to[1] = byte_1;
+}
+static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
+  const uint8_t byte_0 = from[0];
+  const uint8_t byte_1 = from[1];
+  const uint8_t byte_2 = from[2];
+  const uint8_t byte_3 = from[3];
+  to[0] = byte_0;
+  to[1] = byte_1;
+  to[2] = byte_2;
+  to[3] = byte_3;
+}
+
 /* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 
@@ -223,6 +242,17 @@ static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3
 static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
   /* 3.5 x 11 x 1500 = 57750; more bits than that a second: one tick. */
   return (baud >= 57750) ? 1 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
+}
+
+/* Bit n (0..31) alone. */
+static inline uint32_t fx_bit(uint32_t n) { return (uint32_t)1 << n; }
+
+/* The number of the lowest bit that is set; bits must not be 0. */
+static inline uint8_t fx_lowest_bit(uint32_t bits) {
+  /* A de Bruijn sequence: its upper five bits differ for each of the 32 shifts. */
+  static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
+                                     31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
+  return number[((bits & ((uint32_t)0 - bits)) * UINT32_C(0x077CB531)) >> 27];
 }
 
 /* `width` (1..31) bits of a word from bit `first` (0..31) up. */
@@ -300,12 +330,19 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint32_t shift = (uint32_t)ratio.shift + n;
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
+  uint32_t size;
   if (shift > 63) {
     return 0;
   }
   /* Half of a last place added, with one shift of variable width. */
-  const uint64_t size = (shift == 0) ? product : ((product >> (shift - 1)) + 1) >> 1;
-  const int32_t limited = (size > (uint64_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
+  if (shift > 32) {
+    const uint32_t doubled = (uint32_t)(product >> 32) >> (shift - 33);
+    size = (doubled >> 1) + (doubled & 1);
+  } else {
+    const uint64_t wide = (shift == 0) ? product : ((product >> (shift - 1)) + 1) >> 1;
+    size = (wide > UINT32_MAX) ? UINT32_MAX : (uint32_t)wide;
+  }
+  const int32_t limited = (size > (uint32_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
   return (x < 0) ? -limited : limited;
 }
 
@@ -335,16 +372,12 @@ static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t
   return (uint32_t)(payload >> first) & mask;
 }
 
-/* The payload with `width` (1..32) bits of a value put in from bit `first` up, where it was 0;
- * first + width <= 64. The value's upper bits are left out. */
-static inline uint64_t fx_payload_put(uint64_t payload, uint32_t value, uint32_t first,
-                                      uint32_t width) {
-  const uint32_t mask = UINT32_MAX >> (32 - width);
-  return payload | ((uint64_t)(value & mask) << first);
+/* The value of 4 bytes that lie at places of their own, counted from `base`, the first one least
+ * significant. */
+static inline uint32_t fx_gather_le(const uint8_t *base, const uint16_t places[4]) {
+  return (uint32_t)base[places[0]] | (uint32_t)base[places[1]] << 8 |
+         (uint32_t)base[places[2]] << 16 | (uint32_t)base[places[3]] << 24;
 }
-
-/* A payload as `bytes` (0..8) bytes, least significant first. */
-void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes);
 
 /* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);
