@@ -5,17 +5,17 @@
  * these, and the board's interrupt calls port_tick() 1500 times a second. README.md beside this
  * file says how to add a board, blank/ is one that does nothing.
  *
- * Called from the tick: port_sense, port_act, port_can_*, port_overran, port_feed_watchdog. From
- * the main loop: port_serial_*, port_lock, port_unlock, port_idle. No call waits longer than it
- * says; what a peripheral does not answer in time is a fault the axis is told of. */
+ * Called from the tick: port_sense, port_act, port_overran, port_feed_watchdog. From the main loop,
+ * which the tick wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle. No call waits
+ * longer than it says; what a peripheral does not answer in time is a fault the axis is told of. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/app/fw.h"
 
-/* Frames that one tick takes in, and gives out, at most: what a tick may cost is bounded. */
-enum { PORT_CAN_PER_TICK = 4 };
+/* Frames that are taken in, and given out, before the main loop looks elsewhere. */
+enum { PORT_CAN_AT_ONCE = 8 };
 
 /* Safe outputs first: the DAC at mid-scale, which is 0 V, then amplifier off and brake on; then
  * clocks and peripherals. The tick does not run yet. */
@@ -35,8 +35,9 @@ bool port_sense(axis_inputs_t *inputs);
  * given another code, and the DAC is back at mid-scale before the amplifier goes off. */
 void port_act(const axis_outputs_t *outputs);
 
-/* CAN: the next frame that was received; one to be sent (false: no room now, offer it again next
- * tick); state of the bus, CAN_BUS_, asked for once a tick; frames lost since the last call. */
+/* CAN: the next frame that was received; one to be sent (false: no room now, offer it again later);
+ * state of the bus, CAN_BUS_, asked for once a tick or more often; frames lost since the last call.
+ */
 bool port_can_receive(can_frame_t *frame);
 bool port_can_transmit(const can_frame_t *frame);
 uint8_t port_can_bus(void);
@@ -63,8 +64,12 @@ void port_idle(void);
 /* --- firmware/port/main.c: what the board calls -------------------------------------------------
  */
 
-/* One tick: sense, CAN in, fw_tick(), act, CAN out, watchdog. From the 1500 Hz interrupt. */
+/* One tick: sense, fw_interrupt(), act, watchdog. From the 1500 Hz interrupt. The rest of it, and
+ * all that comes and goes on buses, is the main loop's. */
 void port_tick(void);
+
+/* Does what the last tick left, if that is still to do: before the firmware is written to. */
+void port_settle(void);
 
 /* The firmware, for a board that looks at parameters or writes as FW_SOURCE_LOCAL. */
 fw_t *port_firmware(void);

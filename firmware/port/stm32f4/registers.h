@@ -274,6 +274,8 @@ typedef struct {
 } usart_t;
 #define USART2_BASE 0x40004400
 #define USART2 ((usart_t *)USART2_BASE)
+#define USART3_BASE 0x40004800
+#define USART3 ((usart_t *)USART3_BASE)
 
 #define USART_SR_ORE BIT(3)
 #define USART_SR_RXNE BIT(5)

@@ -22,7 +22,8 @@ CLOCK = ("-icount", "shift=3,sleep=off")
 class Emulator:
     """A chip at power-up. `pipes`: file descriptors to it and from it.
 
-    serial, can: QEMU's words for the two serial lines (Modbus RTU; CAN frames), `null` by default.
+    serial, can: QEMU's words for what is at the two serial lines, Modbus RTU and CAN frames (no chip
+    that QEMU knows has CAN), each frame {identifier u16, length u8, remote u8, data 8 bytes}.
     """
 
     def __init__(self, image, serial="null", can="null", clock=CLOCK):
