@@ -162,6 +162,33 @@ class Chip:
         self.uc.context_restore(context)
         return result - (1 << 32) if result >> 31 else result
 
+    def call_interrupted(self, name, after, irq, *arguments):
+        """The same, with an interrupt after so many of its instructions."""
+        seen = [0]
+
+        def count(uc, address, _size, _data):
+            seen[0] += 1
+            if seen[0] == after + 1:
+                self.stopped_at = address
+                uc.emu_stop()
+
+        self.stopped_at = None
+        begin = self.symbols[name]
+        hook = self.uc.hook_add(unicorn.UC_HOOK_CODE, count)
+        context = self.uc.context_save()
+        for register, value in zip(REGISTERS, arguments, strict=False):
+            self.uc.reg_write(register, value & 0xFFFFFFFF)
+        self.uc.reg_write(
+            arm_const.UC_ARM_REG_SP, self.uc.reg_read(arm_const.UC_ARM_REG_SP) - 0x40 & ~7
+        )
+        self.uc.reg_write(arm_const.UC_ARM_REG_LR, EXIT | 1)
+        self._run(begin, EXIT)
+        self.uc.hook_del(hook)
+        if self.stopped_at is not None:
+            self.interrupt(irq)
+            self._run(self.stopped_at, EXIT)
+        self.uc.context_restore(context)
+
     def interrupt(self, irq):
         assert self.board.nvic.enabled(irq)
         self._call(self.vectors[16 + irq])

@@ -108,6 +108,18 @@ def test_the_tick_runs_within_10_ms_of_boot(entries):
     assert chip.read("store_state") == (0 if entries is None else 1)
 
 
+def test_a_reset_of_the_node_with_a_full_store_is_done_before_the_watchdog_fires():
+    chip = release(Chip(full_store(20)))
+    chip.board.can.receive(0, bytes([0x81, 0]))  # NMT, all nodes
+    worst = 0
+    for _ in range(4):
+        chip.tick()
+        worst = max(worst, chip.tick_steps)
+    assert chip.board.can.sent[-1][0] == 0x701 and worst > 100_000
+    # The fastest oscillator of the watchdog, and 1.5 cycles an instruction.
+    assert 1.5 * worst / 168e6 < chip.board.iwdg.timeout_s(47e3)
+
+
 def test_version_hash_and_source_are_in_the_image_and_read_back(chip):
     text = chip.text(0x100A)
     assert re.fullmatch(r"\d+\.\d+\.\d+ [0-9a-f]{8} [0-9a-f]{12}\+?", text)

@@ -1,9 +1,9 @@
 #include "firmware/port/stm32f4/board.h"
 
 /* HSI 16 MHz / 8 = 2 MHz, * 168 = 336 MHz, / 2 = 168 MHz. The internal oscillator needs no part of
- * the board; its 1 % is in the length of the tick and in the bit rates, all of which allow it but
- * CAN over a long line: there put the 8 MHz of the ST-Link in its place (HSEBYP, HSEON, PLLSRC,
- * PLLM 4). Supply range 2.7..3.6 V: five wait states. Voltage scale 1 is the reset value. */
+ * the board; its 1 % is in the length of the tick and in both bit rates, which allow it. (The 8 MHz
+ * of the ST-Link in its place: HSEBYP and HSEON, PLLSRC, PLLM 4.) Supply 2.7..3.6 V: five wait
+ * states. Voltage scale 1 is the reset value. */
 #define PLL (RCC_PLLCFGR_PLLM_8 | RCC_PLLCFGR_PLLN_168 | RCC_PLLCFGR_PLLP_2 | RCC_PLLCFGR_PLLQ_7)
 #define PLL_FIELDS (MASK(0, 6) | MASK(6, 9) | MASK(16, 2) | MASK(24, 4) | RCC_PLLCFGR_PLLSRC)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)

@@ -45,6 +45,7 @@ void serial_interrupt(void) {
     const uint8_t byte = (uint8_t)USART2->DR;
     if ((status & USART_SR_RXNE) != 0 && used(&received) < RING) {
       received.bytes[received.in % RING] = byte;
+      BARRIER();
       received.in++;
     }
   }
@@ -57,15 +58,22 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
-    GPIOB->BSRR = BIT(PIN_DRIVE + 16);
-    USART2->CR1 = LINE;
+    /* More may have come just now, from what this interrupted. */
+    if (used(&to_send) > 0) {
+      USART2->CR1 = LINE | USART_CR1_TXEIE;
+    } else {
+      GPIOB->BSRR = BIT(PIN_DRIVE + 16);
+      USART2->CR1 = LINE;
+    }
   }
 }
 
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
   uint16_t count = 0;
   while (count < room && used(&received) > 0) {
+    BARRIER();
     bytes[count] = received.bytes[received.out % RING];
+    BARRIER();
     received.out++;
     count++;
   }
@@ -76,6 +84,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   uint16_t taken = 0;
   while (taken < count && used(&to_send) < RING) {
     to_send.bytes[to_send.in % RING] = bytes[taken];
+    BARRIER();
     to_send.in++;
     taken++;
   }

@@ -21,14 +21,20 @@ _Noreturn void board_fail(void) {
   }
 }
 
+/* Of addresses, because to C these are different objects. */
+static uint32_t words(const uint32_t *begin, const uint32_t *end) {
+  return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
+}
+
 _Noreturn void reset(void) {
   SCB->VTOR = FIELD(0, 32, 0x08000000);
-  const uint32_t *from = data_load;
-  for (uint32_t *to = data_begin; to < data_end; to++) {
-    *to = *from++;
+  const uint32_t data_words = words(data_begin, data_end);
+  for (uint32_t i = 0; i < data_words; i++) {
+    data_begin[i] = data_load[i];
   }
-  for (uint32_t *to = bss_begin; to < bss_end; to++) {
-    *to = 0;
+  const uint32_t bss_words = words(bss_begin, bss_end);
+  for (uint32_t i = 0; i < bss_words; i++) {
+    bss_begin[i] = 0;
   }
   (void)main();
   board_fail();
