@@ -283,9 +283,13 @@ static inline int32_t fx_q16_from_per_s2(uint32_t x) {
   return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
 }
 
-/* floor(x / 2^n), n 0..63. Scaling: n fractional bits fewer. Overflow: cannot. */
+/* floor(x / 2^n), n 1..31. Scaling: n fractional bits fewer. Overflow: cannot. */
 static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
-  return (x < 0) ? (int64_t) ~(int64_t)(~(uint64_t)x >> n) : (int64_t)((uint64_t)x >> n);
+  /* In two halves, so that only the upper one has a sign; the last line folds to nothing. */
+  const uint64_t bits = (uint64_t)x;
+  const uint32_t high = (uint32_t)fx_floor_shift(fx_s32_from_u32((uint32_t)(bits >> 32)), n);
+  const uint64_t shifted = (uint64_t)high << 32 | (uint32_t)(bits >> n);
+  return (shifted <= (uint64_t)INT64_MAX) ? (int64_t)shifted : -(int64_t)(~shifted) - 1;
 }
 
 /* floor(x * 1500 / 2^16 + 1/2): Q16 per tick as units per second. Overflow: cannot. */
@@ -330,18 +334,23 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint32_t shift = (uint32_t)ratio.shift + n;
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
-  uint32_t size;
+  const uint32_t high = (uint32_t)(product >> 32);
+  const uint32_t low = (uint32_t)product;
+  uint32_t doubled; /* twice the size, so that half of a last place can be added */
   if (shift > 63) {
     return 0;
   }
-  /* Half of a last place added, with one shift of variable width. */
+  /* By halves: a shift of 64 bits by a variable is a function of the library on some chips. */
   if (shift > 32) {
-    const uint32_t doubled = (uint32_t)(product >> 32) >> (shift - 33);
-    size = (doubled >> 1) + (doubled & 1);
+    doubled = high >> (shift - 33);
+  } else if (shift == 0) {
+    doubled = (high != 0 || low > (uint32_t)INT32_MAX) ? UINT32_MAX : low * 2;
+  } else if (high >> (shift - 1) != 0) {
+    doubled = UINT32_MAX;
   } else {
-    const uint64_t wide = (shift == 0) ? product : ((product >> (shift - 1)) + 1) >> 1;
-    size = (wide > UINT32_MAX) ? UINT32_MAX : (uint32_t)wide;
+    doubled = (low >> (shift - 1)) | (high << (32 - shift) << 1);
   }
+  const uint32_t size = (doubled >> 1) + (doubled & 1);
   const int32_t limited = (size > (uint32_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
   return (x < 0) ? -limited : limited;
 }

@@ -228,7 +228,8 @@ void pdo_tick(canopen_t *canopen, fw_t *fw) {
   const uint32_t now = canopen->timers.now;
   const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;
   const uint8_t watched = canopen->tpdos_watched;
-  for (uint32_t i = 0; i < CANOPEN_PDOS; i++) {
+  for (uint32_t left = with_times | watched; left != 0; left &= left - 1) {
+    const uint32_t i = fx_lowest_bit(left);
     pdo_t *pdo = &canopen->tpdo[i];
     if ((canopen_has(with_times, i) && is_inhibited(canopen, pdo, i, now)) ||
         !canopen_has(watched, i)) {

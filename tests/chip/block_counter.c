@@ -1,12 +1,13 @@
-/* Counts what an emulated Cortex-M4 executes, block by block; called by Unicorn for each of them. */
+/* Counts what an emulated Cortex-M4 executes, block by block; called by Unicorn for each of them.
+ */
 #include <stdint.h>
 
 typedef struct {
-  uint64_t base;           /* address of the code */
-  const uint32_t *before;  /* instructions that begin below each halfword */
-  const uint16_t *owner;   /* function that each halfword belongs to */
-  uint16_t *longest;       /* bytes of the longest block that was entered at each halfword */
-  uint32_t *shares;        /* instructions of each function since they were cleared */
+  uint64_t base;          /* address of the code */
+  const uint32_t *before; /* instructions that begin below each halfword */
+  const uint16_t *owner;  /* function that each halfword belongs to */
+  uint16_t *longest;      /* bytes of the longest block that was entered at each halfword */
+  uint32_t *shares;       /* instructions of each function since they were cleared */
   uint64_t total;
 } counter_t;
 

@@ -20,7 +20,7 @@ from tick_fuzz import Fuzz
 from tick_profile import CAN_MAILBOXES, Profile
 
 INTERRUPT = 1500  # the whole of it
-PORT = 250  # of those: inputs, outputs, frames to send, entry and exit
+PORT = 280  # of those: inputs, outputs, frames to send, entry and exit
 BETWEEN = 1500  # what follows it in most ticks; resets and the store are apart
 COVERAGE = 0.95
 SAME_TICKS = 15_000
