@@ -1,20 +1,22 @@
-"""The firmware on its targets: it compiles and links without a libc, and an emulated Cortex-M4
-computes the host's codes bit for bit within the instruction budget.
+"""The firmware on its targets: it compiles and links without a libc, and an emulated Cortex-M4 and
+RV32 compute the host's codes bit for bit, the Cortex-M4 within the instruction budget.
 
 Run with `pytest -s` to see the sizes and instruction counts. A missing tool is a failure.
 """
 
 import ctypes
+import functools
 import importlib.util
 import random
 import shutil
 import struct
 import subprocess
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import unicorn
-from unicorn import arm_const
+from unicorn import arm_const, riscv_const
 
 ROOT = Path(__file__).resolve().parent.parent
 INSTRUCTIONS_MAX = 250
@@ -43,8 +45,55 @@ FREESTANDING = [
     "-ffunction-sections",
     f"-I{ROOT}",
 ]
-CORTEX_M4 = ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"]
-RV32 = ["riscv64-unknown-elf-gcc", "-march=rv32imac", "-mabi=ilp32"]
+
+
+class Target(NamedTuple):
+    """A processor: how the firmware is compiled for it, and how an emulator of it calls."""
+
+    name: str
+    compiler: list[str]
+    prefix: str  # of its binutils
+    processor: tuple[int, int, int]  # architecture, mode and model of the emulator
+    arguments: list[int]  # registers; the first one also holds the result
+    stack: int
+    back: int  # where a function returns to
+    thumb: int  # what an address of code is or-ed with
+    long: int  # a first halfword of this or more, in `long_bits`, begins a 32-bit instruction
+    long_bits: int
+    instructions_max: int | None  # of axis_tick
+
+
+CORTEX_M4 = Target(
+    "Cortex-M4",
+    ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"],
+    "arm-none-eabi-",
+    (
+        unicorn.UC_ARCH_ARM,
+        unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS,
+        arm_const.UC_CPU_ARM_CORTEX_M4,
+    ),
+    [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(4)],
+    arm_const.UC_ARM_REG_SP,
+    arm_const.UC_ARM_REG_LR,
+    thumb=1,
+    long=0xE800,
+    long_bits=0xFFFF,
+    instructions_max=INSTRUCTIONS_MAX,
+)
+RV32 = Target(
+    "RV32",
+    ["riscv64-unknown-elf-gcc", "-march=rv32imac", "-mabi=ilp32"],
+    "riscv64-unknown-elf-",
+    (unicorn.UC_ARCH_RISCV, unicorn.UC_MODE_RISCV32, riscv_const.UC_CPU_RISCV32_ANY),
+    [getattr(riscv_const, f"UC_RISCV_REG_A{i}") for i in range(8)],
+    riscv_const.UC_RISCV_REG_SP,
+    riscv_const.UC_RISCV_REG_RA,
+    thumb=0,
+    long=3,
+    long_bits=3,
+    instructions_max=None,
+)
+EMULATED = [CORTEX_M4, RV32]
 AVR = ["avr-gcc", "-mmcu=atmega2560"]
 LAWS_ROUNDS = 20_000
 
@@ -85,18 +134,18 @@ def run(*command):
     return done.stdout
 
 
-def compile_all(compiler, sources, folder):
+def compile_all(target, sources, folder):
     objects = []
     for source in sources:
         objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
-        run(*compiler, *FREESTANDING, *WARNINGS, "-c", source, "-o", objects[-1])
+        run(*target.compiler, *FREESTANDING, *WARNINGS, "-c", source, "-o", objects[-1])
     return objects
 
 
-def undefined_symbols(prefix, *files):
+def undefined_symbols(target, *files):
     """Names that the files together do not define."""
     needed, defined = set(), set()
-    for line in run(f"{prefix}nm", *files).splitlines():
+    for line in run(target.prefix + "nm", *files).splitlines():
         words = line.split()
         if len(words) == 2 and words[0] == "U":
             needed.add(words[1])
@@ -105,18 +154,18 @@ def undefined_symbols(prefix, *files):
     return needed - defined
 
 
-def link(compiler, prefix, objects, folder, extra=()):
+def link(target, objects, folder):
     start = folder / "start.c"
     start.write_text(START)
     (folder / "image.ld").write_text(
-        f"ENTRY(start)\nSECTIONS {{ . = {CODE_BASE:#x}; .text : {{ *(.text*) *(.rodata*) }}"
-        f" . = {RAM_BASE:#x}; .data : {{ *(.data*) *(.sdata*) }}"
+        f"ENTRY(start)\nSECTIONS {{ . = {CODE_BASE:#x}; .text : {{ *(.text*) *(.rodata*)"
+        f" *(.srodata*) }} . = {RAM_BASE:#x}; .data : {{ *(.data*) *(.sdata*) }}"
         " .bss : { *(.bss*) *(.sbss*) *(COMMON) } }\n"
     )
-    start_object = compile_all(compiler, [start], folder)
+    start_object = compile_all(target, [start], folder)
     image = folder / "image.elf"
     run(
-        *compiler,
+        *target.compiler,
         "-nostdlib",
         "-nostartfiles",
         "-static",
@@ -124,25 +173,39 @@ def link(compiler, prefix, objects, folder, extra=()):
         f"-Wl,-T,{folder / 'image.ld'}",
         *start_object,
         *objects,
-        *extra,
         "-o",
         image,
     )
-    assert not undefined_symbols(prefix, image)
+    assert not undefined_symbols(target, image)
     return image
 
 
 @pytest.fixture(scope="session")
-def cortex_m4(tmp_path_factory):
-    """(objects, image) of the firmware for a Cortex-M4."""
-    folder = tmp_path_factory.mktemp("cortex_m4")
-    objects = compile_all(CORTEX_M4, SOURCES, folder)
-    return objects, link(CORTEX_M4, "arm-none-eabi-", objects, folder)
+def built(tmp_path_factory):
+    """(objects, image) of the firmware for a target."""
+
+    @functools.cache
+    def build(name):
+        target = next(t for t in EMULATED if t.name == name)
+        folder = tmp_path_factory.mktemp(name)
+        objects = compile_all(target, SOURCES, folder)
+        return objects, link(target, objects, folder)
+
+    return lambda target: build(target.name)
 
 
-def test_cortex_m4_links_without_any_library(cortex_m4):
-    objects, _ = cortex_m4
-    assert undefined_symbols("arm-none-eabi-", *objects) == set(), "compiler helpers are needed"
+@pytest.fixture(scope="session")
+def cortex_m4(built):
+    return built(CORTEX_M4)
+
+
+each_target = pytest.mark.parametrize("target", EMULATED, ids=lambda target: target.name)
+
+
+@each_target
+def test_firmware_links_without_any_library(built, target):
+    objects, _ = built(target)
+    assert undefined_symbols(target, *objects) == set(), "compiler helpers are needed"
 
 
 def test_core_code_size(cortex_m4):
@@ -156,12 +219,6 @@ def test_core_code_size(cortex_m4):
         f"object table {size['generated_axis_objects.o']}"
     )
     assert core <= CORE_BYTES_MAX
-
-
-def test_rv32_links_without_any_library(tmp_path):
-    objects = compile_all(RV32, SOURCES, tmp_path)
-    assert undefined_symbols("riscv64-unknown-elf-", *objects) == set()
-    link(RV32, "riscv64-unknown-elf-", objects, tmp_path)
 
 
 def test_laws_give_the_same_codes_with_a_16_bit_int(tmp_path):
@@ -201,7 +258,7 @@ def test_laws_give_the_same_codes_with_a_16_bit_int(tmp_path):
     assert expected in printed
 
 
-# --- the emulated Cortex-M4 beside the host ------------------------------------------------------
+# --- the emulated targets beside the host --------------------------------------------------------
 
 
 class Inputs(ctypes.Structure):
@@ -260,23 +317,25 @@ class Host:
 
 
 class Emulator:
-    """The linked Cortex-M4 image in an emulator; counts the instructions of each call.
+    """The image linked for a target in an emulator; counts the instructions of each call.
 
     Every instruction of a block that is entered counts, also one that its condition skips.
     """
 
     FW, CONFIG, INPUTS, OUTPUTS = RAM_BASE, RAM_BASE + 0x4000, RAM_BASE + 0x5000, RAM_BASE + 0x5100
 
-    def __init__(self, image):
+    def __init__(self, image, target=CORTEX_M4):
+        self.target = target
         self.symbols = {}
-        for line in run("arm-none-eabi-nm", image).splitlines():
+        for line in run(target.prefix + "nm", image).splitlines():
             words = line.split()
             self.symbols[words[-1]] = int(words[0], 16)
         binary = image.with_suffix(".bin")
-        run("arm-none-eabi-objcopy", "-O", "binary", "-j", ".text", image, binary)
+        run(target.prefix + "objcopy", "-O", "binary", "-j", ".text", image, binary)
         self.code = binary.read_bytes()
-        self.uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
-        self.uc.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
+        architecture, mode, model = target.processor
+        self.uc = unicorn.Uc(architecture, mode)
+        self.uc.ctl_set_cpu_model(model)
         self.uc.mem_map(CODE_BASE, 0x20000)
         self.uc.mem_write(CODE_BASE, self.code)
         self.uc.mem_map(RAM_BASE, 0x10000)
@@ -297,24 +356,23 @@ class Emulator:
         self.count += len(self.blocks[key])
 
     def instructions(self, address, size):
-        """Addresses of the Thumb-2 instructions in a block: a first halfword of 0xE800 or more
-        begins a 32-bit one."""
+        """Addresses of the instructions of a block, of 16 or 32 bits each."""
         found, end = [], address + size
         while address < end:
             found.append(address)
             (first,) = struct.unpack_from("<H", self.code, address - CODE_BASE)
-            address += 4 if first >= 0xE800 else 2
+            address += 4 if first & self.target.long_bits >= self.target.long else 2
         return found
 
     def call(self, name, *arguments):
-        registers = [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(4)]
-        for register, value in zip(registers, arguments, strict=False):
+        target = self.target
+        for register, value in zip(target.arguments, arguments, strict=False):
             self.uc.reg_write(register, value & 0xFFFFFFFF)
-        self.uc.reg_write(arm_const.UC_ARM_REG_SP, STACK_TOP)
-        self.uc.reg_write(arm_const.UC_ARM_REG_LR, EXIT | 1)
+        self.uc.reg_write(target.stack, STACK_TOP)
+        self.uc.reg_write(target.back, EXIT | target.thumb)
         self.count = 0
-        self.uc.emu_start(self.symbols[name] | 1, EXIT)
-        result = self.uc.reg_read(arm_const.UC_ARM_REG_R0)
+        self.uc.emu_start(self.symbols[name] | target.thumb, EXIT)
+        result = self.uc.reg_read(target.arguments[0])
         return result - (1 << 32) if result >> 31 else result
 
     def write(self, number, value):
@@ -365,11 +423,11 @@ RANGES = {
 PROFILE = ("profile_enable", "profile_velocity_max", "profile_acceleration_max")
 
 
-def tick_instructions(image):
+def tick_instructions(image, target=CORTEX_M4):
     """Addresses of the instructions of axis_tick and what it calls."""
     found = set()
     for function in ("axis_tick", "excitation_step", "profile_step"):
-        listing = run("arm-none-eabi-objdump", "-d", f"--disassemble={function}", image)
+        listing = run(target.prefix + "objdump", "-d", f"--disassemble={function}", image)
         for line in listing.splitlines():
             words = line.split("\t")
             # Constants that follow the code, and padding, are no instructions.
@@ -392,10 +450,11 @@ def random_write(rng, objects, position):
     return o.number, value
 
 
-def test_cortex_m4_computes_the_host_codes_within_the_budget(cortex_m4, tmp_path):
-    _, image = cortex_m4
+@each_target
+def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_path):
+    _, image = built(target)
     objects = load_objects()
-    host, chip = Host(tmp_path), Emulator(image)
+    host, chip = Host(tmp_path), Emulator(image, target)
     (state_bytes,) = struct.unpack_from("<I", chip.code, chip.symbols["probe_sizes"] - CODE_BASE)
     assert state_bytes <= STATE_BYTES_MAX
     rng = random.Random(SEED)
@@ -452,16 +511,16 @@ def test_cortex_m4_computes_the_host_codes_within_the_budget(cortex_m4, tmp_path
         faults.add(host.read(objects["fault"].number))
         reasons.add(host.read(objects["limit_reason"].number))
 
-    code = tick_instructions(image)
+    code = tick_instructions(image, target)
     missed = sorted(code - chip.visited)
     print(
-        f"\naxis_tick on a Cortex-M4, {FUZZED_TICKS} fuzzed ticks, state {state_bytes} bytes, "
+        f"\naxis_tick on {target.name}, {FUZZED_TICKS} fuzzed ticks, state {state_bytes} bytes, "
         f"{len(code) - len(missed)} of its {len(code)} instructions executed"
         + "".join(f" (not {a:#x})" for a in missed)
     )
     for name in names:
         print(f"  {name:10} {ticks[name]:6} ticks, at most {worst[name]} instructions")
-    assert max(worst.values()) <= INSTRUCTIONS_MAX
+    assert target.instructions_max is None or max(worst.values()) <= target.instructions_max
     assert len(missed) <= len(code) // 50
     assert min(ticks.values()) > FUZZED_TICKS // 50
     texts = objects["fault"].enum

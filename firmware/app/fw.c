@@ -7,6 +7,8 @@
 #include "firmware/proto/cia402_state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+/* TPDOs gather their bytes from where the values lie. */
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the lowest byte comes first");
 /* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
 _Static_assert(sizeof(int) >= sizeof(int32_t), "app and proto need an int of 32 bits");
 
@@ -77,14 +79,18 @@ static void tell_held(fw_t *fw, uint16_t code) {
 
 enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
 
-/* Edges of what the drive watches. A contact is lost only while force is controlled. */
-static void watch_contact(fw_t *fw) {
+/* What the drive watches, SEEN_ bits. */
+static uint8_t watched_contact(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
-  const uint8_t before = fw->contact_seen;
   /* Each of them is 0 or 1. */
-  const uint8_t now =
-      (uint8_t)(signals->contact * SEEN_CONTACT + signals->force_saturated * SEEN_SATURATED +
-                signals->limit_cycle * SEEN_LIMIT_CYCLE);
+  return (uint8_t)(signals->contact * SEEN_CONTACT + signals->force_saturated * SEEN_SATURATED +
+                   signals->limit_cycle * SEEN_LIMIT_CYCLE);
+}
+
+/* Edges of it. A contact is lost only while force is controlled. */
+static void watch_contact(fw_t *fw) {
+  const uint8_t before = fw->contact_seen;
+  const uint8_t now = watched_contact(fw);
   if (now == before) {
     return;
   }
@@ -137,6 +143,7 @@ static void boot(fw_t *fw) {
 void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->config = *config;
   fw->live = 0;
+  fw->zero = 0;
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   store_init(&fw->store, config->memory);
   power_up(fw);
@@ -230,7 +237,12 @@ static void serve_store(fw_t *fw) {
   }
 }
 
-void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+static void serve_node(fw_t *fw) {
+  watch_contact(fw);
+  canopen_tick_end(&fw->canopen, fw);
+}
+
+void fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   if (fw->live == 0) {
     axis_tick(&fw->axis, inputs, outputs);
     recorder_tick(&fw->recorder, fw);
@@ -242,12 +254,25 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
   if (fw->config.buses != 0) {
-    watch_contact(fw);
-    canopen_tick(&fw->canopen, fw);
+    canopen_tick_begin(&fw->canopen, fw, watched_contact(fw) != fw->contact_seen);
+  }
+}
+
+void fw_between(fw_t *fw) {
+  if (fw->live == 0) {
+    return;
+  }
+  if (fw->config.buses != 0) {
+    serve_node(fw);
     modbus_tick(&fw->modbus, fw);
     carry_out_reset(fw);
   }
   serve_store(fw);
+}
+
+void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  fw_interrupt(fw, inputs, outputs);
+  fw_between(fw);
 }
 
 void fw_can_receive(fw_t *fw, const can_frame_t *frame) {
@@ -340,15 +365,19 @@ const char *fw_text(const fw_t *fw, uint16_t index) {
     case 0x1009:
       return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
     default:
-      return FW_VERSION " " AXIS_OBJECTS_HASH_TEXT;
+      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
+                                           : fw->config.software;
   }
 }
 
-int32_t fw_object_value(const fw_t *fw, uint16_t object) {
-  const axis_object_t *entry = &axis_objects[object];
-  return (entry->block == AXIS_BLOCK_NONE) ? entry->initial
-                                           : value_load(fw, object_offset(entry), entry->type);
+uint16_t fw_object_place(uint16_t object) {
+  return (object == AXIS_OBJ_NONE) ? (uint16_t)offsetof(fw_t, zero)
+                                   : object_offset(&axis_objects[object]);
 }
+
+uint16_t fw_error_code(const fw_t *fw) { return fw->drive.signals.error_code; }
+
+bool fw_is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
 
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   if (!object_exists(object)) {
@@ -358,7 +387,9 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
   if (entry->access == AXIS_ACCESS_WO) {
     return FW_ERROR_WRITE_ONLY;
   }
-  *value = fw_object_value(fw, object);
+  /* A command has no value of its own. */
+  *value = (entry->block == AXIS_BLOCK_NONE) ? entry->initial
+                                             : value_load(fw, object_offset(entry), entry->type);
   return FW_OK;
 }
 

@@ -23,9 +23,9 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: a set is there, but does
- * not fit), source_lost (where abort_connection_option asks for no fault), and those of FF01h to
- * FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
+/* Emergencies that are no fault of the axis: store_failed (at power-up: something is there, but no
+ * set that fits), source_lost (where abort_connection_option asks for no fault), and those of FF01h
+ * to FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
  * force_saturated, limit_cycle and overruns tell the rest. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
@@ -39,6 +39,7 @@ typedef struct {
   uint32_t modbus_baud; /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;      /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
   uint8_t buses;        /* 1: CANopen and Modbus are served */
+  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
 struct fw {
@@ -55,6 +56,7 @@ struct fw {
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
+  uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
   uint8_t live;                /* drive and protocols are served; see fw_tick() */
 };
 
@@ -79,6 +81,14 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+
+/* fw_tick() in two, for a port whose ticks are an interrupt: the first in the interrupt, the second
+ * after it, before anything else is done with fw, and not interrupted by the first. In fw_between()
+ * is what is seldom due and long, none of which the outputs of this tick depend on: emergencies,
+ * timers of the node that run out, the silence of Modbus, resets (they last longer than a tick),
+ * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md. */
+void fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+void fw_between(fw_t *fw);
 
 /* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
  * none); frames that were lost; the state of the bus, CAN_BUS_, at each change. */

@@ -65,7 +65,7 @@ static uint32_t crc_of_memory(const store_t *store, uint32_t crc, uint32_t at, u
 static uint32_t word_at(const store_t *store, uint32_t at) {
   uint8_t bytes[4];
   read(store, at, bytes, 4);
-  return fx_load_le(bytes, 4);
+  return fx_load_le32(bytes);
 }
 
 static uint32_t record_bytes(uint32_t entries) {
@@ -170,8 +170,12 @@ static void settle(store_t *store, uint32_t begin) {
 uint8_t store_load(store_t *store, fw_t *fw) {
   store_init(store, store->memory);
   record_t record;
-  if (store->memory == NULL || !newest_record(store, UINT32_MAX, &record)) {
+  if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
+  }
+  if (!newest_record(store, UINT32_MAX, &record)) {
+    const bool blank = tail_of(store, 0) == 0 && tail_of(store, 1) == 0;
+    return blank ? AXIS_STORE_STATE_EMPTY : AXIS_STORE_STATE_FAILED;
   }
   settle(store, record.begin);
   store->sequence = record.sequence;

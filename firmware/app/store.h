@@ -65,7 +65,7 @@ void store_init(store_t *store, const store_memory_t *memory);
 /* Reads the newest whole set into the parameters of fw, which are at their defaults; work in
  * progress is given up, as by a cut. A set with a value that is out of range is passed over, whole.
  * Returns AXIS_STORE_STATE_LOADED; _EMPTY (also after restore_defaults); _OTHER_TABLE: the newest
- * set is of another object table and left alone; _FAILED: there are sets, but none that fits.
+ * set is of another object table and left alone; _FAILED: something is there, but no set that fits.
  * Cost: reads both sectors, more than once. */
 uint8_t store_load(store_t *store, fw_t *fw);
 

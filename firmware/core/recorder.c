@@ -30,6 +30,7 @@ int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8
   }
   for (uint8_t i = 0; i < count; i++) {
     recorder->channels[i] = channels[i];
+    recorder->channels[i].bytes = value_bytes(channels[i].type);
   }
   recorder->trigger = trigger;
   recorder->channel_count = count;
@@ -73,10 +74,20 @@ static bool triggered(recorder_t *recorder, const void *base) {
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
+  /* On a little-endian processor a value's own bytes are the packed ones. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
   const recorder_channel_t *end = &recorder->channels[recorder->channel_count];
   for (const recorder_channel_t *channel = recorder->channels; channel != end; channel++) {
-    to += value_pack(base, channel->offset, channel->type, to);
+    const uint8_t *at = (const uint8_t *)base + channel->offset;
+    const uint32_t bytes = channel->bytes;
+    if (bytes == 4) {
+      fx_copy_4(to, at);
+    } else if (bytes == 2) {
+      fx_copy_2(to, at);
+    } else {
+      to[0] = at[0];
+    }
+    to += bytes;
   }
   recorder->write_index += 1;
   if (recorder->write_index == recorder->signals.recorder_capacity) {

@@ -22,6 +22,7 @@ enum { RECORDER_CHANNELS = 8 };
 typedef struct {
   uint16_t offset; /* bytes from its start */
   uint8_t type;    /* AXIS_TYPE_ */
+  uint8_t bytes;   /* of the type; recorder_arm() fills it in */
 } recorder_channel_t;
 
 typedef struct {

@@ -28,19 +28,6 @@ int32_t value_load(const void *base, uint32_t offset, uint8_t type) {
   }
 }
 
-uint8_t value_pack(const void *base, uint32_t offset, uint8_t type, uint8_t *to) {
-  const void *at = (const uint8_t *)base + offset;
-  const uint8_t bytes = bytes_of_type[type];
-  if (bytes == 4) {
-    fx_store_le(to, *(const uint32_t *)at, 4);
-  } else if (bytes == 2) {
-    fx_store_le(to, *(const uint16_t *)at, 2);
-  } else {
-    to[0] = *(const uint8_t *)at;
-  }
-  return bytes;
-}
-
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value) {
   void *at = (uint8_t *)base + offset;
   switch (type) {

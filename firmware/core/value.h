@@ -11,9 +11,6 @@ uint8_t value_bytes(uint8_t type);
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 
-/* Copies it to `to`, least significant byte first; returns how many bytes, 1, 2 or 4. */
-uint8_t value_pack(const void *base, uint32_t offset, uint8_t type, uint8_t *to);
-
 /* The value must be in the range of the type. */
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 

@@ -46,13 +46,6 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
 
-void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes) {
-  for (uint8_t i = 0; i < bytes; i++) {
-    to[i] = (uint8_t)(payload & 0xFFu);
-    payload >>= 8;
-  }
-}
-
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
   uint64_t payload = 0;
   for (uint8_t i = bytes; i > 0; i--) {
@@ -69,12 +62,18 @@ uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
   return (uint16_t)c;
 }
 
+/* The CRC of each value of 4 bits: a store of 32 KiB is checked at power-up, before the first tick.
+ * The polynomial, reflected, is that of 8; each other value is the sum of its bits'. */
+static const uint32_t crc32_of_nibble[16] = {
+    UINT32_C(0x00000000), UINT32_C(0x1DB71064), UINT32_C(0x3B6E20C8), UINT32_C(0x26D930AC),
+    UINT32_C(0x76DC4190), UINT32_C(0x6B6B51F4), UINT32_C(0x4DB26158), UINT32_C(0x5005713C),
+    UINT32_C(0xEDB88320), UINT32_C(0xF00F9344), UINT32_C(0xD6D6A3E8), UINT32_C(0xCB61B38C),
+    UINT32_C(0x9B64C2B0), UINT32_C(0x86D3D2D4), UINT32_C(0xA00AE278), UINT32_C(0xBDBDF21C)};
+
 uint32_t fx_crc32(uint32_t crc, uint8_t byte) {
   crc ^= byte;
-  for (uint8_t i = 0; i < 8; i++) {
-    crc = ((crc & 1u) != 0) ? (crc >> 1) ^ UINT32_C(0xEDB88320) : crc >> 1;
-  }
-  return crc;
+  crc = (crc >> 4) ^ crc32_of_nibble[crc & 15u];
+  return (crc >> 4) ^ crc32_of_nibble[crc & 15u];
 }
 
 void fx_store_be16(uint8_t *to, uint16_t value) {

@@ -173,8 +173,33 @@ static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   }
 }
 
+/* Copies 2 or 4 bytes that need no alignment. Written out, they are one load and one store on chips
+ * that can. */
+static inline void fx_copy_2(uint8_t *to, const uint8_t *from) {
+  const uint8_t byte_0 = from[0];
+  const uint8_t byte_1 = from[1];
+  to[0] = byte_0;
+  to[1] = byte_1;
+}
+static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
+  const uint8_t byte_0 = from[0];
+  const uint8_t byte_1 = from[1];
+  const uint8_t byte_2 = from[2];
+  const uint8_t byte_3 = from[3];
+  to[0] = byte_0;
+  to[1] = byte_1;
+  to[2] = byte_2;
+  to[3] = byte_3;
+}
+
 /* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
+
+/* The same of 4 bytes: one load on chips that can. */
+static inline uint32_t fx_load_le32(const uint8_t *from) {
+  return (uint32_t)from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) |
+         ((uint32_t)from[3] << 24);
+}
 
 /* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
@@ -219,6 +244,17 @@ static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
   return (baud >= 57750) ? 1 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
 }
 
+/* Bit n (0..31) alone. */
+static inline uint32_t fx_bit(uint32_t n) { return (uint32_t)1 << n; }
+
+/* The number of the lowest bit that is set; bits must not be 0. */
+static inline uint8_t fx_lowest_bit(uint32_t bits) {
+  /* A de Bruijn sequence: its upper five bits differ for each of the 32 shifts. */
+  static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
+                                     31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
+  return number[((bits & ((uint32_t)0 - bits)) * UINT32_C(0x077CB531)) >> 27];
+}
+
 /* `width` (1..31) bits of a word from bit `first` (0..31) up. */
 static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
   return (bits >> first) & (((uint32_t)1 << width) - 1);
@@ -247,9 +283,13 @@ static inline int32_t fx_q16_from_per_s2(uint32_t x) {
   return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
 }
 
-/* floor(x / 2^n), n 0..63. Scaling: n fractional bits fewer. Overflow: cannot. */
+/* floor(x / 2^n), n 1..31. Scaling: n fractional bits fewer. Overflow: cannot. */
 static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
-  return (x < 0) ? (int64_t) ~(int64_t)(~(uint64_t)x >> n) : (int64_t)((uint64_t)x >> n);
+  /* In two halves, so that only the upper one has a sign; the last line folds to nothing. */
+  const uint64_t bits = (uint64_t)x;
+  const uint32_t high = (uint32_t)fx_floor_shift(fx_s32_from_u32((uint32_t)(bits >> 32)), n);
+  const uint64_t shifted = (uint64_t)high << 32 | (uint32_t)(bits >> n);
+  return (shifted <= (uint64_t)INT64_MAX) ? (int64_t)shifted : -(int64_t)(~shifted) - 1;
 }
 
 /* floor(x * 1500 / 2^16 + 1/2): Q16 per tick as units per second. Overflow: cannot. */
@@ -294,12 +334,24 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint32_t shift = (uint32_t)ratio.shift + n;
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
+  const uint32_t high = (uint32_t)(product >> 32);
+  const uint32_t low = (uint32_t)product;
+  uint32_t doubled; /* twice the size, so that half of a last place can be added */
   if (shift > 63) {
     return 0;
   }
-  /* Half of a last place added, with one shift of variable width. */
-  const uint64_t size = (shift == 0) ? product : ((product >> (shift - 1)) + 1) >> 1;
-  const int32_t limited = (size > (uint64_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
+  /* By halves: a shift of 64 bits by a variable is a function of the library on some chips. */
+  if (shift > 32) {
+    doubled = high >> (shift - 33);
+  } else if (shift == 0) {
+    doubled = (high != 0 || low > (uint32_t)INT32_MAX) ? UINT32_MAX : low * 2;
+  } else if (high >> (shift - 1) != 0) {
+    doubled = UINT32_MAX;
+  } else {
+    doubled = (low >> (shift - 1)) | (high << (32 - shift) << 1);
+  }
+  const uint32_t size = (doubled >> 1) + (doubled & 1);
+  const int32_t limited = (size > (uint32_t)INT32_MAX) ? INT32_MAX : (int32_t)size;
   return (x < 0) ? -limited : limited;
 }
 
@@ -329,16 +381,12 @@ static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t
   return (uint32_t)(payload >> first) & mask;
 }
 
-/* The payload with `width` (1..32) bits of a value put in from bit `first` up, where it was 0;
- * first + width <= 64. The value's upper bits are left out. */
-static inline uint64_t fx_payload_put(uint64_t payload, uint32_t value, uint32_t first,
-                                      uint32_t width) {
-  const uint32_t mask = UINT32_MAX >> (32 - width);
-  return payload | ((uint64_t)(value & mask) << first);
+/* The value of 4 bytes that lie at places of their own, counted from `base`, the first one least
+ * significant. */
+static inline uint32_t fx_gather_le(const uint8_t *base, const uint16_t places[4]) {
+  return (uint32_t)base[places[0]] | (uint32_t)base[places[1]] << 8 |
+         (uint32_t)base[places[2]] << 16 | (uint32_t)base[places[3]] << 24;
 }
-
-/* A payload as `bytes` (0..8) bytes, least significant first. */
-void fx_store_payload(uint8_t *to, uint64_t payload, uint8_t bytes);
 
 /* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);

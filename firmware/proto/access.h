@@ -4,6 +4,7 @@
 /* What a protocol sees of the firmware: its objects, and whom they belong to. Implemented by
  * firmware/app/fw.c, so that protocols do not depend on how the firmware is put together. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/generated/axis_objects.h"
@@ -37,8 +38,13 @@ typedef enum {
  * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 
-/* The same of an object that is known to exist and to be readable: what is mapped, every tick. */
-int32_t fw_object_value(const fw_t *fw, uint16_t object);
+/* Where in fw_t the lowest byte of a readable object lies, in bytes; the others follow. What is
+ * mapped is fetched from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
+uint16_t fw_object_place(uint16_t object);
+
+/* error_code, and whether active_mode is not disabled: asked for in every tick. */
+uint16_t fw_error_code(const fw_t *fw);
+bool fw_is_active(const fw_t *fw);
 
 /* The one way a value gets in: writes a raw value or gives a command on behalf of `source`,
  * between ticks; the next tick sees it. Nothing is clipped.

@@ -1,26 +1,8 @@
 #include "firmware/proto/can_output.h"
 
-#include <stddef.h>
-
 void can_output_clear(can_output_t *output) {
   output->first = 0;
   output->count = 0;
-}
-
-can_frame_t *can_output_add(can_output_t *output, uint16_t id, uint8_t length, uint8_t keep) {
-  if (output->closed != 0) {
-    return NULL;
-  }
-  if (output->count + keep >= CAN_OUTPUT_FRAMES) {
-    output->lost = (uint16_t)(output->lost + ((output->lost < UINT16_MAX) ? 1 : 0));
-    return NULL;
-  }
-  uint8_t at = (uint8_t)(output->first + output->count);
-  at = (at < CAN_OUTPUT_FRAMES) ? at : (uint8_t)(at - CAN_OUTPUT_FRAMES);
-  output->count = (uint8_t)(output->count + 1);
-  can_frame_t *frame = &output->frames[at];
-  *frame = (can_frame_t){.id = id, .length = length};
-  return frame;
 }
 
 bool can_output_take(can_output_t *output, can_frame_t *frame) {

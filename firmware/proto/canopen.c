@@ -15,6 +15,9 @@ enum {
   NMT_RESET_COMMUNICATION = 130
 };
 
+/* What canopen_tick_begin() left: all, or what follows the PDOs. */
+enum { LEFT_NOTHING = 0, LEFT_OUTPUT = 1, LEFT_ALL = 2 };
+
 /* 1029h: what a communication error does to the state. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
 
@@ -31,15 +34,12 @@ static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   }
 }
 
-/* `value` is not read before it was sent or received once. */
+/* `value` is not read before it was sent or received once, `places` not before they were mapped. */
 static void init_pdo(pdo_t *pdo) {
   pdo->bits = 0;
   pdo->pending = 0;
   pdo->syncs = 0;
   pdo->told = 0;
-  for (uint8_t i = 0; i < PDO_ENTRIES; i++) {
-    pdo->objects[i] = AXIS_OBJ_NONE;
-  }
 }
 
 void canopen_init(canopen_t *canopen, uint8_t node_id) {
@@ -55,14 +55,15 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     init_pdo(&canopen->rpdo[i]);
     init_pdo(&canopen->tpdo[i]);
-    canopen->rpdo_late[i] = 0;
-    canopen->rpdo_waiting[i] = 0;
-    canopen->watched[i] = 0;
   }
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    canopen->heartbeat_lost[i] = 0;
-  }
+  canopen->rpdos_late = 0;
+  canopen->rpdos_waiting = 0;
+  canopen->tpdos_watched = 0;
+  canopen->tpdos_timed = 0;
+  canopen->tpdos_inhibited = 0;
   canopen->heartbeats_lost = 0;
+  canopen->left = LEFT_NOTHING;
+  canopen->late = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
@@ -196,9 +197,8 @@ static uint8_t watched_node(uint32_t entry) {
 }
 
 static void heartbeat_found(canopen_t *canopen, uint8_t i) {
-  if (canopen->heartbeat_lost[i] != 0) {
-    canopen->heartbeat_lost[i] = 0;
-    canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost - 1);
+  if (canopen_has(canopen->heartbeats_lost, i)) {
+    canopen_drop(&canopen->heartbeats_lost, i);
     emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
   }
 }
@@ -212,7 +212,7 @@ static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *f
     const uint32_t entry = canopen->params.consumer_heartbeat[i];
     if (watched_node(entry) == node) {
       heartbeat_found(canopen, i);
-      canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + i),
+      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
                           fx_ticks_from_ms(fx_field(entry, 0, 16)));
       /* A boot-up message: who enabled the axis knows nothing of it any more. */
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
@@ -264,8 +264,7 @@ void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
 
 static void heartbeat_missed(canopen_t *canopen, fw_t *fw, uint8_t i) {
   /* It was not lost before: what runs out was started by a heartbeat. */
-  canopen->heartbeat_lost[i] = 1;
-  canopen->heartbeats_lost = (uint8_t)(canopen->heartbeats_lost + 1);
+  canopen_put(&canopen->heartbeats_lost, i);
   emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
              watched_node(canopen->params.consumer_heartbeat[i]));
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
@@ -280,12 +279,17 @@ static void run_out(canopen_t *canopen, fw_t *fw, uint8_t timer) {
     sdo_timeout(canopen, (uint8_t)(timer - CANOPEN_TIMER_SDO));
   } else if (timer >= CANOPEN_TIMER_RPDO) {
     pdo_late(canopen, fw, (uint8_t)(timer - CANOPEN_TIMER_RPDO));
-  } else if (timer >= CANOPEN_TIMER_TPDO_INHIBIT) {
-    return; /* that it no longer runs is enough */
-  } else if (timer >= CANOPEN_TIMER_TPDO_EVENT) {
-    pdo_event_timer(canopen, (uint8_t)(timer - CANOPEN_TIMER_TPDO_EVENT));
   } else if (timer >= CANOPEN_TIMER_CONSUMER) {
     heartbeat_missed(canopen, fw, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
+  } /* That the inhibit time of emergencies no longer runs is enough. */
+}
+
+static void serve_timers(canopen_t *canopen, fw_t *fw) {
+  for (uint32_t due = canopen_timers_due(&canopen->timers); due != 0; due &= due - 1) {
+    const uint8_t timer = fx_lowest_bit(due);
+    if (canopen_timer_take(&canopen->timers, timer)) {
+      run_out(canopen, fw, timer);
+    }
   }
 }
 
@@ -304,37 +308,76 @@ static void count_lost(canopen_t *canopen, fw_t *fw) {
 }
 
 static void look_at_drive(canopen_t *canopen, const fw_t *fw) {
-  const int32_t code = fw_object_value(fw, AXIS_OBJ_ERROR_CODE);
+  const uint16_t code = fw_error_code(fw);
   if (code != canopen->emcy.drive_code) {
-    emcy_drive(canopen, (uint16_t)code, fw_fault(fw));
+    emcy_drive(canopen, code, fw_fault(fw));
   }
 }
 
-static bool any_pdo(const uint8_t flags[CANOPEN_PDOS]) {
-  return flags[0] != 0 || flags[1] != 0 || flags[2] != 0 || flags[3] != 0;
+static bool has_timers_due(canopen_t *canopen) {
+  return *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
 }
 
-void canopen_tick(canopen_t *canopen, fw_t *fw) {
-  if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
-    for (uint8_t timer = canopen_timer_take(&canopen->timers); timer != CANOPEN_TIMERS;
-         timer = canopen_timer_take(&canopen->timers)) {
-      run_out(canopen, fw, timer);
+/* More than one. */
+static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
+
+static void serve_pdos(canopen_t *canopen, fw_t *fw) {
+  if (canopen->tpdos_watched != 0 || canopen->tpdos_inhibited != 0) {
+    pdo_tick(canopen, fw);
+  }
+}
+
+void canopen_tick_begin(canopen_t *canopen, fw_t *fw, bool leave) {
+  if (canopen->left != LEFT_NOTHING) {
+    canopen->late = (uint8_t)(canopen->late + ((canopen->late < UINT8_MAX) ? 1 : 0));
+  } else if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
+    canopen->timers.now += 1;
+  } else if (leave || has_many(canopen->tpdos_watched) || has_timers_due(canopen) ||
+             canopen->emcy.count != 0 || canopen->output.lost != 0 ||
+             fw_error_code(fw) != canopen->emcy.drive_code ||
+             (canopen->rpdos_waiting != 0 && fw_is_active(fw))) {
+    canopen->left = LEFT_ALL;
+  } else {
+    serve_pdos(canopen, fw);
+    if (canopen->output.lost != 0) {
+      canopen->left = LEFT_OUTPUT;
+    } else {
+      canopen->timers.now += 1;
     }
-    if (any_pdo(canopen->rpdo_waiting)) {
+  }
+}
+
+static void finish_tick(canopen_t *canopen, fw_t *fw) {
+  if (canopen->left == LEFT_ALL) {
+    if (has_timers_due(canopen)) {
+      serve_timers(canopen, fw);
+    }
+    if (canopen->rpdos_waiting != 0) {
       pdo_watch(canopen, fw);
     }
     look_at_drive(canopen, fw);
-    if (any_pdo(canopen->watched)) {
-      pdo_tick(canopen, fw);
-    }
-    if (canopen->output.lost != 0) {
-      count_lost(canopen, fw);
-    }
-    if (canopen->emcy.count != 0) {
-      emcy_tick(canopen);
+    serve_pdos(canopen, fw);
+  }
+  if (canopen->output.lost != 0) {
+    count_lost(canopen, fw);
+  }
+  if (canopen->emcy.count != 0) {
+    emcy_tick(canopen);
+  }
+  canopen->left = LEFT_NOTHING;
+  canopen->timers.now += 1;
+}
+
+void canopen_tick_end(canopen_t *canopen, fw_t *fw) {
+  if (canopen->left != LEFT_NOTHING) {
+    finish_tick(canopen, fw);
+  }
+  for (; canopen->late != 0; canopen->late = (uint8_t)(canopen->late - 1)) {
+    if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
+      canopen->left = LEFT_ALL;
+      finish_tick(canopen, fw);
     }
   }
-  canopen->timers.now += 1;
 }
 
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
@@ -351,7 +394,7 @@ void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
 
 bool canopen_is_watched(const canopen_t *canopen) {
   for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    if (canopen->timers.running[CANOPEN_TIMER_CONSUMER + i] != 0) {
+    if (canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_CONSUMER + i)) {
       return true;
     }
   }
@@ -362,10 +405,8 @@ uint8_t canopen_lost_for(const canopen_t *canopen) {
   if (canopen->bus == CAN_BUS_OFF) {
     return AXIS_FAULT_CAN_OFF;
   }
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    if (canopen->heartbeat_lost[i] != 0) {
-      return AXIS_FAULT_HEARTBEAT_LOST;
-    }
+  if (canopen->heartbeats_lost != 0) {
+    return AXIS_FAULT_HEARTBEAT_LOST;
   }
   return (canopen->signals.nmt_state == AXIS_NMT_STATE_STOPPED) ? AXIS_FAULT_SOURCE_LOST
                                                                 : AXIS_FAULT_NONE;
@@ -492,7 +533,7 @@ void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int3
   if (consumer >= 0) {
     /* It is watched from its next heartbeat on. */
     heartbeat_found(canopen, (uint8_t)consumer);
-    canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_CONSUMER + consumer));
+    canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)consumer);
     return;
   }
   switch (object) {

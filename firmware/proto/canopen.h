@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/fx.h"
 #include "firmware/proto/access.h"
 #include "firmware/proto/can.h"
 #include "firmware/proto/can_output.h"
@@ -33,14 +34,18 @@ struct canopen {
   pdo_t tpdo[CANOPEN_PDOS];
   sdo_server_t sdo[CANOPEN_SDOS];
   emcy_t emcy;
-  uint8_t heartbeat_lost[CANOPEN_HEARTBEATS];
-  uint8_t heartbeats_lost;            /* how many of them */
-  uint8_t rpdo_late[CANOPEN_PDOS];    /* did not come in time while the axis was active */
-  uint8_t rpdo_waiting[CANOPEN_PDOS]; /* its deadline starts when the axis becomes active */
-  uint8_t watched[CANOPEN_PDOS];      /* this TPDO is sent now when it changes */
-  uint8_t sync_told;                  /* 8240h was given since a SYNC was all right */
-  uint8_t bus;                        /* CAN_BUS_ */
-  uint8_t reset;                      /* CANOPEN_RESET_, until it is taken */
+  /* Sets, one bit each from bit 0 up. */
+  uint8_t heartbeats_lost;
+  uint8_t rpdos_late;      /* did not come in time while the axis was active */
+  uint8_t rpdos_waiting;   /* their deadline starts when the axis becomes active */
+  uint8_t tpdos_watched;   /* are sent when they change */
+  uint8_t tpdos_timed;     /* of those: are sent at their event_tick at the latest */
+  uint8_t tpdos_inhibited; /* are not sent before their inhibit_tick */
+  uint8_t sync_told;       /* 8240h was given since a SYNC was all right */
+  uint8_t bus;             /* CAN_BUS_ */
+  uint8_t reset;           /* CANOPEN_RESET_, until it is taken */
+  uint8_t left;            /* not 0: canopen_tick_end() has something to do */
+  uint8_t late;            /* ticks that began before it was done */
   uint8_t node_id;
 };
 
@@ -53,8 +58,12 @@ void canopen_start(canopen_t *canopen);
 
 void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame);
 
-/* Once a tick, after the axis: timers, PDOs, emergencies. */
-void canopen_tick(canopen_t *canopen, fw_t *fw);
+/* Once a tick, after the axis: timers, PDOs, emergencies. What is due in most ticks, one
+ * event-driven TPDO, is done by the first one; a tick with more to do, or one that is asked to
+ * `leave` it, is left whole to the second one. Frames are the same, in the same order. Ticks that
+ * begin before what was left is done are made up for with it, up to 255 of them. */
+void canopen_tick_begin(canopen_t *canopen, fw_t *fw, bool leave);
+void canopen_tick_end(canopen_t *canopen, fw_t *fw);
 
 /* The next frame to be sent; false: none. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
@@ -103,6 +112,11 @@ static inline bool canopen_cob_valid(uint32_t cob_id) { return cob_id <= UINT32_
 
 /* The identifier in a COB-ID. */
 static inline uint16_t canopen_can_id(uint32_t cob_id) { return (uint16_t)(cob_id & 0x7FFu); }
+
+/* One element of a set. */
+static inline bool canopen_has(uint8_t set, uint32_t i) { return (set & fx_bit(i)) != 0; }
+static inline void canopen_put(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set | fx_bit(i)); }
+static inline void canopen_drop(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set & ~fx_bit(i)); }
 
 /* Position of an object in an array of `count` that begins with `first`, or -1. */
 static inline int canopen_element(uint16_t object, uint16_t first, uint16_t count) {

@@ -461,7 +461,7 @@ void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
       enter(drive, AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;
     default:
-      break; /* ABORT_NOTHING */
+      return; /* ABORT_NOTHING */
   }
   cia402_show(drive, axis);
 }

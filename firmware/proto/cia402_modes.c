@@ -10,20 +10,6 @@
 /* Fastest axis that a trajectory may begin with, count a tick. */
 enum { SPEED_MAX_CNT = 2048 };
 
-bool cia402_controls_force(int8_t mode) {
-  switch (mode) {
-    case AXIS_MODES_OF_OPERATION_FORCE:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
-    case AXIS_MODES_OF_OPERATION_FORCE_COUNTS:
-    case AXIS_MODES_OF_OPERATION_STIFFNESS:
-    case AXIS_MODES_OF_OPERATION_DAMPING:
-    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
-      return true;
-    default:
-      return false;
-  }
-}
-
 bool cia402_mode_exists(int32_t mode) {
   switch (mode) {
     case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:

@@ -10,7 +10,19 @@
 #include "firmware/proto/cia402.h"
 
 /* True if the mode controls force. */
-bool cia402_controls_force(int8_t mode);
+static inline bool cia402_controls_force(int8_t mode) {
+  switch (mode) {
+    case AXIS_MODES_OF_OPERATION_FORCE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_FORCE_COUNTS:
+    case AXIS_MODES_OF_OPERATION_STIFFNESS:
+    case AXIS_MODES_OF_OPERATION_DAMPING:
+    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
+      return true;
+    default:
+      return false;
+  }
+}
 
 /* True if the mode is one of 6060h. */
 bool cia402_mode_exists(int32_t mode);

@@ -29,19 +29,9 @@ static uint8_t class_of(uint16_t code) {
   }
 }
 
-static bool any(const uint8_t *flags, uint8_t count) {
-  for (uint8_t i = 0; i < count; i++) {
-    if (flags[i] != 0) {
-      return true;
-    }
-  }
-  return false;
-}
-
 void emcy_update(canopen_t *canopen) {
-  const bool communication = any(canopen->heartbeat_lost, CANOPEN_HEARTBEATS) ||
-                             any(canopen->rpdo_late, CANOPEN_PDOS) ||
-                             canopen->bus != CAN_BUS_ACTIVE;
+  const bool communication =
+      canopen->heartbeats_lost != 0 || canopen->rpdos_late != 0 || canopen->bus != CAN_BUS_ACTIVE;
   const uint8_t drive = class_of(canopen->emcy.drive_code);
   canopen->signals.error_register =
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
@@ -85,9 +75,9 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
 static bool is_told(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:
-      return any(canopen->heartbeat_lost, CANOPEN_HEARTBEATS);
+      return canopen->heartbeats_lost != 0;
     case AXIS_ERROR_CODE_PDO_TIMEOUT:
-      return any(canopen->rpdo_late, CANOPEN_PDOS);
+      return canopen->rpdos_late != 0;
     case AXIS_ERROR_CODE_CAN_OFF:
       return canopen->bus == CAN_BUS_OFF;
     default:
@@ -107,25 +97,29 @@ void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
 void emcy_tick(canopen_t *canopen) {
   emcy_t *emcy = &canopen->emcy;
   const uint8_t state = canopen->signals.nmt_state;
-  const bool may_send =
-      state == AXIS_NMT_STATE_PRE_OPERATIONAL || state == AXIS_NMT_STATE_OPERATIONAL;
-  while (emcy->count != 0 && may_send && canopen->timers.running[CANOPEN_TIMER_EMCY] == 0 &&
+  if (state != AXIS_NMT_STATE_PRE_OPERATIONAL && state != AXIS_NMT_STATE_OPERATIONAL) {
+    return;
+  }
+  const uint32_t inhibit = fx_ticks_from_100us(canopen->params.emcy_inhibit_time);
+  uint32_t sent = 0;
+  while (sent < emcy->count && !canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_EMCY) &&
          canopen->output.closed == 0 &&
          canopen->output.count + CAN_OUTPUT_KEEP_EMCY < CAN_OUTPUT_FRAMES) {
+    const emergency_t *emergency = &emcy->waiting[sent];
     can_frame_t *frame = can_output_add(
         &canopen->output, canopen_can_id(canopen->params.emcy_cob_id), 8, CAN_OUTPUT_KEEP_EMCY);
     if (frame == NULL) {
-      return;
+      break;
     }
-    fx_store_le(frame->data, emcy->waiting[0].code, 2);
-    frame->data[2] = emcy->waiting[0].error_register;
-    frame->data[3] = emcy->waiting[0].info;
-    emcy->count = (uint8_t)(emcy->count - 1);
-    for (uint8_t i = 0; i < emcy->count; i++) {
-      emcy->waiting[i] = emcy->waiting[i + 1];
-    }
-    canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY,
-                        fx_ticks_from_100us(canopen->params.emcy_inhibit_time));
+    fx_store_le(frame->data, emergency->code, 2);
+    frame->data[2] = emergency->error_register;
+    frame->data[3] = emergency->info;
+    sent += 1;
+    canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY, inhibit);
+  }
+  emcy->count = (uint8_t)(emcy->count - sent);
+  for (uint32_t i = 0; sent != 0 && i < emcy->count; i++) {
+    emcy->waiting[i] = emcy->waiting[i + sent];
   }
 }
 

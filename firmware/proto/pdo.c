@@ -42,9 +42,19 @@ static int resolve(uint32_t entry, bool transmit, uint16_t *object) {
   return FW_OK;
 }
 
+/* Which byte of fw_t each byte of a TPDO is; those that nothing is mapped to are 0. */
+static uint32_t place(pdo_t *pdo, uint32_t byte, uint16_t object, uint32_t bytes) {
+  const uint16_t first = fw_object_place(object);
+  for (uint32_t i = 0; i < bytes; i++) {
+    pdo->places[byte + i] = (uint16_t)(first + ((object == AXIS_OBJ_NONE) ? 0 : i));
+  }
+  return byte + bytes;
+}
+
 /* Resolves the first `count` entries; `pdo` may be NULL to see only whether they fit. */
 static int map(const uint32_t *entries, uint8_t count, bool transmit, pdo_t *pdo) {
   uint32_t bits = 0;
+  uint32_t placed = 0;
   for (uint8_t i = 0; i < count; i++) {
     uint16_t object = AXIS_OBJ_NONE;
     const int refusal = resolve(entries[i], transmit, &object);
@@ -52,9 +62,14 @@ static int map(const uint32_t *entries, uint8_t count, bool transmit, pdo_t *pdo
     if (refusal != FW_OK || bits > PDO_BITS) {
       return FW_ERROR_MAPPING;
     }
-    if (pdo != NULL) {
-      pdo->objects[i] = object;
+    if (pdo != NULL && transmit) {
+      placed = place(pdo, placed, object, fx_octets(entry_bits(entries[i])));
+    } else if (pdo != NULL) {
+      pdo->places[i] = object;
     }
+  }
+  if (pdo != NULL && transmit) {
+    (void)place(pdo, placed, AXIS_OBJ_NONE, PDO_BYTES - placed);
   }
   if (pdo != NULL) {
     pdo->bits = (uint8_t)bits;
@@ -78,18 +93,23 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
 
 /* Which TPDOs have to be compared in every tick, so that the others cost nothing. */
 static void update_watched(canopen_t *canopen) {
+  canopen->tpdos_watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    const bool watched = canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
-                         tpdo_valid(canopen, i) && is_event_driven(canopen, i);
-    canopen->watched[i] = watched ? 1 : 0;
+    if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL && tpdo_valid(canopen, i) &&
+        is_event_driven(canopen, i)) {
+      canopen_put(&canopen->tpdos_watched, i);
+    }
   }
 }
 
 static void start_event_timer(canopen_t *canopen, uint8_t i) {
-  const bool runs = canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
-                    tpdo_valid(canopen, i) && is_event_driven(canopen, i);
-  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_EVENT + i),
-                      runs ? fx_ticks_from_ms(canopen->params.tpdo_event_time[i]) : 0);
+  const uint32_t ticks = fx_ticks_from_ms(canopen->params.tpdo_event_time[i]);
+  canopen_drop(&canopen->tpdos_timed, i);
+  if (ticks != 0 && canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
+      tpdo_valid(canopen, i) && is_event_driven(canopen, i)) {
+    canopen_put(&canopen->tpdos_timed, i);
+    canopen->tpdo[i].event_tick = canopen->timers.now + ticks;
+  }
 }
 
 static void start_tpdo(canopen_t *canopen, uint8_t i) {
@@ -100,14 +120,14 @@ static void start_tpdo(canopen_t *canopen, uint8_t i) {
   }
   pdo->pending = 1;
   pdo->syncs = 0;
-  canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_INHIBIT + i));
+  canopen_drop(&canopen->tpdos_inhibited, i);
   start_event_timer(canopen, i);
   update_watched(canopen);
 }
 
 static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
-  if (canopen->rpdo_late[i] != 0) {
-    canopen->rpdo_late[i] = 0;
+  if (canopen_has(canopen->rpdos_late, i)) {
+    canopen_drop(&canopen->rpdos_late, i);
     emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
   }
 }
@@ -122,9 +142,12 @@ static void start_rpdo(canopen_t *canopen, uint8_t i) {
   pdo->pending = 0;
   pdo->told = 0;
   rpdo_in_time(canopen, i);
-  canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i));
-  canopen->rpdo_waiting[i] =
-      (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) ? 1 : 0;
+  canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i);
+  if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
+    canopen_put(&canopen->rpdos_waiting, i);
+  } else {
+    canopen_drop(&canopen->rpdos_waiting, i);
+  }
 }
 
 void pdo_start(canopen_t *canopen) {
@@ -146,51 +169,76 @@ void pdo_operational(canopen_t *canopen, bool operational) {
 
 /* --- transmit --------------------------------------------------------------------------------- */
 
-static uint64_t pack(const canopen_t *canopen, const fw_t *fw, uint8_t i) {
-  const pdo_t *pdo = &canopen->tpdo[i];
-  const uint32_t *entries = &canopen->params.tpdo_mapping[i * PDO_ENTRIES];
-  const uint32_t end = pdo->bits;
-  uint64_t value = 0;
-  uint32_t bit = 0;
-  for (uint32_t k = 0; bit < end; k++) {
-    const uint8_t bits = entry_bits(entries[k]);
-    const uint32_t part = (uint32_t)fw_object_value(fw, pdo->objects[k]);
-    value = fx_payload_put(value, part, bit, bits);
-    bit += bits;
-  }
-  return value;
+/* What a TPDO would carry now. */
+typedef struct {
+  uint32_t low;
+  uint32_t high;
+} payload_t;
+
+static inline payload_t pack(const pdo_t *pdo, const fw_t *fw) {
+  const uint8_t *base = (const uint8_t *)fw;
+  return (payload_t){.low = fx_gather_le(base, pdo->places),
+                     .high = fx_gather_le(base, &pdo->places[4])};
 }
 
-static void send(canopen_t *canopen, uint8_t i, uint64_t value) {
-  pdo_t *pdo = &canopen->tpdo[i];
-  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
-  can_frame_t *frame = can_output_add(
-      &canopen->output, canopen_can_id(canopen->params.tpdo_cob_id[i]), bytes, CAN_OUTPUT_KEEP_PDO);
+static inline bool has_changed(const pdo_t *pdo, payload_t now) {
+  return pdo->pending != 0 || now.low != pdo->sent[0] || now.high != pdo->sent[1];
+}
+
+static inline void send(canopen_t *canopen, pdo_t *pdo, uint32_t cob_id, payload_t now) {
+  can_frame_t *frame = can_output_add(&canopen->output, canopen_can_id(cob_id),
+                                      (uint8_t)fx_octets(pdo->bits), CAN_OUTPUT_KEEP_PDO);
   if (frame != NULL) {
-    fx_store_payload(frame->data, value, bytes);
+    fx_store_le(frame->data, now.low, 4);
+    fx_store_le(frame->data + 4, now.high, 4);
   }
-  pdo->value = value;
+  pdo->sent[0] = now.low;
+  pdo->sent[1] = now.high;
   pdo->pending = 0;
   pdo->syncs = 0;
-  /* What is sent is valid and the node operational: no need of start_event_timer(). */
-  if (is_event_driven(canopen, i)) {
-    canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_EVENT + i),
-                        fx_ticks_from_ms(canopen->params.tpdo_event_time[i]));
-    canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_TPDO_INHIBIT + i),
-                        fx_ticks_from_100us(canopen->params.tpdo_inhibit_time[i]));
+}
+
+/* The times of a TPDO that is sent begin anew; it is valid and the node operational. */
+static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
+  const uint32_t event = canopen->params.tpdo_event_time[i];
+  const uint16_t inhibit = canopen->params.tpdo_inhibit_time[i];
+  if (event != 0) {
+    pdo->event_tick = now + fx_ticks_from_ms(event);
+    canopen_put(&canopen->tpdos_timed, i);
+  }
+  if (inhibit != 0) {
+    pdo->inhibit_tick = now + fx_ticks_from_100us(inhibit);
+    canopen_put(&canopen->tpdos_inhibited, i);
   }
 }
 
-void pdo_event_timer(canopen_t *canopen, uint8_t tpdo) { canopen->tpdo[tpdo].pending = 1; }
+/* Event and inhibit time that end in this tick; whether the latter still runs. */
+static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
+  if (canopen_has(canopen->tpdos_timed, i) && pdo->event_tick == now) {
+    canopen_drop(&canopen->tpdos_timed, i);
+    pdo->pending = 1;
+  }
+  if (canopen_has(canopen->tpdos_inhibited, i) && pdo->inhibit_tick == now) {
+    canopen_drop(&canopen->tpdos_inhibited, i);
+  }
+  return canopen_has(canopen->tpdos_inhibited, i);
+}
 
 void pdo_tick(canopen_t *canopen, fw_t *fw) {
-  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    if (canopen->watched[i] == 0 || canopen->timers.running[CANOPEN_TIMER_TPDO_INHIBIT + i] != 0) {
+  const uint32_t now = canopen->timers.now;
+  const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;
+  const uint8_t watched = canopen->tpdos_watched;
+  for (uint32_t left = with_times | watched; left != 0; left &= left - 1) {
+    const uint32_t i = fx_lowest_bit(left);
+    pdo_t *pdo = &canopen->tpdo[i];
+    if ((canopen_has(with_times, i) && is_inhibited(canopen, pdo, i, now)) ||
+        !canopen_has(watched, i)) {
       continue;
     }
-    const uint64_t value = pack(canopen, fw, i);
-    if (canopen->tpdo[i].pending != 0 || value != canopen->tpdo[i].value) {
-      send(canopen, i, value);
+    const payload_t payload = pack(pdo, fw);
+    if (has_changed(pdo, payload)) {
+      send(canopen, pdo, canopen->params.tpdo_cob_id[i], payload);
+      restart_times(canopen, pdo, i, now);
     }
   }
 }
@@ -198,16 +246,14 @@ void pdo_tick(canopen_t *canopen, fw_t *fw) {
 static void sync_tpdo(canopen_t *canopen, fw_t *fw, uint8_t i) {
   pdo_t *pdo = &canopen->tpdo[i];
   const uint8_t type = canopen->params.tpdo_transmission[i];
-  if (type == PDO_SYNC_ACYCLIC) {
-    const uint64_t value = pack(canopen, fw, i);
-    if (pdo->pending != 0 || value != pdo->value) {
-      send(canopen, i, value);
-    }
-    return;
+  const payload_t payload = pack(pdo, fw);
+  bool due = has_changed(pdo, payload);
+  if (type != PDO_SYNC_ACYCLIC) {
+    pdo->syncs = (uint8_t)(pdo->syncs + 1);
+    due = pdo->syncs >= type;
   }
-  pdo->syncs = (uint8_t)(pdo->syncs + 1);
-  if (pdo->syncs >= type) {
-    send(canopen, i, pack(canopen, fw, i));
+  if (due) {
+    send(canopen, pdo, canopen->params.tpdo_cob_id[i], payload);
   }
 }
 
@@ -230,7 +276,7 @@ static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword
   uint32_t bit = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
     const uint8_t bits = entry_bits(entries[k]);
-    const uint16_t object = pdo->objects[k];
+    const uint16_t object = pdo->places[k];
     if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = fw_object_write(fw, FW_SOURCE_CANOPEN, object,
@@ -249,8 +295,8 @@ static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
   pdo->pending = 0;
   /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
   rpdo_in_time(canopen, i);
-  canopen->rpdo_waiting[i] = 0;
-  canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
+  canopen_drop(&canopen->rpdos_waiting, i);
+  canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
                       fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   /* The controlword last: it acts on the target and the mode that came with it. */
   const bool refused_other = write_part(canopen, fw, i, false);
@@ -303,21 +349,15 @@ void pdo_sync(canopen_t *canopen, fw_t *fw) {
   }
 }
 
-static bool is_active(const fw_t *fw) {
-  int32_t mode = AXIS_MODE_DISABLED;
-  (void)fw_object_read(fw, AXIS_OBJ_ACTIVE_MODE, &mode);
-  return mode != AXIS_MODE_DISABLED;
-}
-
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
   /* It begins anew with the axis being active, also for who enables again without the RPDO. */
-  canopen->rpdo_waiting[rpdo] = 1;
-  if (!is_active(fw)) {
+  canopen_put(&canopen->rpdos_waiting, rpdo);
+  if (!fw_is_active(fw)) {
     return;
   }
   canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
-  if (canopen->rpdo_late[rpdo] == 0) {
-    canopen->rpdo_late[rpdo] = 1;
+  if (!canopen_has(canopen->rpdos_late, rpdo)) {
+    canopen_put(&canopen->rpdos_late, rpdo);
     emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
   }
   fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
@@ -326,9 +366,10 @@ void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
 void pdo_restart_deadlines(canopen_t *canopen) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0 &&
-        (canopen->timers.running[CANOPEN_TIMER_RPDO + i] == 0 || canopen->rpdo_late[i] != 0)) {
-      canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i));
-      canopen->rpdo_waiting[i] = 1;
+        (!canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i) ||
+         canopen_has(canopen->rpdos_late, i))) {
+      canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i);
+      canopen_put(&canopen->rpdos_waiting, i);
     }
   }
 }
@@ -343,13 +384,16 @@ bool pdo_has_deadline(const canopen_t *canopen) {
 }
 
 void pdo_watch(canopen_t *canopen, const fw_t *fw) {
-  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    if (canopen->rpdo_waiting[i] != 0 && is_active(fw)) {
-      canopen->rpdo_waiting[i] = 0;
-      canopen_timer_start(&canopen->timers, (uint8_t)(CANOPEN_TIMER_RPDO + i),
+  if (!fw_is_active(fw)) {
+    return;
+  }
+  for (uint32_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (canopen_has(canopen->rpdos_waiting, i)) {
+      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + i,
                           fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
     }
   }
+  canopen->rpdos_waiting = 0;
 }
 
 /* --- parameters ------------------------------------------------------------------------------- */

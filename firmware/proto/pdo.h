@@ -23,15 +23,19 @@
 
 typedef struct canopen canopen_t;
 
-enum { PDO_ENTRIES = 8, PDO_BITS = 64 };
+enum { PDO_ENTRIES = 8, PDO_BYTES = 8, PDO_BITS = 64 };
 
 /* Transmission types. Others up to 253 are refused. */
 enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, PDO_EVENT = 255 };
 
 typedef struct {
-  uint64_t value;                /* RPDO: taken over at the next SYNC; TPDO: as last sent */
-  uint16_t objects[PDO_ENTRIES]; /* AXIS_OBJ_; none: a dummy */
-  uint8_t bits;                  /* of all mapped objects, 0: does nothing */
+  uint64_t value;               /* RPDO: taken over at the next SYNC */
+  uint32_t sent[2];             /* TPDO: its bytes as last sent, least significant first */
+  uint16_t places[PDO_ENTRIES]; /* RPDO: AXIS_OBJ_ of each entry, none: a dummy; TPDO: where in fw_t
+                                   each of its 8 bytes lies */
+  uint32_t event_tick;          /* TPDO: when its event and inhibit times end, if they run */
+  uint32_t inhibit_tick;
+  uint8_t bits;    /* of all mapped objects, 0: does nothing */
   uint8_t pending; /* RPDO: `value` waits; TPDO: is to be sent whether it changed or not */
   uint8_t syncs;   /* TPDO: since it was last sent */
   uint8_t told;    /* RPDO: the emergencies that were given since one was all right, PDO_TOLD_ */
@@ -51,10 +55,9 @@ void pdo_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame);
 /* TPDOs take their samples, then what RPDOs brought is taken over. */
 void pdo_sync(canopen_t *canopen, fw_t *fw);
 
-/* Event-driven TPDOs. */
+/* Event-driven TPDOs; to be called while any is watched or inhibited. */
 void pdo_tick(canopen_t *canopen, fw_t *fw);
 
-void pdo_event_timer(canopen_t *canopen, uint8_t tpdo);
 /* An RPDO did not come in time. */
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo);
 /* Deadlines that are not running, or were missed, begin anew, as soon as the axis is active. */

@@ -56,7 +56,7 @@ static can_frame_t *answer(canopen_t *canopen, uint8_t server, uint8_t command, 
 
 static void end(canopen_t *canopen, uint8_t number) {
   canopen->sdo[number].state = SDO_IDLE;
-  canopen_timer_stop(&canopen->timers, (uint8_t)(CANOPEN_TIMER_SDO + number));
+  canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_SDO + (uint32_t)number);
 }
 
 static void abort_transfer(canopen_t *canopen, uint8_t number, uint16_t index, uint8_t sub,
@@ -69,7 +69,7 @@ static void abort_transfer(canopen_t *canopen, uint8_t number, uint16_t index, u
 }
 
 static void start_timer(const request_t *request) {
-  canopen_timer_start(&request->canopen->timers, (uint8_t)(CANOPEN_TIMER_SDO + request->number),
+  canopen_timer_start(&request->canopen->timers, CANOPEN_TIMER_SDO + (uint32_t)request->number,
                       fx_ticks_from_ms(SDO_TIMEOUT_MS));
 }
 

@@ -9,18 +9,11 @@
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
-#include "host/link/experiment.hpp"
+#include "host/link/experiment_writes.hpp"
 #include "host/link/records.hpp"
 #include "host/link/trace_hash.hpp"
 
 namespace forceaxis::host {
-
-// A write of an [[at]] that the firmware refused, as it must in some states.
-struct Refusal {
-  std::int64_t tick;
-  std::string object;
-  std::string reason;
-};
 
 struct FirmwareOptions {
   bool hash = false;                    // whether hash() will be asked for
@@ -38,7 +31,7 @@ class FirmwareSide {
 
   // The coming tick: the writes due, then the firmware's own tick.
   LinkOutputs tick(const LinkInputs &in) {
-    if (due(in.tick)) write_due(in.tick);
+    if (writes_.due(in.tick)) write_due(in.tick);
     axis_inputs_t inputs{};
     inputs.encoder_cnt = in.encoder_cnt;
     inputs.adc_code[0] = in.adc0_code;
@@ -68,7 +61,7 @@ class FirmwareSide {
 
   std::int64_t next_tick() const { return next_tick_; }
   std::int32_t read(std::uint16_t object) const;
-  const std::vector<Refusal> &refused() const { return refused_; }
+  const std::vector<Refusal> &refused() const { return writes_.refused(); }
   axis_host_t *axis() { return axis_.get(); }
 
  private:
@@ -76,12 +69,8 @@ class FirmwareSide {
     void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
   };
 
-  void write_initial();
-  int write(std::int64_t tick, const ObjectWrite &w);
-  bool due(std::int64_t tick) const {
-    return action_ != experiment_->actions.end() && action_->tick <= tick;
-  }
-  void write_due(std::int64_t tick);
+  ExperimentWrites::Write writer();
+  void write_due(std::int64_t tick) { writes_.give_due(tick, writer()); }
   LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
     axis_outputs_t outputs{};
     axis_host_tick(axis_.get(), &inputs, &outputs);
@@ -90,12 +79,10 @@ class FirmwareSide {
     return {tick, outputs.dac_code, out, signals_->fault, signals_->limit_reason, axis};
   }
 
-  const Experiment *experiment_;
   FirmwareOptions options_;
   const axis_signals_t *signals_;
   std::unique_ptr<axis_host_t, Deleter> axis_;
-  std::vector<Action>::const_iterator action_;
-  std::vector<Refusal> refused_;
+  ExperimentWrites writes_;
   axis_inputs_t last_{};  // of the last tick
   std::int64_t next_tick_ = 0;
   TraceHash hash_;

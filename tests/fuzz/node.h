@@ -54,7 +54,8 @@ static inline void node_tick(node_t *node, uint32_t ticks) {
 static inline void node_wait(node_t *node, uint32_t ticks) {
   node_tick(node, 1);
   for (uint32_t i = 1; i < ticks; i++) {
-    canopen_tick(&node->fw.canopen, &node->fw);
+    canopen_tick_begin(&node->fw.canopen, &node->fw, false);
+    canopen_tick_end(&node->fw.canopen, &node->fw);
   }
 }
 

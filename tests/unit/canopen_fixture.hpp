@@ -89,7 +89,10 @@ class Canopen : public BusFixture {
 
   // Runs the node's tick alone: the drive's signals stay as the test has set them.
   void NodeTick(int ticks = 1) {
-    for (int i = 0; i < ticks; ++i) canopen_tick(&fw_.canopen, &fw_);
+    for (int i = 0; i < ticks; ++i) {
+      canopen_tick_begin(&fw_.canopen, &fw_, false);
+      canopen_tick_end(&fw_.canopen, &fw_);
+    }
   }
 
   // The standard sequence of a client.

@@ -10,17 +10,18 @@
 namespace {
 
 TEST(Payload, BitsGoWhereTheyBelong) {
-  EXPECT_EQ(fx_payload_put(0, 0xFFFFFFFFu, 32, 32), 0xFFFFFFFF00000000u);
-  EXPECT_EQ(fx_payload_put(1, 0x1FFu, 63, 1), 0x8000000000000001u);
-  EXPECT_EQ(fx_payload_put(0, 0xABCDu, 9, 8), 0xCDu << 9);
+  const uint8_t scattered[8] = {0x80, 0x91, 0xA2, 0xB3, 0xC4, 0xD5, 0xE6, 0xF7};
+  const uint16_t places[8] = {7, 0, 0, 1, 6, 5, 2, 4};
+  EXPECT_EQ(fx_gather_le(scattered, places), 0x918080F7u);
+  EXPECT_EQ(fx_gather_le(scattered, places + 4), 0xC4A2D5E6u);
   EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 0, 32), 0x89ABCDEFu);
   EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 32, 32), 0x81234567u);
   EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 63, 1), 1u);
   EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 4, 8), 0xDEu);
   uint8_t bytes[9] = {9, 9, 9, 9, 9, 9, 9, 9, 9};
-  fx_store_payload(bytes, 0x8123456789ABCDEFu, 3);
-  EXPECT_EQ(fx_load_payload(bytes, 4), 0x09ABCDEFu);
-  fx_store_payload(bytes, 0x8123456789ABCDEFu, 8);
+  EXPECT_EQ(fx_load_payload(bytes, 2), 0x0909u);
+  fx_store_le(bytes, 0x89ABCDEFu, 4);
+  fx_store_le(bytes + 4, 0x81234567u, 4);
   EXPECT_EQ(fx_load_payload(bytes, 8), 0x8123456789ABCDEFu);
   EXPECT_EQ(bytes[8], 9);
   EXPECT_EQ(fx_load_payload(bytes, 0), 0u);

@@ -121,7 +121,7 @@ TEST(Store, RubbishIsNoSet) {
       PutWord(flash.bytes(), at + 12, static_cast<uint32_t>(random() % 3000));
     }
     Axis axis(flash.memory());
-    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_EMPTY);
+    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_FAILED);
     axis.Change(7, 20);
     axis.Save();
     EXPECT_EQ(Axis(flash.memory()).Stored(), axis.Stored());

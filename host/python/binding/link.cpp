@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include "host/link/chip_side.hpp"
 #include "host/link/journal.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
@@ -68,6 +69,31 @@ py::tuple run_linked(const std::filesystem::path &file, const std::vector<std::s
   return py::make_tuple(std::move(result), to_dict(report));
 }
 
+py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::string> &overrides,
+                      int to_fd, int from_fd, double timeout_s, bool trace) {
+  auto result = std::make_unique<Result>();
+  forceaxis::host::ChipCounts counts{};
+  const auto begin = std::chrono::steady_clock::now();
+  try {
+    const py::gil_scoped_release release;
+    result->experiment = forceaxis::host::load_experiment(file, overrides);
+    expect_used(result->experiment);
+    auto run = forceaxis::host::run_on_chip(
+        result->experiment, {.trace = trace, .audit = trace, .stop = interrupted},
+        {.to_fd = to_fd, .from_fd = from_fd, .patience = milliseconds_of(timeout_s)});
+    result->run = std::move(run.result);
+    counts = run.counts;
+  } catch (const forceaxis::host::RunStopped &) {
+    throw py::error_already_set();
+  }
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  py::dict told;
+  told["interrupts"] = counts.interrupts;
+  told["ticks"] = counts.ticks;
+  told["ticks_per_s"] = counts.ticks / took.count();
+  return py::make_tuple(std::move(result), told);
+}
+
 py::tuple replay(const std::filesystem::path &file) {
   auto result = std::make_unique<Result>();
   forceaxis::host::Journal journal;
@@ -109,6 +135,11 @@ void add_link(py::module_ &m) {
         "Run one experiment with the plant here and the firmware in an axis_node, as axis 1. "
         "Returns (Result, {ticks_per_s, real_time, overruns, statistics}). Raises InputError, "
         "SimulationError, TransportError, LinkSilent, ValueError for `inject`.");
+  m.def("run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"),
+        py::arg("to_fd"), py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
+        "Run one experiment with the plant here and the firmware on an emulated chip at the other "
+        "end of two pipes. Returns (Result, {interrupts, ticks, ticks_per_s}). Raises InputError, "
+        "SimulationError, TransportError.");
   m.def(
       "replay", &replay, py::arg("journal"),
       "Run again in process what axis_node --journal wrote down. Returns (Result, {experiment, "

@@ -13,12 +13,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 from forceaxis import (
+    cli_flash,
     cli_frequency,
     cli_gateway,
     cli_identify,
     cli_live,
     cli_objects,
     experiments,
+    flash,
     link,
     new,
     paths,
@@ -46,8 +48,8 @@ def linked(command):
             "kind",
             type=click.Choice(link.KINDS),
             help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
-            "usual, but both sides hash the trace. Where the kernel has no CAN, socketcan runs in "
-            "a guest (tools/vcan).",
+            "usual, but both sides hash the trace; pil-stm32: the image on an emulated chip. Where "
+            "the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
         ),
     ):
         command = option(command)
@@ -440,6 +442,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
 
 for verb in (
     *cli_frequency.VERBS,
+    cli_flash.flash_,
     cli_identify.identify,
     *cli_gateway.VERBS,
     *cli_live.VERBS,
@@ -456,7 +459,7 @@ def main():
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))
-    except (SimulationError, link.LinkError) as error:
+    except (SimulationError, link.LinkError, flash.FlashError) as error:
         fail(str(error), status=1)
     except subprocess.TimeoutExpired as error:
         program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]

@@ -5,6 +5,7 @@ it apart; where the two differ, records were changed on the way.
 """
 
 import contextlib
+import functools
 import json
 import os
 import secrets
@@ -16,10 +17,11 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from forceaxis import _core, paths
+from forceaxis import _core, chip, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
 
-KINDS = ("inproc", "lcm", "socketcan")
+CHIP = "pil-stm32"
+KINDS = ("inproc", "lcm", "socketcan", CHIP)
 _CHECKOUT = Path(__file__).resolve().parents[3]
 _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
@@ -55,6 +57,7 @@ def program(name):
     """A program that belongs to forceaxis: in the checkout or beside the installed extension."""
     places = [
         _CHECKOUT / "build" / "release" / "host" / name,
+        _CHECKOUT / "build" / name,
         _CHECKOUT / "tools" / name,
         Path(_core.__file__).parent / "bin" / name,
     ]
@@ -213,8 +216,36 @@ def run_with(node, experiment, overrides, trace=True):
     }
 
 
+def run_on_chip(link, experiment, overrides, trace=True):
+    """One run with the firmware on an emulated chip. Returns (the result, what it has to tell)."""
+    with chip.Emulator(program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+        try:
+            result, told = _core.run_on_chip(
+                str(experiment), list(overrides), *emulator.pipes, timeout_s=5.0, trace=trace
+            )
+        except TransportError as error:
+            raise LinkError(f"{error}; {emulator.last_words()}") from None
+    return result, {
+        "kind": link.kind,
+        "where": "netduinoplus2 in qemu-system-arm",
+        "run_id": None,
+        "pids": {"plant": os.getpid(), "axis": emulator.process.pid},
+        "hashes": {"plant": result.trace_hash, "axis": result.firmware_hash},
+        "same": result.trace_hash == result.firmware_hash,
+        "ticks_per_s": told["ticks_per_s"],
+        "real_time": told["ticks_per_s"] / _core.TICKS_PER_SECOND,
+        "repeated": 0,
+        "statistics": None,
+        "interrupts": told["interrupts"],
+        "ticks": told["ticks"],
+        "refused": result.refused,
+    }
+
+
 def run(link, experiment, overrides):
     """One run over `link`. Returns (the result, what the link has to tell)."""
+    if link.kind == CHIP:
+        return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":
         with AxisNode(link) as node:
             return run_with(node, experiment, overrides)
@@ -240,9 +271,13 @@ def run(link, experiment, overrides):
 def run_many(link, jobs, progress=None):
     """(experiment, overrides) pairs one after the other, as _core.run_many; one axis_node."""
     outcomes = []
-    with AxisNode(link) as node:
+    with contextlib.ExitStack() as stack:
+        if link.kind == CHIP:  # powered up anew for each of them
+            one = functools.partial(run_on_chip, link)
+        else:
+            one = functools.partial(run_with, stack.enter_context(AxisNode(link)))
         for experiment, overrides in jobs:
-            result, told = run_with(node, experiment, overrides, trace=False)
+            result, told = one(experiment, overrides, trace=False)
             expect_same(told)
             outcomes.append(
                 {
@@ -277,6 +312,8 @@ def describe(told):
         ("processes", f"plant {told['pids']['plant']}, axis {told['pids']['axis']}"),
         ("axis hash", told["hashes"]["axis"] + ("" if told["same"] else ", NOT THE PLANT'S")),
     ]
+    if "interrupts" in told:
+        lines.append(("interrupts", f"{told['interrupts']} at 1500 Hz, {told['ticks']} ticks"))
     if told["statistics"]:
         plant, axis = told["statistics"]["plant"], told["statistics"]["axis"]
         lost, twice = (plant[k] + axis[k] for k in ("dropped", "doubled"))

@@ -1,0 +1,76 @@
+/* A board with nothing on it: the beginning of a new one. It compiles for any target; its axis sees
+ * sensors that are not valid, so it never enables anything. ../README.md says in which order to
+ * fill this in. */
+
+#include <stddef.h>
+
+#include "firmware/port/port.h"
+
+static uint8_t recorder_buffer[FW_RECORDER_BYTES];
+
+void port_init(void) {
+  /* 1. The DAC to mid-scale, amplifier off, brake on. 2. Clocks. 3. Everything else. */
+}
+
+const fw_config_t *port_config(void) {
+  static const fw_config_t config = {
+      .recorder_buffer = recorder_buffer,
+      .recorder_bytes = sizeof(recorder_buffer),
+      .memory = NULL, /* two sectors of flash, see firmware/app/store.h */
+      .hardware = "blank",
+      .software = NULL,
+      .serial_number = 0,
+      .modbus_baud = 0,
+      .node_id = 1,
+      .buses = 1,
+  };
+  return &config;
+}
+
+void port_start(void) {
+  /* A timer interrupt every 1/1500 s that calls port_tick(), and the watchdog. */
+}
+
+bool port_sense(axis_inputs_t *inputs) {
+  *inputs = (axis_inputs_t){.sensor_valid = 0};
+  return true;
+}
+
+void port_act(const axis_outputs_t *outputs) { (void)outputs; }
+
+bool port_can_receive(can_frame_t *frame) {
+  (void)frame;
+  return false;
+}
+
+bool port_can_transmit(const can_frame_t *frame) {
+  (void)frame;
+  return false;
+}
+
+uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
+
+uint16_t port_can_lost(void) { return 0; }
+
+uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
+  (void)bytes;
+  (void)room;
+  return 0;
+}
+
+uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
+  (void)bytes;
+  return count;
+}
+
+void port_lock(void) { /* Disable the timer interrupt. */
+}
+
+void port_unlock(void) { /* Enable it again. */
+}
+
+bool port_overran(void) { return false; }
+
+void port_feed_watchdog(void) {}
+
+void port_idle(void) {}

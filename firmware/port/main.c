@@ -1,0 +1,118 @@
+/* The program of every board; port.h is what a board is. */
+
+#include "firmware/port/port.h"
+
+enum { SERIAL_CHUNK_BYTES = 32 }; /* bounds how long the tick is kept away */
+
+static fw_t firmware;
+static volatile bool is_ticked; /* what the tick left for later is not done yet */
+static volatile bool is_late;
+static uint8_t bus = CAN_BUS_ACTIVE;
+
+fw_t *port_firmware(void) { return &firmware; }
+
+void port_tick(void) {
+  axis_inputs_t inputs;
+  if (port_sense(&inputs)) {
+    axis_outputs_t outputs;
+    fw_interrupt(&firmware, &inputs, &outputs);
+    port_act(&outputs);
+    is_ticked = true;
+  }
+  is_late = port_overran() || is_late;
+  port_feed_watchdog();
+}
+
+void port_settle(void) {
+  if (is_ticked) {
+    is_ticked = false;
+    fw_between(&firmware);
+  }
+}
+
+/* From here to port_unlock() the firmware is the main loop's; what the last tick left comes first.
+ */
+static void take_firmware(void) {
+  port_lock();
+  port_settle();
+}
+
+static void watch_port(void) {
+  take_firmware();
+  const uint8_t now = port_can_bus();
+  if (now != bus) {
+    bus = now;
+    fw_can_bus(&firmware, now);
+  }
+  const uint16_t lost = port_can_lost();
+  if (lost > 0) {
+    fw_can_lost(&firmware, lost);
+  }
+  if (is_late) {
+    is_late = false;
+    fw_overrun(&firmware);
+  }
+  port_unlock();
+}
+
+/* Each frame by itself: the longest takes the firmware 20 us, which is how late a tick may be. */
+static void can_in(void) {
+  can_frame_t frame;
+  for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
+    take_firmware();
+    fw_can_receive(&firmware, &frame);
+    port_unlock();
+  }
+}
+
+static void can_out(void) {
+  static can_frame_t waiting; /* that the port had no room for */
+  static bool is_waiting;
+  /* What was to be sent before the bus failed is out of date when it is back. */
+  is_waiting = is_waiting && bus != CAN_BUS_OFF;
+  for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
+    if (!is_waiting) {
+      take_firmware();
+      is_waiting = fw_can_transmit(&firmware, &waiting);
+      port_unlock();
+    }
+    if (!is_waiting || !port_can_transmit(&waiting)) {
+      return;
+    }
+    is_waiting = false;
+  }
+}
+
+/* Bytes of the serial line, and the answer to them. */
+static void serve_serial(void) {
+  static uint8_t answer[SERIAL_CHUNK_BYTES];
+  static uint16_t count;
+  static uint16_t sent;
+  uint8_t bytes[SERIAL_CHUNK_BYTES];
+  const uint16_t received = port_serial_receive(bytes, sizeof(bytes));
+  take_firmware();
+  if (received > 0) {
+    fw_modbus_receive(&firmware, bytes, received);
+  }
+  if (sent == count) {
+    count = fw_modbus_transmit(&firmware, answer, sizeof(answer));
+    sent = 0;
+  }
+  port_unlock();
+  if (sent < count) {
+    sent = (uint16_t)(sent + port_serial_transmit(&answer[sent], (uint16_t)(count - sent)));
+  }
+}
+
+int main(void) {
+  port_init();
+  fw_init(&firmware, port_config());
+  port_start();
+  for (;;) {
+    watch_port();
+    can_in();
+    can_out();
+    serve_serial();
+    port_idle();
+  }
+}

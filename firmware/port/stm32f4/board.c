@@ -1,0 +1,31 @@
+/* What the released and the emulated image have in common above their peripherals. */
+
+#include "firmware/port/stm32f4/board.h"
+
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/tick.h"
+
+static uint8_t recorder_buffer[FW_RECORDER_BYTES];
+static fw_config_t config;
+
+void port_init(void) {
+  io_init();
+  serial_init(io_clock_is_right() ? CLOCK_APB1_HZ : CLOCK_HSI_HZ);
+}
+
+const fw_config_t *port_config(void) {
+  config.recorder_buffer = recorder_buffer;
+  config.recorder_bytes = sizeof(recorder_buffer);
+  config.memory = flash_memory();
+  config.hardware = "stm32f446";
+  config.software = board_software;
+  config.serial_number = io_serial_number();
+  config.node_id = io_node_id();
+  config.buses = 1;
+  return &config;
+}
+
+void port_start(void) {
+  watchdog_start();
+  tick_start();
+}

@@ -1,0 +1,189 @@
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/board.h"
+
+enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };
+
+/* Frames between two ticks: at 1 Mbit/s at most 14, of the shortest. A power of 2. */
+enum { RING = 32 };
+
+/* The bus is joined after 11 recessive bits, after bus off 128 times 11, 2.2 ticks; whoever is not
+ * in after a second, 1500 ticks, begins again. */
+enum { PATIENCE_TICKS = 1500 };
+
+/* 42 MHz / 3 = 14 quanta a bit, sampled after 11 of them, 79 %. Three quanta behind that, all of
+ * them to resynchronise with, are what lets the rates of two nodes differ by 1.7 %, so that the
+ * internal oscillator's 1 % is allowed beside nodes with crystals. */
+#define BIT_TIMING (CAN_BTR_BRP_3 | CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
+
+/* Frames leave in the order they came; a full FIFO keeps what it has; retries, no automatic return
+ * from bus off, awake. */
+#define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
+
+static can_frame_t ring[RING];
+static volatile uint8_t ring_in;  /* of the interrupt */
+static volatile uint8_t ring_out; /* of the tick */
+static volatile uint16_t dropped; /* counts up, of the interrupt */
+static uint16_t dropped_told;
+
+static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
+static uint16_t waited_ticks;
+static uint8_t told;
+
+static void enter_initialisation(void) {
+  CAN1->MCR = MODE | CAN_MCR_INRQ;
+  state = ENTERING;
+  waited_ticks = 0;
+}
+
+/* Bit timing can be written in initialisation only. One filter: every frame without the bit of an
+ * extended identifier, into FIFO 0. */
+static void configure_and_join(void) {
+  CAN1->BTR = BIT_TIMING;
+  CAN1->FMR |= CAN_FMR_FINIT;
+  CAN1->FA1R = 0;
+  CAN1->FM1R = 0;
+  CAN1->FS1R = CAN_FS1R_FSC0;
+  CAN1->FFA1R = 0;
+  CAN1->F0R1 = 0;
+  CAN1->F0R2 = CAN_RI0R_IDE;
+  CAN1->FA1R = CAN_FA1R_FACT0;
+  CAN1->FMR &= ~CAN_FMR_FINIT;
+  CAN1->IER = CAN_IER_FMPIE0;
+  CAN1->MCR = MODE;
+  state = JOINING;
+  waited_ticks = 0;
+}
+
+/* The controller is asked here; port_can_bus() goes on from tick to tick. */
+void can_init(bool clock_is_right) {
+  if (!clock_is_right) {
+    told = CAN_BUS_OFF;
+    return;
+  }
+  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOBEN;
+  RCC->APB1ENR |= RCC_APB1ENR_CAN1EN;
+  (void)RCC->APB1ENR;
+  pin_alternate(GPIOB, PIN_RX, FUNCTION_CAN1, PIN_PULL_UP);
+  pin_alternate(GPIOB, PIN_TX, FUNCTION_CAN1, PIN_PULL_NONE);
+  NVIC->IPR5 = FIELD(0, 8, PRIORITY_BUS);
+  NVIC->ISER0 = BIT(IRQ_CAN1_RX0);
+  enter_initialisation();
+}
+
+uint8_t port_can_bus(void) {
+  switch (state) {
+    case RUNNING: {
+      const uint32_t errors = CAN1->ESR;
+      told = ((errors & CAN_ESR_EPVF) != 0) ? CAN_BUS_PASSIVE : CAN_BUS_ACTIVE;
+      if ((errors & CAN_ESR_BOFF) != 0) {
+        told = CAN_BUS_OFF;
+        /* What waits there would come out of date. */
+        CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
+        enter_initialisation();
+      }
+      break;
+    }
+    case ENTERING:
+      if ((CAN1->MSR & CAN_MSR_INAK) != 0) {
+        configure_and_join();
+      } else {
+        waited_ticks++;
+      }
+      break;
+    case JOINING:
+      if ((CAN1->MSR & CAN_MSR_INAK) == 0) {
+        state = RUNNING;
+      } else {
+        waited_ticks++;
+      }
+      break;
+    default:
+      break;
+  }
+  if (state != RUNNING && waited_ticks >= PATIENCE_TICKS) {
+    told = CAN_BUS_OFF;
+    enter_initialisation();
+  }
+  return told;
+}
+
+uint16_t port_can_lost(void) {
+  if (state == STOPPED) {
+    return 0;
+  }
+  uint16_t lost = (uint16_t)(dropped - dropped_told);
+  dropped_told = (uint16_t)(dropped_told + lost);
+  /* At least one; the controller does not count. */
+  if ((CAN1->RF0R & CAN_RF0R_FOVR0) != 0) {
+    CAN1->RF0R = CAN_RF0R_FOVR0;
+    lost++;
+  }
+  return lost;
+}
+
+bool port_can_receive(can_frame_t *frame) {
+  if (ring_out == ring_in) {
+    return false;
+  }
+  BARRIER();
+  *frame = ring[ring_out % RING];
+  BARRIER();
+  ring_out++;
+  return true;
+}
+
+static void unpack(uint8_t *bytes, uint32_t word) {
+  for (uint8_t i = 0; i < 4; i++) {
+    bytes[i] = (uint8_t)(word >> (8 * i));
+  }
+}
+
+static uint32_t pack(const uint8_t *bytes) {
+  return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 |
+         (uint32_t)bytes[3] << 24;
+}
+
+void can_interrupt(void) {
+  if ((CAN1->RF0R & CAN_RF0R_FMP0) == 0) {
+    return;
+  }
+  if ((uint8_t)(ring_in - ring_out) < RING) {
+    can_frame_t *frame = &ring[ring_in % RING];
+    const uint32_t length = CAN1->RDT0R & CAN_RDT0R_DLC;
+    frame->id = (uint16_t)(CAN1->RI0R >> 21);
+    frame->remote = ((CAN1->RI0R & CAN_RI0R_RTR) != 0) ? 1 : 0;
+    /* A length above 8 is allowed on the wire and means 8. */
+    frame->length = (uint8_t)((length > 8) ? 8 : length);
+    unpack(&frame->data[0], CAN1->RDL0R);
+    unpack(&frame->data[4], CAN1->RDH0R);
+    BARRIER();
+    ring_in++;
+  } else {
+    dropped++;
+  }
+  CAN1->RF0R = CAN_RF0R_RFOM0;
+  /* Until it is released, the FIFO would show the same frame again. */
+  for (uint8_t polls = 0; polls < 8 && (CAN1->RF0R & CAN_RF0R_RFOM0) != 0; polls++) {
+  }
+}
+
+bool port_can_transmit(const can_frame_t *frame) {
+  static const uint32_t empty[] = {CAN_TSR_TME0, CAN_TSR_TME1, CAN_TSR_TME2};
+  if (state != RUNNING) {
+    return false;
+  }
+  const uint32_t status = CAN1->TSR;
+  for (uint8_t i = 0; i < 3; i++) {
+    if ((status & empty[i]) != 0) {
+      reg_t *box = &CAN1->TI0R + 4 * i;
+      const uint32_t head = CAN_TI0R_STID(frame->id) | ((frame->remote != 0) ? CAN_TI0R_RTR : 0);
+      box[0] = head;
+      box[1] = frame->length;
+      box[2] = pack(&frame->data[0]);
+      box[3] = pack(&frame->data[4]);
+      box[0] = head | CAN_TI0R_TXRQ;
+      return true;
+    }
+  }
+  return false;
+}

@@ -1,0 +1,168 @@
+/* In place of the peripherals that QEMU's netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC, pins,
+ * watchdog. Inputs and outputs are records of the host, host/link/chip_side.hpp has their bytes:
+ * each interrupt waits for one and answers it, and the emulator's time stands still meanwhile.
+ * Without a host the axis has sensors that read zero and outputs that nobody sees. */
+
+#include <stddef.h>
+
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32f4/emulated/semihosting.h"
+#include "firmware/port/stm32f4/tick.h"
+
+enum { RECORD_BYTES = 12, ANSWER_BYTES = 8, LINE_BYTES = 256 };
+enum { RECORD_TICK = 1, RECORD_WRITE = 2, RECORD_END = 3 };
+
+static int32_t from_host;
+static int32_t to_host;
+static bool has_host;
+static uint32_t ticks;
+
+/* The command line is "forceaxis FROM_HOST TO_HOST". */
+static void open_host(void) {
+  static char line[LINE_BYTES];
+  char *words[3];
+  uint32_t count = 0;
+  semihosting_command_line(line, sizeof(line));
+  for (char *at = line; *at != 0 && count < 3;) {
+    words[count] = at;
+    count++;
+    while (*at != 0 && *at != ' ') {
+      at++;
+    }
+    while (*at == ' ') {
+      *at = 0;
+      at++;
+    }
+  }
+  if (count == 3) {
+    from_host = semihosting_open(words[1], SEMIHOSTING_READ);
+    to_host = semihosting_open(words[2], SEMIHOSTING_WRITE);
+    has_host = from_host >= 0 && to_host >= 0;
+  }
+}
+
+void io_init(void) { open_host(); }
+
+bool io_clock_is_right(void) { return true; }
+
+void io_make_safe(void) {}
+
+uint8_t io_node_id(void) { return 1; }
+
+uint32_t io_serial_number(void) { return 0; }
+
+const store_memory_t *flash_memory(void) { return NULL; }
+
+void watchdog_start(void) {}
+
+void port_feed_watchdog(void) {}
+
+/* --- inputs and outputs ----------------------------------------------------------------------- */
+
+static void answer(uint32_t first, uint32_t second) {
+  uint8_t bytes[ANSWER_BYTES];
+  fx_store_le(bytes, first, 4);
+  fx_store_le(&bytes[4], second, 4);
+  semihosting_write(to_host, bytes, sizeof(bytes));
+}
+
+static void write_object(const uint8_t *record) {
+  const uint16_t object = (uint16_t)fx_load_le(&record[2], 2);
+  const int32_t value = fx_s32_from_u32(fx_load_le(&record[4], 4));
+  port_settle();
+  answer((uint32_t)fw_object_write(port_firmware(), FW_SOURCE_LOCAL, object, value), 0);
+}
+
+bool port_sense(axis_inputs_t *inputs) {
+  uint8_t record[RECORD_BYTES];
+  if (!has_host) {
+    *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = 1};
+    return true;
+  }
+  semihosting_read(from_host, record, sizeof(record));
+  while (record[0] == RECORD_WRITE) {
+    write_object(record);
+    semihosting_read(from_host, record, sizeof(record));
+  }
+  if (record[0] != RECORD_TICK) {
+    answer(tick_entries() - 1, ticks); /* this entry found no tick to do */
+    semihosting_exit();
+  }
+  ticks++;
+  inputs->din = record[1];
+  inputs->sensor_valid = record[2];
+  inputs->encoder_cnt = fx_s32_from_u32(fx_load_le(&record[4], 4));
+  inputs->adc_code[0] = (uint16_t)fx_load_le(&record[8], 2);
+  inputs->adc_code[1] = (uint16_t)fx_load_le(&record[10], 2);
+  return true;
+}
+
+void port_act(const axis_outputs_t *outputs) {
+  const axis_signals_t *signals = &port_firmware()->axis.signals;
+  const uint32_t out =
+      (outputs->amp_enable != 0 ? 1u : 0u) | (outputs->brake_release != 0 ? 2u : 0u);
+  if (has_host) {
+    answer((uint16_t)outputs->dac_code | out << 16 | (uint32_t)signals->fault << 24,
+           signals->limit_reason | tick_entries() << 16);
+  }
+}
+
+/* --- CAN: frames of 12 bytes over a serial line ------------------------------------------------
+ */
+
+enum { FRAME_BYTES = 12 };
+
+void can_interrupt(void) {} /* never enabled */
+
+bool port_can_receive(can_frame_t *frame) {
+  static uint8_t bytes[FRAME_BYTES];
+  static uint8_t count;
+  USART3->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE;
+  while (count < FRAME_BYTES && (USART3->SR & USART_SR_RXNE) != 0) {
+    bytes[count] = (uint8_t)USART3->DR;
+    count++;
+  }
+  if (count < FRAME_BYTES) {
+    return false;
+  }
+  count = 0;
+  *frame =
+      (can_frame_t){.id = (uint16_t)fx_load_le(bytes, 2), .length = bytes[2], .remote = bytes[3]};
+  for (uint8_t i = 0; i < 8; i++) {
+    frame->data[i] = bytes[4 + i];
+  }
+  return true;
+}
+
+static void send_byte(uint8_t byte) {
+  while ((USART3->SR & USART_SR_TXE) == 0) {
+  }
+  USART3->DR = byte;
+}
+
+bool port_can_transmit(const can_frame_t *frame) {
+  uint8_t head[4];
+  fx_store_le(head, frame->id, 2);
+  head[2] = frame->length;
+  head[3] = frame->remote;
+  for (uint8_t i = 0; i < 4; i++) {
+    send_byte(head[i]);
+  }
+  for (uint8_t i = 0; i < 8; i++) {
+    send_byte(frame->data[i]);
+  }
+  return true;
+}
+
+uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
+
+uint16_t port_can_lost(void) { return 0; }
+
+/* No wfi: under -icount it doubles the period of every timer. The emulated USART asks for an
+ * interrupt when a byte comes, but not when one may be sent. */
+void port_idle(void) {
+  if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {
+    NVIC->ISPR1 = BIT(IRQ_USART2 - 32);
+  }
+}

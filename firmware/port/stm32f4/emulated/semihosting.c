@@ -1,0 +1,64 @@
+#include "firmware/port/stm32f4/emulated/semihosting.h"
+
+enum {
+  SYS_OPEN = 0x01,
+  SYS_WRITE = 0x05,
+  SYS_READ = 0x06,
+  SYS_GET_CMDLINE = 0x15,
+  SYS_EXIT = 0x18
+};
+
+#define EXIT_BY_APPLICATION UINT32_C(0x20026)
+
+static int32_t call(uint32_t operation, const void *argument) {
+  register uint32_t r0 __asm("r0") = operation;
+  register const void *r1 __asm("r1") = argument;
+  __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
+  return (int32_t)r0;
+}
+
+static uint32_t length_of(const char *text) {
+  uint32_t length = 0;
+  while (text[length] != 0) {
+    length++;
+  }
+  return length;
+}
+
+void semihosting_command_line(char *text, uint32_t room) {
+  uint32_t block[2] = {(uint32_t)text, room};
+  if (call(SYS_GET_CMDLINE, block) != 0) {
+    text[0] = 0;
+  }
+}
+
+int32_t semihosting_open(const char *name, uint32_t mode) {
+  const uint32_t block[3] = {(uint32_t)name, mode, length_of(name)};
+  return call(SYS_OPEN, block);
+}
+
+/* The answer is how many bytes are left over; a pipe gives what is there. */
+void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count) {
+  while (count > 0) {
+    const uint32_t block[3] = {(uint32_t)file, (uint32_t)bytes, count};
+    const int32_t left = call(SYS_READ, block);
+    if (left < 0 || (uint32_t)left >= count) {
+      semihosting_exit();
+    }
+    bytes += count - (uint32_t)left;
+    count = (uint32_t)left;
+  }
+}
+
+void semihosting_write(int32_t file, const uint8_t *bytes, uint32_t count) {
+  const uint32_t block[3] = {(uint32_t)file, (uint32_t)bytes, count};
+  if (call(SYS_WRITE, block) != 0) {
+    semihosting_exit();
+  }
+}
+
+_Noreturn void semihosting_exit(void) {
+  for (;;) {
+    (void)call(SYS_EXIT, (const void *)EXIT_BY_APPLICATION);
+  }
+}

@@ -1,0 +1,126 @@
+#include <stddef.h>
+
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/board.h"
+
+/* Sectors 1 and 2, 16 KiB each, which the linker script keeps free. */
+#define STORE_BASE UINT32_C(0x08004000)
+enum { SECTOR_BYTES = 16384 };
+
+#define ERRORS \
+  (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
+
+/* A word takes at most 100 us. While it lasts, what is fetched from the flash waits, so that polls
+ * from there hardly count; they are the bound of a flash that never ends. */
+enum { PROGRAM_POLLS_MAX = 10000 };
+
+/* An erase takes 250 ms, at most 800. A poll of the loop below takes about 1000 cycles. */
+enum { ERASE_POLLS_MAX = 168000, ERASE_POLL_LOOPS = 50 };
+
+static void unlock(void) {
+  FLASH->KEYR = FLASH_KEY1;
+  FLASH->KEYR = FLASH_KEY2;
+  /* Errors are cleared by writing them. */
+  FLASH->SR = ERRORS;
+}
+
+static void lock(void) { FLASH->CR = FLASH_CR_LOCK; }
+
+static void unpack(uint8_t *bytes, uint32_t word) {
+  bytes[0] = (uint8_t)word;
+  bytes[1] = (uint8_t)(word >> 8);
+  bytes[2] = (uint8_t)(word >> 16);
+  bytes[3] = (uint8_t)(word >> 24);
+}
+
+static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
+  (void)context;
+  /* Whole words of aligned addresses are most of what is read. */
+  while (count >= 4 && (address & 3u) == 0) {
+    const uint32_t word = *(const volatile uint32_t *)(STORE_BASE + address);
+    unpack(bytes, word);
+    address += 4;
+    bytes += 4;
+    count -= 4;
+  }
+  for (uint32_t i = 0; i < count; i++) {
+    bytes[i] = *(const volatile uint8_t *)(STORE_BASE + address + i);
+  }
+}
+
+static bool program_word(uint32_t address, uint32_t word) {
+  *(volatile uint32_t *)address = word;
+  __asm volatile("dsb" ::: "memory");
+  for (uint32_t polls = 0; polls < PROGRAM_POLLS_MAX; polls++) {
+    const uint32_t status = FLASH->SR;
+    if ((status & FLASH_SR_BSY) == 0) {
+      return (status & ERRORS) == 0;
+    }
+  }
+  return false;
+}
+
+static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
+  (void)context;
+  bool done = true;
+  unlock();
+  FLASH->CR = FLASH_CR_PSIZE_32 | FLASH_CR_PG;
+  for (uint32_t i = 0; i < count && done; i += 4) {
+    const uint32_t word = (uint32_t)bytes[i] | (uint32_t)bytes[i + 1] << 8 |
+                          (uint32_t)bytes[i + 2] << 16 | (uint32_t)bytes[i + 3] << 24;
+    done = program_word(STORE_BASE + address + i, word);
+  }
+  lock();
+  return done;
+}
+
+/* An erase keeps the flash busy for longer than the watchdog waits, and whatever is fetched from it
+ * meanwhile stops the core. So this lies in RAM, lets no interrupt in and feeds the watchdog: the
+ * drive is disabled, and this is still the tick. What never ends is left to the watchdog. */
+__attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
+    uint32_t control) {
+  bool done = false;
+  __asm volatile("cpsid i" ::: "memory");
+  FLASH->CR = control | FLASH_CR_STRT;
+  __asm volatile("dsb" ::: "memory");
+  for (uint32_t polls = 0; polls < ERASE_POLLS_MAX && !done; polls++) {
+    done = (FLASH->SR & FLASH_SR_BSY) == 0;
+    IWDG->KR = IWDG_KEY_FEED;
+    for (uint32_t i = 0; i < ERASE_POLL_LOOPS && !done; i++) {
+      __asm volatile(".rept 16; nop; .endr");
+    }
+  }
+  __asm volatile("cpsie i" ::: "memory");
+  return done;
+}
+
+/* The data cache may hold what was erased; it can be emptied only while it is off. */
+static void empty_cache(void) {
+  const uint32_t access = FLASH->ACR;
+  FLASH->ACR = access & ~FLASH_ACR_DCEN;
+  FLASH->ACR = (access & ~FLASH_ACR_DCEN) | FLASH_ACR_DCRST;
+  FLASH->ACR = access & ~FLASH_ACR_DCEN;
+  FLASH->ACR = access;
+}
+
+static bool erase_sector(void *context, uint8_t sector) {
+  (void)context;
+  unlock();
+  const uint32_t number = (sector == 0) ? FLASH_CR_SNB_1 : FLASH_CR_SNB_2;
+  const bool ended = erase_from_ram(FLASH_CR_PSIZE_32 | FLASH_CR_SER | number);
+  const bool done = ended && (FLASH->SR & ERRORS) == 0;
+  lock();
+  empty_cache();
+  return done;
+}
+
+const store_memory_t *flash_memory(void) {
+  static const store_memory_t memory = {
+      .context = NULL,
+      .sector_bytes = SECTOR_BYTES,
+      .read = read_bytes,
+      .program = program_bytes,
+      .erase = erase_sector,
+  };
+  return &memory;
+}

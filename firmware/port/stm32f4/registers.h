@@ -1,0 +1,363 @@
+#ifndef FIRMWARE_PORT_STM32F4_REGISTERS_H_
+#define FIRMWARE_PORT_STM32F4_REGISTERS_H_
+
+/* The registers of the STM32F446 and STM32F405 that this port uses, with the names of the reference
+ * manuals RM0390 and RM0090; those of the core with the names of the ARMv7-M manual. Written for
+ * this port; tools/check_svd compares every address, offset and bit with the vendor's SVD files.
+ *
+ * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of the field, with _<VALUE> one of its values. */
+
+#include <stdint.h>
+
+#define BIT(n) (UINT32_C(1) << (n))
+/* `value` in the field of `width` bits that begins at bit `at`. */
+#define FIELD(at, width, value) ((uint32_t)(value) << (at))
+#define MASK(at, width) (((UINT32_C(1) << (width)) - 1u) << (at))
+
+typedef volatile uint32_t reg_t;
+
+/* --- reset and clock control ------------------------------------------------------------------ */
+
+typedef struct {
+  reg_t CR;
+  reg_t PLLCFGR;
+  reg_t CFGR;
+  reg_t unused_0C[9];
+  reg_t AHB1ENR;
+  reg_t unused_34[3];
+  reg_t APB1ENR;
+  reg_t APB2ENR;
+} rcc_t;
+#define RCC_BASE 0x40023800
+#define RCC ((rcc_t *)RCC_BASE)
+
+#define RCC_CR_HSION BIT(0)
+#define RCC_CR_HSIRDY BIT(1)
+#define RCC_CR_PLLON BIT(24)
+#define RCC_CR_PLLRDY BIT(25)
+#define RCC_PLLCFGR_PLLM_8 FIELD(0, 6, 8)
+#define RCC_PLLCFGR_PLLN_168 FIELD(6, 9, 168)
+#define RCC_PLLCFGR_PLLP_2 FIELD(16, 2, 0)
+#define RCC_PLLCFGR_PLLSRC BIT(22)
+#define RCC_PLLCFGR_PLLQ_7 FIELD(24, 4, 7)
+#define RCC_CFGR_SW MASK(0, 2)
+#define RCC_CFGR_SW_PLL FIELD(0, 2, 2)
+#define RCC_CFGR_SWS MASK(2, 2)
+#define RCC_CFGR_SWS_PLL FIELD(2, 2, 2)
+#define RCC_CFGR_PPRE1_4 FIELD(10, 3, 5)
+#define RCC_CFGR_PPRE2_2 FIELD(13, 3, 4)
+#define RCC_AHB1ENR_GPIOAEN BIT(0)
+#define RCC_AHB1ENR_GPIOBEN BIT(1)
+#define RCC_AHB1ENR_GPIOCEN BIT(2)
+#define RCC_APB1ENR_TIM5EN BIT(3)
+#define RCC_APB1ENR_USART2EN BIT(17)
+#define RCC_APB1ENR_CAN1EN BIT(25)
+#define RCC_APB1ENR_DACEN BIT(29)
+#define RCC_APB2ENR_ADC1EN BIT(8)
+
+/* --- flash ------------------------------------------------------------------------------------ */
+
+typedef struct {
+  reg_t ACR;
+  reg_t KEYR;
+  reg_t OPTKEYR;
+  reg_t SR;
+  reg_t CR;
+} flash_t;
+#define FLASH_BASE 0x40023C00
+#define FLASH ((flash_t *)FLASH_BASE)
+
+#define FLASH_ACR_LATENCY MASK(0, 3)
+#define FLASH_ACR_LATENCY_5 FIELD(0, 3, 5)
+#define FLASH_ACR_PRFTEN BIT(8)
+#define FLASH_ACR_ICEN BIT(9)
+#define FLASH_ACR_DCEN BIT(10)
+#define FLASH_ACR_DCRST BIT(12)
+#define FLASH_SR_OPERR BIT(1)
+#define FLASH_SR_WRPERR BIT(4)
+#define FLASH_SR_PGAERR BIT(5)
+#define FLASH_SR_PGPERR BIT(6)
+#define FLASH_SR_PGSERR BIT(7)
+#define FLASH_SR_BSY BIT(16)
+#define FLASH_CR_PG BIT(0)
+#define FLASH_CR_SER BIT(1)
+#define FLASH_CR_SNB_1 FIELD(3, 4, 1)
+#define FLASH_CR_SNB_2 FIELD(3, 4, 2)
+#define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)
+#define FLASH_CR_STRT BIT(16)
+#define FLASH_CR_LOCK BIT(31)
+/* What opens FLASH_CR, in this order. */
+#define FLASH_KEY1 UINT32_C(0x45670123)
+#define FLASH_KEY2 UINT32_C(0xCDEF89AB)
+
+/* --- pins ------------------------------------------------------------------------------------- */
+
+typedef struct {
+  reg_t MODER;
+  reg_t OTYPER;
+  reg_t OSPEEDR;
+  reg_t PUPDR;
+  reg_t IDR;
+  reg_t ODR;
+  reg_t BSRR;
+  reg_t LCKR;
+  reg_t AFRL;
+  reg_t AFRH;
+} gpio_t;
+#define GPIOA_BASE 0x40020000
+#define GPIOB_BASE 0x40020400
+#define GPIOC_BASE 0x40020800
+#define GPIOA ((gpio_t *)GPIOA_BASE)
+#define GPIOB ((gpio_t *)GPIOB_BASE)
+#define GPIOC ((gpio_t *)GPIOC_BASE)
+
+/* --- timer 5, the encoder --------------------------------------------------------------------- */
+
+typedef struct {
+  reg_t CR1;
+  reg_t CR2;
+  reg_t SMCR;
+  reg_t DIER;
+  reg_t SR;
+  reg_t EGR;
+  reg_t CCMR1;
+  reg_t CCMR2;
+  reg_t CCER;
+  reg_t CNT;
+  reg_t PSC;
+  reg_t ARR;
+} tim_t;
+#define TIM5_BASE 0x40000C00
+#define TIM5 ((tim_t *)TIM5_BASE)
+
+#define TIM_CR1_CEN BIT(0)
+#define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
+#define TIM_CCMR1_CC1S_TI1 FIELD(0, 2, 1)
+#define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
+#define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
+#define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
+
+/* --- analog-to-digital converter -------------------------------------------------------------- */
+
+typedef struct {
+  reg_t SR;
+  reg_t CR1;
+  reg_t CR2;
+  reg_t SMPR1;
+  reg_t SMPR2;
+  reg_t unused_14[9];
+  reg_t JSQR;
+  reg_t JDR1;
+  reg_t JDR2;
+} adc_t;
+#define ADC1_BASE 0x40012000
+#define ADC1 ((adc_t *)ADC1_BASE)
+
+typedef struct {
+  reg_t CSR;
+  reg_t CCR;
+} adc_common_t;
+#define ADC_COMMON_BASE 0x40012300
+#define ADC_COMMON ((adc_common_t *)ADC_COMMON_BASE)
+
+#define ADC_SR_JEOC BIT(2)
+#define ADC_CR1_SCAN BIT(8)
+#define ADC_CR1_RES_12 FIELD(24, 2, 0)
+#define ADC_CR2_ADON BIT(0)
+#define ADC_CR2_JSWSTART BIT(22)
+#define ADC_SMPR2_SMP6_15 FIELD(18, 3, 1)
+#define ADC_SMPR2_SMP7_15 FIELD(21, 3, 1)
+#define ADC_JSQR_JSQ3_6 FIELD(10, 5, 6)
+#define ADC_JSQR_JSQ4_7 FIELD(15, 5, 7)
+#define ADC_JSQR_JL_2 FIELD(20, 2, 1)
+#define ADC_CCR_ADCPRE_4 FIELD(16, 2, 1)
+
+/* --- digital-to-analog converter -------------------------------------------------------------- */
+
+typedef struct {
+  reg_t CR;
+  reg_t SWTRIGR;
+  reg_t DHR12R1;
+  reg_t unused_0C[8];
+  reg_t DOR1;
+} dac_t;
+#define DAC_BASE 0x40007400
+#define DAC ((dac_t *)DAC_BASE)
+
+#define DAC_CR_EN1 BIT(0)
+#define DAC_CR_BOFF1 BIT(1)
+#define DAC_DOR1_DACC1DOR MASK(0, 12)
+
+/* --- CAN -------------------------------------------------------------------------------------- */
+
+typedef struct {
+  reg_t MCR;
+  reg_t MSR;
+  reg_t TSR;
+  reg_t RF0R;
+  reg_t RF1R;
+  reg_t IER;
+  reg_t ESR;
+  reg_t BTR;
+  reg_t unused_20[88];
+  reg_t TI0R; /* three mailboxes, four registers each */
+  reg_t TDT0R;
+  reg_t TDL0R;
+  reg_t TDH0R;
+  reg_t TI1R;
+  reg_t TDT1R;
+  reg_t TDL1R;
+  reg_t TDH1R;
+  reg_t TI2R;
+  reg_t TDT2R;
+  reg_t TDL2R;
+  reg_t TDH2R;
+  reg_t RI0R;
+  reg_t RDT0R;
+  reg_t RDL0R;
+  reg_t RDH0R;
+  reg_t unused_1C0[16];
+  reg_t FMR;
+  reg_t FM1R;
+  reg_t unused_208;
+  reg_t FS1R;
+  reg_t unused_210;
+  reg_t FFA1R;
+  reg_t unused_218;
+  reg_t FA1R;
+  reg_t unused_220[8];
+  reg_t F0R1;
+  reg_t F0R2;
+} can_t;
+#define CAN1_BASE 0x40006400
+#define CAN1 ((can_t *)CAN1_BASE)
+
+#define CAN_MCR_INRQ BIT(0)
+#define CAN_MCR_TXFP BIT(2)
+#define CAN_MCR_RFLM BIT(3)
+#define CAN_MSR_INAK BIT(0)
+#define CAN_TSR_ABRQ0 BIT(7)
+#define CAN_TSR_ABRQ1 BIT(15)
+#define CAN_TSR_ABRQ2 BIT(23)
+#define CAN_TSR_TME0 BIT(26)
+#define CAN_TSR_TME1 BIT(27)
+#define CAN_TSR_TME2 BIT(28)
+#define CAN_RF0R_FMP0 MASK(0, 2)
+#define CAN_RF0R_FOVR0 BIT(4)
+#define CAN_RF0R_RFOM0 BIT(5)
+#define CAN_IER_FMPIE0 BIT(1)
+#define CAN_ESR_EPVF BIT(1)
+#define CAN_ESR_BOFF BIT(2)
+#define CAN_BTR_BRP_3 FIELD(0, 10, 2)
+#define CAN_BTR_TS1_10 FIELD(16, 4, 9)
+#define CAN_BTR_TS2_3 FIELD(20, 3, 2)
+#define CAN_BTR_SJW_3 FIELD(24, 2, 2)
+#define CAN_TI0R_TXRQ BIT(0)
+#define CAN_TI0R_RTR BIT(1)
+#define CAN_TI0R_STID(id) FIELD(21, 11, id)
+#define CAN_RI0R_RTR BIT(1)
+#define CAN_RI0R_IDE BIT(2)
+#define CAN_RDT0R_DLC MASK(0, 4)
+#define CAN_FMR_FINIT BIT(0)
+#define CAN_FS1R_FSC0 BIT(0)
+#define CAN_FA1R_FACT0 BIT(0)
+
+/* --- serial line ------------------------------------------------------------------------------ */
+
+typedef struct {
+  reg_t SR;
+  reg_t DR;
+  reg_t BRR;
+  reg_t CR1;
+  reg_t CR2;
+  reg_t CR3;
+} usart_t;
+#define USART2_BASE 0x40004400
+#define USART2 ((usart_t *)USART2_BASE)
+#define USART3_BASE 0x40004800
+#define USART3 ((usart_t *)USART3_BASE)
+
+#define USART_SR_ORE BIT(3)
+#define USART_SR_RXNE BIT(5)
+#define USART_SR_TC BIT(6)
+#define USART_SR_TXE BIT(7)
+#define USART_CR1_RE BIT(2)
+#define USART_CR1_TE BIT(3)
+#define USART_CR1_RXNEIE BIT(5)
+#define USART_CR1_TCIE BIT(6)
+#define USART_CR1_TXEIE BIT(7)
+#define USART_CR1_PCE BIT(10)
+#define USART_CR1_M BIT(12)
+#define USART_CR1_UE BIT(13)
+
+/* Unique device ID: three words. */
+#define UID_BASE 0x1FFF7A10
+
+/* --- independent watchdog --------------------------------------------------------------------- */
+
+typedef struct {
+  reg_t KR;
+  reg_t PR;
+  reg_t RLR;
+  reg_t SR;
+} iwdg_t;
+#define IWDG_BASE 0x40003000
+#define IWDG ((iwdg_t *)IWDG_BASE)
+
+#define IWDG_PR_PR_16 FIELD(0, 3, 2)
+/* What KR takes. */
+#define IWDG_KEY_FEED UINT32_C(0xAAAA)
+#define IWDG_KEY_ACCESS UINT32_C(0x5555)
+#define IWDG_KEY_START UINT32_C(0xCCCC)
+
+/* --- the core: ARMv7-M ------------------------------------------------------------------------ */
+
+typedef struct {
+  reg_t CSR;
+  reg_t RVR;
+  reg_t CVR;
+} systick_t;
+#define SYSTICK_BASE 0xE000E010
+#define SYSTICK ((systick_t *)SYSTICK_BASE)
+
+#define SYSTICK_CSR_ENABLE BIT(0)
+#define SYSTICK_CSR_TICKINT BIT(1)
+#define SYSTICK_CSR_CLKSOURCE BIT(2)
+#define SYSTICK_CSR_COUNTFLAG BIT(16)
+
+typedef struct {
+  reg_t unused_000[64];
+  reg_t ISER0;
+  reg_t ISER1;
+  reg_t unused_108[62];
+  reg_t ISPR0;
+  reg_t ISPR1;
+  reg_t unused_208[126];
+  reg_t unused_400[5];
+  reg_t IPR5;
+  reg_t unused_418[3];
+  reg_t IPR9;
+} nvic_t;
+#define NVIC_BASE 0xE000E000
+#define NVIC ((nvic_t *)NVIC_BASE)
+
+enum { IRQ_CAN1_RX0 = 20, IRQ_USART2 = 38 };
+
+typedef struct {
+  reg_t CPUID;
+  reg_t ICSR;
+  reg_t VTOR;
+  reg_t AIRCR;
+  reg_t SCR;
+  reg_t CCR;
+  reg_t SHPR1;
+  reg_t SHPR2;
+  reg_t SHPR3;
+} scb_t;
+#define SCB_BASE 0xE000ED00
+#define SCB ((scb_t *)SCB_BASE)
+
+#define SCB_AIRCR_SYSRESETREQ BIT(2)
+#define SCB_AIRCR_VECTKEY FIELD(16, 16, 0x05FA)
+
+#endif

@@ -1,0 +1,97 @@
+#include "firmware/port/port.h"
+#include "firmware/port/stm32f4/board.h"
+
+enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT };
+
+/* Driver enable of an RS-485 transceiver, on port B; high from the first bit to the last. */
+enum { PIN_DRIVE = 12 };
+
+/* Powers of 2. In: what comes in 20 ms of a main loop that is held up. Out: a frame. */
+enum { RING = 256 };
+
+typedef struct {
+  uint8_t bytes[RING];
+  volatile uint16_t in;
+  volatile uint16_t out;
+} ring_t;
+
+static ring_t received;
+static ring_t to_send;
+
+/* 8 bits and even parity, which counts as a ninth bit. */
+#define LINE \
+  (USART_CR1_UE | USART_CR1_M | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
+
+static uint16_t used(const ring_t *ring) { return (uint16_t)(ring->in - ring->out); }
+
+void serial_init(uint32_t clock_hz) {
+  RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN;
+  RCC->APB1ENR |= RCC_APB1ENR_USART2EN;
+  (void)RCC->APB1ENR;
+  GPIOB->BSRR = BIT(PIN_DRIVE + 16);
+  pin_mode(GPIOB, PIN_DRIVE, PIN_OUTPUT, PIN_PULL_NONE);
+  pin_alternate(GPIOA, PIN_TX, FUNCTION_USART2, PIN_PULL_UP);
+  pin_alternate(GPIOA, PIN_RX, FUNCTION_USART2, PIN_PULL_UP);
+  USART2->BRR = (clock_hz + BAUD / 2) / BAUD;
+  USART2->CR1 = LINE;
+  NVIC->IPR9 = FIELD(16, 8, PRIORITY_BUS);
+  NVIC->ISER1 = BIT(IRQ_USART2 - 32);
+}
+
+void serial_interrupt(void) {
+  const uint32_t status = USART2->SR;
+  /* Reading the byte also ends an overrun. A byte that was damaged goes on to the CRC. */
+  if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
+    const uint8_t byte = (uint8_t)USART2->DR;
+    if ((status & USART_SR_RXNE) != 0 && used(&received) < RING) {
+      received.bytes[received.in % RING] = byte;
+      BARRIER();
+      received.in++;
+    }
+  }
+  const uint32_t control = USART2->CR1;
+  if ((control & USART_CR1_TXEIE) != 0 && (status & USART_SR_TXE) != 0) {
+    if (used(&to_send) > 0) {
+      USART2->DR = to_send.bytes[to_send.out % RING];
+      to_send.out++;
+    } else {
+      USART2->CR1 = LINE | USART_CR1_TCIE;
+    }
+  } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
+    /* More may have come just now, from what this interrupted. */
+    if (used(&to_send) > 0) {
+      USART2->CR1 = LINE | USART_CR1_TXEIE;
+    } else {
+      GPIOB->BSRR = BIT(PIN_DRIVE + 16);
+      USART2->CR1 = LINE;
+    }
+  }
+}
+
+uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
+  uint16_t count = 0;
+  while (count < room && used(&received) > 0) {
+    BARRIER();
+    bytes[count] = received.bytes[received.out % RING];
+    BARRIER();
+    received.out++;
+    count++;
+  }
+  return count;
+}
+
+uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
+  uint16_t taken = 0;
+  while (taken < count && used(&to_send) < RING) {
+    to_send.bytes[to_send.in % RING] = bytes[taken];
+    BARRIER();
+    to_send.in++;
+    taken++;
+  }
+  if (taken > 0) {
+    GPIOB->BSRR = BIT(PIN_DRIVE);
+    /* The interrupt takes this back only once nothing is left. */
+    USART2->CR1 = LINE | USART_CR1_TXEIE;
+  }
+  return taken;
+}

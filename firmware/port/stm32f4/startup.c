@@ -1,0 +1,72 @@
+/* Vectors and start-up of the image; the symbols are the linker script's. */
+
+#include "firmware/port/stm32f4/board.h"
+#include "firmware/port/stm32f4/tick.h"
+
+extern uint32_t stack_top[];
+extern uint32_t data_begin[];
+extern uint32_t data_end[];
+extern const uint32_t data_load[];
+extern uint32_t bss_begin[];
+extern uint32_t bss_end[];
+
+int main(void);
+_Noreturn void reset(void);
+
+/* The tick, the watchdog and all outputs are off before this; afterwards as after power-up. */
+_Noreturn void board_fail(void) {
+  io_make_safe();
+  SCB->AIRCR = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;
+  for (;;) {
+  }
+}
+
+/* Of addresses, because to C these are different objects. */
+static uint32_t words(const uint32_t *begin, const uint32_t *end) {
+  return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
+}
+
+_Noreturn void reset(void) {
+  SCB->VTOR = FIELD(0, 32, 0x08000000);
+  const uint32_t data_words = words(data_begin, data_end);
+  for (uint32_t i = 0; i < data_words; i++) {
+    data_begin[i] = data_load[i];
+  }
+  const uint32_t bss_words = words(bss_begin, bss_end);
+  for (uint32_t i = 0; i < bss_words; i++) {
+    bss_begin[i] = 0;
+  }
+  (void)main();
+  board_fail();
+}
+
+typedef void (*handler_t)(void);
+
+enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
+
+/* Entries that are 0 belong to interrupts that are never enabled; the core faults on them. */
+typedef struct {
+  uint32_t *stack;
+  handler_t handlers[EXCEPTION_IRQ + IRQ_USART2];
+} vectors_t;
+
+#define HANDLER(exception, handler) [(exception)-1] = (handler)
+
+__attribute__((section(".vectors"), used)) static const vectors_t vectors = {
+    .stack = stack_top,
+    .handlers =
+        {
+            HANDLER(1, reset),
+            HANDLER(2, board_fail), /* NMI */
+            HANDLER(3, board_fail), /* hard fault, and all that are not enabled by themselves */
+            HANDLER(4, board_fail),
+            HANDLER(5, board_fail),
+            HANDLER(6, board_fail),
+            HANDLER(11, board_fail),
+            HANDLER(12, board_fail),
+            HANDLER(14, board_fail),
+            HANDLER(EXCEPTION_SYSTICK, tick_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),
+        },
+};

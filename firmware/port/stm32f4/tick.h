@@ -1,0 +1,13 @@
+#ifndef FIRMWARE_PORT_STM32F4_TICK_H_
+#define FIRMWARE_PORT_STM32F4_TICK_H_
+
+#include <stdint.h>
+
+/* 168 MHz / 1500 Hz, exactly. */
+#define TICK_CYCLES UINT32_C(112000)
+
+void tick_start(void);
+void tick_interrupt(void);
+uint32_t tick_entries(void); /* interrupts since power-up */
+
+#endif

@@ -1,0 +1,75 @@
+#pragma once
+// The firmware's side of a run where the firmware is an image on an emulated chip: the experiment's
+// writes and the ticks go to it as records through a pipe, and its answers come back.
+//
+// Records are little-endian. To the chip, 12 bytes:
+//   tick   {1, din u8, sensor_valid u8, 0, encoder i32, adc0 u16, adc1 u16}
+//   write  {2, 0, object u16, value i32, 0 u32}
+//   end    {3, 0 ...}
+// From the chip, 8 bytes:
+//   tick   {dac i16, out u8, fault u8, limit_reason u8, 0, low 16 bits of its interrupt entries}
+//   write  {refusal i32, 0 u32}
+//   end    {interrupt entries u32, ticks u32}
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "host/link/experiment_writes.hpp"
+#include "host/link/records.hpp"
+#include "host/link/run.hpp"
+#include "host/link/trace_hash.hpp"
+
+namespace forceaxis::host {
+
+// Pipes to and from the chip; the caller's. A chip that says nothing for `patience` is silent.
+struct ChipPipes {
+  int to_fd = -1;
+  int from_fd = -1;
+  std::chrono::milliseconds patience{5000};
+};
+
+struct ChipCounts {
+  std::uint32_t interrupts;  // entries of the 1500 Hz interrupt that found a tick to do
+  std::uint32_t ticks;
+};
+
+class ChipSide {
+ public:
+  // Gives the initial writes to a chip that has just powered up. Throws sim::InputError if the
+  // firmware refuses one, TransportError if the chip falls silent; as everything here does.
+  ChipSide(const Experiment &experiment, const ChipPipes &pipes);
+
+  LinkOutputs tick(const LinkInputs &in);
+
+  // Ends the run on the chip.
+  ChipCounts end();
+
+  std::string hash() { return hash_.hex(); }
+  const std::vector<Refusal> &refused() const { return writes_.refused(); }
+
+ private:
+  using Record = std::array<std::uint8_t, 12>;
+  using Answer = std::array<std::uint8_t, 8>;
+
+  Answer ask(const Record &record) const;
+  ExperimentWrites::Write writer() const;
+
+  ChipPipes pipes_;
+  ExperimentWrites writes_;
+  TraceHash hash_;
+};
+
+struct ChipRun {
+  RunResult result;
+  ChipCounts counts;
+};
+
+// As run(), with the firmware on the chip. result.firmware_hash is that of what the chip was given
+// and answered.
+ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
+                    const ChipPipes &pipes);
+
+}  // namespace forceaxis::host

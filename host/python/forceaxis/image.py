@@ -1,0 +1,188 @@
+"""Images of the firmware as files (.elf, .hex, .bin): what lies where in flash, and their identity.
+
+The identity is a structure that every port places in flash; firmware/port/identity.h defines it.
+"""
+
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+from forceaxis._core import InputError
+
+BIN_ADDRESS = 0x08000000
+MAGIC = b"FAXI"
+IDENTITY = struct.Struct("<4sI16s16sI16s")
+ARM, EXECUTABLE, LOADED = 40, 2, 1  # ELF: e_machine, e_type, p_type
+BYTES_MAX = 16 << 20  # no image: reading one by mistake is to end soon
+
+
+class Identity(NamedTuple):
+    version: str
+    git: str
+    table_hash: str  # eight digits, as objects.OBJECTS_HASH begins
+    board: str
+
+
+class Segment(NamedTuple):
+    address: int
+    data: bytes
+
+    @property
+    def end(self):
+        return self.address + len(self.data)
+
+
+class Image(NamedTuple):
+    path: Path
+    kind: str  # elf, hex or bin
+    address: int | None  # of a .bin, which has none of its own
+    segments: tuple[Segment, ...]  # in the order of their addresses, apart from each other
+
+    @property
+    def size(self):
+        return sum(len(s.data) for s in self.segments)
+
+    def word(self, address):
+        """The 32-bit word there, or None."""
+        for s in self.segments:
+            if s.address <= address and address + 4 <= s.end:
+                return int.from_bytes(s.data[address - s.address :][:4], "little")
+        return None
+
+    def __contains__(self, address):
+        return any(s.address <= address < s.end for s in self.segments)
+
+
+def load(path, address=None):
+    """The image in a file, its kind told by the file's name. Raises InputError, OSError."""
+    path = Path(path)
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in READERS:
+        raise InputError(f"{path}: expected a file .elf, .hex or .bin")
+    if address is not None and kind != "bin":
+        raise InputError(f"{path}: expected --address with a .bin only; this file has its own")
+    if path.stat().st_size > BYTES_MAX:
+        raise InputError(f"{path}: expected an image, which is smaller than {BYTES_MAX} bytes")
+    data = path.read_bytes()
+    if kind == "bin":
+        address = BIN_ADDRESS if address is None else address
+        if data.startswith(b"\x7fELF"):  # openocd would read it as one
+            raise InputError(f"{path}: expected a .bin, this is an ELF file")
+    segments = READERS[kind](path, data, address)
+    if not segments:
+        raise InputError(f"{path}: expected an image, there is nothing to be written in it")
+    return Image(path, kind, address, joined(path, segments))
+
+
+def joined(path, segments):
+    """Segments in order, neighbours made one."""
+    found = []
+    for s in sorted(segments):
+        if found and s.address < found[-1].end:
+            raise InputError(f"{path}: expected each byte once, {s.address:#010x} has two")
+        if found and s.address == found[-1].end:
+            s = Segment(found[-1].address, found.pop().data + s.data)
+        found.append(s)
+    return tuple(found)
+
+
+def read_bin(_path, data, address):
+    return [Segment(address, data)] if data else []
+
+
+def read_elf(path, data, _address):
+    """What a loader writes: the file's part of every PT_LOAD at its physical address."""
+    if not data.startswith(b"\x7fELF"):
+        raise InputError(f"{path}: expected an ELF file")
+    try:
+        bits, order = data[4], data[5]
+        kind, machine = struct.unpack_from("<HH", data, 16)
+        if (bits, order, machine) != (1, 1, ARM):
+            raise InputError(
+                f"{path}: expected an image for a 32-bit little-endian ARM (machine {ARM}), "
+                f"this is {32 * bits} bits, machine {machine}"
+            )
+        if kind != EXECUTABLE:
+            raise InputError(f"{path}: expected a linked image, this is ELF type {kind}")
+        (table,) = struct.unpack_from("<I", data, 28)
+        entry_bytes, entries = struct.unpack_from("<HH", data, 42)
+        segments = []
+        for n in range(entries):
+            what, offset, _, physical, count = struct.unpack_from(
+                "<5I", data, table + n * entry_bytes
+            )
+            if what != LOADED or not count:
+                continue
+            if offset + count > len(data):
+                raise InputError(f"{path}: expected {offset + count} bytes, it ends too early")
+            segments.append(Segment(physical, data[offset : offset + count]))
+    except (struct.error, IndexError):
+        raise InputError(f"{path}: expected an ELF file, it ends too early") from None
+    return segments
+
+
+def read_hex(path, data, _address):
+    """Intel HEX: records :nnaaaattdd..cc, addresses above 16 bits by types 2 and 4."""
+    segments, base, ended = [], 0, False
+    for number, line in enumerate(data.split(b"\n"), 1):
+        line = line.strip()
+        if not line:
+            continue
+        where = f"{path}:{number}"
+        if ended:
+            raise InputError(f"{where}: expected nothing behind the end record")
+        try:
+            record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
+        except ValueError:
+            record = b""
+        if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
+            raise InputError(f"{where}: expected a record of Intel HEX")
+        if sum(record) % 256:
+            raise InputError(f"{where}: expected a checksum that fits")
+        at, kind, content = int.from_bytes(record[1:3], "big"), record[3], record[4:-1]
+        if kind == 0 and content:
+            last = segments[-1] if segments else None
+            if last and last[0] + len(last[1]) == base + at:
+                last[1].extend(content)
+            else:
+                segments.append((base + at, bytearray(content)))
+        elif kind == 1:
+            ended = True
+        elif kind in (2, 4) and len(content) == 2:
+            base = int.from_bytes(content, "big") << (4 if kind == 2 else 16)
+        elif kind not in (0, 3, 5):
+            raise InputError(f"{where}: expected a record of type 0 to 5, got {kind}")
+    if not ended:
+        raise InputError(f"{path}: expected an end record, it ends too early")
+    return [Segment(address, bytes(content)) for address, content in segments]
+
+
+READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
+
+
+def identity(image):
+    """Who the image is. Raises InputError unless it says so exactly once."""
+    found = []
+    for s in image.segments:
+        at = s.data.find(MAGIC)
+        while at >= 0:
+            head = s.data[at : at + IDENTITY.size]
+            if (s.address + at) % 4 == 0 and len(head) == IDENTITY.size:
+                _, size, *fields = IDENTITY.unpack(head)
+                # Fields may be added behind those known here; code that holds the magic has no
+                # such size behind it.
+                if IDENTITY.size <= size <= 256:
+                    found.append(fields)
+            at = s.data.find(MAGIC, at + 1)
+    if len(found) != 1:
+        raise InputError(
+            f"{image.path}: expected one identity of a forceaxis image (FAXI), "
+            f"there {'is none' if not found else f'are {len(found)}'}"
+        )
+    version, git, table_hash, board = found[0]
+    return Identity(text(version), text(git), f"{table_hash:08x}", text(board))
+
+
+def text(field):
+    """A field's text; what a terminal must not get is shown as '?'."""
+    return "".join(chr(b) if 32 <= b < 127 else "?" for b in field.split(b"\0")[0])

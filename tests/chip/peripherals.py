@@ -1,0 +1,631 @@
+"""Models of the STM32F446's peripherals, written from the reference manual RM0390 (register maps at
+the end of each chapter) and the ARMv7-M manual, with addresses and bits of their own: nothing here
+is taken from the port. What the manual forbids is noted in `Board.mistakes`.
+
+Time is what a test makes it: a conversion takes so many reads of its status register, a PLL locks
+after so many, a CAN bus moves when Can.bits() is called.
+"""
+
+from collections import defaultdict
+from typing import ClassVar
+
+SUPPLY_V = 3.3
+HSI_HZ = 16e6
+READS_UNTIL_READY = 3
+NEVER = 1 << 60
+
+GPIOA, GPIOB, GPIOC = 0x40020000, 0x40020400, 0x40020800
+RCC, FLASH = 0x40023800, 0x40023C00
+TIM5, ADC, DAC = 0x40000C00, 0x40012000, 0x40007400
+CAN1, USART2, IWDG = 0x40006400, 0x40004400, 0x40003000
+SYSTICK, NVIC, SCB = 0xE000E010, 0xE000E100, 0xE000ED00
+
+
+def bits(value, at, width=1):
+    return value >> at & (1 << width) - 1
+
+
+class Peripheral:
+    """Registers that hold what is written, unless a model overrides read() or write()."""
+
+    size = 0x400
+    reset: ClassVar[dict[int, int]] = {}  # offset: value
+
+    def __init__(self, board):
+        self.board = board
+        self.registers = defaultdict(int, self.reset)
+
+    def __getitem__(self, offset):
+        return self.registers.get(offset, 0)
+
+    def read(self, offset):
+        return self[offset]
+
+    def write(self, offset, value):
+        self.registers[offset] = value
+
+
+class Rcc(Peripheral):
+    """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready."""
+
+    reset: ClassVar = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
+    lock_reads = READS_UNTIL_READY
+    reads = 0
+    switches = True
+
+    def read(self, offset):
+        if offset == 0x00 and bits(self[0x00], 24):
+            self.reads += 1
+            if self.reads >= self.lock_reads:
+                self.registers[0x00] |= 1 << 25
+        if offset == 0x08 and self.switches:
+            wanted = bits(self[0x08], 0, 2)
+            if wanted == 0 or (wanted == 2 and bits(self[0x00], 25)):
+                self.registers[0x08] = self[0x08] & ~0xC | wanted << 2
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x00:
+            value = value & ~(1 << 25) | (self[0x00] & 1 << 25 if bits(value, 24) else 0)
+        if offset == 0x04 and bits(self[0x00], 24):
+            self.board.mistakes.append("PLLCFGR written while the PLL is on")
+        if offset == 0x08:
+            value = value & ~0xC | self[0x08] & 0xC
+            if bits(value, 0, 2) == 2:
+                if not bits(self[0x00], 25):
+                    self.board.mistakes.append("switched to a PLL that is not ready")
+                if self.board.flash[0x00] & 7 < 5:
+                    self.board.mistakes.append("168 MHz with too few wait states")
+        self.registers[offset] = value
+
+    def core_hz(self):
+        self.read(0x08)
+        if bits(self[0x08], 2, 2) == 0:
+            return HSI_HZ
+        assert bits(self[0x04], 22) == 0, "the PLL's source is not the HSI"
+        m, n = bits(self[0x04], 0, 6), bits(self[0x04], 6, 9)
+        vco_in = HSI_HZ / m
+        assert 0.95e6 <= vco_in <= 2.1e6 and 100e6 <= vco_in * n <= 432e6
+        pll = vco_in * n / (2 * bits(self[0x04], 16, 2) + 2)
+        prescaler = bits(self[0x08], 4, 4)
+        return pll / (1 if prescaler < 8 else 2 ** (prescaler - 7))
+
+    def bus_hz(self, at):
+        prescaler = bits(self[0x08], at, 3)
+        return self.core_hz() / (1 if prescaler < 4 else 2 ** (prescaler - 3))
+
+    def apb1_hz(self):
+        return self.bus_hz(10)
+
+    def apb2_hz(self):
+        return self.bus_hz(13)
+
+    def clocked(self, offset, bit):
+        return bool(bits(self[offset], bit))
+
+
+class Flash(Peripheral):
+    """3.8, and the two sectors that the firmware may write, 16 KiB each from 0x08004000."""
+
+    BASE, SECTOR = 0x08004000, 0x4000
+    reset: ClassVar = {0x10: 0x80000000}
+    busy_reads = READS_UNTIL_READY
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.bytes = bytearray(b"\xff" * 2 * self.SECTOR)
+        self.keys = []
+        self.busy = 0
+        self.fail = None  # error bit that the next operations end with
+        self.protected = set()  # sectors
+        self.words = 0
+        self.erased = []
+        self.cut_after = None  # words or erases until the power goes
+
+    def error(self, bit):
+        self.registers[0x0C] = self[0x0C] | 1 << bit
+
+    def read(self, offset):
+        if offset == 0x0C:
+            if self.busy > 0:
+                self.busy -= 1
+                return self[0x0C] | 1 << 16
+            return self[0x0C]
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x04:
+            self.keys = [*self.keys, value][-2:]
+            if self.keys == [0x45670123, 0xCDEF89AB]:
+                self.registers[0x10] = self[0x10] & ~(1 << 31)
+        elif offset == 0x0C:
+            self.registers[0x0C] = self[0x0C] & ~value
+        elif offset == 0x10:
+            if bits(self[0x10], 31):
+                self.board.mistakes.append("FLASH_CR written while locked")
+                return
+            self.registers[0x10] = value & ~(1 << 16)
+            if bits(value, 16):
+                self.erase(bits(value, 1), bits(value, 2), bits(value, 3, 4))
+        elif offset == 0x00 and bits(value, 12) and bits(value, 10):
+            self.board.mistakes.append("data cache reset while it is on")
+        else:
+            self.registers[offset] = value
+
+    def erase(self, sector_erase, mass_erase, number):
+        assert sector_erase and not mass_erase and number in (1, 2), "erased what is not the store"
+        self.busy = self.busy_reads
+        if number in self.protected:
+            self.error(4)
+        elif self.fail is not None:
+            self.error(self.fail)
+        else:
+            at = (number - 1) * self.SECTOR
+            self.bytes[at : at + self.SECTOR] = b"\xff" * self.SECTOR
+            self.erased.append(number)
+
+    def program(self, at, size, value):
+        control = self[0x10]
+        if bits(control, 31) or not bits(control, 0) or self.busy > 0:
+            self.error(7)  # PGSERR
+            return
+        if size != 1 << bits(control, 8, 2):
+            self.error(6)  # PGPERR
+            return
+        self.busy = self.busy_reads
+        if 1 + at // self.SECTOR in self.protected:
+            self.error(4)  # WRPERR
+        elif self.fail is not None:
+            self.error(self.fail)
+        else:
+            for i, byte in enumerate(value.to_bytes(size, "little")):
+                self.bytes[at + i] &= byte
+            self.words += 1
+
+
+class Gpio(Peripheral):
+    """8.4: the mode decides what a pin does; an input reads its wire, or else its pull."""
+
+    def __init__(self, board, name, moder):
+        super().__init__(board)
+        self.name = name
+        self.registers[0x00] = moder
+        self.wires = {}  # pin: level that something outside drives
+
+    def mode(self, pin):
+        return bits(self[0x00], 2 * pin, 2)
+
+    def function(self, pin):
+        return bits(self[0x20 if pin < 8 else 0x24], 4 * (pin % 8), 4)
+
+    def level(self, pin):
+        if self.mode(pin) == 1:
+            return bits(self[0x14], pin)
+        if pin in self.wires:
+            return self.wires[pin]
+        return 1 if bits(self[0x0C], 2 * pin, 2) == 1 else 0
+
+    def read(self, offset):
+        if offset == 0x10:
+            return sum(self.level(pin) << pin for pin in range(16))
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x18:
+            odr = self[0x14] & ~(value >> 16)
+            self.registers[0x14] = (odr | value & 0xFFFF) & 0xFFFF
+        else:
+            self.registers[offset] = value
+        self.board.look()
+
+
+class Tim5(Peripheral):
+    """17.3.12: in encoder mode 3 the counter follows both edges of TI1 and TI2, up to ARR."""
+
+    reset: ClassVar = {0x2C: 0xFFFFFFFF}
+
+    def turn(self, counts):
+        port = self.board.gpioa
+        connected = all(port.mode(p) == 2 and port.function(p) == 2 for p in (0, 1))
+        selected = bits(self[0x18], 0, 2) == 1 and bits(self[0x18], 8, 2) == 1
+        if connected and selected and bits(self[0x00], 0) and bits(self[0x08], 0, 3) == 3:
+            self.registers[0x24] = (self[0x24] + counts) % (self[0x2C] + 1)
+
+
+class Adc(Peripheral):
+    """13: an injected group of JL + 1 conversions, the last places of JSQR, in scan mode. The
+    registers common to all converters lie at 0x300."""
+
+    SAMPLE_CYCLES = (3, 15, 28, 56, 84, 112, 144, 480)
+    ready_reads = READS_UNTIL_READY
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.volts = {}  # channel: input
+        self.waiting = None  # reads until the conversion is done
+        self.reads = 0
+        self.conversions = 0
+
+    def group(self):
+        count = bits(self[0x38], 20, 2) + 1
+        if count > 1 and not bits(self[0x04], 8):
+            count = 1  # without SCAN only the first one
+        first = 4 - (bits(self[0x38], 20, 2) + 1)
+        return [bits(self[0x38], 5 * (first + i), 5) for i in range(count)]
+
+    def duration_s(self):
+        divider = 2 * bits(self[0x304], 16, 2) + 2
+        clock = self.board.rcc.apb2_hz() / divider
+        assert clock <= 36e6
+        width = 12 - 2 * bits(self[0x04], 24, 2)
+        cycles = sum(
+            self.SAMPLE_CYCLES[bits(self[0x10], 3 * channel, 3)] + width for channel in self.group()
+        )
+        return cycles / clock
+
+    def read(self, offset):
+        if offset == 0x00 and self.waiting is not None:
+            self.reads += 1
+            self.waiting -= 1
+            if self.waiting <= 0:
+                self.finish()
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x00:
+            self.registers[0x00] = self[0x00] & value  # written 0 clears
+            return
+        if offset == 0x08 and bits(value, 22):
+            value &= ~(1 << 22)
+            if bits(value, 0) and bits(self[0x08], 0):
+                self.waiting = self.ready_reads
+                self.conversions += 1
+            else:
+                self.board.mistakes.append("conversion started while the ADC was off")
+        self.registers[offset] = value
+
+    def finish(self):
+        self.waiting = None
+        width = 12 - 2 * bits(self[0x04], 24, 2)
+        for i, channel in enumerate(self.group()):
+            analog = self.board.gpioa.mode(channel) == 3  # channels 0..7 are PA0..PA7
+            volts = self.volts.get(channel, 0.0) if analog else 0.0
+            code = min(max(int(volts / SUPPLY_V * (1 << width)), 0), (1 << width) - 1)
+            self.registers[0x3C + 4 * i] = code
+        self.registers[0x00] = self[0x00] | 1 << 2  # JEOC
+
+
+class Dac(Peripheral):
+    """14: without a trigger DHR goes to DOR; a channel that is off leaves its pin alone."""
+
+    def write(self, offset, value):
+        self.registers[offset] = value
+        if offset == 0x08:
+            self.registers[0x2C] = value & 0xFFF
+        if bits(self[0x00], 2):
+            self.board.mistakes.append("DAC waits for a trigger")
+        self.board.look()
+
+    def pin_v(self):
+        """The bias of the board makes half the supply of a pin that nothing drives."""
+        if bits(self[0x00], 0) and self.board.gpioa.mode(4) == 3:
+            volts = SUPPLY_V * self[0x2C] / 4096
+            # With its output buffer the converter reaches no closer to the rails than 0.2 V.
+            buffered = not bits(self[0x00], 1)
+            return min(max(volts, 0.2), SUPPLY_V - 0.2) if buffered else volts
+        return SUPPLY_V / 2
+
+    def stage_v(self):
+        return (self.pin_v() - SUPPLY_V / 2) * 20 / SUPPLY_V
+
+
+class Can(Peripheral):
+    """30: bxCAN. Frames are (id, data, extended, remote)."""
+
+    reset: ClassVar = {
+        0x00: 0x00010002,
+        0x04: 0x00000C02,
+        0x08: 0x1C000000,
+        0x1C: 0x01230000,
+        0x200: 0x2A1C0E01,
+    }
+    OFF_BITS = 128 * 11
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.fifo = []
+        self.requests = []  # mailboxes in order of their request
+        self.sent = []
+        self.join_bits = None  # until the bus is joined
+        self.dominant = False  # the bus is stuck
+        self.answers_init = True
+
+    # --- the controller's own state
+
+    def initialising(self):
+        return bool(self[0x04] & 1)
+
+    def write(self, offset, value):
+        if offset == 0x00:
+            self.registers[0x00] = value
+            if not value & 2:
+                self.registers[0x04] &= ~2  # SLAK
+            if value & 1 and self.answers_init:
+                self.registers[0x04] |= 1
+                self.join_bits = None
+            elif not value & 1 and self.initialising():
+                self.join_bits = self.OFF_BITS if self[0x18] & 4 else 11
+        elif offset == 0x08:
+            for box in range(3):
+                if value >> (8 * box + 7) & 1 and box in self.requests:
+                    self.requests.remove(box)
+                    self.empty(box)
+        elif offset == 0x0C:
+            self.registers[0x0C] = self[0x0C] & ~(value & 0x18)
+            if value & 0x20 and self.fifo:
+                self.fifo.pop(0)
+        elif offset == 0x1C and not self.initialising():
+            self.board.mistakes.append("bit timing written outside initialisation")
+        elif 0x240 <= offset < 0x320 and not self[0x200] & 1 and self[0x21C] & 1:
+            self.board.mistakes.append("active filter written")
+        elif 0x180 <= offset < 0x1B0:
+            box = (offset - 0x180) // 16
+            self.registers[offset] = value
+            if offset % 16 == 0 and value & 1:
+                self.requests.append(box)
+                self.registers[0x08] &= ~(1 << 26 + box)
+        else:
+            self.registers[offset] = value
+
+    def read(self, offset):
+        if offset == 0x0C:
+            return self[0x0C] & 0x18 | len(self.fifo)
+        if 0x1B0 <= offset < 0x1C0:
+            return self.head()[(offset - 0x1B0) // 4] if self.fifo else 0
+        return self[offset]
+
+    def empty(self, box):
+        self.registers[0x08] |= 1 << 26 + box
+        self.registers[0x180 + 16 * box] &= ~1
+
+    def head(self):
+        can_id, data, extended, remote = self.fifo[0]
+        word = can_id << 3 | 4 if extended else can_id << 21
+        full = data.ljust(8, b"\0")
+        low, high = (int.from_bytes(full[i : i + 4], "little") for i in (0, 4))
+        return [word | (2 if remote else 0), len(data), low, high]
+
+    # --- the bus
+
+    def bit_rate(self):
+        btr = self[0x1C]
+        quanta = 1 + bits(btr, 16, 4) + 1 + bits(btr, 20, 3) + 1
+        return self.board.rcc.apb1_hz() / (bits(btr, 0, 10) + 1) / quanta
+
+    def sample_point(self):
+        before = 1 + bits(self[0x1C], 16, 4) + 1
+        return before / (before + bits(self[0x1C], 20, 3) + 1)
+
+    def connected(self):
+        port = self.board.gpiob
+        pins = all(port.mode(p) == 2 and port.function(p) == 9 for p in (8, 9))
+        return pins and not self.initialising() and not self[0x04] & 2
+
+    def bits(self, count):
+        """So many recessive bits, or dominant ones on a bus that is stuck."""
+        if self.join_bits is not None and not self.dominant:
+            self.join_bits -= count
+            if self.join_bits <= 0:
+                self.join_bits = None
+                self.registers[0x04] &= ~1
+                self.registers[0x18] = 0
+
+    def accepts(self, extended):
+        active, mask_mode = self[0x21C] & 1, not self[0x204] & 1
+        wide, to_fifo_0 = self[0x20C] & 1, not self[0x214] & 1
+        if not (active and mask_mode and wide and to_fifo_0) or self[0x200] & 1:
+            return False
+        wanted, mask = self[0x240], self[0x244]
+        assert mask in (0, 4), "filters more than extended identifiers"
+        return (wanted ^ (4 if extended else 0)) & mask == 0
+
+    def receive(self, can_id, data=b"", extended=False, remote=False):
+        if not self.connected() or self[0x18] & 4 or not self.accepts(extended):
+            return
+        if len(self.fifo) == 3:
+            self.registers[0x0C] |= 0x10
+            if not self[0x00] & 8:  # RFLM
+                self.fifo[-1] = (can_id, data, extended, remote)
+            return
+        self.fifo.append((can_id, data, extended, remote))
+        if len(self.fifo) == 3:
+            self.registers[0x0C] |= 8
+
+    def transmit(self):
+        """Everything that waits goes out."""
+        while self.requests and self.connected() and not self[0x18] & 4:
+            box = self.requests[0]
+            if not self[0x00] & 4:  # without TXFP the lowest identifier first
+                box = min(self.requests, key=lambda b: self[0x180 + 16 * b])
+            self.requests.remove(box)
+            head, length, low, high = (self[0x180 + 16 * box + 4 * i] for i in range(4))
+            assert not head & 4, "sent an extended frame"
+            data = (low | high << 32).to_bytes(8, "little")[: length & 15]
+            self.sent.append((head >> 21, data, bool(head & 2)))
+            self.empty(box)
+
+    def errors(self, passive=False, off=False):
+        self.registers[0x18] = (2 if passive else 0) | (7 if off else 0)
+
+    def interrupt(self):
+        return bool(self[0x14] & 2 and self.fifo)
+
+
+class Usart(Peripheral):
+    """25.6"""
+
+    reset: ClassVar = {0x00: 0xC0}
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.incoming = []
+        self.sent = bytearray()
+        self.drive = []  # driver enable during each byte
+
+    def read(self, offset):
+        if offset == 0x00:
+            return self[0x00] | (0x20 if self.incoming else 0)
+        if offset == 0x04:
+            self.registers[0x00] &= ~8  # ORE
+            return self.incoming.pop(0) if self.incoming else 0
+        return self[offset]
+
+    def write(self, offset, value):
+        if offset == 0x04:
+            assert self[0x0C] >> 3 & 1 and self[0x0C] >> 13 & 1, "sent while off"
+            self.sent.append(value & 0xFF)
+            self.drive.append(self.board.gpiob.level(12))
+        else:
+            self.registers[offset] = value
+
+    def overrun(self):
+        self.registers[0x00] |= 8
+
+    def baud(self):
+        return self.board.rcc.apb1_hz() / self[0x08]
+
+    def interrupt(self):
+        control, status = self[0x0C], self.read(0x00)
+        return bool(
+            (control & 0x20 and status & 0x28)
+            or (control & 0x80 and status & 0x80)
+            or (control & 0x40 and status & 0x40)
+        )
+
+
+class Iwdg(Peripheral):
+    """21.4"""
+
+    reset: ClassVar = {0x08: 0xFFF}
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.started = False
+        self.feeds = 0
+        self.open = False
+
+    def write(self, offset, value):
+        if offset == 0x00:
+            self.open = value == 0x5555
+            self.started |= value == 0xCCCC
+            self.feeds += value == 0xAAAA
+        elif self.open:
+            self.registers[offset] = value
+        else:
+            self.board.mistakes.append("watchdog written without its key")
+
+    def timeout_s(self, lsi_hz):
+        return (self[0x08] + 1) * (4 << self[0x04]) / lsi_hz
+
+
+class Systick(Peripheral):
+    size = 0x10
+
+    def read(self, offset):
+        value = self[offset]
+        if offset == 0x00:
+            self.registers[0x00] = value & ~(1 << 16)  # COUNTFLAG is cleared by reading
+        return value
+
+    def write(self, offset, value):
+        self.registers[offset] = 0 if offset == 0x08 else value
+
+    def wrap(self):
+        self.registers[0x00] = self[0x00] | 1 << 16
+
+
+class Nvic(Peripheral):
+    size = 0x400
+
+    def write(self, offset, value):
+        if offset < 0x80:
+            value |= self[offset]
+        self.registers[offset] = value
+
+    def enabled(self, irq):
+        return bool(bits(self[4 * (irq // 32)], irq % 32))
+
+    def priority(self, irq):
+        return bits(self[0x300 + irq // 4 * 4], 8 * (irq % 4), 8)
+
+
+class Scb(Peripheral):
+    size = 0x100
+    reset_asked = False
+
+    def write(self, offset, value):
+        if offset == 0x0C:
+            self.reset_asked |= value >> 16 == 0x05FA and bool(value & 4)
+        self.registers[offset] = value
+
+
+class Board:
+    """All of them on their buses. A peripheral without its clock takes and gives nothing."""
+
+    def __init__(self):
+        self.mistakes = []
+        self.trail = []  # (amplifier, brake, volts) whenever one of them changes
+        self.rcc, self.flash = Rcc(self), Flash(self)
+        self.gpioa = Gpio(self, "A", 0xA8000000)
+        self.gpiob = Gpio(self, "B", 0x00000280)
+        self.gpioc = Gpio(self, "C", 0)
+        self.tim5, self.adc, self.dac = Tim5(self), Adc(self), Dac(self)
+        self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
+        self.systick, self.nvic, self.scb = Systick(self), Nvic(self), Scb(self)
+        self.places = [
+            (GPIOA, self.gpioa, (0x30, 0)),
+            (GPIOB, self.gpiob, (0x30, 1)),
+            (GPIOC, self.gpioc, (0x30, 2)),
+            (RCC, self.rcc, None),
+            (FLASH, self.flash, None),
+            (TIM5, self.tim5, (0x40, 3)),
+            (DAC, self.dac, (0x40, 29)),
+            (CAN1, self.can, (0x40, 25)),
+            (USART2, self.usart, (0x40, 17)),
+            (ADC, self.adc, (0x44, 8)),
+            (IWDG, self.iwdg, None),
+            (SYSTICK, self.systick, None),
+            (NVIC, self.nvic, None),
+            (SCB, self.scb, None),
+        ]
+        self.look()
+
+    def look(self):
+        """What stands at the terminals: an output that is not driven is pulled down."""
+        port = getattr(self, "gpiob", None)
+        if port is None or not hasattr(self, "dac"):
+            return
+        now = (port.level(0), port.level(1), self.dac.stage_v())
+        if not self.trail or self.trail[-1] != now:
+            self.trail.append(now)
+
+    def place(self, address):
+        for base, peripheral, clock in self.places:
+            if base <= address < base + peripheral.size:
+                if clock is not None and not self.rcc.clocked(*clock):
+                    self.mistakes.append(f"{address:#x}: without its clock")
+                    return None, 0
+                return peripheral, address - base
+        self.mistakes.append(f"{address:#x}: nothing lies there")
+        return None, 0
+
+    def read(self, address, size):
+        peripheral, offset = self.place(address)
+        return 0 if peripheral is None else peripheral.read(offset) & (1 << 8 * size) - 1
+
+    def write(self, address, size, value):
+        if size != 4:
+            self.mistakes.append(f"{address:#x}: written by {size} bytes")
+        peripheral, offset = self.place(address)
+        if peripheral is not None:
+            peripheral.write(offset, value)

@@ -1,0 +1,96 @@
+"""The whole tick on an emulated Cortex-M4: its instructions stay within the interrupt's budget, and
+docs/chip/instructions.md says what they are.
+
+The table and the fuzz behind it are those of tools/tick_profile, which also writes the table.
+"""
+
+import pytest
+from cortex_m4 import (
+    LOCAL,
+    NODE,
+    ROOT,
+    Chip,
+    Host,
+    Inputs,
+    build_counter,
+    build_image,
+    load_objects,
+)
+from tick_fuzz import Fuzz
+from tick_profile import CAN_MAILBOXES, Profile
+
+INTERRUPT = 1500  # the whole of it
+PORT = 280  # of those: inputs, outputs, frames to send, entry and exit
+BETWEEN = 1500  # what follows it in most ticks; resets and the store are apart
+COVERAGE = 0.95
+SAME_TICKS = 15_000
+
+
+@pytest.fixture(scope="module")
+def profile():
+    return Profile()
+
+
+def test_the_interrupt_fits_into_its_budget(profile):
+    path = ", ".join(f"{name} {count}" for count, name in profile.worst.shares)
+    assert profile.worst.count <= INTERRUPT - PORT, path
+    assert max(profile.between.count, profile.late.count) <= BETWEEN
+    done, total, missed = profile.coverage("fw_interrupt")
+    assert done >= COVERAGE * total, missed
+
+
+def test_the_table_is_what_the_tool_writes(profile):
+    path = ROOT / "docs/chip/instructions.md"
+    assert path.read_text() == profile.table(), "stale: run tools/tick_profile"
+
+
+class Pair:
+    """The chip, which ticks in two, and the host, which does not: whatever is asked of them is
+    asked of both, and answered alike."""
+
+    def __init__(self, folder):
+        self.chip, self.host = Chip(build_image(folder), build_counter(folder)), Host(folder)
+        self.outputs = self.chip.outputs
+
+    def __getattr__(self, name):
+        def both(*arguments):
+            answers = getattr(self.chip, name)(*arguments), getattr(self.host, name)(*arguments)
+            assert answers[0] == answers[1], (name, arguments)
+            return answers[0]
+
+        return both
+
+    def tick(self, inputs):
+        self.outputs = self.host.tick(inputs)
+        self.chip.interrupt(inputs)
+        self.chip.between()
+        assert self.chip.outputs == self.outputs
+
+
+def test_the_chip_sends_what_the_host_sends(tmp_path):
+    pair = Pair(tmp_path)
+    fuzz, inputs, frames = Fuzz(load_objects(), 301), Inputs(0, (0, 0), 1, 1), 0
+    for tick in range(SAME_TICKS):
+        fuzz.step(pair, inputs)
+        pair.tick(bytes(inputs))
+        # A bus that is busy now and then lets the output run full.
+        for _ in range(CAN_MAILBOXES if tick % 500 < 400 else 0):
+            frames += pair.transmit() is not None
+    assert frames > SAME_TICKS // 4
+
+
+def test_a_late_main_loop_loses_no_time(tmp_path):
+    """A heartbeat every 10 ms, 15 ticks: held up by a late fw_between(), it comes with that, and
+    the next one when it would have come anyway."""
+    chip = Chip(build_image(tmp_path), build_counter(tmp_path))
+    chip.write(LOCAL, load_objects()["producer_heartbeat_time"].number, 10)
+    beats = []
+    for tick in range(160):
+        chip.interrupt(bytes(Inputs(0, (0, 0), 1, 1)))
+        if 104 <= tick < 108:
+            continue
+        chip.between()
+        while (frame := chip.transmit()) is not None:
+            if int.from_bytes(frame[:2], "little") == 0x700 + NODE and tick > 0:
+                beats.append(tick)
+    assert beats == [15, 30, 45, 60, 75, 90, 108, 120, 135, 150]

@@ -1,0 +1,94 @@
+"""tools/check_svd, against SVD files written from registers.h itself: each kind of difference is
+found. The vendor's files are not part of the project."""
+
+import importlib.machinery
+import importlib.util
+import subprocess
+import sys
+
+import pytest
+from chip import ROOT
+
+LOADER = importlib.machinery.SourceFileLoader("check_svd", str(ROOT / "tools/check_svd"))
+SPEC = importlib.util.spec_from_loader("check_svd", LOADER)
+CHECK = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(CHECK)
+
+
+def svd_of_header():
+    peripherals, fields, irqs = CHECK.read_header(CHECK.HEADER.read_text())
+    lines = ["<device><peripherals>"]
+    for name, (base, registers) in peripherals.items():
+        if name in CHECK.CORE:
+            continue
+        lines.append(f"<peripheral><name>{CHECK.PERIPHERALS.get(name, name)}</name>")
+        lines.append(f"<baseAddress>{base:#x}</baseAddress><registers>")
+        for register, offset in registers.items():
+            lines.append(f"<register><name>{register}</name><addressOffset>{offset:#x}")
+            lines.append("</addressOffset><fields>")
+            for at, width, rest in sorted(
+                {
+                    (at, width, CHECK.owner(macro, peripherals)[2].split("_")[0])
+                    for macro, at, width in fields
+                    if CHECK.owner(macro, peripherals)[:2] == (name, register)
+                }
+            ):
+                lines.append(f"<field><name>{rest}</name><bitOffset>{at}</bitOffset>")
+                lines.append(f"<bitWidth>{width}</bitWidth></field>")
+            lines.append("</fields></register>")
+        lines.append("</registers>")
+        lines += [
+            f"<interrupt><name>{n}</name><value>{v}</value></interrupt>"
+            for n, v in irqs.items()
+            if n.startswith(name)
+        ]
+        lines.append("</peripheral>")
+    return "".join(lines) + "</peripherals></device>"
+
+
+CHANGES = {
+    "nothing": ("", "", None),
+    "base": ("<baseAddress>0x40007400", "<baseAddress>0x40007800", "DAC: base"),
+    "offset": (
+        "<name>TSR</name><addressOffset>0x8<",
+        "<name>TSR</name><addressOffset>0x9<",
+        "CAN1_TSR: offset",
+    ),
+    "bit": (
+        "<name>BSY</name><bitOffset>16<",
+        "<name>BSY</name><bitOffset>17<",
+        "FLASH_SR_BSY: bits",
+    ),
+    "width": (
+        "<name>PLLN</name><bitOffset>6</bitOffset><bitWidth>9<",
+        "<name>PLLN</name><bitOffset>6</bitOffset><bitWidth>8<",
+        "RCC_PLLCFGR_PLLN_168: bits",
+    ),
+    "name": ("<name>JSWSTART<", "<name>SWSTART<", "ADC_CR2_JSWSTART: bits"),
+    "interrupt": ("<value>38<", "<value>39<", "IRQ_USART2: 38, in the SVD 39"),
+    "peripheral": ("<name>IWDG<", "<name>WWDG<", "IWDG: the SVD has no such peripheral"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_difference_is_found(name, tmp_path):
+    old, new, message = CHANGES[name]
+    text = svd_of_header()
+    assert old in text
+    for device in CHECK.DEVICES:
+        (tmp_path / f"{device}.svd").write_text(text.replace(old, new, 1))
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/check_svd", tmp_path],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == (0 if message is None else 1), done.stdout + done.stderr
+    if message is not None:
+        assert f"STM32F446x: {message}" in done.stdout
+
+
+def test_files_that_are_missing_are_refused_in_one_line(tmp_path):
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/check_svd", tmp_path],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1

@@ -1,0 +1,143 @@
+"""Clients nobody here wrote, at the emulated chip's own serial lines, in real time.
+
+Modbus RTU by libmodbus on USART2; CANopen by python-canopen, whose frames go over USART3 because no
+chip that QEMU knows has CAN.
+"""
+
+import re
+import select
+import socket
+import struct
+import subprocess
+import time
+
+import can
+import canopen
+import pytest
+from canopen.profiles.p402 import BaseNode402
+from chip import ROOT
+from forceaxis import chip, objects
+
+IMAGE = ROOT / "build/image/forceaxis-stm32f446-emulated.elf"
+CLIENT = ROOT / "build/release/tests/wire/modbus_client"
+EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
+NODE = 1
+FRAME = struct.Struct("<HBB8s")
+BY_NAME = {o.name: o for o in objects.OBJECTS}
+
+
+class SerialBus(can.BusABC):
+    """python-can over the tunnel."""
+
+    def __init__(self, path):
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(path))
+        self.bytes = b""
+        super().__init__(channel=str(path))
+
+    def send(self, msg, timeout=None):
+        self.socket.sendall(
+            FRAME.pack(msg.arbitration_id, msg.dlc, msg.is_remote_frame, bytes(msg.data))
+        )
+
+    def _recv_internal(self, timeout):
+        end = time.monotonic() + (timeout or 0)
+        while len(self.bytes) < FRAME.size:
+            left = end - time.monotonic()
+            if not select.select([self.socket], [], [], max(left, 0))[0]:
+                return None, False
+            self.bytes += self.socket.recv(4096)
+        can_id, length, _, data = FRAME.unpack(self.bytes[: FRAME.size])
+        self.bytes = self.bytes[FRAME.size :]
+        frame = can.Message(
+            arbitration_id=can_id, data=data[:length], is_extended_id=False, timestamp=time.time()
+        )
+        return frame, False
+
+    def shutdown(self):
+        super().shutdown()
+        self.socket.close()
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """QEMU in real time; the pty of its Modbus line and the socket of its frames."""
+    log = tmp_path / "log"
+    frames = tmp_path / "frames"
+    with log.open("w") as out:
+        process = subprocess.Popen(
+            [
+                *(chip.QEMU, "-M", "netduinoplus2", "-nographic", "-monitor", "none"),
+                *("-serial", "null", "-serial", "pty"),
+                *("-serial", f"unix:{frames},server=on,wait=off"),
+                *("-semihosting-config", "enable=on,target=native", "-kernel", str(IMAGE)),
+            ],
+            stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+    end = time.monotonic() + 20
+    while not (found := re.search(r"/dev/pts/\d+", log.read_text())) or not frames.exists():
+        assert process.poll() is None and time.monotonic() < end, log.read_text()
+        time.sleep(0.01)
+    yield found[0], frames
+    process.kill()
+    process.wait()
+
+
+def test_libmodbus_makes_a_thousand_transactions_without_an_error(machine):
+    gain, ticks = BY_NAME["force_gain"].modbus, BY_NAME["tick_count"].modbus
+    asked = ["6 7 1", "6 8 60000"]  # takes the axis, and keeps it for a minute
+    for i in range(499):
+        asked += [f"16 {gain} {i}", f"3 {gain} 1"]
+    asked += [f"4 {ticks} 2"]
+    done = subprocess.run(
+        [CLIENT, machine[0], "115200", str(NODE)],
+        input="\n".join(asked) + "\n", capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    answers = done.stdout.splitlines()
+    assert len(answers) == len(asked) > 1000
+    assert [a for a in answers if not a.startswith("ok")] == []
+    assert [a for a in answers[3:-1:2]] == [f"ok {i}" for i in range(499)]
+    high, low = map(int, answers[-1].split()[1:])
+    assert (high << 16) + low > 1000
+
+
+def test_python_canopen_drives_the_chip_through_its_states(machine):
+    network = canopen.Network()
+    network.bus = SerialBus(machine[1])
+    network.connect()
+    try:
+        drive = BaseNode402(NODE, str(EDS))
+        network.add_node(drive)
+        drive.sdo.RESPONSE_TIMEOUT = 2.0
+        version = drive.sdo[0x100A].raw
+        assert version.split()[:2] == [objects_version(), objects.OBJECTS_HASH[:8]]
+        assert len(version.split()) == 3  # and of which commit
+        drive.nmt.state = "PRE-OPERATIONAL"
+        drive.sdo[0x1017].raw = 50
+        drive.nmt.wait_for_heartbeat(5)
+        drive.setup_402_state_machine()
+        drive.nmt.state = "OPERATIONAL"
+        drive.sdo[0x605A].raw = 6  # a quick stop that stays
+        seen = []
+        for state in (
+            "SWITCH ON DISABLED", "READY TO SWITCH ON", "SWITCHED ON", "OPERATION ENABLED",
+            "QUICK STOP ACTIVE", "OPERATION ENABLED", "SWITCHED ON", "READY TO SWITCH ON",
+            "SWITCH ON DISABLED",
+        ):  # fmt: skip
+            drive.state = state
+            seen.append(drive.state)
+        assert seen[3:6] == ["OPERATION ENABLED", "QUICK STOP ACTIVE", "OPERATION ENABLED"]
+        before = drive.sdo[0x2021].raw, drive.sdo[BY_NAME["tick_count"].index].raw
+        drive.state = "OPERATION ENABLED"
+        drive.op_mode = "PROFILED POSITION"
+        assert drive.op_mode == "PROFILED POSITION"
+        drive.state = "SWITCH ON DISABLED"
+        assert before[0] == 0
+        assert drive.sdo[BY_NAME["tick_count"].index].raw > before[1]
+    finally:
+        network.disconnect()
+
+
+def objects_version():
+    header = (ROOT / "firmware/app/fw.h").read_text()
+    return re.search(r'FW_VERSION "([^"]+)"', header).group(1)

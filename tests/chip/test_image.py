@@ -1,0 +1,152 @@
+"""tools/image, the blank port, and both images in an emulator of the STM32F405."""
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from chip import IMAGE, ROOT, segments
+
+EMULATED = IMAGE.with_name("forceaxis-stm32f446-emulated.elf")
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wshadow", "-Wconversion"]
+
+
+def run(*command, **options):
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, **options)
+
+
+@pytest.mark.parametrize("compiler", [["cc"], ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"]])
+def test_the_blank_port_compiles_freestanding(compiler, tmp_path):
+    for source in ("firmware/port/main.c", "firmware/port/blank/blank.c"):
+        done = run(
+            *compiler, "-std=c11", "-O2", "-ffreestanding", *WARNINGS, "-I.", "-c", source,
+            "-o", str(tmp_path / "object.o"),
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+
+
+def test_an_image_that_is_up_to_date_stays():
+    before = IMAGE.stat().st_mtime_ns, EMULATED.stat().st_mtime_ns
+    assert run("tools/image", "--emulated").returncode == 0
+    assert (IMAGE.stat().st_mtime_ns, EMULATED.stat().st_mtime_ns) == before
+
+
+def test_a_wrong_option_is_refused_in_one_line():
+    done = run("tools/image", "--emulate")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+
+
+def test_the_formats_hold_the_same():
+    binary = IMAGE.with_suffix(".bin").read_bytes()
+    memory = {}
+    base = 0
+    for line in IMAGE.with_suffix(".hex").read_text().split():
+        record = bytes.fromhex(line[1:])
+        assert sum(record) % 256 == 0
+        count, address, kind = record[0], int.from_bytes(record[1:3], "big"), record[3]
+        data = record[4 : 4 + count]
+        if kind == 4:
+            base = int.from_bytes(data, "big") << 16
+        elif kind == 2:
+            base = int.from_bytes(data, "big") << 4
+        elif kind == 0:
+            memory.update({base + address + i: b for i, b in enumerate(data)})
+    for address, data in segments(IMAGE):
+        assert bytes(memory.pop(address + i) for i in range(len(data))) == data
+        at = address - 0x08000000
+        assert binary[at : at + len(data)] == data
+    assert memory == {}
+
+
+def test_both_images_are_of_the_same_objects_but_those_of_the_emulator(tmp_path):
+    """Every function of core, fx, proto and app has the same code in both."""
+
+    def code(image):
+        text = run("arm-none-eabi-nm", "-S", str(image)).stdout
+        return {m[3]: int(m[2], 16) for m in re.finditer(r"^(\w+) (\w+) [Tt] (\w+)$", text, re.M)}
+
+    released, emulated = code(IMAGE), code(EMULATED)
+    differ = {n for n in released.keys() & emulated.keys() if released[n] != emulated[n]}
+    ours = {"io_init", "io_make_safe", "io_node_id", "io_serial_number", "io_clock_is_right"}
+    port = {
+        "port_sense",
+        "port_act",
+        "port_idle",
+        "flash_memory",
+        "watchdog_start",
+        "can_interrupt",
+    }
+    buses = {"port_can_receive", "port_can_transmit", "port_can_bus", "port_can_lost"}
+    assert differ <= ours | port | buses | {"port_feed_watchdog"}, differ
+    assert {"fw_tick", "axis_tick", "port_tick", "tick_interrupt", "main"} <= released.keys()
+    assert {"fw_tick", "axis_tick", "port_tick", "tick_interrupt", "main"} <= emulated.keys()
+
+
+# --- in QEMU: clocks, converters, CAN and pins read 0 there
+
+
+def qemu(image, *options):
+    assert shutil.which("qemu-system-arm"), "qemu-system-arm is not installed"
+    return subprocess.Popen(
+        ["qemu-system-arm", "-M", "netduinoplus2", "-accel", "tcg", "-display", "none",
+         "-monitor", "none", "-kernel", str(image), *options],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def until(condition, what):
+    for _ in range(1200):
+        if condition():
+            return
+        time.sleep(0.05)
+    raise AssertionError(what)
+
+
+@pytest.mark.parametrize("image", [IMAGE, EMULATED], ids=["released", "emulated"])
+def test_it_boots_and_ticks_without_its_peripherals(image, tmp_path):
+    log = tmp_path / "log"
+    process = qemu(
+        image, "-serial", "null", "-serial", "null", "-icount", "shift=3,sleep=off",
+        "-d", "int,guest_errors", "-D", str(log),
+    )  # fmt: skip
+    try:
+        until(
+            lambda: log.exists() and log.read_bytes().count(b"pending nonsecure exception 15") > 20,
+            "no tick",
+        )
+    finally:
+        process.kill()
+        process.wait()
+    text = log.read_text(errors="replace")
+    assert text.count("Loaded reset SP 0x2000") == 1, "it was reset"
+    assert "exception 3" not in text and "Invalid" not in text
+
+
+def test_the_emulated_image_answers_modbus():
+    listener = socket.socket()
+    listener.bind(("127.0.0.1", 0))
+    listener.listen(1)
+    listener.settimeout(60)
+    process = qemu(
+        EMULATED, "-serial", "null", "-serial", f"tcp:127.0.0.1:{listener.getsockname()[1]}"
+    )
+    try:
+        line, _ = listener.accept()
+        line.settimeout(60)
+        from test_buses import crc
+
+        time.sleep(0.3)  # the chip empties its receiver when it is enabled
+        answer = b""
+        line.sendall(crc(bytes([1, 0x2B, 14, 2, 0])))
+        while len(answer) < 8 or crc(answer[:-2]) != answer:
+            part = line.recv(256)
+            assert part, answer
+            answer += part
+        assert b"stm32f446" in answer
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()

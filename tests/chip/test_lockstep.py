@@ -1,0 +1,65 @@
+"""The image on an emulated Cortex-M4 around the plant: the very trace of the run in process.
+
+Start-up, interrupt and firmware are those that are flashed; what QEMU has no model of is replaced
+(firmware/port/stm32f4/emulated). The interrupt runs at 1500 Hz of the chip's own clock.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from forceaxis import _core, chip, link, tables
+from forceaxis.paths import EXPERIMENTS
+
+CHIP = link.Link(link.CHIP)
+FORCEAXIS = Path(sys.executable).parent / "forceaxis"
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("contact.toml", []),
+        ("contact.toml", ["firmware.force_gain=10", "firmware.force_setpoint=15"]),
+        ("position_step.toml", []),
+        ("session.toml", ["experiment.duration_s=2"]),
+    ],
+)
+def test_the_trace_is_that_of_the_run_in_process(name, overrides):
+    path = EXPERIMENTS / name
+    here = _core.run(str(path), overrides)
+    result, told = link.run(CHIP, path, overrides)
+    assert told["same"]
+    assert told["hashes"]["axis"] == here.trace_hash
+    assert list(result.dac) == list(here.dac)
+    # Each interrupt did a tick, and no tick was done without one.
+    assert told["interrupts"] == told["ticks"] == len(here.tick)
+    assert result.refused == here.refused
+    assert len(set(result.dac)) > 20  # it was driven
+
+
+def test_the_stability_tables_are_those_of_the_runs_in_process():
+    known = tables.load()
+    jobs = [known.job(cell) for cell in known.cells]
+    assert tables.run_jobs(jobs, 1, "tables", CHIP) == tables.run_jobs(jobs, 1, "tables")
+
+
+def test_a_chip_that_ends_is_told(tmp_path):
+    """A power-up that another program cuts short."""
+    with chip.Emulator(link.program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+        os.kill(emulator.process.pid, signal.SIGKILL)
+        emulator.process.wait()
+        with pytest.raises(_core.TransportError, match=r"emulated chip: (ended|said nothing)"):
+            _core.run_on_chip(str(EXPERIMENTS / "contact.toml"), [], *emulator.pipes, timeout_s=0.5)
+
+
+def test_the_verb_says_where_the_firmware_was():
+    done = subprocess.run(
+        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", link.CHIP],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "netduinoplus2" in done.stdout
+    assert "interrupts" in done.stdout

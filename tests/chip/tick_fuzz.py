@@ -1,0 +1,337 @@
+"""A random master, bus and plant around the firmware, the same ones for whoever plays them: what
+happens follows from the seed, the tick and the output alone.
+
+A scenario lasts some hundred ticks: a mode of operation, a mapping of the PDOs, timers, the
+recorder's channels. In it controlwords, targets, parameters, frames of every kind, Modbus requests,
+resets and broken sensors come at random.
+"""
+
+import random
+import struct
+
+from cortex_m4 import LOCAL, NODE
+
+MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8]
+CANOPEN = 0  # FW_SOURCE_
+SCENARIO_TICKS = 160
+COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F]
+COMMANDS += [0x21F]
+# Values that reach every branch: small and large, both rails, their neighbours, and off.
+VALUES = {
+    "target_position": [0, 100, -3000, 50000, 2147483647, -2147483648],
+    "target_velocity": [0, 1, -3000, 15000, 3072000, -3072000],
+    "target_force": [0, 100, 750, -500, 32767, -32768],
+    "trajectory_velocity": [1, 3000, 30000, 3072000],
+    "trajectory_acceleration": [35, 225000, 575000000],
+    "trajectory_deceleration": [2250, 225000, 575000000],
+    "quick_stop_deceleration": [35, 225000, 2250000, 575000000],
+    "velocity_max": [15000, 300000, 3072000, 3072000],
+    "quick_stop_option": [0, 1, 2, 5, 6],
+    "fault_reaction_option": [0, 1, 2],
+    "abort_connection_option": [0, 1, 2, 3],
+    "shutdown_option": [0, 1],
+    "disable_operation_option": [0, 1],
+    "halt_option": [1, 2],
+    "position_limit_min": [-2147483648, -2147483648, -4000],
+    "position_limit_max": [2147483647, 2147483647, 6000],
+    "following_error_window": [0xFFFFFFFF, 0xFFFFFFFF, 2000, 10],
+    "following_error_timeout": [0, 2, 20],
+    "interpolation_period": [0, 2, 20],
+    "stiffness": [0, 32768, 2147483647],
+    "damping": [0, 1280, 2147483647],
+    "force_scale": [1, 2500000, 2147483647],
+    "rated_force": [1, 100000, 2147483647],
+    "force_slope": [1, 10000, 2147483647],
+    "contact_force": [0, 256, 2560],
+    "approach_velocity_max": [1, 3000, 3072000],
+    "limit_cycle_losses": [0, 1, 3],
+    "homing_method": [0, 35, 37],
+    "home_offset": [0, 1234, -2147483648],
+    "polarity": [0, 0, 64, 128, 192],
+    "position_window": [0, 10, 0xFFFFFFFF],
+    "position_window_time": [0, 2, 10],
+    "velocity_window_time": [0, 2, 10],
+    "velocity_threshold_time": [0, 2, 10],
+    "open_loop_code": [-2048, -1, 0, 700, 2047],
+    "excitation_waveform": [0, 1],
+    "excitation_amplitude": [0, 300, 2048],
+    "excitation_hold": [1, 2, 65535],
+    "excitation_frequency": [0, 70000000, 2147483647],
+    "excitation_sweep": [-30000, 0, 30000],
+    "excitation_period": [0, 2, 10],
+    "force_gain": [0, 256, 1280, 65535],
+    "force_setpoint": [-65536, 0, 3840, 65536],
+    "force_zero_code": [0, 0, 128],
+    "force_sign": [1, 1, -1],
+    "adc_bits": [8, 8, 12, 16],
+    "position_gain": [0, 256, 1280, 65535],
+    "velocity_gain": [0, 256, 2000, 65535],
+    "profile_enable": [0, 1, 1],
+    "profile_velocity_max": [1, 65536, 134217728],
+    "profile_acceleration_max": [1, 6554, 16777216],
+    "position_min": [-2147483648, -2147483648, -1000],
+    "position_max": [2147483647, 2147483647, 1000],
+    "output_limit": [100, 2047, 2048, 2048],
+    "latency_ticks": [0, 1],
+    "bump_decay_shift": [0, 1, 6, 12],
+    "following_error_max": [0, 0, 0, 30, 2147483647],
+    "speed_max": [0, 0, 0, 40, 2147483647],
+    "force_max": [0, 0, 0, 50000, 131072],
+    "watchdog": [10, 20, 1000, 65535],
+    "producer_heartbeat_time": [0, 1, 2, 10],
+    "error_behaviour": [0, 1, 2],
+    "emcy_inhibit_time": [0, 0, 10, 100],
+    "recorder_decimation": [1, 1, 2],
+    "recorder_trigger_edge": [0, 1, 2, 3],
+    "recorder_trigger_level": [0, 100, -100],
+    "recorder_pretrigger": [0, 5],
+    "recorder_length": [0, 0, 20],
+    "error_history_count": [0],
+}
+SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
+
+
+def signed(value):
+    return (value + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+def crc(frame):
+    value = 0xFFFF
+    for byte in frame:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return frame + value.to_bytes(2, "little")
+
+
+class Fuzz:
+    """One world: `step` plays a tick to a side (or several, which must answer alike) and tells
+    what happened to `watch`."""
+
+    def __init__(self, objects, seed):
+        self.objects = objects
+        self.rng = random.Random(seed)
+        self.tick_number = 0
+        self.position, self.speed, self.wall = 0.0, 0.0, 2000.0
+        self.mode = 1
+        by = objects.values()
+        self.readable = [o for o in by if o.mappable and o.access != "wo"]
+        self.writable = [o for o in by if o.mappable and o.access != "ro"]
+        self.short = [o for o in self.readable if SIZES[o.type] == 1]
+        self.fast = [objects[n] for n in ("position", "velocity", "tick_count", "position_actual")]
+        self.recordable = [o for o in by if o.access != "wo" and o.part in ("axis", "drive")]
+        self.quiet = True
+        self.requests = [
+            crc(bytes([NODE, 4, 0, 0, 0, 14])),
+            crc(bytes([NODE, 3, 0, 0, 0, 1])),
+            crc(bytes([NODE, 8, 0, 0, 1, 2])),
+        ]
+
+    # --- the master ------------------------------------------------------------------------------
+
+    def set(self, side, name, value, source=LOCAL):
+        return side.write(source, self.objects[name].number, signed(value))
+
+    def start_scenario(self, side):
+        rng = self.rng
+        # None of what went before may hold this one up.
+        self.set(side, "controlword", 0)
+        self.set(side, "mode", 0)
+        self.set(side, "fault_reset", 1)
+        self.set(side, "controlword", 0x80)
+        self.set(side, "command_source", rng.choice([0, 0, 0, 0, 1, 2]))
+        if rng.random() < 0.4:
+            for name, values in VALUES.items():
+                self.set(side, name, rng.choice(values))
+        else:
+            for name in rng.sample(list(VALUES), 8):
+                self.set(side, name, rng.choice(VALUES[name]))
+        side.receive(0, bytes([128, NODE]))
+        self.map_pdos(side)
+        self.watch_nodes(side)
+        side.receive(0, bytes([rng.choice([1, 1, 1, 1, 1, 1, 128, 2]), NODE]))
+        self.choose_channels(side)
+        self.quiet = rng.random() < 0.3
+        self.mode = rng.choice(MODES)
+        self.set(side, "modes_of_operation", self.mode)
+        for word in (0x06, 0x0F):
+            self.set(side, "controlword", word)
+
+    def map_pdos(self, side):
+        rng = self.rng
+        style = rng.choice(["default", "short", "fast", "any", "any"])
+        if style == "default":
+            return
+        for pdo in range(1, 5):
+            self.map_one(side, "tpdo", pdo, style)
+            if rng.random() < 0.5:
+                self.map_one(side, "rpdo", pdo, style)
+
+    def map_one(self, side, kind, pdo, style):
+        rng = self.rng
+        name = f"{kind}_cob_id_{pdo}"
+        cob_id = (0x180 if kind == "tpdo" else 0x200) + 0x100 * (pdo - 1) + NODE
+        self.set(side, name, cob_id | 0x80000000)
+        self.set(side, f"{kind}_mapped_{pdo}", 0)
+        among = {"short": self.short, "fast": self.fast, "any": self.readable}[style]
+        among = among if kind == "tpdo" else self.writable
+        room, entries = 8, []
+        while room and len(entries) < 8:
+            o = rng.choice(among)
+            if SIZES[o.type] > room:
+                among = [o for o in among if SIZES[o.type] <= room]
+                if not among:
+                    break
+                continue
+            entries.append(o.index << 16 | o.sub << 8 | 8 * SIZES[o.type])
+            room -= SIZES[o.type]
+            if style == "any" and rng.random() < 0.1:
+                break
+        for i, entry in enumerate(entries):
+            self.set(side, f"{kind}_mapping_{8 * (pdo - 1) + i + 1}", entry)
+        self.set(side, f"{kind}_mapped_{pdo}", len(entries))
+        slow = rng.random() < 0.25
+        self.set(side, f"{kind}_transmission_{pdo}", rng.choice([0, 1, 3]) if slow else 255)
+        if kind == "tpdo":
+            self.set(side, f"tpdo_event_time_{pdo}", rng.choice([0, 0, 1, 2, 20]))
+            self.set(side, f"tpdo_inhibit_time_{pdo}", rng.choice([0, 0, 0, 7, 20, 100]))
+        else:
+            self.set(side, f"rpdo_timeout_{pdo}", rng.choice([0, 0, 0, 0, 5, 50]))
+        self.set(side, name, cob_id)
+
+    def watch_nodes(self, side):
+        rng = self.rng
+        for i in range(4):
+            watched = rng.random() < 0.15
+            entry = (20 + i) << 16 | rng.choice([5, 20]) if watched else 0
+            self.set(side, f"consumer_heartbeat_{i + 1}", entry)
+
+    def choose_channels(self, side):
+        rng = self.rng
+        self.set(side, "recorder_arm", 0)
+        count = rng.choice([0, 3, 8, 8, 8])
+        for i in range(8):
+            o = rng.choice(self.recordable)
+            value = o.index << 8 | o.sub if i < count else 0
+            self.set(side, f"recorder_signal_{i + 1}", value)
+        o = rng.choice(self.recordable)
+        self.set(side, "recorder_trigger_source", o.index << 8 | o.sub)
+        self.set(side, "recorder_arm", 1)
+
+    def command(self, side):
+        """What a master may do between two ticks."""
+        rng = self.rng
+        chance = rng.random()
+        often = 0.05 if self.quiet else 0.3
+        if chance < often and rng.random() < 0.2:
+            near = rng.choice([0, 3, 300, 50000])
+            value = int(self.position) + rng.randint(-near, near)
+            self.set(side, "position_setpoint", value)
+        elif chance < often:
+            target = rng.choice(["target_position", "target_velocity", "target_force"])
+            near = int(self.position) + rng.randint(-3000, 3000)
+            value = near if target == "target_position" else rng.choice(VALUES[target])
+            self.set(side, target, value if rng.random() < 0.7 else rng.choice(VALUES[target]))
+            self.set(side, "controlword", 0x0F)
+            self.set(side, "controlword", rng.choice([0x1F, 0x1F, 0x3F, 0x21F, 0x5F, 0x10F]))
+        elif chance < often + 0.05:
+            self.set(side, "controlword", rng.choice(COMMANDS))
+        elif chance < often + 0.08:
+            name = rng.choice(list(VALUES))
+            self.set(side, name, rng.choice(VALUES[name]), rng.choice([LOCAL, CANOPEN, 1]))
+        elif chance < often + 0.10:
+            self.mode = rng.choice(MODES)
+            self.set(side, "modes_of_operation", self.mode)
+        elif chance < often + 0.14:
+            for word in (0x00, 0x80, 0x06, 0x0F):
+                self.set(side, "controlword", word)
+        elif chance < often + 0.15:
+            self.set(side, "recorder_arm", 1)
+
+    def frames(self, side):
+        """Up to a few frames of every kind."""
+        rng = self.rng
+        rate = 0.1 if self.quiet else 0.35
+        while rng.random() < rate:
+            kind = rng.random()
+            if kind < 0.35:
+                side.receive(0x80, b"" if rng.random() < 0.97 else b"\1\2")
+            elif kind < 0.65:
+                word = rng.choice(COMMANDS + [0x0F] * 10)
+                data = struct.pack("<HI", word, rng.getrandbits(32)) + b"\1\2"
+                at = 0x200 + 0x100 * rng.randrange(4) + NODE
+                side.receive(at, data[: rng.choice([3, 4, 6, 6, 8, 8, 8])])
+            elif kind < 0.8:
+                side.receive(0x700 + 20 + rng.randrange(4), bytes([5 if rng.random() < 0.9 else 0]))
+            elif kind < 0.98:
+                server = rng.choice([0x600, 0x600, 0x640, 0x660])
+                side.receive(server + NODE, self.request())
+            else:
+                command = rng.choice([1, 1, 1, 2, 128, 130, 129])
+                side.receive(0, bytes([command, NODE]))
+        if rng.random() < 0.02:
+            side.modbus(rng.choice(self.requests))
+        if rng.random() < 0.004:
+            side.modbus(bytes(rng.randrange(256) for _ in range(rng.randrange(1, 9))))
+
+    def request(self):
+        """A request to an SDO server."""
+        rng = self.rng
+        kind = rng.random()
+        if kind < 0.4:
+            o = rng.choice(self.recordable)
+            return struct.pack("<BHBI", 0x40, o.index, o.sub, 0)
+        if kind < 0.7:
+            name = rng.choice(list(VALUES))
+            o, value = self.objects[name], rng.choice(VALUES[name])
+            command = 0x23 | (4 - SIZES[o.type]) << 2
+            data = (value % (1 << 32)).to_bytes(4, "little")[: SIZES[o.type]].ljust(4, b"\0")
+            return struct.pack("<BHB", command, o.index, o.sub) + data
+        if kind < 0.8:
+            # An upload of text; left lying, its time runs out.
+            return bytes.fromhex("4008100000000000")
+        return bytes([rng.choice([0x60, 0x70, 0x60, 0x70, 0x05, 0x80])]) + bytes(7)
+
+    def accidents(self, side):
+        rng = self.rng
+        if rng.random() < 0.003:
+            side.bus(rng.choice([0, 1, 2]))
+        elif rng.random() < 0.01:
+            side.bus(0)
+        if rng.random() < 0.003:
+            side.lost(rng.choice([1, 5, 65535]))
+        if rng.random() < 0.003:
+            side.overrun()
+
+    # --- the plant -------------------------------------------------------------------------------
+
+    def sense(self, outputs, inputs):
+        """A crude axis: the code drives the speed, a wall presses back."""
+        rng = self.rng
+        code = struct.unpack("<h", outputs[:2])[0]
+        self.speed += 0.2 * (code / 50.0 - self.speed)
+        self.position += self.speed
+        if abs(self.position) > 2e9:
+            self.position = 0.0
+        chance = rng.random()
+        if chance < 0.02:
+            self.wall = self.position + rng.randint(-50, 2000)
+        elif chance < 0.0205:
+            self.position = rng.choice([2.0**31 - 20, -(2.0**31) + 5, 0.0])
+        inputs.encoder_cnt = signed(int(self.position))
+        inputs.adc_code[0] = max(0, min(255, int((self.position - self.wall) / 2)))
+        if rng.random() < 0.05:
+            inputs.adc_code[0] = rng.choice([0, 255, rng.randrange(256)])
+        inputs.adc_code[1] = rng.randrange(256)
+        inputs.din = 1 if rng.random() > 0.003 else rng.choice([0, 3, 5, 7, 9, 15])
+        inputs.sensor_valid = int(rng.random() >= 0.001)
+
+    def step(self, side, inputs):
+        """One tick and what comes before it; the tick is left to the caller."""
+        if self.tick_number % SCENARIO_TICKS == 0:
+            self.start_scenario(side)
+        self.tick_number += 1
+        self.command(side)
+        self.frames(side)
+        self.accidents(side)
+        self.sense(side.outputs, inputs)

@@ -1,0 +1,192 @@
+"""Where the instructions of a tick go: a fuzzed run on the emulated Cortex-M4, and its table."""
+
+import tempfile
+from collections import Counter, defaultdict
+from pathlib import Path
+
+from cortex_m4 import Chip, Inputs, build_counter, build_image, load_objects
+from tick_fuzz import Fuzz
+
+SEED = 6
+TICKS = 100_000
+CAN_MAILBOXES = 3  # of a bxCAN: frames that can go out in one tick
+LATE = 0.002  # share of the ticks after which fw_between() is late
+ENABLED = 4  # AXIS_DRIVE_STATE_
+MODE_NAMES = {
+    1: "pp",
+    3: "pv",
+    4: "tq",
+    6: "hm",
+    8: "csp",
+    9: "csv",
+    10: "cst",
+    0: "none, holds",
+    -1: "force, counts",
+    -2: "open loop",
+    -3: "excitation",
+    -4: "native position",
+    -5: "guarded move",
+    -6: "stiffness",
+    -7: "damping",
+    -8: "impedance",
+}
+OFF = "not enabled, stopping"
+RESET = ("power_up", "canopen_init")
+
+
+class Worst:
+    """The longest of calls of one kind, and where its instructions went."""
+
+    def __init__(self):
+        self.count, self.shares, self.counts = 0, [], []
+
+    def take(self, chip):
+        self.counts.append(chip.count)
+        if chip.count > self.count:
+            self.count, self.shares = chip.count, chip.shares()
+
+    def percentile(self, n):
+        return sorted(self.counts)[(len(self.counts) - 1) * n // 100]
+
+
+class Watched:
+    """The chip, with what it is asked between two ticks counted by kind."""
+
+    def __init__(self, chip):
+        self.chip, self.frames = chip, Counter()
+
+    @property
+    def outputs(self):
+        return self.chip.outputs
+
+    def __getattr__(self, name):
+        return getattr(self.chip, name)
+
+    def receive(self, can_id, data):
+        self.chip.receive(can_id, data)
+        self.count(self.kind(can_id, data))
+
+    def modbus(self, data):
+        self.chip.modbus(data)
+        self.count("Modbus request of at most 14 registers")
+
+    def count(self, kind):
+        self.frames[kind] = max(self.frames[kind], self.chip.count)
+
+    @staticmethod
+    def kind(can_id, data):
+        if can_id < 0x80:
+            return "NMT"
+        if can_id == 0x80:
+            return "SYNC, up to 4 TPDOs and 4 RPDOs"
+        if can_id >= 0x700:
+            return "heartbeat"
+        if can_id >= 0x600:
+            command = data[0] >> 5
+            return {2: "SDO upload", 1: "SDO download"}.get(command, "SDO segment, abort")
+        return "RPDO, up to 8 objects"
+
+
+class Profile:
+    def __init__(self, ticks=TICKS, seed=SEED):
+        with tempfile.TemporaryDirectory() as folder:
+            image = build_image(Path(folder))
+            self.chip = Chip(image, build_counter(Path(folder)))
+        self.ticks, self.seed = ticks, seed
+        self.modes = defaultdict(Worst)
+        self.between, self.late = Worst(), Worst()
+        self.run()
+
+    def run(self):
+        objects = load_objects()
+        state = objects["drive_state"].number
+        display = objects["modes_of_operation_display"].number
+        chip, side = self.chip, Watched(self.chip)
+        fuzz, inputs = Fuzz(objects, self.seed), Inputs(0, (0, 0), 1, 1)
+        resets = [chip.code.names.index(name) for name in RESET]
+        waiting = False
+        self.resets = Worst()
+        for _ in range(self.ticks):
+            fuzz.step(side, inputs)
+            chip.interrupt(bytes(inputs))
+            mode = chip.byte(display)
+            mode = mode - 256 if mode > 127 else mode
+            enabled = chip.byte(state) == ENABLED
+            self.modes[mode if enabled else OFF].take(chip)
+            if fuzz.rng.random() < LATE:
+                waiting = True
+                continue
+            chip.between()
+            if any(chip.shares_of[i + 1] for i in resets):
+                self.resets.take(chip)
+            else:
+                (self.late if waiting else self.between).take(chip)
+            waiting = False
+            for _ in range(CAN_MAILBOXES):
+                if chip.transmit() is None:
+                    break
+        self.frames = side.frames
+
+    @property
+    def worst(self):
+        return max(self.modes.values(), key=lambda w: w.count)
+
+    def coverage(self, root):
+        """(executed, all) instructions of what a function can come to, and those missed by name."""
+        code, executed = self.chip.code, self.chip.executed()
+        missed, total = {}, 0
+        for name in sorted(code.reachable(root)):
+            addresses = code.instructions[name]
+            total += len(addresses)
+            left = sum(a not in executed for a in addresses)
+            if left:
+                missed[name] = left
+        return total - sum(missed.values()), total, missed
+
+    def table(self):
+        done, total, missed = self.coverage("fw_interrupt")
+        lines = [
+            "# Instructions of a tick",
+            "",
+            "Made by `tools/tick_profile`, compared by `tests/chip/test_budget.py`; do not edit.",
+            "",
+            f"Cortex-M4, {self.chip.compiler}, -O2,",
+            f"{self.ticks:,} fuzzed ticks (seed {self.seed}): random modes, parameters, mappings,",
+            "PDO, SYNC, NMT, SDO and Modbus traffic, eight recorder channels, broken sensors and",
+            "masters. Instructions that a condition skips count.",
+            "",
+            "## fw_interrupt()",
+            "",
+            "| mode of operation | ticks | median | 99 % | at most |",
+            "| --- | ---: | ---: | ---: | ---: |",
+        ]
+        order = [*MODE_NAMES, OFF]
+        for mode in sorted(self.modes, key=order.index):
+            w = self.modes[mode]
+            name = OFF if mode == OFF else f"{mode} ({MODE_NAMES[mode]})"
+            figures = [len(w.counts), w.percentile(50), w.percentile(99), w.count]
+            lines.append(f"| {name} | " + " | ".join(map(str, figures)) + " |")
+        lines += [
+            "",
+            f"At most {self.worst.count}. {done} of the {total} instructions it can come to were",
+            f"executed ({100 * done / total:.1f} %).",
+            "",
+            "The longest one by function:",
+            "",
+            "| function | instructions |",
+            "| --- | ---: |",
+            *(f"| {name} | {count} |" for count, name in self.worst.shares),
+            "",
+            "Not executed: " + ", ".join(f"{n} {c}" for n, c in missed.items()) + ".",
+            "",
+            "## After it, before the next one",
+            "",
+            "| what | at most |",
+            "| --- | ---: |",
+            f"| fw_between() | {self.between.count} |",
+            f"| fw_between() that makes up for a tick | {self.late.count} |",
+            f"| fw_between() with a reset, no memory | {self.resets.count} |",
+            *(f"| {kind} | {count} |" for kind, count in sorted(self.frames.items())),
+            "",
+        ]
+        return "\n".join(lines)
