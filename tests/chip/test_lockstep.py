@@ -24,7 +24,7 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
         ("contact.toml", []),
         ("contact.toml", ["firmware.force_gain=10", "firmware.force_setpoint=15"]),
         ("position_step.toml", []),
-        ("session.toml", ["experiment.duration_s=2"]),
+        ("strike.toml", []),
     ],
 )
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):
@@ -33,11 +33,10 @@ def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     result, told = link.run(CHIP, path, overrides)
     assert told["same"]
     assert told["hashes"]["axis"] == here.trace_hash
-    assert list(result.dac) == list(here.dac)
     # Each interrupt did a tick, and no tick was done without one.
     assert told["interrupts"] == told["ticks"] == len(here.tick)
     assert result.refused == here.refused
-    assert len(set(result.dac)) > 20  # it was driven
+    assert len(set(result.columns()["dac"])) > 5  # it was driven
 
 
 def test_the_stability_tables_are_those_of_the_runs_in_process():

@@ -135,8 +135,8 @@ void add_link(py::module_ &m) {
         "Run one experiment with the plant here and the firmware in an axis_node, as axis 1. "
         "Returns (Result, {ticks_per_s, real_time, overruns, statistics}). Raises InputError, "
         "SimulationError, TransportError, LinkSilent, ValueError for `inject`.");
-  m.def("run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"),
-        py::arg("to_fd"), py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
+  m.def("run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"), py::arg("to_fd"),
+        py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
         "Run one experiment with the plant here and the firmware on an emulated chip at the other "
         "end of two pipes. Returns (Result, {interrupts, ticks, ticks_per_s}). Raises InputError, "
         "SimulationError, TransportError.");

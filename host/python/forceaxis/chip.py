@@ -15,15 +15,15 @@ from pathlib import Path
 from forceaxis._core import TransportError
 
 QEMU = "qemu-system-arm"
-# 2^3 ns an instruction; time stands still while the chip waits for a record.
-CLOCK = ("-icount", "shift=3,sleep=off")
+# 2^6 ns an instruction, some 10,000 of them a tick; time stands still while the chip waits.
+CLOCK = ("-icount", "shift=6,sleep=off")
 
 
 class Emulator:
     """A chip at power-up. `pipes`: file descriptors to it and from it.
 
-    serial, can: QEMU's words for what is at the two serial lines, Modbus RTU and CAN frames (no chip
-    that QEMU knows has CAN), each frame {identifier u16, length u8, remote u8, data 8 bytes}.
+    serial, can: QEMU's words for what is at the two serial lines, Modbus RTU and CAN frames (no
+    chip that QEMU knows has CAN), each {identifier u16, length u8, remote u8, data 8 bytes}.
     """
 
     def __init__(self, image, serial="null", can="null", clock=CLOCK):
@@ -39,7 +39,7 @@ class Emulator:
         for fd in self.pipes:
             self._stack.callback(os.close, fd)
         arguments = "".join(f",arg={word}" for word in ("forceaxis", *names))
-        self._log = self._stack.enter_context(open(folder / "log", "w+"))
+        self._log = self._stack.enter_context((folder / "log").open("w+"))
         # Its first two serial lines are USART1, which is not used, and USART2.
         self.process = subprocess.Popen(
             [
