@@ -20,6 +20,7 @@ from forceaxis import chip, objects
 IMAGE = ROOT / "build/image/forceaxis-stm32f446-emulated.elf"
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
 NODE = 1
+pytestmark = pytest.mark.alone  # in real time
 FRAME = struct.Struct("<HBB8s")
 BY_NAME = {o.name: o for o in objects.OBJECTS}
 
