@@ -21,6 +21,7 @@ import lcm
 import pytest
 from forceaxis import _core, link, tables
 from forceaxis.lcm_bus import Bus, decode
+from own_network import OWN_NETWORK
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -551,8 +552,7 @@ def test_an_interface_carries_one_plant(can):
 
 
 def test_no_route_for_multicast_says_how():
-    unshare = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]
-    words = [*unshare, NODES / "plant_node", EXPERIMENT]
+    words = [*OWN_NETWORK, NODES / "plant_node", EXPERIMENT]
     done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 1
     assert "ip route add 224.0.0.0/4 dev lo" in done.stderr
@@ -697,8 +697,7 @@ def test_vcan_passes_on_input_output_and_status():
 
 def kernel_has_vcan():
     words = ["ip", "link", "add", "vcan0", "type", "vcan"]
-    unshare = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]
-    return subprocess.run([*unshare, *words], capture_output=True, check=False).returncode == 0
+    return subprocess.run([*OWN_NETWORK, *words], capture_output=True, check=False).returncode == 0
 
 
 def test_vcan_clears_up_after_one_that_was_killed():

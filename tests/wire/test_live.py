@@ -35,6 +35,7 @@ from forceaxis.monitor import AxisPanel, Monitor
 from forceaxis.sources import Live, Replay
 from forceaxis.watch import Watch
 from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, Gateway, sample, state_of, truth
+from own_network import OWN_NETWORK
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -496,7 +497,7 @@ def test_once_with_nothing_to_hear_is_status_1(url):
 def test_no_multicast_route_is_one_line_that_says_how():
     for verb in ("monitor --once", "monitor --once --url udpm://239.255.76.67:7667?ttl=0"):
         done = subprocess.run(
-            ["unshare", "-rn", FORCEAXIS, *verb.split()],
+            [*OWN_NETWORK, FORCEAXIS, *verb.split()],
             capture_output=True, text=True, check=False, timeout=30,
         )  # fmt: skip
         refused(done, "multicast route", "ip route add 224.0.0.0/4 dev lo")
