@@ -204,14 +204,17 @@ class Chip:
                 return
         raise Stuck("an interrupt that does not end")
 
-    def tick(self, count=1):
-        """Interrupts of the timer, with what else asks for one before each; 667 bits on the bus."""
+    def tick(self, count=1, hung=False):
+        """Interrupts of the timer, with what else asks for one before each; after each the main
+        loop, unless it is hung; 667 bits on the bus."""
         for _ in range(count):
             self.interrupts()
             assert self.board.systick[0x00] & 3 == 3, "the timer is off"
             self.board.systick.wrap()
             self._call(self.vectors[TICK])
             self.tick_steps = self.steps
+            if not hung:
+                self.main()
             self.board.can.transmit()
             self.board.can.bits(667)
 
@@ -219,10 +222,10 @@ class Chip:
         """The main loop from idle to idle."""
         for _ in range(rounds):
             self.interrupts()
-            self.uc.reg_write(arm_const.UC_ARM_REG_PC, self.uc.reg_read(arm_const.UC_ARM_REG_LR))
             self._run(self.uc.reg_read(arm_const.UC_ARM_REG_LR), 0xFFFFFFFE)
+            self.main_steps = self.steps
             assert self.uc.reg_read(arm_const.UC_ARM_REG_PC) & ~1 == self.idle
-        self.interrupts()
+            self.interrupts()
 
     # --- the firmware's objects
 
