@@ -252,11 +252,9 @@ bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs
   }
   watch_source(fw);
   cia402_before(&fw->drive, &fw->axis);
-  const bool alone = fw->ticks_alone >= FW_BETWEEN_TICKS_MAX;
-  if (alone) {
+  fw->ticks_alone += 1;
+  if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
     axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
-  } else {
-    fw->ticks_alone = (uint8_t)(fw->ticks_alone + 1);
   }
   axis_tick(&fw->axis, inputs, outputs);
   cia402_after(&fw->drive, &fw->axis);
@@ -264,7 +262,7 @@ bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs
   if (fw->config.buses != 0) {
     canopen_tick_begin(&fw->canopen, fw, watched_contact(fw) != fw->contact_seen);
   }
-  return !alone;
+  return fw->ticks_alone <= FW_BETWEEN_TICKS_MAX;
 }
 
 void fw_between(fw_t *fw) {

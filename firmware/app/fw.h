@@ -57,9 +57,9 @@ struct fw {
   device_signals_t device_signals;
   fw_config_t config;
   uint32_t source_silence;     /* ticks since the owner last wrote */
+  uint32_t ticks_alone;        /* since fw_between() last ran */
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
-  uint8_t ticks_alone;         /* since fw_between() last ran */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
   uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
   uint8_t live;                /* drive and protocols are served; see fw_tick() */

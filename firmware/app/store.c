@@ -139,10 +139,13 @@ static uint8_t newest_records(const store_t *store, record_t newest[2]) {
         at += 4;
         continue;
       }
-      if (found == 0 || record.sequence > newest[0].sequence) {
+      if (found == 0) {
+        newest[0] = record;
+        found = 1;
+      } else if (record.sequence > newest[0].sequence) {
         newest[1] = newest[0];
         newest[0] = record;
-        found = (found == 0) ? 1 : 2;
+        found = 2;
       } else if (found == 1 || record.sequence > newest[1].sequence) {
         newest[1] = record;
         found = 2;
@@ -202,7 +205,7 @@ uint8_t store_load(store_t *store, fw_t *fw) {
   if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
   }
-  record_t newest[2] = {{0}, {0}};
+  record_t newest[2];
   const uint8_t found = newest_records(store, newest);
   if (found == 0) {
     const bool blank = tail_of(store, 0) == 0 && tail_of(store, 1) == 0;

@@ -86,7 +86,7 @@ class Chip:
         self.uc.mem_write(UID, struct.pack("<3I", *UID_WORDS))
         self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
         self.steps, self.steps_max = 0, STEPS_MAX
-        self.trace = None  # a set of the addresses of blocks that were run
+        self.watch = None  # called with address and bytes of each block that is run
         self.problem = None
         self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000)):
@@ -123,8 +123,8 @@ class Chip:
     def _on_block(self, _uc, address, size, _data):
         # At most that many: an instruction has two bytes or four.
         self.steps += size // 2
-        if self.trace is not None:
-            self.trace.add(address)
+        if self.watch is not None:
+            self.watch(address, size)
         if address == self.idle or self.steps > self.limit:
             self.uc.emu_stop()
 
