@@ -127,6 +127,7 @@ static void power_up(fw_t *fw) {
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->told[i] = 0;
   }
+  fw->ticks_alone = 0;
   fw->contact_seen = 0;
   fw->device_signals.store_state = store_load(&fw->store, fw);
 }
@@ -135,8 +136,9 @@ static void power_up(fw_t *fw) {
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen);
   const uint8_t state = fw->device_signals.store_state;
-  if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE) {
-    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
+  if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE ||
+      state == AXIS_STORE_STATE_LOADED_OLDER) {
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
   }
 }
 
@@ -231,7 +233,7 @@ static void serve_store(fw_t *fw) {
   const uint8_t state = store_tick(&fw->store, fw);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, 0);
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
     }
     fw->device_signals.store_state = state;
   }
@@ -242,23 +244,29 @@ static void serve_node(fw_t *fw) {
   canopen_tick_end(&fw->canopen, fw);
 }
 
-void fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   if (fw->live == 0) {
     axis_tick(&fw->axis, inputs, outputs);
     recorder_tick(&fw->recorder, fw);
-    return;
+    return true;
   }
   watch_source(fw);
   cia402_before(&fw->drive, &fw->axis);
+  fw->ticks_alone += 1;
+  if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
+    axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
+  }
   axis_tick(&fw->axis, inputs, outputs);
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
   if (fw->config.buses != 0) {
     canopen_tick_begin(&fw->canopen, fw, watched_contact(fw) != fw->contact_seen);
   }
+  return fw->ticks_alone <= FW_BETWEEN_TICKS_MAX;
 }
 
 void fw_between(fw_t *fw) {
+  fw->ticks_alone = 0;
   if (fw->live == 0) {
     return;
   }
@@ -271,7 +279,7 @@ void fw_between(fw_t *fw) {
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
-  fw_interrupt(fw, inputs, outputs);
+  (void)fw_interrupt(fw, inputs, outputs);
   fw_between(fw);
 }
 

@@ -23,11 +23,15 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: something is there, but no
- * set that fits), source_lost (where abort_connection_option asks for no fault), and those of FF01h
- * to FF04h. These are given when it happens, and then not again for FW_HOLD_TICKS: contact_losses,
- * force_saturated, limit_cycle and overruns tell the rest. */
+/* Emergencies that are no fault of the axis: store_failed (at power-up: what is kept is not in
+ * force, or not the newest of it; its first manufacturer byte is store_state), source_lost (where
+ * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are given when it
+ * happens, and then not again for FW_HOLD_TICKS: contact_losses, force_saturated, limit_cycle and
+ * overruns tell the rest. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
+
+/* Ticks that fw_between() may stay away for, 10 ms. */
+enum { FW_BETWEEN_TICKS_MAX = 15 };
 
 /* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
 typedef struct {
@@ -53,6 +57,7 @@ struct fw {
   device_signals_t device_signals;
   fw_config_t config;
   uint32_t source_silence;     /* ticks since the owner last wrote */
+  uint32_t ticks_alone;        /* since fw_between() last ran */
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
@@ -68,6 +73,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *
  * Faults put out code 0, amplifier and brake off, counted from the event, 1 being the next tick:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
+ *   fw_between() away for FW_BETWEEN_TICKS_MAX ticks                       1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *     (both also if LCM owns, whose only way in this bus is)
  *   a boot-up message of a node that 1016h watches; an owner that gives the enabled
@@ -76,7 +82,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat or RPDO away, N ticks of its time                            N + 2
  * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, of
- * at most CIA402_STOPPING_TICKS, but for the first line and a reset of the node;
+ * at most CIA402_STOPPING_TICKS, but for the first two lines and a reset of the node;
  * abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis enabled. Canopen
  * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
@@ -86,8 +92,12 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
  * after it, before anything else is done with fw, and not interrupted by the first. In fw_between()
  * is what is seldom due and long, none of which the outputs of this tick depend on: emergencies,
  * timers of the node that run out, the silence of Modbus, resets (they last longer than a tick),
- * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md. */
-void fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+ * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md.
+ *
+ * Nobody would see a heartbeat end, or NMT, while fw_between() does not run. When it has not for
+ * more than FW_BETWEEN_TICKS_MAX ticks, fw_interrupt() has the axis off, with the fault
+ * main_loop_lost, and returns false: the caller must not feed its watchdog then. */
+bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 void fw_between(fw_t *fw);
 
 /* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:

@@ -93,30 +93,6 @@ static bool read_record(const store_t *store, uint32_t at, uint32_t end, record_
   return ~crc_of_memory(store, UINT32_MAX, at, crc_at) == word_at(store, crc_at);
 }
 
-/* The newest record whose sequence number is below `below`; true if there is one. A record that was
- * cut off does not say where it ends, so the next one is looked for word by word. */
-static bool newest_record(const store_t *store, uint32_t below, record_t *newest) {
-  const uint32_t sector_bytes = store->memory->sector_bytes;
-  bool found = false;
-  for (uint32_t sector = 0; sector < 2; sector++) {
-    uint32_t at = sector * sector_bytes;
-    const uint32_t end = at + sector_bytes;
-    while (at < end) {
-      record_t record;
-      if (!read_record(store, at, end, &record)) {
-        at += 4;
-        continue;
-      }
-      if (record.sequence < below && (!found || record.sequence > newest->sequence)) {
-        *newest = record;
-        found = true;
-      }
-      at += record_bytes(record.entries);
-    }
-  }
-  return found;
-}
-
 /* Where in a sector the last byte lies that is not blank, as the offset of the word after it. */
 static uint32_t tail_of(const store_t *store, uint32_t sector) {
   uint32_t tail = store->memory->sector_bytes;
@@ -140,13 +116,44 @@ static uint16_t read_entry(const store_t *store, uint32_t at, int32_t *value) {
 }
 
 static bool is_usable(const store_t *store, const record_t *record) {
-  bool usable = true;
-  for (uint32_t i = 0; i < record->entries; i += STORE_ENTRY_BYTES) {
+  bool usable = record->hash == AXIS_OBJECTS_HASH32;
+  for (uint32_t i = 0; usable && i < record->entries; i += STORE_ENTRY_BYTES) {
     int32_t value;
     const uint16_t object = read_entry(store, record->begin + STORE_HEAD_BYTES + i, &value);
-    usable = usable && object != AXIS_OBJ_NONE;
+    usable = object != AXIS_OBJ_NONE;
   }
   return usable;
+}
+
+/* The newest records, at most two, the newest first; returns how many. A record that was cut off
+ * does not say where it ends, so the next one is looked for word by word. */
+static uint8_t newest_records(const store_t *store, record_t newest[2]) {
+  const uint32_t sector_bytes = store->memory->sector_bytes;
+  uint8_t found = 0;
+  for (uint32_t sector = 0; sector < 2; sector++) {
+    uint32_t at = sector * sector_bytes;
+    const uint32_t end = at + sector_bytes;
+    while (at < end) {
+      record_t record;
+      if (!read_record(store, at, end, &record)) {
+        at += 4;
+        continue;
+      }
+      if (found == 0) {
+        newest[0] = record;
+        found = 1;
+      } else if (record.sequence > newest[0].sequence) {
+        newest[1] = newest[0];
+        newest[0] = record;
+        found = 2;
+      } else if (found == 1 || record.sequence > newest[1].sequence) {
+        newest[1] = record;
+        found = 2;
+      }
+      at += record_bytes(record.entries);
+    }
+  }
+  return found;
 }
 
 /* Puts the values of the set in force into one block, AXIS_BLOCK_NONE: into all. */
@@ -162,40 +169,69 @@ static void restore(const store_t *store, fw_t *fw, uint8_t block) {
   }
 }
 
-static void settle(store_t *store, uint32_t begin) {
-  store->home = (begin < store->memory->sector_bytes) ? 0 : 1;
+static uint32_t other_sector(uint32_t sector) { return (sector == 0) ? 1 : 0; }
+
+/* Where a record ends, as the offset in its sector. */
+static uint32_t end_of(const store_t *store, const record_t *record) {
+  const uint32_t sector_bytes = store->memory->sector_bytes;
+  const uint32_t begin =
+      (record->begin < sector_bytes) ? record->begin : record->begin - sector_bytes;
+  return begin + record_bytes(record->entries);
+}
+
+/* Goes on behind this record, whose CRC may look blank, and behind whatever follows it. */
+static void settle(store_t *store, const record_t *record) {
+  const uint32_t end = end_of(store, record);
+  store->home = (record->begin < store->memory->sector_bytes) ? 0 : 1;
   store->tail = tail_of(store, store->home);
+  store->tail = (store->tail < end) ? end : store->tail;
+}
+
+/* Whether something lies where nothing but a newer set can have been: behind this one, which store
+ * has settled on, or in a sector that does not begin with a whole set. */
+static bool has_remains(const store_t *store, const record_t *record) {
+  const uint32_t sector_bytes = store->memory->sector_bytes;
+  if (store->tail > end_of(store, record)) {
+    return true;
+  }
+  const uint32_t other = other_sector(store->home);
+  record_t first;
+  return tail_of(store, other) != 0 &&
+         !read_record(store, other * sector_bytes, (other + 1) * sector_bytes, &first);
 }
 
 uint8_t store_load(store_t *store, fw_t *fw) {
   store_init(store, store->memory);
-  record_t record;
   if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
   }
-  if (!newest_record(store, UINT32_MAX, &record)) {
+  record_t newest[2];
+  const uint8_t found = newest_records(store, newest);
+  if (found == 0) {
     const bool blank = tail_of(store, 0) == 0 && tail_of(store, 1) == 0;
     return blank ? AXIS_STORE_STATE_EMPTY : AXIS_STORE_STATE_FAILED;
   }
-  settle(store, record.begin);
-  store->sequence = record.sequence;
-  if (record.hash != AXIS_OBJECTS_HASH32) {
+  const record_t *record = &newest[0];
+  settle(store, record);
+  store->sequence = record->sequence;
+  if (record->hash != AXIS_OBJECTS_HASH32) {
     return AXIS_STORE_STATE_OTHER_TABLE;
   }
-  bool found = true;
-  while (found && (record.hash != AXIS_OBJECTS_HASH32 || !is_usable(store, &record))) {
-    found = newest_record(store, record.sequence, &record);
+  bool older = has_remains(store, record);
+  if (!is_usable(store, record)) {
+    record = &newest[1];
+    if (found == 1 || !is_usable(store, record)) {
+      return AXIS_STORE_STATE_FAILED;
+    }
+    settle(store, record);
+    older = true;
   }
-  if (!found) {
-    return AXIS_STORE_STATE_FAILED;
+  if (record->magic == MAGIC_FORGOTTEN) {
+    return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
   }
-  settle(store, record.begin);
-  if (record.magic == MAGIC_FORGOTTEN) {
-    return AXIS_STORE_STATE_EMPTY;
-  }
-  store->set = record.begin;
+  store->set = record->begin;
   restore(store, fw, AXIS_BLOCK_NONE);
-  return AXIS_STORE_STATE_LOADED;
+  return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_LOADED;
 }
 
 void store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
@@ -243,8 +279,6 @@ static void begin_in(store_t *store, uint32_t sector) {
   store->sequence += 1;
   store->step = behind ? STEP_HEAD : STEP_ERASE;
 }
-
-static uint32_t other_sector(uint32_t sector) { return (sector == 0) ? 1 : 0; }
 
 static int begin(store_t *store, uint32_t entries, bool forget) {
   store->entries = entries;

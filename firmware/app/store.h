@@ -63,10 +63,12 @@ typedef struct {
 void store_init(store_t *store, const store_memory_t *memory);
 
 /* Reads the newest whole set into the parameters of fw, which are at their defaults; work in
- * progress is given up, as by a cut. A set with a value that is out of range is passed over, whole.
- * Returns AXIS_STORE_STATE_LOADED; _EMPTY (also after restore_defaults); _OTHER_TABLE: the newest
- * set is of another object table and left alone; _FAILED: something is there, but no set that fits.
- * Cost: reads both sectors, more than once. */
+ * progress is given up, as by a cut. If it has a value that is out of range the set before it
+ * counts, whole. Returns AXIS_STORE_STATE_LOADED; _EMPTY (also after restore_defaults);
+ * _LOADED_OLDER: as those two, but there is something that looks like what is left of a newer set
+ * (a save that was cut off, a damaged sector); _OTHER_TABLE: the newest set is of another object
+ * table and left alone; _FAILED: something is there, but no set that fits. Cost: reads both sectors
+ * once, and what is blank of them twice. */
 uint8_t store_load(store_t *store, fw_t *fw);
 
 /* Gives one block (AXIS_BLOCK_) its stored values again, from the set that store_load() took or was

@@ -15,12 +15,14 @@ void port_tick(void) {
   axis_inputs_t inputs;
   if (port_sense(&inputs)) {
     axis_outputs_t outputs;
-    fw_interrupt(&firmware, &inputs, &outputs);
+    const bool is_served = fw_interrupt(&firmware, &inputs, &outputs);
     port_act(&outputs);
+    if (is_served) {
+      port_feed_watchdog();
+    }
     is_ticked = true;
   }
   is_late = port_overran() || is_late;
-  port_feed_watchdog();
 }
 
 void port_settle(void) {

@@ -24,7 +24,7 @@ void port_init(void);
 /* What fw_init() is to be given; must outlive the firmware. */
 const fw_config_t *port_config(void);
 
-/* From now on port_tick() is called, and a tick that stops resets the chip. */
+/* From now on port_tick() is called, and a watchdog that is not fed resets the chip. */
 void port_start(void);
 
 /* The inputs of this tick; at most 5 us. What cannot be read leaves sensor_valid 0. False: there is
@@ -55,7 +55,8 @@ void port_unlock(void);
 /* Whether the time of a tick was missed since the last call. */
 bool port_overran(void);
 
-/* Called at the end of each tick and from nowhere else, so that a tick that stops is found out. */
+/* Called from each tick that finds the main loop alive and from nowhere else, so that either one
+ * that stops is found out. */
 void port_feed_watchdog(void);
 
 /* Nothing to do until the next interrupt. */
@@ -65,7 +66,8 @@ void port_idle(void);
  */
 
 /* One tick: sense, fw_interrupt(), act, watchdog. From the 1500 Hz interrupt. The rest of it, and
- * all that comes and goes on buses, is the main loop's. */
+ * all that comes and goes on buses, is the main loop's: hanging for FW_BETWEEN_TICKS_MAX ticks, it
+ * costs the axis its outputs and, if it does not come back, the watchdog resets the chip. */
 void port_tick(void);
 
 /* Does what the last tick left, if that is still to do: before the firmware is written to. */

@@ -86,7 +86,7 @@ class Chip:
         self.uc.mem_write(UID, struct.pack("<3I", *UID_WORDS))
         self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
         self.steps, self.steps_max = 0, STEPS_MAX
-        self.trace = None  # a set of the addresses of blocks that were run
+        self.watch = None  # called with address and bytes of each block that is run
         self.problem = None
         self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000)):
@@ -123,8 +123,8 @@ class Chip:
     def _on_block(self, _uc, address, size, _data):
         # At most that many: an instruction has two bytes or four.
         self.steps += size // 2
-        if self.trace is not None:
-            self.trace.add(address)
+        if self.watch is not None:
+            self.watch(address, size)
         if address == self.idle or self.steps > self.limit:
             self.uc.emu_stop()
 
@@ -204,14 +204,17 @@ class Chip:
                 return
         raise Stuck("an interrupt that does not end")
 
-    def tick(self, count=1):
-        """Interrupts of the timer, with what else asks for one before each; 667 bits on the bus."""
+    def tick(self, count=1, hung=False):
+        """Interrupts of the timer, with what else asks for one before each; after each the main
+        loop, unless it is hung; 667 bits on the bus."""
         for _ in range(count):
             self.interrupts()
             assert self.board.systick[0x00] & 3 == 3, "the timer is off"
             self.board.systick.wrap()
             self._call(self.vectors[TICK])
             self.tick_steps = self.steps
+            if not hung:
+                self.main()
             self.board.can.transmit()
             self.board.can.bits(667)
 
@@ -219,10 +222,10 @@ class Chip:
         """The main loop from idle to idle."""
         for _ in range(rounds):
             self.interrupts()
-            self.uc.reg_write(arm_const.UC_ARM_REG_PC, self.uc.reg_read(arm_const.UC_ARM_REG_LR))
             self._run(self.uc.reg_read(arm_const.UC_ARM_REG_LR), 0xFFFFFFFE)
+            self.main_steps = self.steps
             assert self.uc.reg_read(arm_const.UC_ARM_REG_PC) & ~1 == self.idle
-        self.interrupts()
+            self.interrupts()
 
     # --- the firmware's objects
 

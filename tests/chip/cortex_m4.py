@@ -213,9 +213,10 @@ class Chip:
     def count(self):
         return self.counter.total
 
-    def shares(self):
-        """Instructions of the last call by function, largest first."""
-        found = [(self.shares_of[i + 1], n) for i, n in enumerate(self.code.names)]
+    def shares(self, numbers=None):
+        """Instructions of the last call by function, largest first; `numbers`: of some of them."""
+        names = self.code.names
+        found = [(self.shares_of[i + 1], names[i]) for i in numbers or range(len(names))]
         return sorted(((c, n) for c, n in found if c), reverse=True)
 
     def executed(self):

@@ -1,6 +1,7 @@
-"""A client nobody here wrote at the emulated chip, in real time: python-canopen.
+"""Clients nobody here wrote at the emulated chip, in real time: python-canopen and libmodbus.
 
-Its frames go over USART3, because no chip that QEMU knows has CAN.
+Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RTU over USART2, as on
+the board.
 """
 
 import re
@@ -19,7 +20,10 @@ from forceaxis import chip, objects
 
 IMAGE = ROOT / "build/image/forceaxis-stm32f446-emulated.elf"
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
+CLIENT = ROOT / "build/release/tests/wire/modbus_client"
 NODE = 1
+REQUESTS = 1000
+CLOCK = ()
 pytestmark = pytest.mark.alone  # in real time
 FRAME = struct.Struct("<HBB8s")
 BY_NAME = {o.name: o for o in objects.OBJECTS}
@@ -58,18 +62,23 @@ class SerialBus(can.BusABC):
         self.socket.close()
 
 
-@pytest.fixture
-def frames(tmp_path):
-    """QEMU in real time; the socket of its frames."""
-    path = tmp_path / "frames"
-    process = subprocess.Popen(
+def emulator(*serial):
+    """QEMU in real time with these at its second and third serial line."""
+    return subprocess.Popen(
         [
-            *(chip.QEMU, "-M", "netduinoplus2", "-nographic", "-monitor", "none"),
-            *("-serial", "null", "-serial", "null", "-serial", f"unix:{path},server=on,wait=off"),
+            *(chip.QEMU, "-M", "netduinoplus2", "-nographic", "-monitor", "none", *CLOCK),
+            *("-serial", "null", *serial),
             *("-semihosting-config", "enable=on,target=native", "-kernel", str(IMAGE)),
         ],
-        stdin=subprocess.DEVNULL,
-    )
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """The socket of the chip's frames."""
+    path = tmp_path / "frames"
+    process = emulator("-serial", "null", "-serial", f"unix:{path},server=on,wait=off")
     end = time.monotonic() + 20
     while not path.exists():
         assert process.poll() is None and time.monotonic() < end
@@ -77,6 +86,50 @@ def frames(tmp_path):
     yield path
     process.kill()
     process.wait()
+
+
+@pytest.fixture
+def line():
+    """libmodbus at the chip's serial line; a call is a request, its answer a list of numbers."""
+    process = emulator("-serial", "pty", "-serial", "null")
+    said = process.stdout.readline()
+    tty = re.search(r"redirected to (\S+)", said)
+    assert tty, said
+    client = subprocess.Popen(
+        [CLIENT, tty[1], "115200", str(NODE)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+    )  # fmt: skip
+
+    def ask(*request):
+        client.stdin.write(" ".join(map(str, request)) + "\n")
+        answer = client.stdout.readline().split()
+        return [int(word) for word in answer[1:]] if answer[0] == "ok" else " ".join(answer)
+
+    yield ask
+    for p in (client, process):
+        p.kill()
+        p.wait()
+
+
+def test_libmodbus_reads_and_writes_a_thousand_times(line):
+    """Every request is answered at its first try, and what was written is read back."""
+    gain, ticks = BY_NAME["force_gain"].modbus, BY_NAME["tick_count"].modbus
+    table = min(o.modbus for o in objects.OBJECTS if o.access == "ro" and o.modbus >= 0x100)
+    while not isinstance(line(4, ticks, 2), list):  # the emulator opens its end within a second
+        pass
+    begin, first = time.monotonic(), line(4, ticks, 2)
+    bad = []
+    for i in range(REQUESTS // 4):
+        value = i * 37 % 30000
+        answers = line(6, gain, value), line(3, gain, 1), line(4, table, 2), line(4, ticks, 2)
+        if answers[1] != [value] or not all(isinstance(a, list) for a in answers):
+            bad.append((i, answers))
+    took_s = time.monotonic() - begin
+    last = line(4, ticks, 2)
+    ran = ((last[0] - first[0] << 16) + last[1] - first[1]) / 1500
+    print(f"\n{REQUESTS} requests in {took_s:.1f} s, {ran:.1f} s of the chip; failed: {bad}")
+    assert bad == []
+    assert 0.5 < ran / took_s < 1.5  # real time, on a machine with more to do
 
 
 def test_python_canopen_drives_the_chip_through_its_states(frames):

@@ -4,7 +4,8 @@ import tempfile
 from collections import Counter, defaultdict
 from pathlib import Path
 
-from cortex_m4 import Chip, Inputs, build_counter, build_image, load_objects
+import chip as released
+from cortex_m4 import Chip, Code, Inputs, build_counter, build_image, load_objects, run
 from tick_fuzz import Fuzz
 
 SEED = 6
@@ -32,6 +33,8 @@ MODE_NAMES = {
 }
 OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
+# Both channels take 2.57 us, 432 cycles of the core; a poll of them takes 28 at least.
+ADC_POLLS = 16
 
 
 class Worst:
@@ -40,10 +43,13 @@ class Worst:
     def __init__(self):
         self.count, self.shares, self.counts = 0, [], []
 
-    def take(self, chip):
-        self.counts.append(chip.count)
-        if chip.count > self.count:
-            self.count, self.shares = chip.count, chip.shares()
+    def take(self, chip, names=None):
+        """A call; of `names`, where given, only what these functions cost it."""
+        shares = chip.shares(names) if names else None
+        count = sum(c for c, _ in shares) if names else chip.count
+        self.counts.append(count)
+        if count > self.count:
+            self.count, self.shares = count, shares or chip.shares()
 
     def percentile(self, n):
         return sorted(self.counts)[(len(self.counts) - 1) * n // 100]
@@ -87,6 +93,41 @@ class Watched:
         return "RPDO, up to 8 objects"
 
 
+def port_share():
+    """Instructions of the tick's interrupt of the released image that are not of fw_interrupt():
+    at most, of ticks that are off, go on, are on and go off."""
+    run(released.ROOT / "tools/image")
+    owner = Code(released.IMAGE).owner
+    board = released.Chip()
+    board.board.adc.ready_reads = ADC_POLLS
+    count, inside = 0, False
+
+    def watch(address, size):
+        nonlocal count, inside
+        name = owner.get(address)
+        inside = address == board.symbols["fw_interrupt"] & ~1 or (inside and name != "port_tick")
+        if not inside:
+            count += sum(a in owner for a in range(address, address + size, 2))
+
+    def tick():
+        nonlocal count
+        count, board.watch = 0, watch
+        board.tick(hung=True)
+        board.watch = None
+        board.main()
+        return count
+
+    released.release(board)
+    assert board.write("open_loop_code", 100) == 0
+    open_loop = released.TABLE.BY_NAME["mode"].enum.index("open_loop")
+    worst = 0
+    for mode in (0, open_loop, 0):
+        assert board.write("mode", mode) == 0
+        worst = max(worst, *(tick() for _ in range(3)))
+        assert board.terminals()[0] == (mode == open_loop)
+    return worst
+
+
 class Profile:
     def __init__(self, ticks=TICKS, seed=SEED):
         with tempfile.TemporaryDirectory() as folder:
@@ -96,6 +137,7 @@ class Profile:
         self.modes = defaultdict(Worst)
         self.between, self.late = Worst(), Worst()
         self.run()
+        self.port = port_share()
 
     def run(self):
         objects = load_objects()
@@ -105,10 +147,12 @@ class Profile:
         fuzz, inputs = Fuzz(objects, self.seed), Inputs(0, (0, 0), 1, 1)
         resets = [chip.code.names.index(name) for name in RESET]
         waiting = False
-        self.resets = Worst()
+        self.resets, self.axis = Worst(), Worst()
+        axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
         for _ in range(self.ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
+            self.axis.take(chip, axis)
             mode = chip.byte(display)
             mode = mode - 256 if mode > 127 else mode
             enabled = chip.byte(state) == ENABLED
@@ -145,6 +189,7 @@ class Profile:
 
     def table(self):
         done, total, missed = self.coverage("fw_interrupt")
+        axis_done, axis_total, _ = self.coverage("axis_tick")
         lines = [
             "# Instructions of a tick",
             "",
@@ -178,6 +223,18 @@ class Profile:
             *(f"| {name} | {count} |" for count, name in self.worst.shares),
             "",
             "Not executed: " + ", ".join(f"{n} {c}" for n, c in missed.items()) + ".",
+            "",
+            f"axis_tick() and what it calls: at most {self.axis.count}, {axis_done} of"
+            f" {axis_total} executed.",
+            "",
+            "## The whole interrupt",
+            "",
+            "| what | at most |",
+            "| --- | ---: |",
+            f"| fw_interrupt() | {self.worst.count} |",
+            f"| the port: entry, inputs with {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
+            f" {self.port} |",
+            f"| together | {self.worst.count + self.port} |",
             "",
             "## After it, before the next one",
             "",

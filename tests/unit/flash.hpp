@@ -31,6 +31,7 @@ class Flash {
   int64_t steps() const { return steps_; }
   int erases() const { return erases_; }
   bool misused() const { return misused_; }
+  int64_t bytes_read() const { return bytes_read_; }
   int most_per_call() const { return most_per_call_; }
 
   // A worn memory: programming fails where a byte at or behind an address is touched.
@@ -45,6 +46,7 @@ class Flash {
   static void Read(void *context, uint32_t address, uint8_t *to, uint32_t count) {
     Flash &f = Of(context);
     f.misused_ |= address + count > f.bytes_.size();
+    f.bytes_read_ += count;
     std::copy_n(f.bytes_.begin() + address, count, to);
   }
 
@@ -102,6 +104,7 @@ class Flash {
   std::minstd_rand random_;
   int64_t life_ = -1;
   int64_t steps_ = 0;
+  int64_t bytes_read_ = 0;
   int erases_ = 0;
   int most_per_call_ = 0;
   bool misused_ = false;

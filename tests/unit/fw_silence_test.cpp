@@ -57,6 +57,40 @@ TEST_F(Fw, AnRpdoThatNeverCame) {
   ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
 }
 
+// On a chip fw_between() is the main loop's, and with it everything that watches the buses.
+TEST_F(Fw, AMainLoopThatHangs) {
+  for (const int reaction : {0, 1}) {
+    PowerUp();
+    Set(AXIS_OBJ_FAULT_REACTION_OPTION, reaction);
+    Drive();
+    for (int i = 0; i < FW_BETWEEN_TICKS_MAX; ++i) {
+      EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "tick " << i;
+      ASSERT_TRUE(IsOn()) << "tick " << i;
+    }
+    fw_between(&fw_);  // only late
+    for (int i = 0; i < FW_BETWEEN_TICKS_MAX; ++i) {
+      EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "tick " << i;
+      ASSERT_TRUE(IsOn()) << "tick " << i;
+    }
+    for (int i = 0; i < 300; ++i) {
+      EXPECT_FALSE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "the watchdog would be fed";
+      ASSERT_TRUE(IsOff()) << "tick " << i;
+    }
+    fw_between(&fw_);  // it comes back before the watchdog is through
+    Take();
+    for (int i = 0; i < 100; ++i) {
+      Tick();
+      Take();
+      ASSERT_TRUE(IsOff());
+    }
+    ExpectNamed(AXIS_FAULT_MAIN_LOOP_LOST, 0x6100);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+    Drive();
+    EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_));
+    EXPECT_TRUE(IsOn());
+  }
+}
+
 // The loss is a state, not an event: who enables again while it lasts is not left alone.
 TEST_F(Fw, NobodyEnablesWhileTheHeartbeatIsAway) {
   WatchHeartbeat(10);

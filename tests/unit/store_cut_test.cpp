@@ -24,6 +24,7 @@ TEST(Store, ACutAfterAnyByteLeavesTheOldSetOrTheNewOne) {
   int old_seen = 0;
   int new_seen = 0;
   int erases_cut = 0;
+  int told = 0;
   for (uint32_t save = 1; save <= 7; ++save) {
     const std::vector<uint8_t> before = flash.bytes();
     const int percent = (save % 2 == 1) ? 100 : 40;
@@ -57,6 +58,11 @@ TEST(Store, ACutAfterAnyByteLeavesTheOldSetOrTheNewOne) {
         const Values found = next.Stored();
         ASSERT_TRUE(found == old_set || found == new_set) << replay;
         (found == new_set ? new_seen : old_seen) += 1;
+        if (found == new_set) {
+          ASSERT_EQ(next.State(), AXIS_STORE_STATE_LOADED) << replay;
+        } else {
+          told += next.State() == AXIS_STORE_STATE_LOADED_OLDER ? 1 : 0;
+        }
         next.Change(save + 1000, 10);
         ASSERT_EQ(next.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
         next.Run();
@@ -73,6 +79,7 @@ TEST(Store, ACutAfterAnyByteLeavesTheOldSetOrTheNewOne) {
   EXPECT_GT(cuts, 3000);
   EXPECT_GE(erases_cut, 2 * Flash::kEraseSteps);
   EXPECT_GE(new_seen, 7);  // cut just behind the last byte
+  EXPECT_GT(told, old_seen / 2);
 }
 
 // One cut upon the other, saves in between: whatever the memory looks like by then.

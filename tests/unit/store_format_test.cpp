@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <random>
@@ -31,8 +32,36 @@ size_t PutRecord(Bytes &bytes, size_t at, uint32_t hash, uint32_t sequence,
 }
 
 constexpr uint32_t kForceGain = 0x200A00;
+constexpr uint32_t kPositionMin = 0x201600;
 constexpr uint32_t kAdcBits = 0x200F00;
 constexpr uint32_t kOpenLoopCode = 0x200200;
+
+// The value of 32 bits that has the CRC `wanted`. What a bit changes of a CRC does not depend on the
+// others, so the changes make up any difference; each pivot is one of its highest bit.
+template <typename Crc>
+uint32_t ValueOfCrc(const Crc &crc_of, uint32_t wanted) {
+  std::array<std::pair<uint32_t, uint32_t>, 32> pivots{};  // change of the CRC, of the value
+  const auto reduce = [&](uint32_t &change, uint32_t &value) {
+    for (int bit = 31; bit >= 0; --bit) {
+      if ((change >> bit & 1) == 0) continue;
+      if (pivots[bit].first == 0) return bit;
+      change ^= pivots[bit].first;
+      value ^= pivots[bit].second;
+    }
+    return -1;
+  };
+  const uint32_t zero = crc_of(0);
+  for (int i = 0; i < 32; ++i) {
+    uint32_t value = uint32_t{1} << i;
+    uint32_t change = crc_of(value) ^ zero;
+    const int pivot = reduce(change, value);
+    if (pivot >= 0) pivots[pivot] = {change, value};
+  }
+  uint32_t value = 0;
+  uint32_t change = wanted ^ zero;
+  reduce(change, value);
+  return value;
+}
 
 TEST(Store, TheFormatIsThatOfTheHeader) {
   Flash flash;
@@ -77,7 +106,7 @@ TEST(Store, ASetWithAValueThatDoesNotFitIsPassedOverWhole) {
     const size_t end = PutRecord(flash.bytes(), 0, AXIS_OBJECTS_HASH32, 1, {{kForceGain, 1280}});
     PutRecord(flash.bytes(), end, AXIS_OBJECTS_HASH32, 2, {{kForceGain, 99}, entry});
     Axis axis(flash.memory());
-    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED) << std::hex << entry.first;
+    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER) << std::hex << entry.first;
     EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280) << std::hex << entry.first;
     EXPECT_EQ(axis.Read(AXIS_OBJ_ADC_BITS), 8);
     Flash alone;
@@ -104,10 +133,72 @@ TEST(Store, AFlippedBitAnywhereLeavesTheOlderSet) {
     if (flash.bytes()[at] == image[at]) continue;  // not of the newer record
     for (int bit = 0; bit < 8; ++bit) {
       flash.bytes()[at] ^= static_cast<uint8_t>(1 << bit);
-      EXPECT_EQ(Axis(flash.memory()).Stored(), older) << at << "." << bit;
+      const Axis next(flash.memory());
+      EXPECT_EQ(next.Stored(), older) << at << "." << bit;
+      EXPECT_EQ(next.State(), AXIS_STORE_STATE_LOADED_OLDER) << at << "." << bit;
       flash.bytes()[at] ^= static_cast<uint8_t>(1 << bit);
     }
   }
+}
+
+// A damaged sector: the other one counts, and it is told that it is not the newest set.
+TEST(Store, ADamagedSectorLeavesTheOther) {
+  Flash flash;
+  Axis axis(flash.memory());
+  uint32_t seed = 0;
+  Values older;
+  while (flash.erases() < 2) {  // until the second sector is begun
+    older = axis.Stored();
+    axis.Change(++seed, 60);
+    axis.Save();
+  }
+  const auto half = static_cast<std::ptrdiff_t>(flash.bytes().size() / 2);
+  const bool second = Axis(flash.memory()).fw().store.home == 1;
+  const auto newest = flash.bytes().begin() + (second ? half : 0);
+  EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_LOADED);
+  for (auto at = newest; at != newest + half; ++at) *at &= 0x5A;
+  Axis next(flash.memory());
+  EXPECT_EQ(next.State(), AXIS_STORE_STATE_LOADED_OLDER);
+  EXPECT_EQ(next.Stored(), older);
+  next.Change(99, 20);
+  next.Save();  // takes the damaged one
+  EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_LOADED);
+  EXPECT_EQ(Axis(flash.memory()).Stored(), next.Stored());
+}
+
+// The last word of a set may look like blank memory.
+TEST(Store, ASetWhoseCrcIsAllOnesIsNotWrittenInto) {
+  Flash flash;
+  const auto put = [&](uint32_t value) {
+    PutRecord(flash.bytes(), 0, AXIS_OBJECTS_HASH32, 1, {{kPositionMin, value}});
+    return Crc32(flash.bytes().data(), 24);
+  };
+  ASSERT_EQ(put(ValueOfCrc(put, UINT32_MAX)), UINT32_MAX);
+  const std::vector<uint8_t> before = flash.bytes();
+  Axis axis(flash.memory());
+  ASSERT_EQ(axis.State(), AXIS_STORE_STATE_LOADED);
+  axis.Change(3, 10);
+  axis.Save();
+  EXPECT_TRUE(std::equal(before.begin(), before.begin() + 28, flash.bytes().begin()));
+  EXPECT_EQ(Axis(flash.memory()).Stored(), axis.Stored());
+}
+
+// Both sectors full of sets that cannot be used: looked at once, not once for each of them.
+TEST(Store, UnusableSetsCostNoMoreThanUsableOnes) {
+  const auto reads = [](uint32_t gain, uint32_t last_gain) {
+    Flash flash(16384);
+    size_t at = 0;
+    for (uint32_t sequence = 1; at + 28 <= flash.bytes().size(); ++sequence) {
+      const bool last = at + 56 > flash.bytes().size();
+      if (at < 16384 && at + 28 > 16384) at = 16384;
+      at = PutRecord(flash.bytes(), at, AXIS_OBJECTS_HASH32, sequence,
+                     {{kForceGain, last ? last_gain : gain}});
+    }
+    const Axis axis(flash.memory());
+    EXPECT_EQ(axis.State(), last_gain == 256 ? AXIS_STORE_STATE_LOADED : AXIS_STORE_STATE_FAILED);
+    return flash.bytes_read();
+  };
+  EXPECT_LE(reads(0x7FFFFFFF, 0x7FFFFFFF), reads(256, 256));
 }
 
 TEST(Store, RubbishIsNoSet) {

@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "8c7de466c04e252e8e587d62a4d42bf0550d972750f3b29952b806c8ddbcb52b"
+#define AXIS_OBJECTS_HASH "c8ccfefb65ac1be11a115fbeb0a5d498f49ad30c3676218d57837ca8087dbeda"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -99,7 +99,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {32, 1, "active_mode", "signal", "axis", "mode of the latest tick", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "disabled,open_loop,position,force,excitation", 0x2020, 0, 256, 0},
     {33, 1, "fault", "signal", "axis", "first fault since the last reset", "u8", "1",
-     1.0, INT64_C(0), INT64_C(11), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout", 0x2021, 0, 257, 0},
+     1.0, INT64_C(0), INT64_C(12), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost", 0x2021, 0, 257, 0},
     {34, 1, "limit_reason", "signal", "axis", "what limits dac_code", "u8", "1",
      1.0, INT64_C(0), INT64_C(6), INT64_C(0), "ro", "any", "none,dac_saturation,output_limit,position_min,position_max,limit_switch_neg,limit_switch_pos", 0x2022, 0, 13, 0},
     {35, 4, "position", "signal", "axis", "encoder count, wraps", "i32", "count",
@@ -311,7 +311,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {138, 1, "restore_defaults", "command", "device", "1 lets the next power-up start with all defaults; only while the axis is disabled", "u8", "1",
      1.0, INT64_C(1), INT64_C(1), INT64_C(0), "rw", "disabled", "", 0x2304, 0, 497, 0},
     {139, 1, "store_state", "signal", "device", "what the parameter store did last", "u8", "1",
-     1.0, INT64_C(0), INT64_C(6), INT64_C(0), "ro", "any", "empty,loaded,other_table,saving,saved,restored,failed", 0x2305, 0, 338, 0},
+     1.0, INT64_C(0), INT64_C(7), INT64_C(0), "ro", "any", "empty,loaded,other_table,saving,saved,restored,failed,loaded_older", 0x2305, 0, 338, 0},
     {140, 1, "modbus_word_order", "parameter", "device", "order of the two registers of a 32-bit object", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "high_first,low_first", 0x2306, 0, 511, 1},
     {141, 2, "overruns", "signal", "device", "ticks that came too late", "u16", "1",
@@ -597,11 +597,12 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 59
+#define AXIS_VALUE_TEXTS_COUNT 60
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {68, 0, "none"},
     {68, 21808, "store_failed"},
     {68, 24592, "source_lost"},
+    {68, 24832, "main_loop_lost"},
     {68, 25376, "parameter_refused"},
     {68, 29440, "adc_range"},
     {68, 29445, "sensor_invalid"},

@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "8c7de466c04e252e8e587d62a4d42bf0550d972750f3b29952b806c8ddbcb52b"
+OBJECTS_HASH = "c8ccfefb65ac1be11a115fbeb0a5d498f49ad30c3676218d57837ca8087dbeda"
 
 OBJECTS = (
     AxisObject(
@@ -820,7 +820,7 @@ OBJECTS = (
         unit="1",
         scale=1.0,
         min=0,
-        max=11,
+        max=12,
         default=0,
         access="ro",
         writable="any",
@@ -844,6 +844,7 @@ OBJECTS = (
             "source_lost",
             "can_off",
             "pdo_timeout",
+            "main_loop_lost",
         ),
         values=(),
     ),
@@ -1697,6 +1698,7 @@ OBJECTS = (
             (0, "none"),
             (21808, "store_failed"),
             (24592, "source_lost"),
+            (24832, "main_loop_lost"),
             (25376, "parameter_refused"),
             (29440, "adc_range"),
             (29445, "sensor_invalid"),
@@ -3452,7 +3454,7 @@ OBJECTS = (
         unit="1",
         scale=1.0,
         min=0,
-        max=6,
+        max=7,
         default=0,
         access="ro",
         writable="any",
@@ -3463,7 +3465,16 @@ OBJECTS = (
         title="Store state",
         node_id=False,
         mappable=True,
-        enum=("empty", "loaded", "other_table", "saving", "saved", "restored", "failed",),
+        enum=(
+            "empty",
+            "loaded",
+            "other_table",
+            "saving",
+            "saved",
+            "restored",
+            "failed",
+            "loaded_older",
+        ),
         values=(),
     ),
     AxisObject(

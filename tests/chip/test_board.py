@@ -1,0 +1,451 @@
+"""Start-up, clocks, pins, outputs, encoder, converters, tick and watchdog of the released image."""
+
+import re
+import struct
+import subprocess
+
+import pytest
+from chip import IMAGE, ROOT, TABLE, Chip, release
+from peripherals import NEVER, SUPPLY_V
+
+OFF = (0, 0, 0.0)
+LSB_V = 20 / 4096
+STATES = TABLE.BY_NAME["store_state"].enum
+
+
+def enable(chip, code):
+    """Open loop with a code that is out at once."""
+    assert chip.write("bump_decay_shift", 0) == 0
+    assert chip.write("open_loop_code", code) == 0
+    assert chip.write("mode", TABLE.BY_NAME["mode"].enum.index("open_loop")) == 0
+
+
+# --- start-up
+
+
+def test_what_the_manual_forbids_does_not_happen(chip):
+    enable(chip, 100)
+    chip.tick(20)
+    assert chip.board.mistakes == []
+
+
+def test_clocks(chip):
+    rcc = chip.board.rcc
+    assert (rcc.core_hz(), rcc.apb1_hz(), rcc.apb2_hz()) == (168e6, 42e6, 84e6)
+    assert chip.board.flash[0x00] & 0x707 == 0x705  # five wait states, prefetch, both caches
+
+
+def test_the_tick_is_exactly_1500_hz(chip):
+    assert chip.board.rcc.core_hz() / (chip.board.systick[0x04] + 1) == 1500
+    assert chip.board.systick[0x00] & 7 == 7  # core clock, interrupt, on
+
+
+def test_buses_interrupt_the_tick_and_not_the_other_way_round(chip):
+    tick = chip.board.scb[0x20] >> 24
+    assert chip.board.nvic.priority(20) < tick
+    assert chip.board.nvic.priority(38) < tick
+    # BASEPRI of port_lock() keeps the tick away and lets the buses in.
+    listing = subprocess.run(
+        ["arm-none-eabi-objdump", "-d", "--disassemble=port_lock", str(IMAGE)],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "BASEPRI" in listing
+    mask = int(re.search(r"movs\s+r\d, #(\d+)", listing).group(1))
+    assert chip.board.nvic.priority(20) < mask <= tick
+
+
+@pytest.mark.parametrize("never", ["pll", "switch"])
+def test_without_its_clock_the_axis_stays_off(never):
+    chip = Chip()
+    if never == "pll":
+        chip.board.rcc.lock_reads = NEVER
+    else:
+        chip.board.rcc.switches = False
+    release(chip)
+    assert chip.board.rcc.core_hz() == 16e6
+    assert chip.read("fault") == TABLE.BY_NAME["fault"].enum.index("sensor_invalid")
+    assert chip.write("mode", 1) != 0
+    chip.tick(10)
+    assert chip.board.trail == [OFF]
+    # The polls end: at 16 MHz and at least a cycle an instruction, within 10 ms but for the store.
+    assert chip.board.rcc.reads <= 5000
+    # CAN would have the wrong bit rate and is left alone; the serial line has the right one.
+    assert chip.board.can[0x00] == 0x00010002
+    assert abs(16e6 / chip.board.usart[0x08] / 115200 - 1) < 0.005
+    assert chip.board.mistakes == []
+
+
+def full_store(entries, address=0x200A00):
+    """Both sectors full of whole sets of so many entries, each a force_gain of its own."""
+    import zlib
+
+    out = b""
+    for sector in range(2):
+        sets, number = b"", 0
+        while True:
+            number += 1
+            sequence = sector * 10000 + number
+            body = struct.pack("<Ii", address, 256 + number) * entries
+            head = struct.pack(
+                "<4s3I", b"FAS1", int(TABLE.OBJECTS_HASH[:8], 16), sequence, len(body)
+            )
+            record = head + body + struct.pack("<I", zlib.crc32(head + body))
+            if len(sets) + len(record) > 16384:
+                break
+            sets += record
+        out += sets.ljust(16384, b"\xff")
+    return out
+
+
+@pytest.mark.parametrize("entries", [None, 5, 20, 60])
+def test_the_tick_runs_within_10_ms_of_boot(entries):
+    """Upper bound of the instructions; two thirds of them per cycle leave a margin."""
+    chip = Chip(None if entries is None else full_store(entries))
+    release(chip)
+    lock_s = 300e-6
+    boot_s = chip.boot_steps / 168e6 + lock_s
+    print(f"\n{entries} entries: at most {chip.boot_steps} instructions, {1e3 * boot_s:.1f} ms")
+    assert boot_s < 8e-3
+    assert chip.read("store_state") == (0 if entries is None else 1)
+
+
+@pytest.mark.parametrize("address", [0x200A00, 0x203F00], ids=["usable", "unusable"])
+@pytest.mark.parametrize("entries", [5, 20, 60])
+def test_a_reset_of_the_node_with_a_full_store_is_done_before_the_watchdog_fires(entries, address):
+    """Also where no set of them can be used."""
+    chip = release(Chip(full_store(entries, address)))
+    assert chip.read("store_state") == STATES.index("loaded" if address == 0x200A00 else "failed")
+    chip.board.can.sent.clear()
+    chip.board.can.receive(0, bytes([0x81, 0]))  # NMT, all nodes
+    worst = 0
+    for _ in range(4):
+        chip.tick()
+        worst = max(worst, chip.main_steps)
+    assert (0x701, b"\0", False) in chip.board.can.sent and worst > 100_000
+    print(f"\n{entries} entries: {worst} instructions")
+    # The fastest oscillator of the watchdog, and 1.5 cycles an instruction.
+    assert 1.5 * worst / 168e6 < chip.board.iwdg.timeout_s(47e3)
+
+
+def test_version_hash_and_source_are_in_the_image_and_read_back(chip):
+    text = chip.text(0x100A)
+    assert re.fullmatch(r"\d+\.\d+\.\d+ [0-9a-f]{8} [0-9a-f]{12}\+?", text)
+    assert text.split()[1] == TABLE.OBJECTS_HASH[:8]
+    assert len(text) <= 30  # what a Modbus client is shown of it
+    # At a fixed place, for those who hold a file.
+    assert chip.code[0x200 : 0x200 + len(text) + 1] == text.encode() + b"\0"
+    binary = IMAGE.with_suffix(".bin").read_bytes()
+    assert binary[0x200 : 0x200 + len(text)] == text.encode()
+    assert chip.text(0x1009) == "stm32f446"
+
+
+def test_the_image_leaves_the_store_and_the_ram_it_may_not_have():
+    lines = subprocess.run(
+        ["arm-none-eabi-objdump", "-h", str(IMAGE)], capture_output=True, text=True, check=True
+    ).stdout
+    used = flash = 0
+    for name, size, vma, lma in re.findall(r"^\s+\d+ (\.\w+)\s+(\w+)\s+(\w+)\s+(\w+)", lines, re.M):
+        size, vma, lma = int(size, 16), int(vma, 16), int(lma, 16)
+        if name.startswith(".debug"):
+            continue
+        if vma >= 0x20000000:
+            used += size
+        if name not in (".bss", ".stack"):
+            flash += size
+            assert lma + size <= 0x08004000 or lma >= 0x0800C000
+    print(f"\nflash {flash} bytes, RAM {used} bytes")
+    assert flash <= 48 * 1024
+    assert used <= 24 * 1024
+
+
+def test_the_stack_is_where_it_cannot_reach_variables(chip):
+    assert chip.symbols["stack_bottom"] == 0x20000000
+    assert struct.unpack_from("<I", chip.code)[0] == chip.symbols["stack_top"]
+    assert chip.symbols["stack_top"] % 8 == 0
+
+
+def test_every_vector_leads_somewhere(chip):
+    fail = chip.symbols["board_fail"] | 1
+    assert [chip.vectors[i] for i in (2, 3, 4, 5, 6, 11, 12, 14)] == [fail] * 8
+    assert chip.vectors[15] == chip.symbols["tick_interrupt"] | 1
+    others = set(range(1, 54)) - {1, 2, 3, 4, 5, 6, 11, 12, 14, 15, 16 + 20, 16 + 38}
+    assert all(chip.vectors[i] == 0 for i in others if i != 54)
+
+
+# --- outputs
+
+
+def test_reset_leaves_0_v_and_disabled():
+    chip = Chip()
+    assert chip.terminals() == OFF  # before the first instruction
+    release(chip)
+    chip.tick(100)
+    assert chip.board.trail == [OFF]  # and never anything else
+
+
+def test_a_reset_anywhere_in_the_boot_leaves_0_v_and_disabled():
+    """Wherever it is stopped, nothing but 0 V and disabled ever stood at the terminals."""
+    for step in range(0, 60_000, 2_500):
+        chip = Chip()
+        chip.close_contacts()
+        chip.steps, chip.limit = 0, 1 << 60
+        chip.uc.emu_start(chip.entry | 1, 0xFFFFFFFE, count=step or 1)
+        assert chip.board.trail == [OFF], step
+
+
+def test_the_dac_stands_at_mid_scale_before_it_is_enabled(chip):
+    seen = []
+    chip = Chip()
+    dac = chip.board.dac
+    original = dac.write
+
+    def write(offset, value):
+        seen.append((offset, value, chip.board.gpiob.mode(0)))
+        original(offset, value)
+
+    dac.write = write
+    chip.close_contacts()
+    chip.boot()
+    assert seen[0][:2] == (0x08, 2048)
+    enabled = next(i for i, s in enumerate(seen) if s[0] == 0x00 and s[1] & 1)
+    assert enabled > 0
+    # The amplifier's pin was no output yet.
+    assert all(mode == 0 for _, _, mode in seen)
+    assert dac[0x00] & 7 == 3  # on, without buffer, without trigger
+
+
+def test_the_amplifier_is_enabled_at_mid_scale_and_disabled_after_it(chip):
+    enable(chip, 1000)
+    chip.tick()
+    on = (1, 1, pytest.approx(1000 * LSB_V))
+    assert chip.board.trail == [OFF, (1, 1, 0.0), on]
+    chip.tick(5)
+    assert chip.write("mode", 0) == 0
+    chip.tick()
+    assert chip.board.trail[3:] == [(1, 1, 0.0), OFF]
+
+
+def test_a_fault_is_off_in_its_tick(chip):
+    enable(chip, -500)
+    chip.tick(3)
+    chip.board.gpioc.wires[0] = 0  # the enable chain opens
+    chip.tick()
+    assert chip.terminals() == OFF
+    assert chip.board.trail[-2][:1] == (1,) and chip.board.trail[-2][2] == 0.0
+    assert chip.read("fault") == TABLE.BY_NAME["fault"].enum.index("enable_lost")
+
+
+def test_the_amplifier_stays_off_while_the_dac_does_not_stand_at_mid_scale(chip):
+    chip.board.dac.registers[0x2C] = 2049  # a converter that does not follow
+    original = chip.board.dac.write
+    chip.board.dac.write = lambda offset, value: None
+    enable(chip, 100)
+    chip.tick(5)
+    assert chip.board.gpiob.level(0) == 0
+    chip.board.dac.write = original
+    chip.tick(2)  # one to mid-scale, one to enable
+    assert chip.terminals() == (1, 1, pytest.approx(100 * LSB_V))
+
+
+@pytest.mark.parametrize("code", [-2048, -2047, -1, 0, 1, 2046, 2047])
+def test_scaling_of_the_dac(chip, code):
+    enable(chip, code)
+    chip.tick()
+    assert chip.board.dac[0x2C] == code + 2048
+    assert chip.terminals()[2] == pytest.approx(code * LSB_V)
+
+
+def test_a_fault_of_the_core_is_safe_and_resets(chip):
+    enable(chip, 700)
+    chip.tick(2)
+    chip.limit = 1 << 60
+    context = chip.uc.context_save()
+    chip.steps = 0
+    chip.uc.emu_start(chip.vectors[3], 0xFFFFFFFE, count=200)  # it does not return
+    chip.uc.context_restore(context)
+    assert chip.terminals() == OFF
+    assert chip.board.scb.reset_asked
+
+
+# --- inputs
+
+
+def test_digital_inputs_fail_safe():
+    chip = Chip()
+    assert chip.board.gpioc.wires == {}
+    chip.boot()
+    chip.tick(2)  # no wire connected: chain open, both switches reached
+    assert chip.read("digital_inputs") == 2 + 4
+    for pin, bit in ((0, 1), (1, 2), (2, 4), (3, 8)):
+        before = chip.read("digital_inputs")
+        chip.board.gpioc.wires[pin] = 1
+        chip.tick()
+        assert chip.read("digital_inputs") == before ^ bit
+
+
+@pytest.mark.parametrize(
+    "straps, node", [((), 1), ((0,), 1), ((1,), 2), ((0, 2), 5), (range(5), 31)]
+)
+def test_straps_give_the_node_id(straps, node):
+    chip = Chip()
+    chip.board.gpioc.wires |= {4 + i: 0 for i in straps}
+    chip.boot()
+    assert chip.read("node_id") == node
+
+
+def test_serial_number_is_of_the_chip(chip):
+    assert chip.read("serial_number") & 0xFFFFFFFF == 0x00350027 ^ 0x33365110 ^ 0x31323736
+
+
+def test_the_encoder_counts_both_ways(chip):
+    for counts in (1, 7, -20, 100000, -300000):
+        before = chip.read("position")
+        chip.board.tim5.turn(counts)
+        chip.tick()
+        assert chip.read("position") - before == counts
+        assert chip.read("velocity") == counts
+
+
+def test_the_encoder_wraps(chip):
+    """Through 2^31 and through 0, without a jump of the velocity."""
+    for start in (0x7FFFFFF0, 0xFFFFFFF0):
+        chip.board.tim5.registers[0x24] = start
+        chip.tick(2)
+        for _ in range(4):
+            chip.board.tim5.turn(9)
+            chip.tick()
+            assert chip.read("velocity") == 9
+        for _ in range(4):
+            chip.board.tim5.turn(-9)
+            chip.tick()
+            assert chip.read("velocity") == -9
+
+
+@pytest.mark.parametrize("adc_bits", [8, 10, 12, 16])
+def test_scaling_of_the_adc(chip, adc_bits):
+    """A code is the input in 2^-bits of the supply, rounded down; beyond 12 are zeros."""
+    assert chip.write("adc_bits", adc_bits) == 0
+    for force_v, current_v in ((0.0, 3.29), (0.5, 2.0), (1.7, 0.013), (3.3, 3.3)):
+        chip.board.adc.volts = {6: force_v, 7: current_v}
+        chip.tick()
+        for name, volts in (("force_raw", force_v), ("current_raw", current_v)):
+            exact = min(int(volts / SUPPLY_V * 4096), 4095)
+            assert chip.read(name) == (exact << 4) >> (16 - adc_bits), (name, volts)
+
+
+def test_the_conversion_is_of_this_tick_and_done_in_time(chip):
+    before = chip.board.adc.conversions
+    chip.tick(7)
+    assert chip.board.adc.conversions - before == 7
+    assert chip.board.adc.group() == [6, 7]
+    assert chip.board.adc.duration_s() < 5e-6
+
+
+def test_an_adc_that_is_never_ready_costs_less_than_5_us_and_the_sensors(chip):
+    enable(chip, 300)
+    chip.tick(3)
+    usual = chip.tick_steps
+    adc = chip.board.adc
+    adc.ready_reads, adc.reads = NEVER, 0
+    chip.tick()
+    # Reading a register costs at least 2 cycles of the core and 2 of APB2, half as fast, and a poll
+    # has four reads and as many other instructions.
+    assert 2.6e-6 * 168e6 / 28 <= adc.reads <= 5e-6 * 168e6 / 41
+    assert chip.tick_steps - usual < 5e-6 * 168e6 + 600
+    assert chip.terminals() == OFF
+    assert chip.read("fault") == TABLE.BY_NAME["fault"].enum.index("sensor_invalid")
+    assert chip.read("mode") == 0
+
+
+def test_a_conversion_that_comes_late_is_not_taken_for_the_next_one(chip):
+    adc = chip.board.adc
+    adc.volts = {6: 1.0, 7: 1.0}
+    adc.ready_reads = 200
+    chip.tick()
+    assert chip.read("fault") != 0
+    adc.finish()  # between two ticks
+    adc.ready_reads = NEVER
+    chip.tick()
+    assert adc.waiting is not None  # started again, and what lay there was not taken
+    assert chip.write("fault_reset", 1) == 0
+    chip.tick()
+    assert chip.read("fault") == TABLE.BY_NAME["fault"].enum.index("sensor_invalid")
+
+
+# --- tick and watchdog
+
+
+def test_a_missed_tick_is_counted(chip):
+    before = chip.read("overruns")
+    chip.tick(5)
+    assert chip.read("overruns") == before
+    tim5 = chip.board.tim5
+    original = tim5.read
+
+    def read(offset):  # the next one comes while this one is at work
+        chip.board.systick.wrap()
+        return original(offset)
+
+    tim5.read = read
+    chip.tick()
+    tim5.read = original
+    chip.tick()
+    assert chip.read("overruns") == before + 1
+    chip.tick(3)
+    assert chip.read("overruns") == before + 1
+
+
+def test_the_watchdog_fires_some_20_ms_after_the_last_tick(chip):
+    iwdg = chip.board.iwdg
+    assert iwdg.started
+    assert iwdg.timeout_s(32e3) == pytest.approx(20e-3)
+    # At either end of the oscillator's range it outlasts some ticks, and not many.
+    assert iwdg.timeout_s(47e3) > 5 / 1500 and iwdg.timeout_s(17e3) < 40e-3
+
+
+def test_a_main_loop_that_hangs_costs_the_axis_its_outputs_and_then_the_reset(chip):
+    """Heartbeats, NMT and time-outs are the main loop's: without it nobody would see them."""
+    iwdg = chip.board.iwdg
+    enable(chip, 400)
+    chip.tick(3)
+    before = iwdg.feeds
+    chip.tick(15, hung=True)  # 10 ms
+    assert chip.terminals() == (1, 1, pytest.approx(400 * LSB_V))
+    assert iwdg.feeds - before == 15
+    chip.tick(hung=True)
+    assert chip.terminals() == OFF
+    chip.tick(100, hung=True)
+    assert iwdg.feeds - before == 15, "it would never be reset"
+    assert chip.board.trail[-1] == OFF
+    # Back before the watchdog is through: the fault stays, and it is named.
+    chip.tick(2)
+    assert chip.read("fault") == TABLE.BY_NAME["fault"].enum.index("main_loop_lost")
+    assert any(i == 0x081 and d[:2] == b"\x00\x61" for i, d, _ in chip.board.can.sent)  # 6100h
+    assert chip.terminals() == OFF and iwdg.feeds - before == 16
+
+
+def test_the_watchdog_is_fed_by_the_tick_and_by_nothing_else(chip):
+    iwdg = chip.board.iwdg
+    before = iwdg.feeds
+    chip.tick(10)
+    assert iwdg.feeds - before == 10
+    before = iwdg.feeds
+    chip.board.usart.incoming += list(b"\x01\x03\x00\x00\x00\x02\xc4\x0b")
+    chip.main(20)
+    chip.board.can.receive(0x601, bytes(8))
+    chip.interrupts()
+    assert iwdg.feeds == before
+    # Nor before the first tick: a start that hangs is found out.
+    other = Chip()
+    other.boot()
+    assert other.board.iwdg.started and other.board.iwdg.feeds == 0
+
+
+def test_who_feeds_the_watchdog_is_one_function_and_the_erase():
+    """The key is stored in two places of the sources."""
+    uses = [
+        path.name
+        for path in sorted((ROOT / "firmware").rglob("*.c"))
+        for _ in range(path.read_text().count("IWDG_KEY_FEED"))
+    ]
+    assert uses == ["flash.c", "watchdog.c"]
