@@ -237,11 +237,12 @@ static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (
 /* The same of multiples of 100 us, at most 65535. Rounding: up. Overflow: cannot. */
 static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3 + 19) / 20; }
 
-/* Ticks of 1/1500 s that last at least as long as 3.5 characters of 11 bits. Rounding: up.
- * Overflow: cannot, baud 0 counts as 1. */
+/* Ticks of 1/1500 s that last at least as long as the silence that ends a frame of Modbus: 3.5
+ * characters of 11 bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1).
+ * Rounding: up. Overflow: cannot, baud 0 counts as 1. */
 static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
-  /* 3.5 x 11 x 1500 = 57750; more bits than that a second: one tick. */
-  return (baud >= 57750) ? 1 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
+  /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
+  return (baud > 19200) ? 3 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
 }
 
 /* Bit n (0..31) alone. */

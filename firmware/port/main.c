@@ -25,9 +25,19 @@ void port_tick(void) {
   is_late = port_overran() || is_late;
 }
 
+static void serial_in(void) {
+  uint8_t bytes[SERIAL_CHUNK_BYTES];
+  const uint16_t received = port_serial_receive(bytes, sizeof(bytes));
+  if (received > 0) {
+    fw_modbus_receive(&firmware, bytes, received);
+  }
+}
+
+/* Bytes that are there already were no silence, however late this is. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;
+    serial_in();
     fw_between(&firmware);
   }
 }
@@ -90,12 +100,8 @@ static void serve_serial(void) {
   static uint8_t answer[SERIAL_CHUNK_BYTES];
   static uint16_t count;
   static uint16_t sent;
-  uint8_t bytes[SERIAL_CHUNK_BYTES];
-  const uint16_t received = port_serial_receive(bytes, sizeof(bytes));
   take_firmware();
-  if (received > 0) {
-    fw_modbus_receive(&firmware, bytes, received);
-  }
+  serial_in();
   if (sent == count) {
     count = fw_modbus_transmit(&firmware, answer, sizeof(answer));
     sent = 0;

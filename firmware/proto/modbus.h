@@ -56,7 +56,7 @@ void modbus_clear_counters(modbus_t *modbus);
  * any number of broadcasts that are whole with them. */
 void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t count);
 
-/* Once a tick: a silence of 3.5 characters, rounded up to ticks, ends a frame. */
+/* Once a tick: a silence ends a frame, fx_ticks_of_silence(). */
 void modbus_tick(modbus_t *modbus, fw_t *fw);
 
 /* Up to `room` bytes of the answer; 0: none. */

@@ -232,7 +232,7 @@ class Profile:
             "| what | at most |",
             "| --- | ---: |",
             f"| fw_interrupt() | {self.worst.count} |",
-            f"| the port: entry, inputs with {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
+            f"| the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
             f" {self.port} |",
             f"| together | {self.worst.count + self.port} |",
             "",

@@ -20,6 +20,8 @@ constexpr uint8_t kUnit = kNode;
 
 class Modbus : public BusFixture {
  protected:
+  static constexpr int kSilence = 4;  // ticks of 1.75 ms, and the one that still sees the bytes
+
   Modbus() { PowerUp(0); }
 
   void PowerUp(uint32_t baud) {
@@ -81,7 +83,8 @@ TEST_F(Modbus, TheCrcIsThatOfTheSpecification) {
             (Bytes{0x11, 0x03, 0x00, 0x6B, 0x00, 0x03, 0x76, 0x87}));
 }
 
-// Catalogue values of both CRCs; ticks of 3.5 characters by hand: 57750 / baud, rounded up.
+// Catalogue values of both CRCs; ticks of 3.5 characters by hand: 57750 / baud,
+// rounded up, and of 1.75 ms.
 TEST(FxSerial, CrcsSilenceAndBits) {
   uint16_t crc16 = 0xFFFF;
   uint32_t crc32 = UINT32_MAX;
@@ -93,7 +96,7 @@ TEST(FxSerial, CrcsSilenceAndBits) {
   EXPECT_EQ(~crc32, 0xCBF43926u);
   const std::pair<uint32_t, uint32_t> silences[] = {
       {0, 57750}, {1, 57750}, {1200, 49}, {9600, 7},   {19200, 4},
-      {28875, 2}, {57600, 2}, {57750, 1}, {115200, 1}, {UINT32_MAX, 1}};
+      {19201, 3}, {57600, 3}, {57750, 3}, {115200, 3}, {UINT32_MAX, 3}};
   for (const auto &[baud, ticks] : silences) EXPECT_EQ(fx_ticks_of_silence(baud), ticks) << baud;
   uint8_t row[3] = {0xFF, 0xFF, 0xFF};
   for (uint32_t n = 0; n < 10; ++n) fx_bit_append(row, n, n % 3 == 0);
@@ -477,7 +480,7 @@ TEST_F(Modbus, OtherUnitsAndBroadcastsGetNoAnswer) {
     EXPECT_EQ(Read(AXIS_OBJ_FORCE_GAIN), unit < kUnit ? 1 : kUnit + 1) << unit;
     // Answers of others, which look like requests of another length.
     EXPECT_TRUE(id == kUnit || Ask(Bytes{3, 4, 1, 2, 3, 4}, id).empty());
-    Tick(2);
+    Tick(kSilence);
     EXPECT_TRUE(Fetch().empty());
   }
 }
@@ -486,15 +489,15 @@ TEST_F(Modbus, ServedWithTheLastByteHoweverTheyCome) {
   for (size_t i = 0; i + 1 < kRequest.size(); ++i) {
     Send({kRequest[i]});
     EXPECT_TRUE(Fetch().empty());
-    Tick();  // one tick of silence would end the frame, but a byte came in each
+    Tick(kSilence - 1);  // one more would end the frame
   }
   Send({kRequest.back()});
   EXPECT_EQ(Fetch().size(), 7u);
 }
 
-// 3.5 characters of 11 bits: 1 tick at 115200 baud, 3.0078 ticks at 19200, 48.1 at 1200.
+// 1.75 ms, 2.6 ticks, above 19200 baud; else 3.5 characters: 3.0078 ticks at 19200, 48.1 at 1200.
 TEST_F(Modbus, ASilenceEndsAFrame) {
-  const std::pair<uint32_t, int> cases[] = {{0, 1}, {115200, 1}, {19200, 4}, {1200, 49}};
+  const std::pair<uint32_t, int> cases[] = {{0, 3}, {115200, 3}, {19200, 4}, {1200, 49}};
   for (const auto &[baud, ticks] : cases) {
     PowerUp(baud);
     Send({kRequest.begin(), kRequest.begin() + 3});
@@ -516,7 +519,7 @@ TEST_F(Modbus, AFlippedBitIsSilentAndCounted) {
     frame[bit / 8] ^= static_cast<uint8_t>(1u << (bit % 8));
     Send(frame);
     EXPECT_TRUE(Fetch().empty()) << bit;
-    Tick(2);
+    Tick(kSilence);
     EXPECT_TRUE(Fetch().empty()) << bit;
     ++expected;
   }
@@ -526,7 +529,7 @@ TEST_F(Modbus, AFlippedBitIsSilentAndCounted) {
 TEST_F(Modbus, CutAndOverlongFramesResynchronise) {
   for (size_t length = 1; length < kRequest.size(); ++length) {
     Send({kRequest.begin(), kRequest.begin() + static_cast<std::ptrdiff_t>(length)});
-    Tick(2);
+    Tick(kSilence);
     EXPECT_TRUE(Fetch().empty());
     Send(kRequest);
     EXPECT_EQ(Fetch().size(), 7u) << length;
@@ -536,7 +539,7 @@ TEST_F(Modbus, CutAndOverlongFramesResynchronise) {
     frame[0] = kUnit;
     frame[1] = 16;
     Send(frame);
-    Tick(2);
+    Tick(kSilence);
     EXPECT_TRUE(Fetch().empty());
     Send(kRequest);
     EXPECT_EQ(Fetch().size(), 7u) << length;
@@ -544,10 +547,10 @@ TEST_F(Modbus, CutAndOverlongFramesResynchronise) {
   // Whole, but not as long as its function says: an exception, after the silence.
   Send(Closed({kUnit, 3, 0, 0, 0, 1, 0, 0}));
   EXPECT_TRUE(Fetch().empty());
-  Tick(2);
+  Tick(kSilence);
   EXPECT_EQ(Fetch(), Closed({kUnit, 0x83, 3}));
   Send(Closed({kUnit, 16, 0, 0, 0, 1, 20, 0, 0}));
-  Tick(2);
+  Tick(kSilence);
   EXPECT_EQ(Fetch(), Closed({kUnit, 0x90, 3}));
 }
 
@@ -566,7 +569,7 @@ TEST_F(Modbus, BytesDuringAnAnswerAreLostAndCounted) {
   Send(kRequest);
   Send(kRequest);
   EXPECT_EQ(Fetch().size(), 7u);
-  Tick(2);
+  Tick(kSilence);
   Send(kRequest);
   EXPECT_EQ(Fetch().size(), 7u);
   EXPECT_EQ(Counter(18), 1u);
@@ -579,7 +582,7 @@ TEST_F(Modbus, Counters) {
   Ask(4, {0x50, 1});
   Ask(6, {0x010C, 1}, 0);
   Send({1, 2, 3, 4, 5});
-  Tick(2);
+  Tick(kSilence);
   EXPECT_EQ(Counter(11), 5u);
   EXPECT_EQ(Counter(12), 1u);
   EXPECT_EQ(Counter(13), 1u);
@@ -590,7 +593,7 @@ TEST_F(Modbus, Counters) {
   EXPECT_EQ(Counter(13), 0u);
   EXPECT_EQ(Ask(8, {11, 1}), Exception(8, 3));
   EXPECT_EQ(Ask(Bytes{8, 0, 0, 1, 2, 3}).size(), 0u);  // an echo of any length ...
-  Tick(2);
+  Tick(kSilence);
   EXPECT_EQ(Fetch(), Closed({kUnit, 8, 0, 0, 1, 2, 3}));  // ... after the silence
 }
 
@@ -611,7 +614,7 @@ TEST_F(Modbus, RandomBytes) {
       break;
     }
     if (round % 100 == 0) {
-      Tick(2);
+      Tick(kSilence);
       Fetch();
       Send(kRequest);
       EXPECT_EQ(Fetch().size(), 7u) << round;

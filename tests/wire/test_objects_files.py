@@ -454,8 +454,9 @@ def in_header(prefix):
 
 # CiA 301 and 402, typed from the standards; FF01h and above are ours.
 ERROR_CODES = {
-    "none": 0x0000, "store_failed": 0x5530, "source_lost": 0x6010, "parameter_refused": 0x6320,
-    "adc_range": 0x7300, "sensor_invalid": 0x7305, "overspeed": 0x7310, "can_overrun": 0x8110,
+    "none": 0x0000, "store_failed": 0x5530, "source_lost": 0x6010, "main_loop_lost": 0x6100,
+    "parameter_refused": 0x6320, "adc_range": 0x7300, "sensor_invalid": 0x7305,
+    "overspeed": 0x7310, "can_overrun": 0x8110,
     "can_passive": 0x8120, "heartbeat_lost": 0x8130, "can_off": 0x8140, "pdo_short": 0x8210,
     "pdo_long": 0x8220, "sync_length": 0x8240, "pdo_timeout": 0x8250, "following_error": 0x8611,
     "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
