@@ -12,6 +12,7 @@ import sys
 
 import pytest
 import unicorn
+from pymodbus.framer import FramerRTU
 from test_firmware_targets import CORTEX_M4, LOCAL, ROOT, SOURCES, load_objects, run
 from unicorn import arm_const
 
@@ -382,12 +383,8 @@ void fault(void) { for (;;) {} }
 
 
 def crc(frame):
-    value = 0xFFFF
-    for byte in frame:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return frame + value.to_bytes(2, "little")
+    """The frame and its CRC."""
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):

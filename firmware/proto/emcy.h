@@ -6,8 +6,9 @@
  * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
  * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
  * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
- * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes are AXIS_ERROR_CODE_. Code 0
- * says that something has gone; the register in the frame tells whether anything is left. */
+ * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes
+ * are AXIS_ERROR_CODE_. Code 0 says that something has gone; the register in the frame tells
+ * whether anything is left. */
 
 #include <stdbool.h>
 #include <stdint.h>

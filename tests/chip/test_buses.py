@@ -3,6 +3,7 @@
 import pytest
 from chip import TABLE, Chip, release
 from peripherals import bits
+from pymodbus.framer import FramerRTU
 
 ACTIVE, PASSIVE, OFF = 0, 1, 2
 NODE = 1
@@ -231,12 +232,8 @@ def test_a_controller_that_does_not_answer_never_blocks_a_tick():
 
 
 def crc(frame):
-    value = 0xFFFF
-    for byte in frame:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return frame + value.to_bytes(2, "little")
+    """The frame and its CRC."""
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 def ask(chip, request):

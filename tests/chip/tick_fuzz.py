@@ -10,6 +10,7 @@ import random
 import struct
 
 from cortex_m4 import LOCAL, NODE
+from pymodbus.framer import FramerRTU
 
 MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8]
 CANOPEN = 0  # FW_SOURCE_
@@ -96,12 +97,8 @@ def signed(value):
 
 
 def crc(frame):
-    value = 0xFFFF
-    for byte in frame:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return frame + value.to_bytes(2, "little")
+    """The frame and its CRC."""
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 class Fuzz:

@@ -19,6 +19,8 @@ import time
 import tty
 from pathlib import Path
 
+from pymodbus.framer import FramerRTU
+
 ROOT = Path(__file__).resolve().parents[2]
 NODES = ROOT / "build" / "release" / "host"
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
@@ -82,12 +84,8 @@ class Bus:
 
 
 def crc(frame):
-    value = 0xFFFF
-    for byte in frame:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return frame + value.to_bytes(2, "little")
+    """The frame and its CRC."""
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 def registers(fd, function, first, value):

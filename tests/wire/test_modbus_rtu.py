@@ -7,7 +7,6 @@ import os
 import random
 import select
 import signal
-import struct
 import subprocess
 import time
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 from forceaxis.objects import OBJECTS
 from pymodbus.client import ModbusSerialClient
+from pymodbus.framer import FramerRTU
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "build/release/tests/wire"
@@ -332,12 +332,8 @@ def test_what_is_stored_survives_a_kill(line):
 
 
 def closed(*frame):
-    crc = 0xFFFF
-    for byte in frame:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc >> 1) ^ (0xA001 if crc & 1 else 0)
-    return bytes(frame) + struct.pack("<H", crc)
+    """The frame and its CRC."""
+    return bytes(frame) + FramerRTU.compute_CRC(bytes(frame)).to_bytes(2, "big")
 
 
 REQUEST = closed(UNIT, 4, 0, 0, 0, 1)

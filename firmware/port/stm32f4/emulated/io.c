@@ -159,9 +159,9 @@ uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 
 uint16_t port_can_lost(void) { return 0; }
 
-/* The emulated USART asks for an interrupt when a byte comes, but not when one may be sent. No wfi in
- * front of a host: there time is counted in instructions, and QEMU doubles the period of every timer
- * by it. */
+/* The emulated USART asks for an interrupt when a byte comes, but not when one may be sent. No wfi
+ * in front of a host: there time is counted in instructions, and QEMU doubles the period of every
+ * timer by it. */
 void port_idle(void) {
   if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {
     NVIC->ISPR1 = BIT(IRQ_USART2 - 32);
