@@ -152,6 +152,9 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   if (config->buses != 0) {
     wake(fw);
     boot(fw);
+    if (config->watchdog_fired != 0) {
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_WATCHDOG_RESET, 0);
+    }
   }
 }
 

@@ -27,7 +27,7 @@
  * force, or not the newest of it; its first manufacturer byte is store_state), source_lost (where
  * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are given when it
  * happens, and then not again for FW_HOLD_TICKS: contact_losses, force_saturated, limit_cycle and
- * overruns tell the rest. */
+ * overruns tell the rest. FF07h, watchdog_reset: at a power-up by the watchdog. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* Ticks that fw_between() may stay away for, 10 ms. */
@@ -40,10 +40,11 @@ typedef struct {
   const store_memory_t *memory; /* NULL: parameters are not kept */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint32_t modbus_baud; /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint8_t node_id;      /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
-  uint8_t buses;        /* 1: CANopen and Modbus are served */
-  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
+  uint32_t modbus_baud;   /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint8_t node_id;        /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
+  uint8_t buses;          /* 1: CANopen and Modbus are served */
+  uint8_t watchdog_fired; /* 1: that is why the chip starts; told as an emergency */
+  const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
 struct fw {

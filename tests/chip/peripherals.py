@@ -67,6 +67,8 @@ class Rcc(Peripheral):
     def write(self, offset, value):
         if offset == 0x00:
             value = value & ~(1 << 25) | (self[0x00] & 1 << 25 if bits(value, 24) else 0)
+        if offset == 0x74:  # RMVF clears why the chip was reset
+            value = 0 if bits(value, 24) else self[0x74]
         if offset == 0x04 and bits(self[0x00], 24):
             self.board.mistakes.append("PLLCFGR written while the PLL is on")
         if offset == 0x08:

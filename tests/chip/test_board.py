@@ -441,6 +441,20 @@ def test_the_watchdog_is_fed_by_the_tick_and_by_nothing_else(chip):
     assert other.board.iwdg.started and other.board.iwdg.feeds == 0
 
 
+@pytest.mark.parametrize("flag, told", [(1 << 29, True), (1 << 28 | 1 << 26, False)])
+def test_a_reset_by_the_watchdog_is_told_once(flag, told):
+    """RM0390, 6.3.21: 29 the watchdog, 28 the software, 26 the pin."""
+    chip = Chip()
+    chip.board.rcc.registers[0x74] = flag
+    release(chip)
+    assert any(i == 0x081 and d[:2] == b"\x07\xff" for i, d, _ in chip.board.can.sent) == told
+    assert chip.board.rcc[0x74] == 0
+    chip.board.can.sent.clear()
+    chip.board.can.receive(0, bytes([0x81, 0]))  # NMT: the node starts again, the chip does not
+    chip.tick(4)
+    assert [i for i, _, _ in chip.board.can.sent] == [0x701]
+
+
 def test_who_feeds_the_watchdog_is_one_function_and_the_erase():
     """The key is stored in two places of the sources."""
     uses = [

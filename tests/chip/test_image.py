@@ -14,7 +14,7 @@ REPLACED = {
     *("io_init", "io_make_safe", "io_node_id", "io_serial_number", "io_clock_is_right"),
     *("port_sense", "port_act", "port_idle", "flash_memory", "watchdog_start", "can_interrupt"),
     *("port_can_receive", "port_can_transmit", "port_can_bus", "port_can_lost"),
-    "port_feed_watchdog",
+    *("port_feed_watchdog", "watchdog_fired"),
 }
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wshadow", "-Wconversion"]
 

@@ -131,4 +131,16 @@ TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
   EXPECT_EQ(CountTold(0x5530), 1) << "also after a reset";
 }
 
+TEST_F(Fw, AResetByTheWatchdogIsToldOnce) {
+  fw_config_t config = NodeConfig();
+  config.watchdog_fired = 1;
+  fw_init(&fw_, &config);
+  Tick();
+  EXPECT_EQ(CountTold(0xFF07), 1);
+  EXPECT_EQ(Inner(AXIS_OBJ_ERROR_CODE), 0) << "it is no fault";
+  Send(0, {129, kNode});
+  Tick(3);
+  EXPECT_EQ(CountTold(0xFF07), 0) << "the chip was not reset again";
+}
+
 }  // namespace

@@ -377,7 +377,8 @@ enum {
   AXIS_ERROR_CODE_LIMIT_CYCLE = 65283,
   AXIS_ERROR_CODE_OVERRUN = 65284,
   AXIS_ERROR_CODE_ENABLE_LOST = 65285,
-  AXIS_ERROR_CODE_FORCE_MAX = 65286
+  AXIS_ERROR_CODE_FORCE_MAX = 65286,
+  AXIS_ERROR_CODE_WATCHDOG_RESET = 65287
 };
 
 enum {
@@ -669,8 +670,8 @@ typedef struct {
 } device_signals_t;
 
 /* First 32 bits of the table's SHA-256: programs with the same one mean the same. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xc8ccfefb)
-#define AXIS_OBJECTS_HASH_TEXT "c8ccfefb"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x01dc90f8)
+#define AXIS_OBJECTS_HASH_TEXT "01dc90f8"
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };

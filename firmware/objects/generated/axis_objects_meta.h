@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "c8ccfefb65ac1be11a115fbeb0a5d498f49ad30c3676218d57837ca8087dbeda"
+#define AXIS_OBJECTS_HASH "01dc90f8edaf789a2011aa0001d9bfdcff1acbde277c74d2c8804e25a64a6902"
 #define AXIS_OBJECTS_META_COUNT 277
 
 /* Entry i describes object number i + 1. */
@@ -597,7 +597,7 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 60
+#define AXIS_VALUE_TEXTS_COUNT 61
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {68, 0, "none"},
     {68, 21808, "store_failed"},
@@ -623,6 +623,7 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {68, 65284, "overrun"},
     {68, 65285, "enable_lost"},
     {68, 65286, "force_max"},
+    {68, 65287, "watchdog_reset"},
     {69, -8, "impedance"},
     {69, -7, "damping"},
     {69, -6, "stiffness"},

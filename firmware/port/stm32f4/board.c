@@ -22,6 +22,7 @@ const fw_config_t *port_config(void) {
   config.serial_number = io_serial_number();
   config.node_id = io_node_id();
   config.buses = 1;
+  config.watchdog_fired = watchdog_fired() ? 1 : 0;
   return &config;
 }
 

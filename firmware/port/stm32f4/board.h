@@ -67,6 +67,7 @@ const store_memory_t *flash_memory(void);
 
 /* watchdog.c */
 void watchdog_start(void);
+bool watchdog_fired(void); /* it reset the chip; true once */
 
 /* io.c, or emulated/io.c */
 void io_init(void); /* safe outputs, clock, all but the serial line */

@@ -27,6 +27,8 @@ typedef struct {
   reg_t unused_34[3];
   reg_t APB1ENR;
   reg_t APB2ENR;
+  reg_t unused_48[11];
+  reg_t CSR;
 } rcc_t;
 #define RCC_BASE 0x40023800
 #define RCC ((rcc_t *)RCC_BASE)
@@ -54,6 +56,9 @@ typedef struct {
 #define RCC_APB1ENR_CAN1EN BIT(25)
 #define RCC_APB1ENR_DACEN BIT(29)
 #define RCC_APB2ENR_ADC1EN BIT(8)
+
+#define RCC_CSR_RMVF BIT(24)
+#define RCC_CSR_WDGRSTF BIT(29)
 
 /* --- flash ------------------------------------------------------------------------------------ */
 

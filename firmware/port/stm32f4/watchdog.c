@@ -13,4 +13,11 @@ void watchdog_start(void) {
   IWDG->RLR = RELOAD;
 }
 
+/* The flag stays over resets until it is cleared. */
+bool watchdog_fired(void) {
+  const bool fired = (RCC->CSR & RCC_CSR_WDGRSTF) != 0;
+  RCC->CSR |= RCC_CSR_RMVF;
+  return fired;
+}
+
 void port_feed_watchdog(void) { IWDG->KR = IWDG_KEY_FEED; }

@@ -15,9 +15,8 @@ from pathlib import Path
 from forceaxis._core import TransportError
 
 QEMU = "qemu-system-arm"
-# 2^8 ns an instruction, 2604 of them a tick, which leave the main loop its turn in each tick; what
-# is left over is spent waiting and costs real time. Time stands still while the chip waits for us.
-CLOCK = ("-icount", "shift=8,sleep=off")
+# 2^6 ns an instruction, some 10,000 of them a tick; time stands still while the chip waits.
+CLOCK = ("-icount", "shift=6,sleep=off")
 
 
 class Emulator:

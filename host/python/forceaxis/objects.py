@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "c8ccfefb65ac1be11a115fbeb0a5d498f49ad30c3676218d57837ca8087dbeda"
+OBJECTS_HASH = "01dc90f8edaf789a2011aa0001d9bfdcff1acbde277c74d2c8804e25a64a6902"
 
 OBJECTS = (
     AxisObject(
@@ -1719,6 +1719,7 @@ OBJECTS = (
             (65284, "overrun"),
             (65285, "enable_lost"),
             (65286, "force_max"),
+            (65287, "watchdog_reset"),
         ),
     ),
     AxisObject(
