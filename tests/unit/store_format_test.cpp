@@ -36,8 +36,8 @@ constexpr uint32_t kPositionMin = 0x201600;
 constexpr uint32_t kAdcBits = 0x200F00;
 constexpr uint32_t kOpenLoopCode = 0x200200;
 
-// The value of 32 bits that has the CRC `wanted`. What a bit changes of a CRC does not depend on the
-// others, so the changes make up any difference; each pivot is one of its highest bit.
+// The value of 32 bits that has the CRC `wanted`. What a bit changes of a CRC does not depend on
+// the others, so the changes make up any difference; each pivot is one of its highest bit.
 template <typename Crc>
 uint32_t ValueOfCrc(const Crc &crc_of, uint32_t wanted) {
   std::array<std::pair<uint32_t, uint32_t>, 32> pivots{};  // change of the CRC, of the value
