@@ -113,7 +113,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     tick(&fw, ticks);
     fetch(&fw);
   }
-  tick(&fw, 2);
+  tick(&fw, (int)fw.modbus.silence_ticks + 1);
   fetch(&fw);
   const uint8_t request[] = {UNIT, 4, 0, 0, 0, 1};
   uint8_t frame[8];

@@ -298,7 +298,7 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
         mismatch = f"table 1234abcd in the firmware, {TABLE_HASH:08x} here"
         assert mismatch in panel_text(app, 3)
         assert "lost" in panel_text(app, 1) and "lost" in head_text(app)
-        assert "EMCY FF06h" in str(app.query_one("#events").render())
+        await settle(pilot, lambda: "EMCY FF06h" in str(app.query_one("#events").render()))
         assert "simulator running x 1.00" in head_text(app)
         # Numbers are those of one state: force k/256 counts of 1.96 N, position 1000 + k.
         with watch.lock:
