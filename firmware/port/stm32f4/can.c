@@ -21,7 +21,7 @@ enum { PATIENCE_TICKS = 1500 };
 
 static can_frame_t ring[RING];
 static volatile uint8_t ring_in;  /* of the interrupt */
-static volatile uint8_t ring_out; /* of the tick */
+static volatile uint8_t ring_out; /* of the main loop */
 static volatile uint16_t dropped; /* counts up, of the interrupt */
 static uint16_t dropped_told;
 

@@ -76,7 +76,7 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
 
 /* An erase keeps the flash busy for longer than the watchdog waits, and whatever is fetched from it
  * meanwhile stops the core. So this lies in RAM, lets no interrupt in and feeds the watchdog: the
- * drive is disabled, and this is still the tick. What never ends is left to the watchdog. */
+ * drive is disabled, and no tick can come to feed it. What never ends is left to the watchdog. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;
