@@ -2,9 +2,9 @@
 
 #include <stddef.h>
 
-#include "firmware/core/value.h"
+#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
-#include "firmware/proto/cia402_state.h"
+#include "firmware/drive/state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 /* TPDOs gather their bytes from where the values lie. */

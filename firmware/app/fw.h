@@ -11,11 +11,11 @@
 #include "firmware/app/store.h"
 #include "firmware/core/axis.h"
 #include "firmware/core/recorder.h"
-#include "firmware/proto/access.h"
-#include "firmware/proto/can.h"
-#include "firmware/proto/canopen.h"
-#include "firmware/proto/cia402.h"
-#include "firmware/proto/modbus.h"
+#include "firmware/objects/access.h"
+#include "firmware/canopen/can.h"
+#include "firmware/canopen/node.h"
+#include "firmware/drive/drive.h"
+#include "firmware/modbus/server.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288

@@ -19,7 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/proto/access.h"
+#include "firmware/objects/access.h"
 
 /* Memory of the port: two sectors, one after the other, whose erased bytes read 0xFF. Addresses and
  * counts of program() are multiples of 4, and it is only asked to program blank bytes; it returns

@@ -4,7 +4,7 @@
 #include "firmware/core/laws.h"
 #include "firmware/core/limits.h"
 #include "firmware/core/modes.h"
-#include "firmware/core/value.h"
+#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
 
 _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");

@@ -2,7 +2,7 @@
 
 #include <stdbool.h>
 
-#include "firmware/core/value.h"
+#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
 
 void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {

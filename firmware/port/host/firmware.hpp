@@ -17,15 +17,15 @@ extern "C" {
 #include "firmware/core/modes.h"
 #include "firmware/core/profile.h"
 #include "firmware/core/recorder.h"
-#include "firmware/core/value.h"
+#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
-#include "firmware/proto/access.h"
-#include "firmware/proto/can.h"
-#include "firmware/proto/canopen.h"
-#include "firmware/proto/cia402.h"
-#include "firmware/proto/modbus.h"
+#include "firmware/objects/access.h"
+#include "firmware/canopen/can.h"
+#include "firmware/canopen/node.h"
+#include "firmware/drive/drive.h"
+#include "firmware/modbus/server.h"
 }
 
 #endif

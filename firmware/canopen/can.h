@@ -1,0 +1,17 @@
+#ifndef FIRMWARE_CANOPEN_CAN_H_
+#define FIRMWARE_CANOPEN_CAN_H_
+
+#include <stdint.h>
+
+/* A classic CAN frame with an 11-bit identifier; all that CANopen uses. Ports drop others. */
+typedef struct {
+  uint16_t id;    /* 0..2047 */
+  uint8_t length; /* 0..8 */
+  uint8_t remote; /* 1: a remote request, without data */
+  uint8_t data[8];
+} can_frame_t;
+
+/* What the port knows of the bus. */
+enum { CAN_BUS_ACTIVE = 0, CAN_BUS_PASSIVE = 1, CAN_BUS_OFF = 2 };
+
+#endif

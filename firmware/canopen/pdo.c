@@ -1,0 +1,509 @@
+#include "firmware/canopen/pdo.h"
+
+#include <stddef.h>
+
+#include "firmware/objects/value.h"
+#include "firmware/fx/fx.h"
+#include "firmware/canopen/node.h"
+
+/* --- mapping ---------------------------------------------------------------------------------- */
+
+/* Bits of the types that CiA 301 numbers 1 to 7: boolean, i8, i16, i32, u8, u16, u32. */
+static const uint8_t bits_of_dummy[] = {0, 1, 8, 16, 32, 8, 16, 32};
+
+/* An entry of a mapping, taken apart. */
+static uint16_t entry_index(uint32_t entry) { return (uint16_t)fx_field(entry, 16, 16); }
+static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8); }
+static uint8_t entry_bits(uint32_t entry) { return (uint8_t)fx_field(entry, 0, 8); }
+
+static bool is_mappable(const axis_object_t *object, bool transmit) {
+  const uint8_t refusing = transmit ? AXIS_ACCESS_WO : AXIS_ACCESS_RO;
+  return object->mappable != 0 && object->access != refusing;
+}
+
+/* FW_OK and the object (none: a dummy), or why the entry cannot be mapped. */
+static int resolve(uint32_t entry, bool transmit, uint16_t *object) {
+  const uint16_t index = entry_index(entry);
+  *object = AXIS_OBJ_NONE;
+  if (!transmit && index != 0 && index < sizeof(bits_of_dummy)) {
+    const bool fits = entry_sub(entry) == 0 && entry_bits(entry) == bits_of_dummy[index];
+    return fits ? FW_OK : FW_ERROR_MAPPING;
+  }
+  const axis_address_t *address = fw_address(index, entry_sub(entry));
+  if (address == NULL) {
+    return FW_ERROR_NO_OBJECT;
+  }
+  if (address->what != AXIS_ADDRESS_OBJECT ||
+      !is_mappable(&axis_objects[address->value], transmit) ||
+      entry_bits(entry) != value_bytes(axis_objects[address->value].type) * 8) {
+    return FW_ERROR_MAPPING;
+  }
+  *object = address->value;
+  return FW_OK;
+}
+
+/* Which byte of fw_t each byte of a TPDO is; those that nothing is mapped to are 0. */
+static uint32_t place(pdo_t *pdo, uint32_t byte, uint16_t object, uint32_t bytes) {
+  const uint16_t first = fw_object_place(object);
+  for (uint32_t i = 0; i < bytes; i++) {
+    pdo->places[byte + i] = (uint16_t)(first + ((object == AXIS_OBJ_NONE) ? 0 : i));
+  }
+  return byte + bytes;
+}
+
+/* Resolves the first `count` entries; `pdo` may be NULL to see only whether they fit. */
+static int map(const uint32_t *entries, uint8_t count, bool transmit, pdo_t *pdo) {
+  uint32_t bits = 0;
+  uint32_t placed = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    uint16_t object = AXIS_OBJ_NONE;
+    const int refusal = resolve(entries[i], transmit, &object);
+    bits += entry_bits(entries[i]);
+    if (refusal != FW_OK || bits > PDO_BITS) {
+      return FW_ERROR_MAPPING;
+    }
+    if (pdo != NULL && transmit) {
+      placed = place(pdo, placed, object, fx_octets(entry_bits(entries[i])));
+    } else if (pdo != NULL) {
+      pdo->places[i] = object;
+    }
+  }
+  if (pdo != NULL && transmit) {
+    (void)place(pdo, placed, AXIS_OBJ_NONE, PDO_BYTES - placed);
+  }
+  if (pdo != NULL) {
+    pdo->bits = (uint8_t)bits;
+  }
+  return FW_OK;
+}
+
+/* --- state ------------------------------------------------------------------------------------ */
+
+static bool rpdo_valid(const canopen_t *canopen, uint8_t i) {
+  return canopen_cob_valid(canopen->params.rpdo_cob_id[i]);
+}
+
+static bool tpdo_valid(const canopen_t *canopen, uint8_t i) {
+  return canopen_cob_valid(canopen->params.tpdo_cob_id[i]) && canopen->tpdo[i].bits != 0;
+}
+
+static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
+  return canopen->params.tpdo_transmission[i] >= PDO_EVENT_MANUFACTURER;
+}
+
+/* Which TPDOs have to be compared in every tick, so that the others cost nothing. */
+static void update_watched(canopen_t *canopen) {
+  canopen->tpdos_watched = 0;
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL && tpdo_valid(canopen, i) &&
+        is_event_driven(canopen, i)) {
+      canopen_put(&canopen->tpdos_watched, i);
+    }
+  }
+}
+
+static void start_event_timer(canopen_t *canopen, uint8_t i) {
+  const uint32_t ticks = fx_ticks_from_ms(canopen->params.tpdo_event_time[i]);
+  canopen_drop(&canopen->tpdos_timed, i);
+  if (ticks != 0 && canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL &&
+      tpdo_valid(canopen, i) && is_event_driven(canopen, i)) {
+    canopen_put(&canopen->tpdos_timed, i);
+    canopen->tpdo[i].event_tick = canopen->timers.now + ticks;
+  }
+}
+
+static void start_tpdo(canopen_t *canopen, uint8_t i) {
+  pdo_t *pdo = &canopen->tpdo[i];
+  const uint8_t mapped = canopen->params.tpdo_mapped[i];
+  if (map(&canopen->params.tpdo_mapping[i * PDO_ENTRIES], mapped, true, pdo) != FW_OK) {
+    pdo->bits = 0;
+  }
+  pdo->pending = 1;
+  pdo->syncs = 0;
+  canopen_drop(&canopen->tpdos_inhibited, i);
+  start_event_timer(canopen, i);
+  update_watched(canopen);
+}
+
+static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
+  if (canopen_has(canopen->rpdos_late, i)) {
+    canopen_drop(&canopen->rpdos_late, i);
+    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
+  }
+}
+
+/* A deadline starts with a frame, or when the axis becomes active. */
+static void start_rpdo(canopen_t *canopen, uint8_t i) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  const uint8_t mapped = canopen->params.rpdo_mapped[i];
+  if (map(&canopen->params.rpdo_mapping[i * PDO_ENTRIES], mapped, false, pdo) != FW_OK) {
+    pdo->bits = 0;
+  }
+  pdo->pending = 0;
+  pdo->told = 0;
+  rpdo_in_time(canopen, i);
+  canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i);
+  if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
+    canopen_put(&canopen->rpdos_waiting, i);
+  } else {
+    canopen_drop(&canopen->rpdos_waiting, i);
+  }
+}
+
+void pdo_start(canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    start_rpdo(canopen, i);
+    start_tpdo(canopen, i);
+  }
+}
+
+void pdo_operational(canopen_t *canopen, bool operational) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    canopen->rpdo[i].pending = 0;
+    canopen->tpdo[i].pending = operational ? 1 : 0;
+    canopen->tpdo[i].syncs = 0;
+    start_event_timer(canopen, i);
+  }
+  update_watched(canopen);
+}
+
+/* --- transmit --------------------------------------------------------------------------------- */
+
+/* What a TPDO would carry now. */
+typedef struct {
+  uint32_t low;
+  uint32_t high;
+} payload_t;
+
+static inline payload_t pack(const pdo_t *pdo, const fw_t *fw) {
+  const uint8_t *base = (const uint8_t *)fw;
+  return (payload_t){.low = fx_gather_le(base, pdo->places),
+                     .high = fx_gather_le(base, &pdo->places[4])};
+}
+
+static inline bool has_changed(const pdo_t *pdo, payload_t now) {
+  return pdo->pending != 0 || now.low != pdo->sent[0] || now.high != pdo->sent[1];
+}
+
+static inline void send(canopen_t *canopen, pdo_t *pdo, uint32_t cob_id, payload_t now) {
+  can_frame_t *frame = can_output_add(&canopen->output, canopen_can_id(cob_id),
+                                      (uint8_t)fx_octets(pdo->bits), CAN_OUTPUT_KEEP_PDO);
+  if (frame != NULL) {
+    fx_store_le(frame->data, now.low, 4);
+    fx_store_le(frame->data + 4, now.high, 4);
+  }
+  pdo->sent[0] = now.low;
+  pdo->sent[1] = now.high;
+  pdo->pending = 0;
+  pdo->syncs = 0;
+}
+
+/* The times of a TPDO that is sent begin anew; it is valid and the node operational. */
+static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
+  const uint32_t event = canopen->params.tpdo_event_time[i];
+  const uint16_t inhibit = canopen->params.tpdo_inhibit_time[i];
+  if (event != 0) {
+    pdo->event_tick = now + fx_ticks_from_ms(event);
+    canopen_put(&canopen->tpdos_timed, i);
+  }
+  if (inhibit != 0) {
+    pdo->inhibit_tick = now + fx_ticks_from_100us(inhibit);
+    canopen_put(&canopen->tpdos_inhibited, i);
+  }
+}
+
+/* Event and inhibit time that end in this tick; whether the latter still runs. */
+static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
+  if (canopen_has(canopen->tpdos_timed, i) && pdo->event_tick == now) {
+    canopen_drop(&canopen->tpdos_timed, i);
+    pdo->pending = 1;
+  }
+  if (canopen_has(canopen->tpdos_inhibited, i) && pdo->inhibit_tick == now) {
+    canopen_drop(&canopen->tpdos_inhibited, i);
+  }
+  return canopen_has(canopen->tpdos_inhibited, i);
+}
+
+void pdo_tick(canopen_t *canopen, fw_t *fw) {
+  const uint32_t now = canopen->timers.now;
+  const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;
+  const uint8_t watched = canopen->tpdos_watched;
+  for (uint32_t left = with_times | watched; left != 0; left &= left - 1) {
+    const uint32_t i = fx_lowest_bit(left);
+    pdo_t *pdo = &canopen->tpdo[i];
+    if ((canopen_has(with_times, i) && is_inhibited(canopen, pdo, i, now)) ||
+        !canopen_has(watched, i)) {
+      continue;
+    }
+    const payload_t payload = pack(pdo, fw);
+    if (has_changed(pdo, payload)) {
+      send(canopen, pdo, canopen->params.tpdo_cob_id[i], payload);
+      restart_times(canopen, pdo, i, now);
+    }
+  }
+}
+
+static void sync_tpdo(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  pdo_t *pdo = &canopen->tpdo[i];
+  const uint8_t type = canopen->params.tpdo_transmission[i];
+  const payload_t payload = pack(pdo, fw);
+  bool due = has_changed(pdo, payload);
+  if (type != PDO_SYNC_ACYCLIC) {
+    pdo->syncs = (uint8_t)(pdo->syncs + 1);
+    due = pdo->syncs >= type;
+  }
+  if (due) {
+    send(canopen, pdo, canopen->params.tpdo_cob_id[i], payload);
+  }
+}
+
+/* --- receive ---------------------------------------------------------------------------------- */
+
+/* An emergency that is not repeated until the PDO was all right again. */
+static void tell(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  if ((pdo->told & what) == 0) {
+    pdo->told = (uint8_t)(pdo->told | what);
+    emcy_raise(canopen, code, (uint8_t)(i + 1));
+  }
+}
+
+/* Writes the controlword, or all other objects; whether one was refused. */
+static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword) {
+  const pdo_t *pdo = &canopen->rpdo[i];
+  const uint32_t *entries = &canopen->params.rpdo_mapping[i * PDO_ENTRIES];
+  bool refused = false;
+  uint32_t bit = 0;
+  for (uint8_t k = 0; bit < pdo->bits; k++) {
+    const uint8_t bits = entry_bits(entries[k]);
+    const uint16_t object = pdo->places[k];
+    if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
+      const uint32_t part = fx_payload_get(pdo->value, bit, bits);
+      const int result = fw_object_write(fw, FW_SOURCE_CANOPEN, object,
+                                         value_from_bits(part, axis_objects[object].type));
+      /* That another source owns the axis is no error of the one who sends. */
+      refused = refused || (result != FW_OK && result != FW_ERROR_LOCKED);
+    }
+    bit += bits;
+  }
+  return refused;
+}
+
+/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
+static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  pdo->pending = 0;
+  /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
+  rpdo_in_time(canopen, i);
+  canopen_drop(&canopen->rpdos_waiting, i);
+  canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
+                      fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
+  /* The controlword last: it acts on the target and the mode that came with it. */
+  const bool refused_other = write_part(canopen, fw, i, false);
+  const bool refused = write_part(canopen, fw, i, true) || refused_other;
+  if (refused) {
+    tell(canopen, i, PDO_TOLD_REFUSED, AXIS_ERROR_CODE_PARAMETER_REFUSED);
+  } else {
+    pdo->told = (uint8_t)(pdo->told & ~(uint32_t)PDO_TOLD_REFUSED);
+  }
+}
+
+static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *frame) {
+  pdo_t *pdo = &canopen->rpdo[i];
+  const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
+  if (frame->length < bytes) {
+    tell(canopen, i, PDO_TOLD_SHORT, AXIS_ERROR_CODE_PDO_SHORT);
+    return;
+  }
+  if (frame->length > bytes) {
+    tell(canopen, i, PDO_TOLD_LONG, AXIS_ERROR_CODE_PDO_LONG);
+  } else {
+    pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
+  }
+  pdo->value = fx_load_payload(frame->data, bytes);
+  pdo->pending = 1;
+  if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {
+    take_over(canopen, fw, i);
+  }
+}
+
+void pdo_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->rpdo[i].bits != 0 &&
+        canopen_can_id(canopen->params.rpdo_cob_id[i]) == frame->id) {
+      receive(canopen, fw, i, frame);
+    }
+  }
+}
+
+void pdo_sync(canopen_t *canopen, fw_t *fw) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (tpdo_valid(canopen, i) && !is_event_driven(canopen, i)) {
+      sync_tpdo(canopen, fw, i);
+    }
+  }
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (canopen->rpdo[i].pending != 0) {
+      take_over(canopen, fw, i);
+    }
+  }
+}
+
+void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
+  /* It begins anew with the axis being active, also for who enables again without the RPDO. */
+  canopen_put(&canopen->rpdos_waiting, rpdo);
+  if (!fw_is_active(fw)) {
+    return;
+  }
+  canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
+  if (!canopen_has(canopen->rpdos_late, rpdo)) {
+    canopen_put(&canopen->rpdos_late, rpdo);
+    emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
+  }
+  fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
+}
+
+void pdo_restart_deadlines(canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0 &&
+        (!canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i) ||
+         canopen_has(canopen->rpdos_late, i))) {
+      canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i);
+      canopen_put(&canopen->rpdos_waiting, i);
+    }
+  }
+}
+
+bool pdo_has_deadline(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void pdo_watch(canopen_t *canopen, const fw_t *fw) {
+  if (!fw_is_active(fw)) {
+    return;
+  }
+  for (uint32_t i = 0; i < CANOPEN_PDOS; i++) {
+    if (canopen_has(canopen->rpdos_waiting, i)) {
+      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + i,
+                          fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
+    }
+  }
+  canopen->rpdos_waiting = 0;
+}
+
+/* --- parameters ------------------------------------------------------------------------------- */
+
+/* Both directions keep the same rules; `transmit` and the number say which PDO is meant. */
+typedef struct {
+  const uint32_t *cob_id;
+  const uint8_t *mapped;
+  const uint32_t *mapping; /* PDO_ENTRIES of each */
+  const uint16_t *inhibit; /* TPDO only */
+  uint16_t first_cob_id;   /* AXIS_OBJ_ of the first PDO's */
+  uint16_t first_transmission;
+  uint16_t first_time; /* RPDO: timeout; TPDO: event time */
+  uint16_t first_mapped;
+  uint16_t first_mapping;
+  bool transmit;
+} side_t;
+
+static side_t side_of(const canopen_t *canopen, bool transmit) {
+  const canopen_params_t *params = &canopen->params;
+  if (transmit) {
+    return (side_t){params->tpdo_cob_id,        params->tpdo_mapped,
+                    params->tpdo_mapping,       params->tpdo_inhibit_time,
+                    AXIS_OBJ_TPDO_COB_ID_1,     AXIS_OBJ_TPDO_TRANSMISSION_1,
+                    AXIS_OBJ_TPDO_EVENT_TIME_1, AXIS_OBJ_TPDO_MAPPED_1,
+                    AXIS_OBJ_TPDO_MAPPING_1,    true};
+  }
+  return (side_t){params->rpdo_cob_id,     params->rpdo_mapped,
+                  params->rpdo_mapping,    NULL,
+                  AXIS_OBJ_RPDO_COB_ID_1,  AXIS_OBJ_RPDO_TRANSMISSION_1,
+                  AXIS_OBJ_RPDO_TIMEOUT_1, AXIS_OBJ_RPDO_MAPPED_1,
+                  AXIS_OBJ_RPDO_MAPPING_1, false};
+}
+
+static int check_side(const side_t *side, uint16_t object, uint32_t value) {
+  int i = canopen_element(object, side->first_cob_id, CANOPEN_PDOS);
+  if (i >= 0) {
+    return canopen_check_cob_id(side->cob_id[i], value);
+  }
+  if (canopen_element(object, side->first_transmission, CANOPEN_PDOS) >= 0) {
+    return (value > PDO_SYNC_MAX && value < PDO_EVENT_MANUFACTURER) ? FW_ERROR_RANGE : FW_OK;
+  }
+  if (canopen_element(object, side->first_time, CANOPEN_PDOS) >= 0) {
+    return FW_OK;
+  }
+  i = canopen_element(object, side->first_mapped, CANOPEN_PDOS);
+  if (i >= 0) {
+    if (side->mapped[i] == value) {
+      return FW_OK;
+    }
+    return canopen_cob_valid(side->cob_id[i])
+               ? FW_ERROR_STATE
+               : map(&side->mapping[i * PDO_ENTRIES], (uint8_t)value, side->transmit, NULL);
+  }
+  i = canopen_element(object, side->first_mapping, CANOPEN_PDOS * PDO_ENTRIES);
+  if (i >= 0) {
+    if (side->mapping[i] == value) {
+      return FW_OK;
+    }
+    const uint32_t pdo = fx_quotient((uint32_t)i, PDO_ENTRIES);
+    if (canopen_cob_valid(side->cob_id[pdo]) || side->mapped[pdo] != 0) {
+      return FW_ERROR_STATE;
+    }
+    uint16_t mapped = AXIS_OBJ_NONE;
+    return (value == 0) ? FW_OK : resolve(value, side->transmit, &mapped);
+  }
+  if (side->transmit) {
+    i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
+    if (i >= 0) {
+      const bool changes = side->inhibit[i] != value;
+      return (changes && canopen_cob_valid(side->cob_id[i])) ? FW_ERROR_STATE : FW_OK;
+    }
+  }
+  return PDO_NOT_MINE;
+}
+
+int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value) {
+  const side_t receive_side = side_of(canopen, false);
+  const int result = check_side(&receive_side, object, (uint32_t)value);
+  if (result != PDO_NOT_MINE) {
+    return result;
+  }
+  const side_t transmit_side = side_of(canopen, true);
+  return check_side(&transmit_side, object, (uint32_t)value);
+}
+
+/* The PDO whose communication an object belongs to, or -1. Entries change only while theirs is not
+ * valid, and act when it becomes so. */
+static int communication_of(const side_t *side, uint16_t object) {
+  const uint16_t first[] = {side->first_cob_id, side->first_transmission, side->first_time,
+                            side->first_mapped};
+  for (uint8_t k = 0; k < 4; k++) {
+    const int i = canopen_element(object, first[k], CANOPEN_PDOS);
+    if (i >= 0) {
+      return i;
+    }
+  }
+  return -1;
+}
+
+void pdo_written(canopen_t *canopen, uint16_t object) {
+  const side_t receive_side = side_of(canopen, false);
+  int i = communication_of(&receive_side, object);
+  if (i >= 0) {
+    start_rpdo(canopen, (uint8_t)i);
+    return;
+  }
+  const side_t transmit_side = side_of(canopen, true);
+  i = communication_of(&transmit_side, object);
+  if (i >= 0) {
+    start_tpdo(canopen, (uint8_t)i);
+  }
+}

@@ -1,0 +1,31 @@
+#include "firmware/canopen/timers.h"
+
+void canopen_timers_init(canopen_timers_t *timers) {
+  timers->now = 0;
+  timers->running = 0;
+  for (uint8_t i = 0; i < CANOPEN_TIMERS; i++) {
+    timers->at[i] = 0;
+  }
+  for (uint8_t i = 0; i < CANOPEN_TIMER_SLOTS; i++) {
+    timers->slots[i] = 0;
+  }
+}
+
+uint32_t canopen_timers_due(canopen_timers_t *timers) {
+  uint32_t *slot = canopen_timer_slot(timers, timers->now);
+  uint32_t left = *slot & timers->running;
+  uint32_t due = 0;
+  *slot = 0;
+  while (left != 0) {
+    const uint8_t timer = fx_lowest_bit(left);
+    const uint32_t bit = left & ((uint32_t)0 - left);
+    const uint32_t at = timers->at[timer];
+    left -= bit;
+    if (at == timers->now) {
+      due |= bit;
+    } else {
+      *canopen_timer_slot(timers, at) |= bit; /* it may be this one again */
+    }
+  }
+  return due;
+}

@@ -1,0 +1,52 @@
+#include "firmware/drive/contact.h"
+
+#include "firmware/fx/fx.h"
+
+void contact_start(contact_t *contact, drive_signals_t *signals) {
+  *contact = (contact_t){0};
+  signals->contact_losses = 0;
+  signals->limit_cycle = 0;
+  signals->force_peak = 0;
+}
+
+static void next_slot(contact_t *contact) {
+  contact->slot_tick = 0;
+  contact->slot = (uint8_t)((contact->slot + 1 == CONTACT_SLOTS) ? 0 : contact->slot + 1);
+  contact->recent = (uint16_t)(contact->recent - contact->losses[contact->slot]);
+  contact->losses[contact->slot] = 0;
+}
+
+/* The reading is at an end of its range; the lower end of an unsigned one is just no force. */
+static bool is_saturated(const axis_t *axis) {
+  const uint16_t code = axis->signals.force_raw;
+  return code >= fx_highest_code(axis->params.adc_bits) ||
+         (code == 0 && axis->params.force_zero_code != 0);
+}
+
+void contact_tick(contact_t *contact, const drive_params_t *params, drive_signals_t *signals,
+                  const axis_t *axis, bool controlled) {
+  const int32_t force = axis->signals.force;
+  const bool touching = !fx_within(force, params->contact_force);
+  const bool lost = signals->contact != 0 && !touching;
+  signals->contact = touching ? 1 : 0;
+  signals->force_saturated = is_saturated(axis) ? 1 : 0;
+  if (!controlled) {
+    return;
+  }
+  if (force > signals->force_peak) {
+    signals->force_peak = force;
+  }
+  contact->slot_tick = (uint8_t)(contact->slot_tick + 1);
+  if (contact->slot_tick == CONTACT_SLOT_TICKS) {
+    next_slot(contact);
+  }
+  if (lost) {
+    contact->losses[contact->slot] = (uint8_t)(contact->losses[contact->slot] + 1);
+    contact->recent = (uint16_t)(contact->recent + 1);
+    if (signals->contact_losses < UINT16_MAX) {
+      signals->contact_losses = (uint16_t)(signals->contact_losses + 1);
+    }
+  }
+  const uint16_t many = params->limit_cycle_losses;
+  signals->limit_cycle = (many != 0 && contact->recent >= many) ? 1 : 0;
+}

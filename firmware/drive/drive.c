@@ -1,0 +1,467 @@
+#include "firmware/drive/drive.h"
+
+#include "firmware/objects/value.h"
+#include "firmware/objects/access.h"
+#include "firmware/drive/modes.h"
+#include "firmware/drive/state.h"
+#include "firmware/drive/status.h"
+#include "firmware/drive/units.h"
+
+/* What the option codes say. */
+enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
+enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
+enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
+
+/* 6060h of a native mode. */
+static int8_t operation_of(uint8_t native_mode) {
+  static const int8_t operations[AXIS_MODE_COUNT] = {
+      [AXIS_MODE_DISABLED] = AXIS_MODES_OF_OPERATION_NONE,
+      [AXIS_MODE_OPEN_LOOP] = AXIS_MODES_OF_OPERATION_OPEN_LOOP,
+      [AXIS_MODE_POSITION] = AXIS_MODES_OF_OPERATION_NATIVE_POSITION,
+      [AXIS_MODE_FORCE] = AXIS_MODES_OF_OPERATION_FORCE_COUNTS,
+      [AXIS_MODE_EXCITATION] = AXIS_MODES_OF_OPERATION_EXCITATION,
+  };
+  return operations[native_mode];
+}
+
+static uint8_t state_of(const cia402_t *drive) { return drive->signals.drive_state; }
+
+void cia402_forget_targets(cia402_t *drive) {
+  drive->position_written = 0;
+  drive->velocity_written = 0;
+  drive->force_written = 0;
+}
+
+/* The same of the native modes, whose set-points have no flag but 0. */
+static void forget_setpoints(axis_t *axis) {
+  axis->params.open_loop_code = 0;
+  axis->params.excitation_amplitude = 0;
+  axis->params.force_setpoint = 0;
+}
+
+static void enter(cia402_t *drive, uint8_t state) {
+  drive->leaving = 0;
+  if (state == drive->signals.drive_state) {
+    return;
+  }
+  if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+    cia402_leave_mode(drive);
+  }
+  drive->outside_tick = 0;
+  drive->stopping_tick = 0;
+  if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
+    /* What was asked for before a fault must be asked for again. */
+    cia402_forget_targets(drive);
+  }
+  if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
+    drive->fault = AXIS_FAULT_NONE;
+  }
+  drive->signals.drive_state = state;
+}
+
+/* Parameters in the units of the trajectory. */
+static void derive_rates(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
+  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
+  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
+  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
+}
+
+/* Ratios of parameters that are too dear for every tick. */
+static void derive_forces(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
+  drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
+  drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
+}
+
+void cia402_init(cia402_t *drive) {
+  /* Field by field: all at once would ask the compiler for memset. */
+  drive->origin_cnt = 0;
+  drive->setpoint = (cia402_setpoint_t){0};
+  drive->buffered = (cia402_setpoint_t){0};
+  drive->outside_tick = 0;
+  drive->velocity_sum = 0;
+  for (uint8_t i = 0; i < CIA402_MEAN_TICKS; i++) {
+    drive->velocities[i] = 0;
+  }
+  drive->velocity_next = 0;
+  drive->contact = (contact_t){0};
+  drive->lent = (cia402_lent_t){0};
+  drive->tracking = CIA402_TRACKING_NONE;
+  drive->settling_tick = 0;
+  drive->stopping_tick = 0;
+  drive->leaving = 0;
+  drive->leaving_to = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
+  drive->fault = AXIS_FAULT_NONE;
+  drive->controlled = 0;
+  drive->limited = 0;
+  drive->position_written = 0;
+  drive->velocity_written = 0;
+  drive->force_written = 0;
+  value_store_defaults(&drive->params, AXIS_BLOCK_DRIVE_PARAMETER);
+  value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
+  profile_set(&drive->trajectory, drive->signals.position_actual);
+  cia402_leave_mode(drive);
+  derive_rates(drive);
+  derive_forces(drive);
+}
+
+void cia402_wake(cia402_t *drive, const axis_t *axis) {
+  derive_rates(drive);
+  derive_forces(drive);
+  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
+  if (axis->signals.fault != AXIS_FAULT_NONE) {
+    drive->signals.drive_state = AXIS_DRIVE_STATE_FAULT;
+  } else if (axis->params.mode != AXIS_MODE_DISABLED) {
+    drive->signals.drive_state = AXIS_DRIVE_STATE_OPERATION_ENABLED;
+    drive->params.modes_of_operation = operation_of(axis->params.mode);
+    drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  }
+  cia402_show(drive, axis);
+}
+
+/* --- before the tick -------------------------------------------------------------------------- */
+
+static int32_t rate_of(const cia402_t *drive, bool quick) {
+  return quick ? drive->quick_deceleration : drive->deceleration;
+}
+
+/* A fault that the drive found itself, or that came from outside. */
+static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
+  const uint8_t state = state_of(drive);
+  if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
+    return; /* the first one stays */
+  }
+  if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE) {
+    enter(drive, AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
+    drive->fault = fault;
+    return;
+  }
+  axis_fault(axis, fault);
+  enter(drive, AXIS_DRIVE_STATE_FAULT);
+}
+
+/* The demand was too far from the axis for too long. */
+static void watch_following(cia402_t *drive, axis_t *axis) {
+  const bool outside =
+      drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
+      fx_magnitude(axis->signals.position_error) > drive->params.following_error_window;
+  if (!outside) {
+    drive->outside_tick = 0;
+    return;
+  }
+  drive->outside_tick += 1;
+  if (drive->outside_tick > fx_ticks_from_ms(drive->params.following_error_timeout)) {
+    drive->tracking = CIA402_TRACKING_NONE; /* the reaction begins where the axis is */
+    raise_fault(drive, axis, AXIS_FAULT_FOLLOWING_ERROR);
+  }
+}
+
+static void change_mode(cia402_t *drive) {
+  cia402_leave_mode(drive);
+  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+}
+
+static bool wants_other_mode(const cia402_t *drive) {
+  return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
+}
+
+static void operate(cia402_t *drive, axis_t *axis) {
+  if (drive->leaving != 0) {
+    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+      enter(drive, drive->leaving_to);
+      cia402_rest(drive, axis);
+    }
+    return;
+  }
+  if (wants_other_mode(drive)) {
+    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+      change_mode(drive);
+    }
+    return;
+  }
+  cia402_run(drive, axis);
+}
+
+/* Quick stop and fault reaction are seen for a tick at least, also from a stand, and end: a
+ * deceleration of next to nothing must not keep an axis going that nobody commands. */
+static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
+  const bool seen = drive->leaving != 0;
+  drive->leaving = 1;
+  const bool stands = cia402_slow_down(drive, axis, rate_of(drive, quick));
+  if (drive->stopping_tick < CIA402_STOPPING_TICKS) {
+    drive->stopping_tick = (uint16_t)(drive->stopping_tick + 1);
+  }
+  return (stands && seen) || drive->stopping_tick == CIA402_STOPPING_TICKS;
+}
+
+static void stop_quickly(cia402_t *drive, axis_t *axis) {
+  const int16_t option = drive->params.quick_stop_option;
+  const bool quick = option != QUICK_STOP_SLOW && option != QUICK_STOP_STAY;
+  if (option == QUICK_STOP_DISABLE ||
+      (has_stopped(drive, axis, quick) && option < QUICK_STOP_STAY)) {
+    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+    cia402_rest(drive, axis);
+  }
+}
+
+static void react(cia402_t *drive, axis_t *axis) {
+  const int16_t option = drive->params.fault_reaction_option;
+  if (option == STOP_AT_ONCE || has_stopped(drive, axis, option == STOP_QUICK)) {
+    axis_fault(axis, drive->fault);
+    enter(drive, AXIS_DRIVE_STATE_FAULT);
+    cia402_rest(drive, axis);
+  }
+}
+
+void cia402_before(cia402_t *drive, axis_t *axis) {
+  drive->limited = 0;
+  if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
+      state_of(drive) == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
+    watch_following(drive, axis);
+  } else if (wants_other_mode(drive)) {
+    change_mode(drive);
+  }
+  switch (state_of(drive)) {
+    case AXIS_DRIVE_STATE_OPERATION_ENABLED:
+      operate(drive, axis);
+      break;
+    case AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE:
+      stop_quickly(drive, axis);
+      break;
+    case AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE:
+      react(drive, axis);
+      break;
+    case AXIS_DRIVE_STATE_NOT_READY:
+      enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+      cia402_rest(drive, axis);
+      break;
+    default:
+      cia402_rest(drive, axis);
+      break;
+  }
+}
+
+/* --- after the tick --------------------------------------------------------------------------- */
+
+void cia402_after(cia402_t *drive, axis_t *axis) {
+  const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+                             cia402_controls_force(drive->signals.modes_of_operation_display);
+  if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
+    enter(drive, AXIS_DRIVE_STATE_FAULT);
+    drive->tracking = CIA402_TRACKING_NONE;
+  }
+  if (controlled != 0 && drive->controlled == 0) {
+    contact_start(&drive->contact, &drive->signals);
+  }
+  drive->controlled = controlled;
+  if (drive->homing == CIA402_HOMING_ASKED) {
+    drive->homing = CIA402_HOMING_BEGUN;
+  }
+  cia402_observe(drive, axis);
+  cia402_take_back(drive, axis);
+}
+
+/* --- between ticks ---------------------------------------------------------------------------- */
+
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
+  bool right = true;
+  switch (object) {
+    case AXIS_OBJ_MODES_OF_OPERATION:
+      right = cia402_mode_exists(value);
+      break;
+    case AXIS_OBJ_QUICK_STOP_OPTION:
+      right = value <= STOP_QUICK || value >= QUICK_STOP_STAY;
+      break;
+    case AXIS_OBJ_HOMING_METHOD:
+      right = value == 0 || value == 35 || value == 37;
+      break;
+    case AXIS_OBJ_POSITION_LIMIT_MIN:
+      right = value <= drive->params.position_limit_max;
+      break;
+    case AXIS_OBJ_POSITION_LIMIT_MAX:
+      right = value >= drive->params.position_limit_min;
+      break;
+    case AXIS_OBJ_POLARITY:
+      right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
+      break;
+    default:
+      break;
+  }
+  return right ? FW_OK : FW_ERROR_RANGE;
+}
+
+/* Out of operation, at once or after slowing down (shutdown, disable operation). */
+static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
+  if (option == STOP_AT_ONCE || cia402_stands(drive) ||
+      axis->signals.active_mode == AXIS_MODE_DISABLED) {
+    enter(drive, to);
+    return;
+  }
+  drive->leaving = 1;
+  drive->leaving_to = to;
+}
+
+static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, uint16_t rising) {
+  const uint8_t from = state_of(drive);
+  const bool may_resume = drive->params.quick_stop_option >= QUICK_STOP_STAY;
+  const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
+  if (to == from) {
+    if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
+      drive->leaving = 0; /* changed its mind while slowing down */
+    }
+    return;
+  }
+  if (from == AXIS_DRIVE_STATE_FAULT) {
+    axis_fault_reset(axis);
+    forget_setpoints(axis);
+  }
+  if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
+    leave_operation(drive, to, drive->params.disable_operation_option, axis);
+  } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+             to == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON) {
+    leave_operation(drive, to, drive->params.shutdown_option, axis);
+  } else if (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE &&
+             drive->params.quick_stop_option == QUICK_STOP_DISABLE) {
+    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  } else {
+    enter(drive, to);
+  }
+  if (to == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+    drive->setpoint.position = cia402_user(drive, axis->signals.position);
+  }
+}
+
+/* Bits 4 to 8 of the controlword. */
+static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
+                         bool halt_changed) {
+  const bool started = (rising & CIA402_CW_MODE_4) != 0;
+  if ((controlword & CIA402_CW_MODE_4) == 0) {
+    drive->acknowledged = 0;
+  }
+  if (halt_changed) {
+    drive->reached_tick = 0;
+  }
+  if ((rising & CIA402_CW_HALT) != 0) {
+    drive->position_written = 0; /* go on to where the next target says */
+  }
+  if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
+      wants_other_mode(drive)) {
+    return;
+  }
+  switch (drive->signals.modes_of_operation_display) {
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
+      cia402_take_setpoint(drive);
+      break;
+    case AXIS_MODES_OF_OPERATION_HOMING:
+      drive->homing = CIA402_HOMING_ASKED;
+      break;
+    default:
+      break;
+  }
+}
+
+void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
+                    int32_t value) {
+  const uint16_t controlword = (uint16_t)value;
+  const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
+  if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
+    drive->reached_tick = 0; /* a target, or what it is judged by */
+  }
+  switch (object) {
+    case AXIS_OBJ_CONTROLWORD:
+      change_state(drive, axis, controlword, rising);
+      command_mode(drive, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
+      break;
+    case AXIS_OBJ_MODES_OF_OPERATION:
+      if (wants_other_mode(drive) &&
+          (!cia402_is_powered(state_of(drive)) || cia402_stands(drive))) {
+        change_mode(drive);
+      }
+      break;
+    case AXIS_OBJ_TARGET_POSITION:
+      drive->position_written = 1;
+      drive->interpolation_left = fx_ticks_from_period(drive->params.interpolation_period,
+                                                       drive->params.interpolation_exponent);
+      break;
+    case AXIS_OBJ_TARGET_VELOCITY:
+      drive->velocity_written = 1;
+      break;
+    case AXIS_OBJ_TARGET_FORCE:
+      drive->force_written = 1;
+      break;
+    case AXIS_OBJ_POLARITY:
+      if (value != previous) {
+        cia402_forget_targets(drive); /* they were meant the other way round */
+      }
+      break;
+    case AXIS_OBJ_RATED_FORCE:
+    case AXIS_OBJ_FORCE_SCALE:
+      derive_forces(drive);
+      break;
+    case AXIS_OBJ_VELOCITY_MAX:
+    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
+    case AXIS_OBJ_TRAJECTORY_DECELERATION:
+    case AXIS_OBJ_QUICK_STOP_DECELERATION:
+      derive_rates(drive);
+      break;
+    default:
+      break;
+  }
+  cia402_show(drive, axis);
+}
+
+void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
+  const uint8_t state = state_of(drive);
+  if (mode != AXIS_MODE_DISABLED) {
+    enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    drive->params.modes_of_operation = operation_of(mode);
+    if (wants_other_mode(drive)) {
+      change_mode(drive);
+    }
+  } else if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
+    axis_fault(axis, drive->fault);
+    enter(drive, AXIS_DRIVE_STATE_FAULT);
+  } else if (state != AXIS_DRIVE_STATE_FAULT) {
+    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  }
+  cia402_show(drive, axis);
+}
+
+void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
+  if (state_of(drive) == AXIS_DRIVE_STATE_FAULT) {
+    forget_setpoints(axis);
+    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  }
+  cia402_show(drive, axis);
+}
+
+void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
+  const uint8_t state = state_of(drive);
+  if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
+      drive->params.abort_connection_option != ABORT_NOTHING) {
+    cia402_forget_targets(drive);
+    forget_setpoints(axis);
+  }
+  if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED && state != AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
+    return;
+  }
+  switch (drive->params.abort_connection_option) {
+    case ABORT_FAULT:
+      raise_fault(drive, axis, fault);
+      break;
+    case ABORT_DISABLE:
+      enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+      break;
+    case ABORT_QUICK_STOP:
+      enter(drive, AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
+      break;
+    default:
+      return; /* ABORT_NOTHING */
+  }
+  cia402_show(drive, axis);
+}

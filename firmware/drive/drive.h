@@ -1,0 +1,140 @@
+#ifndef FIRMWARE_DRIVE_DRIVE_H_
+#define FIRMWARE_DRIVE_DRIVE_H_
+
+/* The CiA 402 drive profile over one axis: state machine, modes of operation, trajectories. It
+ * writes the axis' mode and set-points before a tick and reads its signals after it.
+ *
+ * Parameters of the axis stay the user's. What the drive needs to put there for a tick (set-points,
+ * raw_step, a step instead of a bump bias) is lent: written before axis_tick() and taken back after
+ * it, so that between ticks everybody reads what was written. Only `mode` tells what the drive asks
+ * of the axis, and position_setpoint is where the drive has led it when -4 takes over.
+ *
+ * A target acts only if it was written for what uses it: a target position since cyclic position
+ * was last left, halted or homed, target velocity and force since the last fault. Until then the
+ * axis stays where it is.
+ *
+ * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
+ * others run between ticks and are bounded too. */
+
+#include <stdint.h>
+
+#include "firmware/core/axis.h"
+#include "firmware/fx/fx.h"
+#include "firmware/drive/contact.h"
+
+/* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
+enum {
+  CIA402_HOMING_IDLE = 0,
+  CIA402_HOMING_ASKED = 1,
+  CIA402_HOMING_BEGUN = 2,
+  CIA402_HOMING_DONE = 3,
+  CIA402_HOMING_ERROR = 4
+};
+
+/* Whether the trajectory moves the axis, or only what the force laws measure the axis against. */
+enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTUAL = 2 };
+
+/* A quick stop or fault reaction takes 10 s at most, then the axis is switched off as it is. */
+enum { CIA402_STOPPING_TICKS = 15000 };
+
+/* The mean of velocity_actual. */
+enum { CIA402_MEAN_TICKS = 16 };
+
+/* Of a set-point of profile position or guarded move. */
+typedef struct {
+  int32_t position; /* as written: user's count */
+  uint32_t speed;   /* count/s */
+} cia402_setpoint_t;
+
+/* What the axis' parameters held before they were lent. */
+typedef struct {
+  int32_t position_setpoint;
+  int32_t force_setpoint;
+  uint8_t profile_enable;
+  uint8_t bump_decay_shift;
+  uint8_t lent;
+} cia402_lent_t;
+
+/* Copying it copies the drive. Signals are those of the latest tick; but the forces,
+ * current_actual, velocity_sensor and drive_inputs are made anew in every second tick only, and in
+ * the others velocity_actual, and it is judged whether the target is reached and the axis stands.
+ */
+typedef struct {
+  drive_params_t params;
+  drive_signals_t signals;
+  profile_t trajectory; /* in encoder counts; holds unless tracking is none */
+  int32_t origin_cnt;   /* user's position minus encoder count, before polarity */
+  /* Parameters in the units of the trajectory, Q16 per tick and per tick squared. */
+  int32_t speed_max;
+  int32_t acceleration;
+  int32_t deceleration;
+  int32_t quick_deceleration;
+  fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
+  fx_ratio_t force_of_reading; /* and back */
+  int32_t force_demand_q16;    /* per mille, Q16 */
+  cia402_setpoint_t setpoint;  /* being pursued, or pursued last */
+  cia402_setpoint_t buffered;  /* the one after it */
+  uint32_t interpolation_left; /* ticks until the cyclic target is to be reached */
+  uint32_t outside_tick;       /* ticks that the following error was outside its window */
+  uint32_t reached_tick;       /* ticks that the target has been reached */
+  uint32_t standing_tick;      /* ticks that the axis has stood */
+  int32_t velocity_sum;        /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
+  int32_t velocities[CIA402_MEAN_TICKS];
+  contact_t contact;
+  cia402_lent_t lent;
+  uint8_t velocity_next;      /* slot of the oldest */
+  uint8_t tracking;           /* CIA402_TRACKING_ */
+  uint8_t setpoint_active;    /* 1: setpoint is being pursued */
+  uint8_t setpoint_buffered;  /* 1: buffered holds one */
+  uint8_t acknowledged;       /* 1: the new set-point of this controlword was taken */
+  uint8_t settling_tick;      /* ticks that the trajectory has stood in slowing down */
+  uint16_t stopping_tick;     /* ticks of a quick stop or fault reaction */
+  uint8_t leaving;            /* 1: slows down to change to leaving_to */
+  uint8_t leaving_to;         /* AXIS_DRIVE_STATE_ */
+  uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */
+  uint8_t homing;             /* CIA402_HOMING_ */
+  uint8_t controlled;         /* 1: a force mode was on in the last tick */
+  uint8_t pressing;           /* 1: the force law is on in tq, cst */
+  uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
+  uint8_t limited;            /* 1: a bound of the drive has drawn a target in */
+  uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
+  uint8_t velocity_written;
+  uint8_t force_written;
+} cia402_t;
+
+/* Power-up: parameters at their defaults, switch on disabled. */
+void cia402_init(cia402_t *drive);
+
+/* Takes up the state of an axis that ran without its drive until now, and parameters that were
+ * stored: to be called before the first tick of the drive. */
+void cia402_wake(cia402_t *drive, const axis_t *axis);
+
+/* Before and after axis_tick(). */
+void cia402_before(cia402_t *drive, axis_t *axis);
+void cia402_after(cia402_t *drive, axis_t *axis);
+
+/* Whether a value within its range may be written to an object of the drive: FW_OK or
+ * FW_ERROR_RANGE. */
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
+
+/* An object of the drive was `previous` and now is `value`; a controlword is carried out here. */
+void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
+                    int32_t value);
+
+/* The native `mode` was written (by the port itself): the state follows. */
+void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
+
+/* fault_reset was given outside the controlword. */
+void cia402_fault_reset(cia402_t *drive, axis_t *axis);
+
+/* What was written for the modes of the drive acts no more until it is written again. */
+void cia402_forget_targets(cia402_t *drive);
+
+/* The owner of the axis has gone: what abort_connection_option says, with this fault, if the axis
+ * is enabled. What it asked for is forgotten, unless the axis is to go on. */
+void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
+
+/* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */
+uint16_t cia402_error_code(uint8_t fault);
+
+#endif

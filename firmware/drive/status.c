@@ -1,0 +1,257 @@
+#include "firmware/drive/status.h"
+
+#include <stdbool.h>
+
+#include "firmware/drive/state.h"
+#include "firmware/drive/units.h"
+
+uint16_t cia402_error_code(uint8_t fault) {
+  static const uint16_t codes[AXIS_FAULT_COUNT] = {
+      [AXIS_FAULT_NONE] = AXIS_ERROR_CODE_NONE,
+      [AXIS_FAULT_SENSOR_INVALID] = AXIS_ERROR_CODE_SENSOR_INVALID,
+      [AXIS_FAULT_ENABLE_LOST] = AXIS_ERROR_CODE_ENABLE_LOST,
+      [AXIS_FAULT_ADC_RANGE] = AXIS_ERROR_CODE_ADC_RANGE,
+      [AXIS_FAULT_LIMIT_SWITCHES] = AXIS_ERROR_CODE_LIMIT_SWITCHES,
+      [AXIS_FAULT_OVERSPEED] = AXIS_ERROR_CODE_OVERSPEED,
+      [AXIS_FAULT_FORCE_MAX] = AXIS_ERROR_CODE_FORCE_MAX,
+      [AXIS_FAULT_FOLLOWING_ERROR] = AXIS_ERROR_CODE_FOLLOWING_ERROR,
+      [AXIS_FAULT_HEARTBEAT_LOST] = AXIS_ERROR_CODE_HEARTBEAT_LOST,
+      [AXIS_FAULT_SOURCE_LOST] = AXIS_ERROR_CODE_SOURCE_LOST,
+      [AXIS_FAULT_CAN_OFF] = AXIS_ERROR_CODE_CAN_OFF,
+      [AXIS_FAULT_PDO_TIMEOUT] = AXIS_ERROR_CODE_PDO_TIMEOUT,
+      [AXIS_FAULT_MAIN_LOOP_LOST] = AXIS_ERROR_CODE_MAIN_LOOP_LOST,
+  };
+  return codes[fault];
+}
+
+static bool is_enabled(const cia402_t *drive) {
+  return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+}
+
+/* Whether the axis stays out of the window of the following error. */
+static bool is_outside(const cia402_t *drive) { return drive->outside_tick != 0; }
+
+/* --- statusword ------------------------------------------------------------------------------- */
+
+static bool follows_command(const cia402_t *drive) {
+  return (drive->params.controlword & CIA402_CW_HALT) == 0 && drive->leaving == 0 &&
+         drive->params.modes_of_operation == drive->signals.modes_of_operation_display;
+}
+
+/* Bits 12 and 13. */
+static uint16_t mode_bits(const cia402_t *drive) {
+  bool bit_12 = false;
+  bool bit_13 = false;
+  switch (drive->signals.modes_of_operation_display) {
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
+      bit_12 = drive->acknowledged != 0 || drive->setpoint_buffered != 0;
+      bit_13 = is_outside(drive);
+      break;
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+      bit_12 = drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time);
+      break;
+    case AXIS_MODES_OF_OPERATION_HOMING:
+      bit_12 = drive->homing == CIA402_HOMING_DONE;
+      bit_13 = drive->homing == CIA402_HOMING_ERROR;
+      break;
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
+      bit_13 = is_outside(drive);
+      bit_12 = follows_command(drive);
+      break;
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
+    case AXIS_MODES_OF_OPERATION_STIFFNESS:
+    case AXIS_MODES_OF_OPERATION_DAMPING:
+    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
+      bit_12 = follows_command(drive);
+      break;
+    default:
+      break;
+  }
+  return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
+}
+
+/* How long the target must have been reached, ticks. */
+static uint32_t reached_ticks(const cia402_t *drive) {
+  switch (drive->signals.modes_of_operation_display) {
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
+      return fx_ticks_from_ms(drive->params.position_window_time);
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+      return fx_ticks_from_ms(drive->params.velocity_window_time);
+    default:
+      return 0;
+  }
+}
+
+static bool shows_reached(const cia402_t *drive) {
+  if (drive->signals.drive_state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
+    return drive->trajectory.velocity_q16 == 0;
+  }
+  if (!is_enabled(drive)) {
+    return false;
+  }
+  if (drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_HOMING) {
+    return drive->homing == CIA402_HOMING_IDLE || drive->homing == CIA402_HOMING_DONE;
+  }
+  return drive->reached_tick > reached_ticks(drive);
+}
+
+void cia402_show(cia402_t *drive, const axis_t *axis) {
+  drive_signals_t *signals = &drive->signals;
+  const axis_signals_t *measured = &axis->signals;
+  const uint8_t fault = (measured->fault != AXIS_FAULT_NONE) ? measured->fault : drive->fault;
+  const bool blocked = measured->limit_reason != AXIS_LIMIT_REASON_NONE;
+  const bool limited = blocked || drive->limited != 0;
+  uint16_t word = (uint16_t)(cia402_state_bits(signals->drive_state) | CIA402_SW_REMOTE);
+  if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
+    word |= CIA402_SW_VOLTAGE;
+  }
+  if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0) {
+    word |= CIA402_SW_WARNING;
+  }
+  if (limited) {
+    word |= CIA402_SW_LIMIT;
+  }
+  if (shows_reached(drive)) {
+    word |= CIA402_SW_REACHED;
+  }
+  if (is_enabled(drive)) {
+    word |= mode_bits(drive);
+  }
+  signals->statusword = word;
+  signals->error_code = cia402_error_code(fault);
+}
+
+/* --- signals ---------------------------------------------------------------------------------- */
+
+static void measure_motion(cia402_t *drive, const axis_t *axis) {
+  drive_signals_t *signals = &drive->signals;
+  const axis_signals_t *measured = &axis->signals;
+  int32_t *oldest = &drive->velocities[drive->velocity_next];
+  drive->velocity_sum = fx_sum_wrap(fx_diff_wrap(drive->velocity_sum, *oldest), measured->velocity);
+  *oldest = measured->velocity;
+  drive->velocity_next =
+      (uint8_t)((drive->velocity_next + 1 == CIA402_MEAN_TICKS) ? 0 : drive->velocity_next + 1);
+  const bool tracked = drive->tracking != CIA402_TRACKING_NONE;
+  const int32_t demand_q16 = tracked ? drive->trajectory.velocity_q16 : 0;
+  const int32_t demand_cnt = (drive->tracking == CIA402_TRACKING_VIRTUAL)
+                                 ? fx_cnt_from_q32(drive->trajectory.position_q32)
+                                 : measured->profile_position;
+  signals->position_internal = measured->position;
+  signals->position_actual = cia402_user(drive, measured->position);
+  signals->position_demand = cia402_user(drive, demand_cnt);
+  signals->following_error = fx_diff_wrap(signals->position_demand, signals->position_actual);
+  signals->velocity_demand =
+      cia402_signed_by(drive, fx_per_s_from_q16(demand_q16), CIA402_POLARITY_VELOCITY);
+}
+
+static int16_t per_mille(const cia402_t *drive, int32_t force_q8) {
+  return (int16_t)fx_clamp(fx_ratio_apply(force_q8, drive->force_of_reading, 0), INT16_MIN,
+                           INT16_MAX);
+}
+
+static void measure_force(cia402_t *drive, const axis_t *axis) {
+  drive_signals_t *signals = &drive->signals;
+  const bool native = axis->signals.active_mode == AXIS_MODE_FORCE && drive->pressing == 0;
+  signals->force_actual = per_mille(drive, axis->signals.force);
+  signals->force_demand =
+      native ? per_mille(drive, axis->params.force_setpoint)
+             : (int16_t)fx_clamp(fx_round_q16(drive->force_demand_q16), INT16_MIN, INT16_MAX);
+  signals->current_actual = fx_per_mille_of_bits(axis->signals.current_raw, axis->params.adc_bits);
+}
+
+static uint32_t inputs_bits(uint8_t din) {
+  return (((din & AXIS_DIN_LIMIT_NEG) != 0) ? UINT32_C(0x1) : 0) |
+         (((din & AXIS_DIN_LIMIT_POS) != 0) ? UINT32_C(0x2) : 0) |
+         (((din & AXIS_DIN_INDEX) != 0) ? UINT32_C(0x4) : 0) |
+         (((din & AXIS_DIN_ENABLE) != 0) ? UINT32_C(0x10000) : 0);
+}
+
+/* --- what must last --------------------------------------------------------------------------- */
+
+static bool is_in_position_window(const cia402_t *drive, int32_t target) {
+  return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
+         drive->params.position_window;
+}
+
+static bool has_reached_velocity(const cia402_t *drive) {
+  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
+  return fx_magnitude(fx_diff_wrap(wanted, drive->signals.velocity_actual)) <=
+         drive->params.velocity_window;
+}
+
+static bool has_reached_force(const cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  const int32_t limit = params->force_limit;
+  const int32_t wanted =
+      (drive->force_written != 0) ? fx_clamp(params->target_force, -limit, limit) : 0;
+  if (drive->pressing == 0) {
+    return wanted == 0;
+  }
+  const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
+  return drive->force_demand_q16 == fx_scale(wanted, 16) &&
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), params->contact_force);
+}
+
+static bool has_reached(const cia402_t *drive) {
+  if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
+    return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
+  }
+  switch (drive->signals.modes_of_operation_display) {
+    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
+    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
+      return drive->setpoint_active == 0 &&
+             (drive->stopped_by_contact != 0 ||
+              is_in_position_window(drive, drive->setpoint.position));
+    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
+      return drive->position_written == 0 ||
+             is_in_position_window(drive, drive->params.target_position);
+    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+      return has_reached_velocity(drive);
+    case AXIS_MODES_OF_OPERATION_FORCE:
+    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
+      return has_reached_force(drive);
+    default:
+      return false;
+  }
+}
+
+/* Two more while it lasts, without end: judged in every second tick; 1 at the first. */
+static uint32_t lasting(uint32_t ticks, bool lasts) {
+  if (!lasts) {
+    return 0;
+  }
+  return (ticks == 0) ? 1 : (ticks >= UINT32_MAX - 2) ? ticks : ticks + 2;
+}
+
+/* In every second tick. */
+static void judge(cia402_t *drive) {
+  drive->signals.velocity_actual = cia402_signed_by(
+      drive, fx_per_s_from_16_ticks(drive->velocity_sum), CIA402_POLARITY_VELOCITY);
+  const bool slow =
+      fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
+  drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive));
+  drive->standing_tick = lasting(drive->standing_tick, slow);
+}
+
+void cia402_observe(cia402_t *drive, const axis_t *axis) {
+  measure_motion(drive, axis);
+  if (axis->primed != 0) {
+    contact_tick(&drive->contact, &drive->params, &drive->signals, axis, drive->controlled != 0);
+  }
+  /* Two halves by turns, for the sake of the longest tick. */
+  if ((axis->signals.tick_count & 1) != 0) {
+    measure_force(drive, axis);
+    drive->signals.velocity_sensor = cia402_signed_by(
+        drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
+    drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
+  } else {
+    judge(drive);
+  }
+  cia402_show(drive, axis);
+}

@@ -1,0 +1,54 @@
+#include "firmware/drive/trajectory.h"
+
+#include "firmware/fx/fx.h"
+
+void trajectory_step(profile_t *trajectory, int32_t speed) {
+  trajectory->velocity_q16 = speed;
+  trajectory->position_q32 = fx_q32_advance(trajectory->position_q32, speed);
+}
+
+static int32_t lower(int32_t a, int32_t b) { return (a < b) ? a : b; }
+static int32_t higher(int32_t a, int32_t b) { return (a > b) ? a : b; }
+
+/* The speed of the next tick; d is the distance to the place, v the speed toward it. As in
+ * core/profile.c, with another rate on either side of it. */
+static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limits) {
+  const int32_t most = limits->speed;
+  const int32_t up = limits->acceleration;
+  const int32_t down = limits->deceleration;
+  if (v < 0) {
+    return lower(v + down, 0); /* going away: first stand */
+  }
+  const uint64_t room = fx_stopping_room(down, d);
+  /* The fastest first: speed up, or brake down to a lowered limit; then hold; then brake. */
+  const int32_t wanted = (v > most) ? higher(v - down, most) : lower(v + up, most);
+  if (wanted > down && fx_stops_within(wanted, down, room)) {
+    return wanted;
+  }
+  if (v > down && v <= most && fx_stops_within(v, down, room)) {
+    return v;
+  }
+  /* A step of at most `down` can be stopped in the tick after it: this is the landing. At higher
+   * speeds the lower bound makes it the braking step. */
+  const int32_t limit = lower(most, down);
+  const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
+  return fx_clamp(landing, v - down, v + up);
+}
+
+void trajectory_move(profile_t *trajectory, uint64_t distance_q16, bool negative,
+                     const trajectory_limits_t *limits) {
+  const int32_t v = trajectory->velocity_q16;
+  const int32_t next = next_speed(distance_q16, negative ? -v : v, limits);
+  trajectory_step(trajectory, negative ? -next : next);
+}
+
+void trajectory_ramp(profile_t *trajectory, int32_t speed, const trajectory_limits_t *limits) {
+  const bool negative =
+      trajectory->velocity_q16 < 0 || (trajectory->velocity_q16 == 0 && speed < 0);
+  const int32_t v = negative ? -trajectory->velocity_q16 : trajectory->velocity_q16;
+  const int32_t toward = negative ? -speed : speed;
+  const int32_t goal = fx_clamp(toward, 0, limits->speed);
+  const int32_t next =
+      (v < goal) ? lower(v + limits->acceleration, goal) : higher(v - limits->deceleration, goal);
+  trajectory_step(trajectory, negative ? -next : next);
+}

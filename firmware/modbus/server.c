@@ -1,0 +1,140 @@
+#include "firmware/modbus/server.h"
+
+#include "firmware/fx/fx.h"
+#include "firmware/modbus/request.h"
+
+enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
+enum { TOO_LONG = 0xFFFF }; /* as a length: nothing of it counts */
+
+static void begin_frame(modbus_t *modbus) {
+  modbus->length = 0;
+  modbus->crc = CRC_BEGIN;
+  modbus->silence = 0;
+}
+
+static void count(modbus_t *modbus, uint8_t which) {
+  modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
+}
+
+void modbus_clear_counters(modbus_t *modbus) {
+  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
+    modbus->counters[i] = 0;
+  }
+}
+
+void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud) {
+  modbus->unit = unit;
+  modbus->silence_ticks = fx_ticks_of_silence((baud == 0) ? MODBUS_BAUD_DEFAULT : baud);
+  modbus->heard = 0;
+  modbus->answer_length = 0;
+  modbus->answer_sent = 0;
+  modbus_clear_counters(modbus);
+  begin_frame(modbus);
+}
+
+static void append_crc(modbus_t *modbus, uint16_t length) {
+  uint16_t crc = CRC_BEGIN;
+  for (uint16_t i = 0; i < length; i++) {
+    crc = fx_crc16_modbus(crc, modbus->frame[i]);
+  }
+  fx_store_le(&modbus->frame[length], crc, BYTES_CRC);
+}
+
+/* Functions that a broadcast may ask for. */
+static bool writes(uint8_t function) {
+  return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
+}
+
+/* The frame so far is a whole one. */
+static void take_frame(modbus_t *modbus, fw_t *fw) {
+  const uint8_t unit = modbus->frame[0];
+  const uint16_t length = modbus->length;
+  begin_frame(modbus);
+  count(modbus, MODBUS_COUNT_MESSAGES);
+  if (unit != BROADCAST && unit != modbus->unit) {
+    return;
+  }
+  if (unit == BROADCAST && !writes(modbus->frame[1])) {
+    return;
+  }
+  const uint16_t answer = modbus_request_serve(modbus, fw, (uint16_t)(length - BYTES_CRC));
+  if (unit == BROADCAST) {
+    count(modbus, MODBUS_COUNT_UNANSWERED);
+    return;
+  }
+  append_crc(modbus, answer);
+  modbus->answer_length = (uint16_t)(answer + BYTES_CRC);
+  modbus->answer_sent = 0;
+}
+
+/* Whether what is there can be a whole frame: a CRC, run over it and its own two bytes, is 0. */
+static bool closes(const modbus_t *modbus) {
+  return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
+}
+
+/* Whether it must be one: the request ends here. Of other units only the CRC can say it; should it
+ * close by chance, what follows is passed over as a broken frame. */
+static bool ends(const modbus_t *modbus) {
+  if (!closes(modbus)) {
+    return false;
+  }
+  const bool foreign = modbus->frame[0] != BROADCAST && modbus->frame[0] != modbus->unit;
+  const uint16_t bytes = modbus_request_bytes(modbus->frame, modbus->length);
+  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == modbus->length;
+}
+
+void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t number) {
+  for (uint16_t i = 0; i < number; i++) {
+    if (modbus->answer_length != 0) {
+      if (modbus->length == 0) {
+        count(modbus, MODBUS_COUNT_OVERRUNS);
+      }
+      modbus->length = TOO_LONG;
+    }
+    if (modbus->length < MODBUS_FRAME_BYTES) {
+      modbus->frame[modbus->length] = bytes[i];
+      modbus->length = (uint16_t)(modbus->length + 1);
+      modbus->crc = fx_crc16_modbus(modbus->crc, bytes[i]);
+      if (ends(modbus)) {
+        take_frame(modbus, fw);
+      }
+    } else {
+      modbus->length = TOO_LONG;
+    }
+  }
+  if (number > 0) {
+    modbus->heard = 1;
+  }
+}
+
+void modbus_tick(modbus_t *modbus, fw_t *fw) {
+  if (modbus->length == 0) {
+    return;
+  }
+  modbus->silence = (modbus->heard != 0) ? 0 : modbus->silence + 1;
+  modbus->heard = 0;
+  if (modbus->silence < modbus->silence_ticks) {
+    return;
+  }
+  /* A frame that is not as long as its function says, but whole: its answer is an exception. */
+  if (closes(modbus)) {
+    take_frame(modbus, fw);
+    return;
+  }
+  count(modbus, MODBUS_COUNT_ERRORS);
+  begin_frame(modbus);
+}
+
+uint16_t modbus_transmit(modbus_t *modbus, uint8_t *bytes, uint16_t room) {
+  uint16_t given = 0;
+  while (given < room && modbus->answer_sent < modbus->answer_length) {
+    bytes[given] = modbus->frame[modbus->answer_sent];
+    modbus->answer_sent = (uint16_t)(modbus->answer_sent + 1);
+    given = (uint16_t)(given + 1);
+  }
+  if (modbus->answer_sent == modbus->answer_length) {
+    modbus->answer_length = 0;
+    modbus->answer_sent = 0;
+  }
+  return given;
+}

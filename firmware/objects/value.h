@@ -1,0 +1,23 @@
+#ifndef FIRMWARE_OBJECTS_VALUE_H_
+#define FIRMWARE_OBJECTS_VALUE_H_
+
+/* Values of the object table's types inside a structure; all travel as int32, a u32 as the same
+ * 32 bits. `type` is AXIS_TYPE_...; `offset` counts bytes from `base` and must fit the type. */
+
+#include <stdint.h>
+
+/* 1, 2 or 4. */
+uint8_t value_bytes(uint8_t type);
+
+int32_t value_load(const void *base, uint32_t offset, uint8_t type);
+
+/* The value must be in the range of the type. */
+void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
+
+/* Gives every object of one AXIS_BLOCK_ structure its power-up value. */
+void value_store_defaults(void *structure, uint8_t block);
+
+/* The low bits of a value, as packed by the recorder, with their sign. */
+int32_t value_from_bits(uint32_t bits, uint8_t type);
+
+#endif
