@@ -120,13 +120,13 @@ VIOLATIONS = {
     "exponent literal": ("float", "core/laws.h", "enum { LAW_X = (int)1e3 };\n"),
     "hidden float": (
         "float",
-        "core/value.c",
+        "objects/value.c",
         JOIN + "JOIN(flo, at) x(JOIN(flo, at) a);\n"
         "JOIN(flo, at) x(JOIN(flo, at) a) { return a * a; }\n",
     ),
     "hidden double": (
         "float",
-        "core/value.c",
+        "objects/value.c",
         JOIN + "JOIN(dou, ble) x(JOIN(dou, ble) a);\n"
         "JOIN(dou, ble) x(JOIN(dou, ble) a) { return a * a; }\n",
     ),
@@ -156,7 +156,7 @@ VIOLATIONS = {
     "libc header": ("libc", "core/axis.c", "#include <string.h>\n"),
     "libc call": (
         "libc",
-        "core/value.c",
+        "objects/value.c",
         "int abs(int);\nint x(int);\n"
         "int strcmp(const char *, const char *);\n"
         'int x(int a) { return strcmp((const char *)&a, "a"); }\n',

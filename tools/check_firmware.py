@@ -7,8 +7,8 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{core,fx,app,proto} and firmware/objects/generated (without the host's
-axis_objects_meta.h), with every folder below them:
+In firmware/{fx,objects,core,drive,canopen,modbus,app} (without the host's axis_objects_meta.h), with
+every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
   heap         no malloc and its kin
@@ -21,7 +21,7 @@ axis_objects_meta.h), with every folder below them:
 Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
-  folder       nothing lies below firmware/ but in core, fx, app, proto, objects/generated and port
+  folder       nothing lies below firmware/ but in fx, objects, core, drive, canopen, modbus, app and port
 """
 
 import argparse
@@ -33,7 +33,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDERS = ("core", "fx", "app", "proto", "objects/generated")
+FOLDERS = ("fx", "objects", "core", "drive", "canopen", "modbus", "app")
 PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
 # What else there is below firmware/.
 OTHER_FILES = {
@@ -53,10 +53,12 @@ HEAP = ("malloc", "calloc", "realloc", "aligned_alloc", "free", "alloca", "strdu
 # What each folder may include below firmware/.
 MAY_INCLUDE = {
     "fx": ("fx/",),
-    "core": ("core/", "fx/", "objects/generated/"),
-    "proto": ("proto/", "core/", "fx/", "objects/generated/"),
-    "app": ("app/", "proto/", "core/", "fx/", "objects/generated/"),
-    "objects/generated": ("objects/generated/",),
+    "objects": ("objects/", "fx/"),
+    "core": ("core/", "objects/", "fx/"),
+    "drive": ("drive/", "core/", "objects/", "fx/"),
+    "canopen": ("canopen/", "objects/", "fx/"),
+    "modbus": ("modbus/", "objects/", "fx/"),
+    "app": ("app/", "modbus/", "canopen/", "drive/", "core/", "objects/", "fx/"),
 }
 # Helpers of the compiler that a target may call. None is needed.
 COMPILER_HELPERS = frozenset()

@@ -5,7 +5,7 @@
 
 extern "C" {
 #include "firmware/objects/generated/axis_objects.h"
-#include "firmware/proto/modbus_map.h"
+#include "firmware/modbus/map.h"
 }
 #include "host/link/objects.hpp"
 

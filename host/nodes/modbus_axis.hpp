@@ -1,6 +1,6 @@
 #pragma once
 // Modbus requests of one axis, carried out over SDO: the map, order and exceptions of the
-// firmware's own RTU server (firmware/proto/modbus_map.h).
+// firmware's own RTU server (firmware/modbus/map.h).
 //
 // Each object is read afresh when it is asked for, one after the other: a 32-bit value is never
 // torn, but the values of one request come from consecutive ticks, about one object a millisecond.

@@ -17,7 +17,7 @@ from unicorn import arm_const
 from unicorn.unicorn_py3 import unicorn as binding
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("core", "fx", "app", "proto", "objects/generated")
+FOLDERS = ("fx", "objects", "core", "drive", "canopen", "modbus", "app")
 # As tools/image builds what is flashed.
 COMPILER = ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"]
 FLAGS = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
