@@ -6,7 +6,11 @@ import sys
 import control
 import numpy as np
 import pytest
-from forceaxis import _core, advise, bench, cli, linear, loops, paths
+from forceaxis import _core, paths
+from forceaxis.bench import bench
+from forceaxis.cli import main as cli
+from forceaxis.linear import advise, loops
+from forceaxis.linear import system as linear
 from scipy import optimize
 
 

@@ -5,7 +5,9 @@ import math
 
 import pytest
 from click.testing import CliRunner
-from forceaxis import cli, linear, thesis
+from forceaxis.cli import main as cli
+from forceaxis.linear import system as linear
+from forceaxis.thesis import claims as thesis
 
 
 @pytest.fixture(scope="module")

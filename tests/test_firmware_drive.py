@@ -51,7 +51,7 @@ RANGES = {
     "home_offset": [0, 1234, -2147483648],
     "polarity": [0, 0, 64, 128, 192],
 }
-ONES_OF = ("cia402", "trajectory", "contact")
+ONES_OF = ("drive_",)
 
 
 class CountingEmulator(Emulator):
@@ -82,7 +82,7 @@ def drive_ranges(objects, image, target):
     """Address ranges of the functions in the drive's object files, and of what only it calls."""
     names = {"axis_parameter_written"}
     for path in objects:
-        if path.name.removeprefix("proto_").startswith(ONES_OF):
+        if path.name.startswith(ONES_OF):
             for line in run(target.prefix + "nm", path).splitlines():
                 *_, kind, name = line.split()
                 if kind in "tT":

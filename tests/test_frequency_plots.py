@@ -7,8 +7,11 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from forceaxis import beam, cli, linear, loops, modes, thesis_figures
-from forceaxis import frequency_plots as plots
+from forceaxis.cli import main as cli
+from forceaxis.linear import loops, modes, plots
+from forceaxis.linear import system as linear
+from forceaxis.thesis import beam
+from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 FIGURES = {f.figure: f for f in thesis_figures.thesis_figures()}

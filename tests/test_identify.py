@@ -11,18 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import (
-    _core,
-    cli,
-    experiments,
-    fit_response,
-    identify,
-    linear,
-    measure,
-    measure_result,
-)
+from forceaxis import _core
 from forceaxis._core import InputError
-from forceaxis.identify import Estimate
+from forceaxis.cli import main as cli
+from forceaxis.experiments import files as experiments
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify import measure
+from forceaxis.identify import procedures as identify
+from forceaxis.identify import result as measure_result
+from forceaxis.identify.procedures import Estimate
+from forceaxis.linear import system as linear
 
 HERE = Path(__file__).resolve().parent
 EXPERIMENTS = HERE.parent / "sim/experiments"

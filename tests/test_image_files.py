@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis import InputError, flash, image, objects
+from forceaxis import InputError, objects
+from forceaxis.chip import flash, image
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGE = "build/image/forceaxis-stm32f446"

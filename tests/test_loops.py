@@ -11,8 +11,11 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from forceaxis import _core, cli, linear, loops, paths
+from forceaxis import _core, paths
 from forceaxis._core import InputError
+from forceaxis.cli import main as cli
+from forceaxis.linear import loops
+from forceaxis.linear import system as linear
 from scipy import optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]

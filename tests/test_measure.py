@@ -9,8 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, cli, linear, measure, measure_result
+from forceaxis import _core
 from forceaxis._core import InputError
+from forceaxis.cli import main as cli
+from forceaxis.identify import measure
+from forceaxis.identify import result as measure_result
+from forceaxis.linear import system as linear
 from scipy import stats
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import cli, linear, modes, paths
+from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.cli import main as cli
+from forceaxis.linear import modes
+from forceaxis.linear import system as linear
 
 
 def leading(mode, without=()):

@@ -7,7 +7,7 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{fx,objects,core,drive,canopen,modbus,app} (without the host's axis_objects_meta.h), with
+In firmware/{fx,objects,core,drive,canopen,modbus,app}, without the host's axis_objects_meta.h, with
 every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
@@ -21,7 +21,7 @@ every folder below them:
 Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
-  folder       nothing lies below firmware/ but in fx, objects, core, drive, canopen, modbus, app and port
+  folder       nothing lies below firmware/ but in those folders and port
 """
 
 import argparse

@@ -3,7 +3,7 @@
 
 usage: gen_messages.py [--check] [--root DIR]
 
-Reads host/lcm/*.lcm (package forceaxis) and writes host/python/forceaxis/messages/ with the lcm-gen
+Reads host/lcm/*.lcm (package forceaxis) and writes host/python/forceaxis/bus/messages/ with lcm-gen
 of the environment this runs in (.venv/bin/python tools/gen_messages.py), so that all generate with
 the version that requirements.txt pins.
 
@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 SOURCES = "host/lcm"
-GENERATED = "host/python/forceaxis/messages"
+GENERATED = "host/python/forceaxis/bus/messages"
 
 
 def generate(root):

@@ -16,7 +16,8 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 from chip import ROOT
-from forceaxis import chip, objects
+from forceaxis import objects
+from forceaxis.chip import emulator as chip
 
 IMAGE = ROOT / "build/image/forceaxis-stm32f446-emulated.elf"
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"

@@ -11,8 +11,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis import _core, chip, link, tables
+from forceaxis import _core
+from forceaxis.chip import emulator as chip
+from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
+from forceaxis.thesis import tables
 
 CHIP = link.Link(link.CHIP)
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, bench, paths, scipy_peer
+from forceaxis import _core, paths
+from forceaxis.bench import bench, scipy_peer
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 

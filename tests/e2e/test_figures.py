@@ -5,7 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core, experiments, linear, loops
+from forceaxis import _core
+from forceaxis.experiments import files as experiments
+from forceaxis.linear import loops
+from forceaxis.linear import system as linear
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "sim/models"

@@ -425,7 +425,8 @@ def test_files_that_are_no_image(bench, tmp_path, name, content, text):
 
 def test_any_cut_of_an_elf_file_is_refused_or_read(bench, elf):
     """In process, for speed: nothing but InputError comes out, however the file is damaged."""
-    from forceaxis import InputError, flash, image
+    from forceaxis import InputError
+    from forceaxis.chip import flash, image
 
     data = elf.read_bytes()
     path = bench.folder / "cut.elf"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import experiments
+from forceaxis.experiments import files as experiments
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 FILES = ["contact.toml", "model.toml", "step.toml"]

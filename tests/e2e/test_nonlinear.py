@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import experiments, nonlinear
+from forceaxis.experiments import files as experiments
+from forceaxis.thesis import nonlinear
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENTS = ROOT / "sim/experiments"

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis import thesis, thesis_figures
+from forceaxis.thesis import claims as thesis
+from forceaxis.thesis import figures as thesis_figures
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

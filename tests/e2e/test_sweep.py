@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
-from forceaxis import InputError, experiments, sweeps
+from forceaxis import InputError
+from forceaxis.experiments import files as experiments
+from forceaxis.experiments import sweep as sweeps
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"

@@ -8,7 +8,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from forceaxis import judge, run_many, tables
+from forceaxis import judge, run_many
+from forceaxis.thesis import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

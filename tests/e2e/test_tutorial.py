@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis import experiments
+from forceaxis.experiments import files as experiments
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "## A stability verdict for your own axis in ten minutes\n"

@@ -15,7 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from forceaxis import SimulationError, usertests
+from forceaxis import SimulationError
+from forceaxis.experiments import regression as usertests
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

@@ -17,12 +17,14 @@ import time
 import traceback
 from pathlib import Path
 
-from forceaxis import gateway as sessions
-from forceaxis import link, objects, thesis_session
-from forceaxis.drive_words import BY_NAME
-from forceaxis.lcm_bus import TABLE_HASH, Bus, decode, now_us
-from forceaxis.live import AxisClient, NoAnswer, Refused
-from forceaxis.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis import objects
+from forceaxis.bus import gateway as sessions
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused
+from forceaxis.bus.drive_words import BY_NAME
+from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
+from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis.experiments import link
+from forceaxis.thesis import session as thesis_session
 from pymodbus.client import ModbusTcpClient
 
 PORT = 1502

@@ -13,8 +13,8 @@ import math
 import time
 
 import lcm
-from forceaxis.lcm_bus import NOT_AVAILABLE, TABLE_HASH, blank, channel_of, decode, new_run_id
-from forceaxis.messages import (
+from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, blank, channel_of, decode, new_run_id
+from forceaxis.bus.messages import (
     axis_capture_t,
     axis_command_t,
     axis_event_t,

@@ -9,9 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis import link, objects
+from forceaxis import objects
 from forceaxis._core import InputError
-from forceaxis.gateway import trigger_on
+from forceaxis.bus.gateway import trigger_on
+from forceaxis.experiments import link
 
 ROOT = Path(__file__).resolve().parents[2]
 VCAN = ROOT / "tools" / "vcan"

@@ -19,8 +19,10 @@ from pathlib import Path
 
 import lcm
 import pytest
-from forceaxis import _core, link, tables
-from forceaxis.lcm_bus import Bus, decode
+from forceaxis import _core
+from forceaxis.bus.lcm import Bus, decode
+from forceaxis.experiments import link
+from forceaxis.thesis import tables
 from own_network import OWN_NETWORK
 
 ROOT = Path(__file__).resolve().parents[2]

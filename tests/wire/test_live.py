@@ -25,15 +25,17 @@ from pathlib import Path
 import lcm
 import numpy as np
 import pytest
-from forceaxis import drive_words, log_tables, logs, objects
+from forceaxis import objects
 from forceaxis._core import InputError
-from forceaxis.gateway import MODES, Session
-from forceaxis.lcm_bus import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
-from forceaxis.live import AxisClient, NoAnswer, Refused, from_raw, to_raw
-from forceaxis.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
-from forceaxis.monitor import AxisPanel, Monitor
-from forceaxis.sources import Live, Replay
-from forceaxis.watch import Watch
+from forceaxis.bus import drive_words, log_tables
+from forceaxis.bus import log as logs
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
+from forceaxis.bus.gateway import MODES, Session
+from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
+from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.monitor import AxisPanel, Monitor
+from forceaxis.bus.sources import Live, Replay
+from forceaxis.bus.watch import Watch
 from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, Gateway, sample, state_of, truth
 from own_network import OWN_NETWORK
 

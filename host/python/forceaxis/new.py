@@ -364,7 +364,8 @@ def highest_gain(loop, volts_per_code):
 
 def first_gains(axis, model):
     """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
-    from forceaxis import linear, loops  # here: SciPy takes a while to load
+    from forceaxis.linear import loops
+    from forceaxis.linear import system as linear
 
     v = axis.v
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}

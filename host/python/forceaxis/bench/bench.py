@@ -1,0 +1,406 @@
+"""`forceaxis bench`: how fast the simulator is, beside its peers, on the same work in the same run.
+
+The work is a force loop of 2 s at 1500 Hz around one plant, recording contact force, two
+positions, motor current and ADC code at every tick. Its plants: one rigid mass on a workpiece in
+stable contact (A: one touch-down) and in a limit cycle (B: 46 touch-downs, 335 switchings), 6
+states each, and sim/models/full_axis.toml, 14 states in stable contact (full). The law is the
+scenario's own in integers, or the firmware's fw_tick ("forceaxis+firmware").
+
+real_time_factor is 2.0 s over the CPU seconds of one thread for one run, models read and modes
+built before. Tools take turns of some runs each (a single run of 0.1 ms would mostly meet caches
+that the tool before it left behind); the best run counts. force_error_N is the largest difference
+from an independent integration in extended precision at any tick. Peers and that reference are
+built in a checkout only (tests/bench): odeint is dopri5 at 1e-4 with located events, mujoco RK4
+with one step a tick (four in full, where one is unstable) and no events, scipy RK45 at 1e-4 with
+terminal events, cases A and B only.
+
+With linear_analysis also frequency responses, critical gains and the table of `forceaxis advise`.
+"""
+
+import ctypes
+import importlib.util
+import os
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from forceaxis import _core, paths
+from forceaxis.bench import scipy_peer
+from forceaxis.thesis import tables
+
+TOOLS = ("forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy")
+TICKS = 3000
+SPAN_S = TICKS / _core.TICKS_PER_SECOND
+SETPOINT_B = 100
+TURN_S = 0.01
+
+
+@dataclass(frozen=True)
+class Case:
+    """A plant and the law around it: gain in DAC codes per ADC count, set-point in N."""
+
+    experiment: str
+    signals: tuple  # contact force, robot's body, workpiece's body
+    gain: int
+    setpoint_N: int
+
+
+AXIS = ("tip.force", "robot", "workpiece")
+CASES = {
+    "A": Case("axis_contact_a.toml", AXIS, 4, 59),
+    "B": Case("axis_contact_b.toml", AXIS, 15, SETPOINT_B),
+    "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
+}
+# Name: gains in DAC codes per ADC count, set-points in N; 64 x 64 runs, end points included.
+SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
+SIDE = 64
+
+
+class Peers:
+    """The shared library of tests/bench, when this is a checkout in which it was built."""
+
+    def __init__(self):
+        path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
+        self.missing = {}
+        self._call = None
+        try:
+            self._call = ctypes.CDLL(str(path)).bench_peer
+            self._call.restype = ctypes.c_long
+        except OSError:
+            where = f"{paths.display(path)} not found; build it with tools/setup in a checkout"
+            self.missing = dict.fromkeys(("odeint", "mujoco", "reference"), where)
+        if self._call and self.run("mujoco", CASES["A"], False, 0) is None:
+            self.missing["mujoco"] = "not built in: its wheel was not in .venv at the last build"
+        if importlib.util.find_spec("scipy") is None:
+            self.missing["scipy"] = "not installed"
+
+    def run(self, tool, case, full, ticks=TICKS):
+        """(force, counts, CPU seconds, events or None) of one run; None if the tool fails."""
+        values = np.zeros((4, TICKS + 1))
+        counts = np.zeros(TICKS + 1, np.int32)
+        seconds = ctypes.c_double()
+        doubles, ints = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int)
+        events = self._call(
+            tool.encode(), int(full), case.gain, case.setpoint_N, ticks,
+            *(row.ctypes.data_as(doubles) for row in values), counts.ctypes.data_as(ints),
+            ctypes.byref(seconds),
+        )  # fmt: skip
+        if events == -2:
+            return None
+        return values[0], counts, seconds.value, None if events < 0 else events
+
+
+def runners(name, tools, peers):
+    """{tool: function of one run} of a case, with what takes time before a run done."""
+    case, full = CASES[name], name == "full"
+    own = _core.BenchCase(paths.EXPERIMENTS / case.experiment, *case.signals)
+
+    def ours(firmware):
+        done = own.run(case.gain, case.setpoint_N, firmware)
+        return done["force"], done["count"], done["seconds"], done["events"]
+
+    every = {
+        "forceaxis": lambda: ours(False),
+        "forceaxis+firmware": lambda: ours(True),
+        "odeint": lambda: peers.run("odeint", case, full),
+        "mujoco": lambda: peers.run("mujoco", case, full),
+        "scipy": lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS),
+    }
+    if full:
+        del every["scipy"]  # its equations are written for A and B
+    return {t: every[t] for t in tools if t in every and t not in peers.missing}
+
+
+def turn(tool, once, last):
+    """CPU seconds of one run after the other, as many as fit in TURN_S."""
+    times = []
+    while sum(times) < TURN_S:
+        last[tool] = once()
+        if last[tool] is None:
+            raise RuntimeError(f"{tool} failed; its reason stands above")
+        times.append(last[tool][2])
+    return times
+
+
+def cases(names, tools, repeat, progress):
+    """Rows of results, one per case and tool, and {tool: why it is missing}."""
+    peers = Peers()
+    rows = []
+    for name in names:
+        run = runners(name, tools, peers)
+        reference = None
+        if "reference" not in peers.missing:
+            reference = peers.run("reference", CASES[name], name == "full")
+        seconds = {tool: [] for tool in run}
+        last = {}
+        for _ in range(repeat):
+            for tool, once in run.items():  # in turns, so that all meet the same machine
+                seconds[tool] += turn(tool, once, last)
+            progress()
+        for tool, times in seconds.items():
+            force, counts, _, events = last[tool]
+            row = {"case": name, "tool": tool, "real_time_factor": SPAN_S / min(times)}
+            row["force_error_N"] = float(abs(force - reference[0]).max()) if reference else None
+            row["codes_differ"] = int((counts != reference[1]).sum()) if reference else None
+            row["events"] = events
+            row["tick_ns"] = 1e9 * min(times) / TICKS
+            row["spread"] = float(np.median(times)) / min(times) - 1  # median over best
+            row["runs"] = len(times)
+            rows.append(row)
+    asked = {t: why for t, why in peers.missing.items() if t in tools or t == "reference"}
+    return rows, asked
+
+
+def sweeps(repeat, progress):
+    """Throughput of whole runs on one and on two threads: the 4096-run sweeps and the 55 cells."""
+    own = _core.BenchCase(paths.EXPERIMENTS / CASES["A"].experiment, *AXIS)
+    cells = tables.load()
+    jobs = [cells.job(c) for c in cells.cells]
+
+    def cells_once(threads):
+        wall, cpu = time.perf_counter(), time.process_time()
+        _core.run_many(jobs, threads)
+        return time.perf_counter() - wall, time.process_time() - cpu
+
+    def sweep_once(name, threads):
+        done = own.sweep(*SWEEPS[name], SIDE, threads)
+        return done["wall_s"], done["cpu_s"]
+
+    work = {n: (SIDE * SIDE, lambda threads, n=n: sweep_once(n, threads)) for n in SWEEPS}
+    work["cells"] = (len(jobs), cells_once)
+    rows = []
+    for name, (runs, once) in work.items():
+        times = {1: [], 2: []}
+        for _ in range(repeat):
+            for threads, taken in times.items():
+                taken.append(once(threads))
+            progress()
+        one, two = (min(wall for wall, _ in times[n]) for n in (1, 2))
+        rows.append(
+            {
+                "sweep": name,
+                "runs": runs,
+                "runs_per_s_core": runs / min(cpu for _, cpu in times[1]),
+                "runs_per_s": runs / one,
+                "runs_per_s_two_threads": runs / two,
+                "two_thread_ratio": one / two,
+                "two_thread_cpu": min(c for _, c in times[2]) / min(c for _, c in times[1]),
+            }
+        )
+    return rows
+
+
+def scaling(repeat, gains=range(2, 26)):
+    """CPU time of case B's run at several gains against its events: seconds = a + b events."""
+    own = _core.BenchCase(paths.EXPERIMENTS / CASES["B"].experiment, *AXIS)
+    best, events = {}, {}
+    for _ in range(max(repeat, 3)):
+        for gain in gains:
+            for _ in range(5):
+                done = own.run(gain, SETPOINT_B)
+                best[gain] = min(best.get(gain, np.inf), done["seconds"])
+            events[gain] = done["events"]
+    x = np.array([events[g] for g in gains], float)
+    y = np.array([best[g] for g in gains])
+    b, a = np.polyfit(x, y, 1)
+    off = y - (a + b * x)
+    return {
+        "events_least": int(x.min()),
+        "events_most": int(x.max()),
+        "run_us": 1e6 * a,
+        "event_us": 1e6 * b,
+        "r_squared": float(1 - (off**2).sum() / ((y - y.mean()) ** 2).sum()),
+        "worst_deviation": float(abs(off / (a + b * x)).max()),
+        "points": [[int(e), 1e6 * t] for e, t in zip(x, y, strict=True)],
+    }
+
+
+RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MOST_S = "full_axis", 10_000, 0.020
+ADVICE_MODELS, ADVICE_MOST_S = ("laboratory", "full_axis"), 1.0
+
+
+def best(repeat, once):
+    """Wall seconds of the fastest of `repeat` calls."""
+    times = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        once()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def halved_limit(sampled):
+    """The critical gain of a sampled control.StateSpace to 1e-9, from 1e-4 on in steps of 5 %."""
+    import control
+
+    def stable(gain):
+        return np.all(np.abs(control.feedback(gain * sampled, 1).poles()) < 1)
+
+    low = 1e-4
+    while stable(1.05 * low):
+        low *= 1.05
+    high = 1.05 * low
+    while high - low > 1e-9 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def linear_analysis(repeat, progress):
+    """Frequency response, one critical gain and the advice table, beside python-control.
+
+    Both take the same matrices. A response is of 10,000 frequencies, from the matrices on (our
+    Hessenberg form is not kept from call to call). A critical gain of ours is that with all
+    crossings; the other is a halving on control.feedback's poles (stability_margins falls back to a
+    grid for these loops and misses it).
+    """
+    from forceaxis.linear import advise, loops
+    from forceaxis.linear import system as linear
+
+    frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
+    system = linear.linearise(RESPONSE_MODEL)
+    theirs = system.state_space()
+
+    def ours():
+        return replace(system).response(frequency)
+
+    def peer():
+        return theirs(2j * np.pi * frequency)
+
+    rows = [
+        {
+            "work": f"{RESPONSE_POINTS} frequencies of {RESPONSE_MODEL}",
+            "states": len(system.A),
+            "seconds": best(repeat, ours),
+            "control_seconds": best(min(repeat, 3), peer),
+            "difference": float(np.max(np.abs(ours() / peer() - 1))),
+        }
+    ]
+    progress()
+    for model in ADVICE_MODELS:
+        loop = loops.force_loop(model)
+        sampled = loop.open.state_space()
+        margin, limit = halved_limit(sampled), loop.limit().gain
+        rows.append(
+            {
+                "work": f"critical gain of {model}",
+                "states": len(loop.open.A),
+                "seconds": best(repeat, lambda loop=loop: replace(loop).limit()),
+                "control_seconds": best(
+                    min(repeat, 3), lambda sampled=sampled: halved_limit(sampled)
+                ),
+                "difference": abs(float(margin) / limit - 1),
+            }
+        )
+        table = advise.advise(model, runs="none")["rows"]
+        taken = best(min(repeat, 3), lambda model=model: advise.advise(model, runs="none"))
+        rows.append(
+            {
+                "work": f"advice table of {model}, {len(table)} rows",
+                "states": len(loop.open.A),
+                "seconds": taken,
+                "control_seconds": None,
+                "difference": None,
+            }
+        )
+        progress()
+    return rows
+
+
+def run(names, tools, repeat, with_sweeps, with_linear=False):
+    """The whole benchmark: what `--json` prints."""
+    console = Console(stderr=True)
+    sweep_repeat = min(repeat, 5)
+    steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
+    steps += with_linear and 1 + len(ADVICE_MODELS)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("bench", total=steps)
+        rows, missing = cases(names, tools, repeat, lambda: bar.advance(task))
+        result = {"results": rows, "missing": missing, "load": os.getloadavg()[0]}
+        if with_sweeps:
+            result["sweeps"] = sweeps(sweep_repeat, lambda: bar.advance(task))
+            result["scaling"] = scaling(repeat)
+        if with_linear:
+            result["linear"] = linear_analysis(repeat, lambda: bar.advance(task))
+    return result
+
+
+def describe(result):
+    """The result for a terminal."""
+    lines = ["case  tool                x real time   us/tick   spread   force error   events"]
+    for r in result["results"]:
+        error = "unknown" if r["force_error_N"] is None else f"{r['force_error_N']:.1e} N"
+        events = "" if r["events"] is None else r["events"]
+        lines.append(
+            f"{r['case']:4}  {r['tool']:18} {r['real_time_factor']:12,.0f} "
+            f"{r['tick_ns'] / 1e3:9.3f} {r['spread']:8.0%}   {error:>11} {events:>8}"
+        )
+    for r in result.get("sweeps", []):
+        lines.append(
+            f"{r['sweep']:12} {r['runs']} runs: {r['runs_per_s_core']:,.0f} runs/s per core, "
+            f"{r['runs_per_s_two_threads']:,.0f} runs/s on two threads "
+            f"({r['two_thread_ratio']:.2f} x one; CPU time {r['two_thread_cpu']:.2f} x)"
+        )
+    if s := result.get("scaling"):
+        lines.append(
+            f"{'scaling':12} {s['events_least']} to {s['events_most']} events: "
+            f"{s['run_us']:.0f} us + {s['event_us']:.2f} us per event, R^2 {s['r_squared']:.4f}, "
+            f"worst {s['worst_deviation']:.0%} off the line"
+        )
+    for r in result.get("linear", []):
+        text = f"{r['work']}: {1e3 * r['seconds']:.3g} ms"
+        if r["control_seconds"]:
+            text += (
+                f", python-control {1e3 * r['control_seconds']:.3g} ms, "
+                f"{r['control_seconds'] / r['seconds']:.1f} times as long; they differ by "
+                f"{r['difference']:.1e}"
+            )
+        lines.append(f"{'linear':12} {text}")
+    lines += [f"{'missing':12} {tool}: {why}" for tool, why in result["missing"].items()]
+    if result["load"] > 0.5:
+        lines.append(f"{'load':12} {result['load']:.1f}: the machine was not idle")
+    return "\n".join(lines)
+
+
+def check(result):
+    """What the simulator must reach: [(text, held)]; a figure that is missing does not hold."""
+    row = {(r["case"], r["tool"]): r for r in result["results"]}
+    checks = []
+
+    def want(text, figure, least=None, most=None):
+        held = figure is not None and (figure >= least if most is None else figure <= most)
+        text += f" >= {least}" if most is None else f" <= {most}"
+        checks.append((f"{text}: {'missing' if figure is None else f'{figure:.3g}'}", held))
+
+    def figure(case, tool, key="real_time_factor"):
+        return row.get((case, tool), {}).get(key)
+
+    def ratio(a, b):
+        return a / b if a and b else None
+
+    for case, least in (("A", 2), ("B", 1.4)):
+        plant = figure(case, "forceaxis")
+        firmware = figure(case, "forceaxis+firmware")
+        want(f"{case}: plant / odeint", ratio(plant, figure(case, "odeint")), least)
+        want(f"{case}: firmware / plant", ratio(firmware, plant), 0.5)
+    want("A: plant / mujoco", ratio(figure("A", "forceaxis"), figure("A", "mujoco")), 40)
+    for case, most in (("A", 1e-9), ("B", 1e-8)):
+        for tool in TOOLS[:2]:
+            error = figure(case, tool, "force_error_N")
+            want(f"{case}: force error of {tool}, N", error, most=most)
+    per_tick = [figure(c, "forceaxis", "tick_ns") for c in ("full", "A")]
+    want("tick of full / tick of A", ratio(*per_tick), most=4)
+    for r in result.get("sweeps", []):
+        want(f"{r['sweep']}: two threads / one", r["two_thread_ratio"], 1.8)
+    for r in result.get("linear", []):
+        if "frequencies" in r["work"]:
+            want(f"{r['work']}, s", r["seconds"], most=RESPONSE_MOST_S)
+            want(f"{r['work']}, difference from python-control", r["difference"], most=1e-6)
+        elif "advice" in r["work"]:
+            want(f"{r['work']}, s", r["seconds"], most=ADVICE_MOST_S)
+    if "scaling" in result:
+        want("cost is linear in events, R^2", result["scaling"]["r_squared"], 0.98)
+    return checks

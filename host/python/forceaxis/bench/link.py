@@ -1,0 +1,147 @@
+"""`forceaxis bench --link`: the lock-step's rate beside the raw rate of what carries it.
+
+Raw is a ping-pong between two bare C programs (tests/bench/link_pingpong_*.c) on the same
+transport, in the same run, in turns with the lock-step of plant_node and axis_node on
+sim/experiments/contact.toml. All processes are pinned to one CPU. Six axes are six plants and six
+firmwares in one process each; the median of the turns counts.
+"""
+
+import json
+import os
+import secrets
+import statistics
+import subprocess
+import sys
+
+from forceaxis import _core, paths
+from forceaxis.experiments import link
+
+KINDS = ("lcm", "socketcan")
+EXPERIMENT = paths.EXPERIMENTS / "contact.toml"
+ROUND_TRIPS = 20_000
+AXES = 6
+TIME_LIMIT_S = 120
+LEAST_SHARE, LEAST_REAL_TIME = 0.6, 1.0
+
+
+def _pinned():
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def _start(*command):
+    return subprocess.Popen(
+        [str(c) for c in command], stdout=subprocess.PIPE, text=True, preexec_fn=_pinned
+    )
+
+
+def raw_rate(kind, where):
+    """Round trips a second of the two bare programs."""
+    name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
+    program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
+    if not program.is_file():
+        raise link.LinkError(f"{paths.display(program)}: not found; build it with tools/setup")
+    pong = _start(program, "pong", where)
+    try:
+        pong.stdout.readline()
+        ping = _start(program, "ping", where, ROUND_TRIPS)
+        text = ping.communicate(timeout=TIME_LIMIT_S)[0]
+        if ping.returncode:
+            raise link.LinkError(f"{name}: the ping-pong failed")
+        return float(text)
+    finally:
+        pong.kill()
+        pong.communicate()
+
+
+def lock_step(kind, axes):
+    """The reports of plant_node and axis_node on one run."""
+    run_id = secrets.randbelow(2**53)
+    common = [EXPERIMENT, "--axes", axes, "--link", kind, "--run-id", run_id]
+    axis = _start(link.program("axis_node"), *common)
+    try:
+        axis.stdout.readline()
+        plant = _start(link.program("plant_node"), *common)
+        text = plant.communicate(timeout=TIME_LIMIT_S)[0]
+        told = axis.communicate(timeout=TIME_LIMIT_S)[0]
+    finally:
+        axis.kill()
+        axis.communicate()
+    if plant.returncode or axis.returncode:
+        raise link.LinkError(f"lock-step over {kind}: a node failed")
+    reports = [json.loads(t.splitlines()[-1]) for t in (text, told)]
+    hashes = [[a["trace_hash"] for a in r["axes"]] for r in reports]
+    if hashes[0] != hashes[1]:
+        raise link.LinkError(f"lock-step over {kind}: the two sides' hashes differ")
+    return reports[0]
+
+
+def measure(kind, turns):
+    """One row: raw and lock-step rates of a transport, here."""
+    raw, one, six, repeated = [], [], [], 0
+    for _ in range(turns):
+        where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else link.Link.can
+        raw.append(raw_rate(kind, where))
+        for rates, axes in ((one, 1), (six, AXES)):
+            report = lock_step(kind, axes)
+            rates.append(report["ticks_per_s"])
+            repeated += report["statistics"]["repeated"]
+    rates = {n: statistics.median(r) for n, r in (("raw", raw), ("one", one), ("six", six))}
+    return {
+        "link": kind,
+        "raw_per_s": rates["raw"],
+        "ticks_per_s": rates["one"],
+        "share": rates["one"] / rates["raw"],
+        "real_time": rates["one"] / _core.TICKS_PER_SECOND,
+        "six_axes_ticks_per_s": rates["six"],
+        "six_axes_real_time": rates["six"] / _core.TICKS_PER_SECOND,
+        "repeated": repeated,
+        "turns": turns,
+    }
+
+
+def run(turns=5):
+    """Rows of all transports; CAN under tools/vcan."""
+    rows = [measure("lcm", turns)]
+    command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench_link", str(turns)]
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=False
+    )
+    if done.returncode:
+        raise link.LinkError("bench over socketcan failed; its reason stands above")
+    return [*rows, json.loads(done.stdout)]
+
+
+def describe(rows):
+    """Lines for a terminal."""
+    return [
+        f"{r['link']:12} {r['ticks_per_s']:,.0f} ticks/s ({r['real_time']:.1f} x real time), "
+        f"{r['share']:.0%} of a raw ping-pong's {r['raw_per_s']:,.0f}/s; six axes "
+        f"{r['six_axes_ticks_per_s']:,.0f} ticks/s ({r['six_axes_real_time']:.1f} x); "
+        f"{r['repeated']} records repeated"
+        for r in rows
+    ]
+
+
+def check(rows):
+    """What the link must reach: [(text, held)]."""
+    checks = []
+    for r in rows:
+        share, six = r["share"], r["six_axes_real_time"]
+        checks.append(
+            (
+                f"{r['link']}: lock-step / ping-pong >= {LEAST_SHARE}: {share:.3g}",
+                share >= LEAST_SHARE,
+            )
+        )
+        checks.append(
+            (f"{r['link']}: six axes / real time >= {LEAST_REAL_TIME}: {six:.3g}",
+             six >= LEAST_REAL_TIME)
+        )  # fmt: skip
+    return checks
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps(measure("socketcan", int(sys.argv[1]))))
+    except link.LinkError as error:
+        sys.exit(f"forceaxis: {error}")

@@ -1,0 +1,1 @@
+"""Axes on buses: the gateway, LCM, the monitor, logs."""

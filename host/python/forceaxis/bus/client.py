@@ -1,0 +1,286 @@
+"""Command an axis over LCM and wait for what comes of it, through its gateway.
+
+    from forceaxis.bus.client import AxisClient
+
+    with AxisClient(1) as axis:
+        axis.take()                            # own the axis: other buses are refused from now on
+        axis.write("force_gain", 7.0)          # engineering units, enum texts as text
+        axis.read("force_gain")                # 7.0
+        held = axis.capture(["force", "dac_code"], samples=1500)
+        axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=60)
+        axis.release()
+
+A command that is refused raises Refused with the reason, one that nobody answers NoAnswer; a name
+or value that the object table does not know is an InputError before anything is sent.
+"""
+
+import re
+import threading
+import time
+from collections import deque
+
+from forceaxis._core import InputError
+from forceaxis.bus.captures import Assembly
+from forceaxis.bus.drive_words import BY_NAME, texts
+from forceaxis.bus.lcm import (
+    AXES,
+    NOT_AVAILABLE,
+    TABLE_HASH,
+    Bus,
+    Gaps,
+    Undecodable,
+    decode,
+)
+from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+
+STRAGGLERS_S = 1.0
+ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
+
+
+class Refused(Exception):
+    """A command that the gateway or the firmware refused: the text says why."""
+
+    def __init__(self, event):
+        super().__init__(event.text)
+        self.event, self.code = event, event.code
+
+
+class NoAnswer(TimeoutError):
+    """Nobody answered a command in time, or an awaited event did not come."""
+
+
+def object_named(name):
+    """The object of the table; None for a CANopen address; InputError for neither."""
+    if ADDRESS.fullmatch(name):
+        return None
+    if name not in BY_NAME:
+        raise InputError(f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]")
+    return BY_NAME[name]
+
+
+def to_raw(name, value):
+    """Raw value of an engineering value or enum text; InputError where the table does not allow
+    it. Of a CANopen address the value is raw already."""
+    known = object_named(name)
+    if known and isinstance(value, str) and value in texts(known):
+        return texts(known)[value]
+    if known is None:
+        wanted, low, high = "an integer of at most 32 bits", -(2**31), 2**32 - 1
+    else:
+        low, high = known.min, known.max
+        span = f"{low * known.scale:g} to {high * known.scale:g}"
+        wanted = f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {known.unit}"
+    try:
+        if known is None:
+            raw = int(value, 0) if isinstance(value, str) else int(value)
+        else:
+            raw = round(float(value) / known.scale)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: expected {wanted}, got {value}") from None
+    if not low <= raw <= high:
+        raise InputError(f"{name}: expected {wanted}, got {value}")
+    return raw
+
+
+def from_raw(name, raw):
+    """Engineering value (an int where the scale is 1) or the enum's text."""
+    known = BY_NAME.get(name)
+    if known is None:
+        return raw
+    for text, value in texts(known).items():
+        if value == raw:
+            return text
+    return raw if known.scale == 1 else raw * known.scale
+
+
+class AxisClient:
+    """Commands one axis through its gateway and waits for what comes of it."""
+
+    def __init__(self, axis, url=None, timeout_s=2.0, retry_s=0.25):
+        if axis not in AXES:
+            raise InputError(f"axis: expected {AXES.start} to {AXES.stop - 1}, got {axis}")
+        self.axis, self.timeout_s, self.retry_s = axis, timeout_s, retry_s
+        self.gaps, self.undecodable = {}, 0
+        self._state, self._captures, self._command_id = None, {}, 0
+        self._events, self._heard, self._since = deque(maxlen=10_000), 0, 0
+        self._news = threading.Condition()
+        self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
+
+    def close(self):
+        self._bus.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    # --- commands ------------------------------------------------------------------------------
+
+    def write(self, name, value):
+        """Writes one object: engineering value or enum text; an address takes the raw value."""
+        return self.write_all({name: value})
+
+    def write_all(self, values):
+        """Writes {name: value} in order; the first that is refused ends it, those before it stay.
+        Returns the axis_event_t that acknowledges it."""
+        items = [(name, to_raw(name, value)) for name, value in values.items()]
+        return self._command(axis_command_t.KIND_WRITE, items)
+
+    def read(self, name):
+        """Engineering value or enum text of one object; raw value of an address."""
+        return self.read_all([name])[name]
+
+    def read_all(self, names):
+        """{name: value} of several objects, of one instant as far as the gateway can."""
+        for name in names:
+            object_named(name)
+        answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
+        return {n: from_raw(n, v) for n, v in zip(answer.object, answer.value, strict=True)}
+
+    def take(self):
+        """Makes LCM the axis's command source; kept by writes that follow within its watchdog."""
+        return self._command(axis_command_t.KIND_TAKE)
+
+    def release(self):
+        """Gives the command source back to CANopen."""
+        return self._command(axis_command_t.KIND_RELEASE)
+
+    def capture(self, signals, samples=0, timeout_s=30.0, **settings):
+        """Records `signals` tick by tick and waits for the samples: a captures.Assembly, whose
+        `missing` counts samples that were lost on the way.
+
+        samples 0: as many as the recorder holds. `settings` are further recorder objects without
+        the prefix: decimation=3, pretrigger=100, trigger_edge="rising", trigger_level=5120.
+        """
+        if not 1 <= len(signals) <= 8:
+            raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
+        for name in signals:
+            if object_named(name) is None:
+                raise InputError(f"{name}: expected the name of an object, to record it")
+        wanted = {"length": samples, **settings}
+        items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
+        self._command(axis_command_t.KIND_CAPTURE, items, signals)
+        command_id = self._command_id
+
+        def complete():
+            held = self._captures.get(command_id)
+            return held if held and held.complete else None
+
+        with self._news:
+            found = self._await(lambda: complete() or self._ended(command_id), timeout_s)
+            if found is not None:
+                # Blocks may come after the event that ends it; those that are lost never do.
+                self._await(complete, STRAGGLERS_S)
+            held, ended = self._captures.pop(command_id, None), self._ended(command_id)
+        if ended and ended.code < 0:
+            raise Refused(ended)
+        if found is None or held is None:
+            raise self._silence(f"a capture within {timeout_s:g} s")
+        return held
+
+    def _ended(self, command_id):
+        """The event that ends a capture of this client."""
+        for _, event in self._events:
+            mine = (event.command_run_id, event.command_id) == (self._bus.run_id, command_id)
+            if mine and event.kind == axis_event_t.EVENT_CAPTURE:
+                return event
+        return None
+
+    def _command(self, kind, items=(), signals=()):
+        """Sends until it is answered: the answering event; Refused or NoAnswer."""
+        self._command_id += 1
+        command = axis_command_t()
+        command.utime = NOT_AVAILABLE
+        command.command_id, command.axis, command.kind = self._command_id, self.axis, kind
+        command.objects_hash = TABLE_HASH
+        command.num_items = len(items)
+        command.object = [name for name, _ in items]
+        command.value = [raw for _, raw in items]
+        command.num_signals, command.signal = len(signals), list(signals)
+        end = time.monotonic() + self.timeout_s
+        with self._news:
+            self._since = self._heard
+        while (left := end - time.monotonic()) > 0:
+            command.timeout_us = round(left * 1e6)
+            self._bus.publish(f"AXIS_{self.axis}_COMMAND", command)
+            with self._news:
+                answer = self._await(self._answer, min(left, self.retry_s))
+            if answer and answer.kind == axis_event_t.EVENT_REFUSED:
+                raise Refused(answer)
+            if answer:
+                return answer
+        raise self._silence(f"an answer to command {self._command_id} within {self.timeout_s:g} s")
+
+    def _answer(self):
+        kinds = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
+        for _, event in reversed(self._events):
+            mine = (event.command_run_id, event.command_id) == (self._bus.run_id, self._command_id)
+            if mine and event.kind in kinds:
+                return event
+        return None
+
+    # --- what comes ----------------------------------------------------------------------------
+
+    def state(self, timeout_s=None):
+        """The next axis_state_t."""
+        with self._news:
+            before = self._state
+            found = self._await(
+                lambda: self._state if self._state is not before else None,
+                self.timeout_s if timeout_s is None else timeout_s,
+            )
+        if found is None:
+            raise self._silence("a state")
+        return found
+
+    def wait_event(self, kind=None, where=lambda event: True, timeout_s=None):
+        """The first event of `kind` for which where(event) holds, of those since the latest command
+        was sent: what the command itself causes is not missed."""
+
+        def ready():
+            for heard, event in self._events:
+                if heard >= self._since and kind in (None, event.kind) and where(event):
+                    return event
+            return None
+
+        with self._news:
+            found = self._await(ready, self.timeout_s if timeout_s is None else timeout_s)
+        if found is None:
+            raise self._silence("an event of the kind awaited")
+        return found
+
+    def _take(self, channel, data, _wall_us):
+        try:
+            message = decode(channel, data)
+        except Undecodable:
+            self.undecodable += 1
+            return
+        with self._news:
+            if not self.gaps.setdefault(channel, Gaps()).take(message.run_id, message.seq):
+                return
+            if isinstance(message, axis_state_t):
+                self._state = message
+            elif isinstance(message, axis_event_t):
+                self._events.append((self._heard, message))
+                self._heard += 1
+            elif message.command_run_id == self._bus.run_id:
+                self._captures.setdefault(message.command_id, Assembly()).take(message)
+                if len(self._captures) > 16:  # nobody waits for the oldest any more
+                    del self._captures[min(self._captures)]
+            self._news.notify_all()
+
+    def _await(self, ready, timeout_s):
+        """What `ready` gives once it is not None, else None; the caller holds the lock."""
+        end = time.monotonic() + timeout_s
+        while (found := ready()) is None and (left := end - time.monotonic()) > 0:
+            self._news.wait(left)
+        return found
+
+    def _silence(self, wanted):
+        if self._bus.trouble:
+            return NoAnswer(self._bus.trouble)
+        return NoAnswer(
+            f"axis {self.axis}: expected {wanted}, nothing came on {self._bus.url}; "
+            "is its gateway running?"
+        )

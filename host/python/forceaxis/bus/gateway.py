@@ -1,0 +1,217 @@
+"""A session at an axis through its gateway alone: own it, drive it, record it.
+
+    from forceaxis.bus.gateway import Session
+
+    with Session(1) as axis:                       # waits for the axis, takes it, keeps it
+        axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
+        axis.home()                                # here is position 0
+        axis.enable("profile position")
+        axis.move(36_000)
+        axis.enable("force counts", force_setpoint=30.0)
+        axis.wait_contact()
+        held = axis.capture(["force", "dac_code"], samples=1500)
+                                                   # at the end: disabled, given back
+
+Everything that AxisClient has (read, write, capture, wait_event, state) is there too. A command
+that is refused raises live.Refused with the reason, a wait without success live.NoAnswer.
+"""
+
+import threading
+import time
+from collections import deque
+
+from forceaxis._core import InputError
+from forceaxis.bus import client as live
+from forceaxis.bus import drive_words
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused
+from forceaxis.bus.messages import axis_state_t
+
+MODES = {text: number for number, text in drive_words.MODES.items()}
+
+# CiA 402 controlwords.
+SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
+START_HOMING, FAULT_RESET = 0x1F, 0x80
+TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
+
+STATES_KEPT = 30_000  # ten minutes of 50 a second
+
+
+class Session(AxisClient):
+    """An axis that is this program's own until the session is closed."""
+
+    def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
+        # Before the bus's thread begins to bring them.
+        self._states = deque(maxlen=STATES_KEPT)
+        self._keeper = None
+        super().__init__(axis, url, timeout_s)
+        try:
+            self.wait_for(
+                lambda s: s.nmt_state == s.NMT_OPERATIONAL and s.statusword != s.NOT_AVAILABLE,
+                "the axis to be operational",
+                wait_s,
+            )
+            self.take()
+            self._keeper = _Keeper(axis, url)
+        except BaseException:
+            self.close()
+            raise
+
+    def write_all(self, values):
+        """As AxisClient's; a new watchdog is not overtaken by the one that keeps the axis."""
+        if self._keeper is None or not {"watchdog", "0x2302"} & values.keys():
+            return super().write_all(values)
+        with self._keeper.unchanged:
+            return super().write_all(values)
+
+    def close(self):
+        """Leaves the axis disabled and to CANopen, as far as it still answers."""
+        if self._keeper:
+            try:
+                self.disable()
+                self.release()
+            except (Refused, NoAnswer):
+                pass  # somebody else has it, or nobody does: nothing is left to give back
+            self._keeper.close()
+            self._keeper = None
+        super().close()
+
+    @property
+    def states(self):
+        """The states that were heard, in order: axis_state_t, of the latest STATES_KEPT."""
+        with self._news:
+            return list(self._states)
+
+    def _take(self, channel, data, wall_us):
+        super()._take(channel, data, wall_us)
+        with self._news:
+            state = self._state
+            if state is not None and (not self._states or self._states[-1] is not state):
+                self._states.append(state)
+
+    def wait_for(self, holds, what, timeout_s=5.0):
+        """The first state for which holds(state); NoAnswer names `what` when none comes in time."""
+        end = time.monotonic() + timeout_s
+        state = None
+        while (left := end - time.monotonic()) > 0:
+            try:
+                state = self.state(left)
+            except NoAnswer:
+                break
+            if holds(state):
+                return state
+        heard = self._bus.trouble or f"nothing was heard on {self._bus.url}"
+        if state is not None:
+            heard = (
+                f"it is {drive_words.drive_state(state.statusword)}, "
+                f"{drive_words.mode(state.mode_display)}, "
+                f"fault {drive_words.enum('fault', state.fault)}, "
+                f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
+            )
+        raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {heard}")
+
+    # --- the drive -----------------------------------------------------------------------------
+
+    def enable(self, mode, **parameters):
+        """Operation enabled in a mode of operation, by its name (drive_words.MODES) or number;
+        `parameters` are written before the mode changes."""
+        number = MODES.get(mode, mode)
+        self.write_all({**parameters, "modes_of_operation": number})
+        if self.read("drive_state") != "operation_enabled":
+            for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+                self.write("controlword", word)
+        self.wait_for(
+            lambda s: (
+                drive_words.drive_state(s.statusword) == "operation enabled"
+                and s.mode_display == number
+            ),
+            f"operation enabled in mode {mode}",
+        )
+
+    def disable(self):
+        self.write("controlword", SHUTDOWN)
+
+    def reset_fault(self):
+        self.write("controlword", 0)
+        self.write("controlword", FAULT_RESET)
+
+    def home(self, position=0):
+        """The place where the axis stands becomes `position`; it does not move."""
+        self.enable("homing", homing_method=37, home_offset=position)
+        self.write("controlword", START_HOMING)
+        state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
+        if state.statusword & HOMING_ERROR:
+            raise NoAnswer(f"axis {self.axis}: homing failed")
+        self.write("controlword", ENABLE)
+
+    def move(self, position, timeout_s=20.0):
+        """Profile position: goes there and waits until the target is reached."""
+        self.write_all({"target_position": position, "controlword": NEW_SETPOINT})
+        self.wait_for(lambda s: s.statusword & BIT_12, "the set-point to be taken")
+        self.write("controlword", ENABLE)
+        return self.wait_for(
+            lambda s: s.statusword & TARGET_REACHED and s.target_position_cnt == position,
+            f"position {position} to be reached",
+            timeout_s,
+        )
+
+    def wait_contact(self, force_cnt=None, within_cnt=5.0, held_s=0.3, timeout_s=10.0):
+        """Until the axis is in contact, with the force about `force_cnt` counts for `held_s`."""
+        since = None
+
+        def held(s):
+            nonlocal since
+            near = force_cnt is None or abs(s.force_cnt_q8 / 256 - force_cnt) <= within_cnt
+            if s.contact != 1 or not near:
+                since = None
+                return False
+            since = since or s.wall_utime
+            return s.wall_utime - since >= held_s * 1e6
+
+        return self.wait_for(held, "a steady contact", timeout_s)
+
+
+class _Keeper:
+    """Keeps the axis: writes its watchdog as it is, several times within it, because only writes of
+    the owner feed it. Whoever else has taken the axis keeps it: then the write is refused. A client
+    of its own, so that a session that waits in a capture is kept as well."""
+
+    PERIOD_S = 0.2
+
+    def __init__(self, axis, url):
+        self._client = AxisClient(axis, url)
+        self.unchanged = threading.Lock()  # held from reading the watchdog to writing it again
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.wait(self.PERIOD_S):
+            try:
+                with self.unchanged:
+                    self._client.write("watchdog", self._client.read("watchdog"))
+            except (Refused, NoAnswer):
+                continue  # a state or a refusal tells the session
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+        self._client.close()
+
+
+def trigger_on(name, level, edge="rising"):
+    """Settings of `capture`: begin when an object passes a level, in engineering units."""
+    known = live.object_named(name)
+    if known is None:
+        raise InputError(f"{name}: expected the name of an object, to trigger on it")
+    return {
+        "trigger_source": known.index << 8 | known.sub,
+        "trigger_level": round(level / known.scale),
+        "trigger_edge": edge,
+    }
+
+
+def seconds(states):
+    """Firmware time of states, from the first one."""
+    known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
+    start = known[0].utime if known else 0
+    return known, [(s.utime - start) / 1e6 for s in known]

@@ -1,0 +1,224 @@
+"""One LCM connection: channels and types of host/lcm/axis.lcm, received with gaps counted."""
+
+import os
+import re
+import secrets
+import socket
+import tempfile
+import threading
+import time
+
+import lcm
+
+from forceaxis import objects
+from forceaxis._core import InputError
+from forceaxis.bus import messages
+from forceaxis.bus.messages import (
+    axis_capture_t,
+    axis_command_t,
+    axis_event_t,
+    axis_state_t,
+    sim_clock_t,
+    sim_truth_t,
+)
+
+NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
+TABLE_HASH = int(objects.OBJECTS_HASH[:8], 16)
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+AXES = range(1, 32)
+CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
+
+# Messages that liblcm keeps while the thread is busy; its own 30 are lost in the first burst.
+QUEUE = 20_000
+
+_TYPES = {
+    "STATE": axis_state_t,
+    "COMMAND": axis_command_t,
+    "EVENT": axis_event_t,
+    "CAPTURE": axis_capture_t,
+    "CLOCK": sim_clock_t,
+    "TRUTH": sim_truth_t,
+}
+# The link's records too, which a monitor does not show but a log may hold.
+_BY_FINGERPRINT = {
+    t._get_packed_fingerprint(): t
+    for t in vars(messages).values()
+    if hasattr(t, "_get_packed_fingerprint")
+}
+_CHANNEL = re.compile(r"AXIS_([1-9][0-9]?)_(STATE|COMMAND|EVENT|CAPTURE)|SIM_()(CLOCK|TRUTH)")
+
+
+class Undecodable(Exception):
+    """Data that is not the type that the channel carries."""
+
+
+def channel_of(name):
+    """(axis or None, kind) of a channel's name; (None, None) where it is not one of ours."""
+    match = _CHANNEL.fullmatch(name)
+    if not match or int(match[1] or 1) not in AXES:
+        return None, None
+    return (int(match[1]), match[2]) if match[1] else (None, match[4])
+
+
+def type_of(channel, data=b""):
+    """The message type that a channel carries: by its name, else by what the data begin with; None
+    where it is not one of forceaxis."""
+    return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
+
+
+def decode(channel, data):
+    """The message, or Undecodable. The channel or the data must be of a known type."""
+    carried = type_of(channel, data)
+    try:
+        return carried.decode(data)
+    except Exception as error:  # generated code fails in any way on bytes that are not its type
+        raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
+
+
+def blank(message_type):
+    """A message whose integers all say NOT_AVAILABLE; wall_utime is now."""
+    message = message_type()
+    for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
+        if kind == "int64_t" and not isinstance(getattr(message, name), list):
+            setattr(message, name, NOT_AVAILABLE)
+    message.wall_utime = now_us()
+    return message
+
+
+def now_us():
+    return time.time_ns() // 1000
+
+
+def new_run_id():
+    return secrets.randbelow(2**63 - 1) + 1
+
+
+def default_url():
+    return os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+
+
+def connect(url=None):
+    """An LCM instance, or InputError in one line with what to do."""
+    url = url or default_url()
+    _expect_route(url)
+    if "\0" in url:
+        raise InputError("--url: expected an LCM URL such as " + DEFAULT_URL)
+    # liblcm explains itself on file descriptor 2, in up to a dozen lines.
+    with tempfile.TemporaryFile() as said:
+        saved = os.dup(2)
+        try:
+            os.dup2(said.fileno(), 2)
+            made = lcm.LCM(url)
+        except (RuntimeError, ValueError) as error:
+            said.seek(0)
+            text = " ".join(said.read(300).decode(errors="replace").split()) or str(error)
+            raise InputError(f"{url}: expected an LCM URL such as {DEFAULT_URL}: {text}") from None
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+    return made
+
+
+def _expect_route(url):
+    """Refuses a multicast URL where the machine has no route to its group."""
+    match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
+    if not match or not 0 < int(match[2] or 7667) < 65536:
+        return  # liblcm says what is wrong with it
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((match[1], int(match[2] or 7667)))
+        except OSError as error:
+            raise InputError(
+                f"{url}: expected a multicast route, {error.strerror}; give this machine one with "
+                "`ip link set lo up; ip route add 224.0.0.0/4 dev lo` (as root)"
+            ) from None
+
+
+class Gaps:
+    """Counts what is lost, doubled or late among messages with (run_id, seq)."""
+
+    KEPT = 4096  # lost numbers remembered, to notice one that comes late
+
+    def __init__(self):
+        self.received = self.lost = self.doubled = self.late = self.restarts = 0
+        self.rivals = False  # two publishers at once
+        self._runs = {}  # run_id -> [next seq, set of missing numbers]
+        self._latest = None
+
+    def take(self, run_id, seq):
+        """Counts one message; False if it is a doubled one."""
+        run = self._runs.get(run_id)
+        if run is None:
+            self.restarts += bool(self._runs)
+            if len(self._runs) >= 64:
+                self._runs.pop(next(iter(self._runs)))
+            self._runs[run_id], self._latest = [seq + 1, set()], run_id
+            self.received += 1
+            return True
+        if run_id != self._latest:
+            # One that was thought replaced still sends.
+            self.rivals, self._latest = True, run_id
+        expected, missing = run
+        if seq >= expected:
+            self.lost += seq - expected
+            missing.update(range(max(expected, seq - self.KEPT), seq))
+            if len(missing) > self.KEPT:
+                missing.intersection_update(sorted(missing)[-self.KEPT :])
+            run[0] = seq + 1
+        elif seq in missing:
+            missing.remove(seq)
+            self.lost -= 1
+            self.late += 1
+        else:
+            self.doubled += 1
+            return False
+        self.received += 1
+        return True
+
+
+class Bus:
+    """A connection with its own thread, which calls handle(channel, data, wall_us)."""
+
+    def __init__(self, url, handle, channels=CHANNELS):
+        self.url = url or default_url()
+        self.trouble = None  # what ended the thread
+        self._lcm, self._handle, self._run = connect(self.url), handle, True
+        self._seq, self._run_id, self._lock = {}, new_run_id(), threading.Lock()
+        subscription = self._lcm.subscribe(channels, self._take)
+        subscription.set_queue_capacity(QUEUE)
+        self._thread = threading.Thread(target=self._loop, daemon=True, name="lcm")
+        self._thread.start()
+
+    @property
+    def run_id(self):
+        return self._run_id
+
+    def publish(self, channel, message):
+        """Sends with this connection's run_id, the channel's next seq and the present time."""
+        with self._lock:
+            message.run_id = self._run_id
+            message.seq = self._seq.get(channel, 0)
+            message.wall_utime = now_us()
+            self._seq[channel] = message.seq + 1
+            self._lcm.publish(channel, message.encode())
+
+    def close(self):
+        self._run = False
+        self._thread.join(2)
+
+    def _take(self, channel, data):
+        self._handle(channel, data, now_us())
+
+    def _loop(self):
+        while self._run:
+            try:
+                self._lcm.handle_timeout(100)
+            except Exception as error:  # told by whoever shows this connection
+                self.trouble = f"{self.url}: {error}"
+                return
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()

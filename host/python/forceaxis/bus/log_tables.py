@@ -1,0 +1,234 @@
+"""Tables of what an LCM log says, as CSV and NPZ."""
+
+import csv
+from array import array
+
+import numpy as np
+
+from forceaxis import paths
+from forceaxis.bus import drive_words
+from forceaxis.bus.captures import Assembly, unit_of
+from forceaxis.bus.drive_words import BY_NAME
+from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
+from forceaxis.bus.log import LogReader, expect_messages
+from forceaxis.bus.messages import axis_event_t, axis_state_t
+
+
+class Columns:
+    """A table that grows by rows of {column: value}; what a row does not have stays empty."""
+
+    def __init__(self):
+        self.rows, self._columns = 0, {}
+
+    def add(self, row):
+        for name, value in row.items():
+            if value is None:  # a column all the same, so that tables of one type are alike
+                self._columns.setdefault(name, array("q"))
+                continue
+            column = self._columns.get(name)
+            wanted = {int: "q", float: "d"}.get(type(value))
+            if column is None or _WIDER[_kind(column)] < _WIDER[wanted]:
+                column = self._columns[name] = _changed(column, wanted)
+            wanted = _kind(column)
+            missing = self.rows - len(column)
+            if missing:
+                column.extend([_EMPTY[wanted]] * missing)
+            column.append(str(value) if wanted is None else value)
+        self.rows += 1
+
+    def arrays(self):
+        """{column: array}: integers where every row has one, else doubles with NaN; texts."""
+        made = {}
+        for name, column in self._columns.items():
+            kind = _kind(column)
+            column.extend([_EMPTY[kind]] * (self.rows - len(column)))
+            values = np.array(column)
+            if kind == "q" and (values == NOT_AVAILABLE).any():
+                values = np.where(values == NOT_AVAILABLE, np.nan, values)
+            made[name] = values
+        return made
+
+
+_WIDER = {"q": 0, "d": 1, None: 2}
+_EMPTY = {"q": NOT_AVAILABLE, "d": float("nan"), None: ""}
+
+
+def _kind(column):
+    return getattr(column, "typecode", None)
+
+
+def _changed(column, wanted):
+    """The column as one that takes values of another kind: doubles take integers, texts all."""
+    if column is None:
+        return [] if wanted is None else array(wanted)
+    if wanted == "d":
+        return array("d", [float("nan") if v == NOT_AVAILABLE else v for v in column])
+    return [str(v) for v in column]
+
+
+def export(path, out, kinds=("csv", "npz")):
+    """Writes tables of a log into folder `out`; a summary of the files as a JSON object."""
+    reader, tables, captures = LogReader(path), {}, {}
+    undecodable, others, gaps = 0, set(), {}
+    for entry in reader:
+        _, kind = channel_of(entry.channel)
+        if type_of(entry.channel, entry.data) is None:
+            others.add(entry.channel)
+            continue
+        try:
+            message = decode(entry.channel, entry.data)
+        except Undecodable:
+            undecodable += 1
+            continue
+        if not gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
+            continue  # a datagram that came twice
+        if kind == "CAPTURE":
+            key = (entry.channel, message.run_id, message.capture_id)
+            captures.setdefault(key, Assembly()).take(message)
+        elif kind == "TRUTH":
+            for row in truth_rows(message):
+                tables.setdefault(entry.channel, Columns()).add(row)
+        else:
+            row = message_row(message, entry.wall_us)
+            tables.setdefault(entry.channel, Columns()).add(row)
+    expect_messages(reader)
+    numbers, written = {}, []
+    named = {channel: table.arrays() for channel, table in tables.items()}
+    for (channel, _, _), held in captures.items():
+        if held.signals:
+            numbers[channel] = numbers.get(channel, 0) + 1
+            named[f"{channel}_{numbers[channel]}"] = capture_columns(held)
+    for name, columns in sorted(named.items()):
+        files = [f"{name}.{kind}" for kind in kinds]
+        with paths.replacing(out, *files) as places:
+            for kind, place in zip(kinds, places, strict=True):
+                (write_csv if kind == "csv" else write_npz)(place, columns)
+        rows = len(next(iter(columns.values()), ()))
+        written.append({"files": files, "rows": rows, "columns": list(columns)})
+    return {
+        "file": str(path),
+        "out": str(out),
+        "messages": reader.count,
+        "damage": reader.damage,
+        "undecodable": undecodable,
+        "not_exported": sorted(others),
+        "tables": written,
+    }
+
+
+def message_row(message, wall_us):
+    """A message's fields as a row: units are in the fields' names; further objects follow by
+    theirs, and words for what is a number by convention."""
+    row = {"received_wall_us": wall_us}
+    for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
+        value = getattr(message, name)
+        if kind is None and not name.startswith("num_"):
+            named = {"utime": "utime_us", "wall_utime": "wall_utime_us"}.get(name, name)
+            value = int(value) if isinstance(value, bool) else value
+            row[named] = None if value == NOT_AVAILABLE else value
+    if isinstance(message, axis_state_t):
+        row |= state_words(message)
+    if hasattr(message, "more_name"):
+        for name, raw in zip(message.more_name, message.more_value, strict=True):
+            row[column_name(name)] = _engineering(name, raw)
+    if hasattr(message, "object"):
+        pairs = zip(message.object, message.value, strict=True)
+        row["items_raw"] = "; ".join(f"{name}={raw}" for name, raw in pairs)
+    if hasattr(message, "signal"):
+        row["signals"] = "; ".join(message.signal)
+    if isinstance(message, axis_event_t):
+        row["kind_text"] = event_word(message.kind)
+    return row
+
+
+def event_word(kind):
+    """ "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
+    for name, value in vars(axis_event_t).items():
+        if name.startswith("EVENT_") and value == kind:
+            return name.removeprefix("EVENT_").lower().replace("_", " ")
+    return f"event {kind}"
+
+
+def state_words(state):
+    """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
+    say = {
+        "drive_state": (state.statusword, drive_words.drive_state),
+        "mode_text": (state.mode_display, drive_words.mode),
+        "native_mode_text": (state.native_mode, lambda n: drive_words.enum("active_mode", n)),
+        "fault_text": (state.fault, lambda n: drive_words.enum("fault", n)),
+        "limit_text": (state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
+    }
+    return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in say.items()}
+
+
+def truth_rows(message):
+    """The samples of a sim_truth_t block as rows in SI."""
+    names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
+    for i, values in enumerate(message.value):
+        tick = message.first_tick + i * message.decimation
+        yield {"tick": tick, "time_s": tick / 1500} | dict(
+            zip(names, map(float, values), strict=True)
+        )
+
+
+def capture_columns(held):
+    """A capture's columns: tick, time and every signal in engineering units, with its
+    unit. Samples that were lost on the way are NaN."""
+    ticks = held.ticks()
+    columns = {"tick": ticks, "time_s": ticks / 1500}
+    for name in held.signals:
+        columns[column_name(name)] = held.values(name)
+    return columns
+
+
+def column_name(name):
+    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension
+    or where the name ends in it, dac_code."""
+    return _with_unit(name, unit_of(name))
+
+
+def _with_unit(name, unit):
+    word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
+    if unit in ("", "1") or name.endswith(f"_{word}"):
+        return name
+    return f"{name}_{word}"
+
+
+def _engineering(name, raw):
+    if raw == NOT_AVAILABLE:
+        return None
+    known = BY_NAME.get(name)
+    return raw * known.scale if known and known.scale != 1 else raw
+
+
+def write_csv(path, columns):
+    """A NaN is an empty field; whole numbers and texts as they are, doubles to their last bit."""
+
+    def texts(values):
+        if values.dtype.kind == "f":
+            return ["" if v != v else repr(v) for v in values.tolist()]
+        return values.tolist()
+
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*map(texts, columns.values()), strict=True))
+
+
+def write_npz(path, columns):
+    with path.open("wb") as file:
+        np.savez_compressed(file, **columns)
+
+
+def describe_export(summary):
+    """What was written, for a reader."""
+    lines = []
+    for table in summary["tables"]:
+        lines.append(
+            f"{' '.join(table['files']):44} {table['rows']} rows, {len(table['columns'])} columns"
+        )
+    if summary["not_exported"]:
+        lines.append(f"left out     {', '.join(summary['not_exported'])}")
+    if summary["undecodable"]:
+        lines.append(f"left out     {summary['undecodable']} messages of another type")
+    return "\n".join(lines)

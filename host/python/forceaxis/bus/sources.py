@@ -1,0 +1,132 @@
+"""Where a monitor's messages come from: a live bus, which can be recorded, or a log, replayed."""
+
+import threading
+import time
+
+from forceaxis import paths
+from forceaxis.bus.lcm import Bus, default_url, now_us
+from forceaxis.bus.log import LogReader, LogWriter, expect_messages
+
+
+class Live:
+    """Messages of a bus, handed to `watch` by the connection's thread."""
+
+    replayed = ended = False
+
+    def __init__(self, watch, url=None, axis=None):
+        self.watch, self.url, self.writer = watch, url or default_url(), None
+        self.unwritten = None  # why a recording ended of itself
+        self._lock = threading.Lock()
+        which = "[0-9]+" if axis is None else str(axis)
+        channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
+        self._bus = Bus(self.url, self._take, channels)
+
+    @property
+    def name(self):
+        return self.url
+
+    @property
+    def trouble(self):
+        return self._bus.trouble or self.unwritten
+
+    def now_us(self):
+        return now_us()
+
+    def _take(self, channel, data, wall_us):
+        with self._lock:
+            if self.writer:
+                try:
+                    self.writer.write(channel, data, wall_us)
+                except OSError as error:  # a full disk ends the recording, not the watching
+                    path, self.writer = self.writer.path, None
+                    self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
+        self.watch.take(channel, data, wall_us)
+
+    def record(self, path):
+        """Begins a log; InputError where the file is there."""
+        writer = LogWriter(path)
+        with self._lock:
+            self.writer, self.unwritten = writer, None
+
+    def stop_recording(self):
+        """The finished LogWriter, or None."""
+        with self._lock:
+            writer, self.writer = self.writer, None
+        if writer:
+            try:
+                writer.close()
+            except OSError as error:
+                self.unwritten = f"recording: {paths.display(writer.path)}: {error.strerror}"
+        return writer
+
+    def close(self):
+        self._bus.close()
+        self.stop_recording()
+
+
+class Replay:
+    """Messages of a log at `speed` times the rate at which they were received; None: at once."""
+
+    replayed, writer = True, None
+
+    def __init__(self, watch, path, speed=1.0, axis=None):
+        self.watch, self.path, self.speed = watch, path, speed
+        self.reader = LogReader(path)
+        first = next(iter(self.reader), None)
+        expect_messages(self.reader)
+        self._own = None if axis is None else f"AXIS_{axis}_"
+        self._at_us, self._start = first.wall_us, first.wall_us
+        self.ended, self.trouble, self._run = False, None, True
+        self._go = threading.Event()
+        self._go.set()
+        self._thread = None
+
+    @property
+    def name(self):
+        speed = "" if self.speed in (None, 1) else f" x {self.speed:g}"
+        return f"replay of {self.path.name}{speed}"
+
+    def start(self):
+        self._thread = threading.Thread(target=self._play, daemon=True, name="replay")
+        self._thread.start()
+
+    def play_all(self):
+        """Hands everything over at once, in this thread."""
+        self.speed = None
+        self._play()
+
+    def now_us(self):
+        return self._at_us
+
+    def position_s(self):
+        return (self._at_us - self._start) / 1e6
+
+    def pause(self, paused):
+        self._go.clear() if paused else self._go.set()
+
+    def close(self):
+        self._run = False
+        self._go.set()
+        if self._thread:
+            self._thread.join(2)
+
+    def _play(self):
+        clock = time.monotonic()
+        for entry in self.reader:
+            while self.speed:
+                if not self._go.is_set():
+                    self._go.wait()
+                    clock = time.monotonic()
+                now = time.monotonic()
+                self._at_us += (now - clock) * 1e6 * self.speed
+                clock, ahead = now, (entry.wall_us - self._at_us) / 1e6 / self.speed
+                if ahead <= 0 or not self._run:
+                    break
+                # Short sleeps: ages move on, and a pause or the end is noticed.
+                time.sleep(min(ahead, 0.05))
+            if not self._run:
+                return
+            self._at_us = max(self._at_us, entry.wall_us)
+            if self._own is None or entry.channel.startswith((self._own, "SIM_")):
+                self.watch.take(entry.channel, entry.data, entry.wall_us)
+        self.ended, self.trouble = True, self.reader.damage

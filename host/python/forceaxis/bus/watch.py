@@ -1,0 +1,281 @@
+"""What has been heard of every axis: latest state, history for charts, events, captures, losses.
+
+Fed by a connection's thread or by a replayed log, read by the monitor; one lock guards it all.
+"""
+
+import threading
+from collections import deque
+
+import numpy as np
+
+from forceaxis.bus import drive_words
+from forceaxis.bus.captures import Assembly
+from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Gaps, Undecodable, channel_of, decode
+from forceaxis.bus.messages import axis_command_t, axis_event_t
+
+HISTORY = 12_000  # states kept for the charts: two minutes at 100 a second
+STALE_S = 1.0  # without a message for so long, an axis is shown as silent
+RATE_S = 3.0  # rates are counted over so long
+
+COMMAND_KINDS = {
+    axis_command_t.KIND_WRITE: "write",
+    axis_command_t.KIND_READ: "read",
+    axis_command_t.KIND_CAPTURE: "capture",
+    axis_command_t.KIND_TAKE: "take the axis",
+    axis_command_t.KIND_RELEASE: "release the axis",
+}
+# Events that an operator must not miss, and those that tell of good.
+ALARMS = {
+    axis_event_t.EVENT_REFUSED,
+    axis_event_t.EVENT_EMCY,
+    axis_event_t.EVENT_FAULT,
+    axis_event_t.EVENT_HEARTBEAT_LOST,
+    axis_event_t.EVENT_TABLE_MISMATCH,
+    axis_event_t.EVENT_BUS,
+}
+
+
+def known(value):
+    """A message's value, None where it is not available."""
+    return None if value == NOT_AVAILABLE else value
+
+
+class Trace:
+    """The last HISTORY states as arrays: time, force, target, position, target, codes."""
+
+    NAMES = ("time", "force", "force_target", "position", "position_target", "code", "command")
+
+    def __init__(self):
+        self._rows, self._end = np.full((2 * HISTORY, len(self.NAMES)), np.nan), 0
+
+    def add(self, row):
+        if self._end == len(self._rows):
+            self._rows[:HISTORY] = self._rows[HISTORY:]
+            self._end = HISTORY
+        self._rows[self._end] = row
+        self._end += 1
+
+    def since(self, time_s):
+        """{name: array} from time_s on, copied."""
+        rows = self._rows[max(0, self._end - HISTORY) : self._end]
+        rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
+        return dict(zip(self.NAMES, rows.T, strict=True))
+
+
+class AxisWatch:
+    """One axis: `state` is the latest axis_state_t or None."""
+
+    def __init__(self, number):
+        self.number, self.state, self.heard_us = number, None, None
+        self.trace, self.gaps = Trace(), {}
+        self.arrivals = deque(maxlen=1000)
+        self.capture, self.captures = None, 0
+
+    def take_state(self, state, wall_us):
+        self.state, self.heard_us = state, wall_us
+        self.arrivals.append(wall_us)
+        force, target, _ = self.forces()
+        self.trace.add(
+            [
+                np.nan if v is None else v
+                for v in (
+                    wall_us / 1e6,
+                    force,
+                    target,
+                    known(state.position_cnt),
+                    known(state.target_position_cnt),
+                    known(state.dac_code),
+                    known(state.command_code),
+                )
+            ]
+        )
+
+    def forces(self):
+        """(force, target, unit): in N where scale or rated force are known, else in counts; None
+        where not available."""
+        state = self.state
+        count, share = known(state.force_cnt_q8), known(state.force_permille)
+        wanted, rated = known(state.target_force_permille), known(state.rated_force_mN)
+        scale = known(state.force_scale_uN)
+        force, unit = (None if count is None else count / 256), "count"
+        if count is not None and scale:
+            force, unit = force * scale * 1e-6, "N"
+        elif share is not None and rated:
+            force, unit = share * rated * 1e-6, "N"
+        in_newtons = unit == "N" or force is None
+        target = wanted * rated * 1e-6 if wanted is not None and rated and in_newtons else None
+        return force, target, "N" if in_newtons else unit
+
+    def age_s(self, now_us):
+        """How old the drive's own values are: since the message came, and before it was sent."""
+        if self.heard_us is None:
+            return None
+        return max(0, now_us - self.heard_us + (known(self.state.age_us) or 0)) / 1e6
+
+    def rate(self, now_us):
+        """States a second, over the last RATE_S."""
+        recent = [t for t in self.arrivals if t > now_us - RATE_S * 1e6]
+        if len(recent) < 2 or recent[-1] == recent[0]:
+            return 0.0
+        return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
+
+    def lost(self):
+        """Messages lost on this axis's channels from its gateway (clients' commands apart)."""
+        return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
+
+    def rivals(self):
+        return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
+
+    def mismatch(self):
+        """What differs between the firmware's object table and ours, in words; None if nothing."""
+        theirs = self.state and known(self.state.objects_hash)
+        if not theirs or theirs == TABLE_HASH:  # 0: not read yet
+            return None
+        return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
+
+    def words(self, now_us):
+        """The state in words and numbers, as --json prints it; None where not available."""
+        state = self.state
+        if state is None:
+            return None
+        say = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
+        count, mode = known(state.force_cnt_q8), known(state.mode_display)
+        force, target, unit = self.forces()
+        return {
+            "drive_state": say(state.statusword, drive_words.drive_state),
+            "status": say(state.statusword, lambda w: drive_words.status_bits(w, mode)),
+            "statusword": known(state.statusword),
+            "mode": say(state.mode_display, drive_words.mode),
+            "native_mode": say(state.native_mode, lambda n: drive_words.enum("active_mode", n)),
+            "node": say(state.nmt_state, drive_words.node_state),
+            "fault": say(state.fault, lambda n: drive_words.enum("fault", n)),
+            "error_code": known(state.error_code),
+            "limit_reason": say(state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
+            "command_source": say(
+                state.command_source, lambda n: drive_words.enum("command_source", n)
+            ),
+            "contact": say(state.contact, bool),
+            "limit_cycle": say(state.limit_cycle, bool),
+            "position_cnt": known(state.position_cnt),
+            "target_position_cnt": known(state.target_position_cnt),
+            "following_error_cnt": known(state.following_error_cnt),
+            "velocity_cnt_per_s": known(state.velocity_cnt_per_s),
+            "force_cnt": None if count is None else count / 256,
+            "force_N": force if unit == "N" else None,
+            "target_force_N": target,
+            "force_permille": known(state.force_permille),
+            "target_force_permille": known(state.target_force_permille),
+            "dac_code": known(state.dac_code),
+            "command_code": known(state.command_code),
+            "tick": known(state.tick),
+            "age_s": self.age_s(now_us),
+            "rate_per_s": self.rate(now_us),
+            "lost": self.lost(),
+            "received": sum(g.received for g in self.gaps.values()),
+            "two_publishers": self.rivals(),
+            "objects_mismatch": self.mismatch(),
+            "more": dict(zip(state.more_name, state.more_value, strict=True)),
+        }
+
+
+class Watch:
+    """All axes. `now_us` is the clock that ages are told by: the wall's, or the replayed log's."""
+
+    def __init__(self):
+        self.lock = threading.RLock()
+        self.axes, self.clock, self.clock_us = {}, None, None
+        self.events = deque(maxlen=500)  # (wall_us, axis, alarm, text)
+        self.received = self.undecodable = 0
+        self.gaps = {}  # of the simulator's channels
+
+    def axis(self, number):
+        if number not in self.axes:
+            self.axes[number] = AxisWatch(number)
+        return self.axes[number]
+
+    def take(self, channel, data, wall_us):
+        """One message, as it came."""
+        number, kind = channel_of(channel)
+        if kind is None or kind == "TRUTH":
+            return
+        try:
+            message = decode(channel, data)
+        except Undecodable as error:
+            with self.lock:
+                self.undecodable += 1
+                if self.undecodable in (1, 10, 100, 1000):
+                    self.events.append((wall_us, number, True, f"{error} ({self.undecodable}x)"))
+            return
+        with self.lock:
+            self.received += 1
+            gaps = self.gaps if number is None else self.axis(number).gaps
+            if not gaps.setdefault(kind, Gaps()).take(message.run_id, message.seq):
+                return
+            if kind == "CLOCK":
+                self.clock, self.clock_us = message, wall_us
+            elif kind == "STATE":
+                self.axis(number).take_state(message, wall_us)
+            elif kind == "EVENT":
+                alarm = message.kind in ALARMS and not (
+                    message.kind in (axis_event_t.EVENT_FAULT, axis_event_t.EVENT_EMCY)
+                    and message.code == 0
+                )
+                self.events.append((wall_us, number, alarm, message.text or f"kind {message.kind}"))
+            elif kind == "COMMAND":
+                self.events.append((wall_us, number, False, command_text(message)))
+            elif kind == "CAPTURE":
+                self._take_capture(self.axis(number), message, wall_us)
+
+    def _take_capture(self, axis, block, wall_us):
+        key = (block.run_id, block.capture_id)
+        if axis.capture is None or axis.capture[0] != key:
+            axis.capture = (key, Assembly())
+            axis.captures += 1
+        if not axis.capture[1].take(block):
+            text = f"capture {block.capture_id}: a block that does not fit the others"
+            self.events.append((wall_us, axis.number, True, text))
+
+    def snapshot(self, now_us, axis=None):
+        """Everything in words, as --once --json prints it."""
+        with self.lock:
+            return {
+                "axes": {
+                    str(n): a.words(now_us)
+                    for n, a in sorted(self.axes.items())
+                    if a.state is not None and axis in (None, n)
+                },
+                "clock": self._clock(),
+                "received": self.received,
+                "undecodable": self.undecodable,
+                "events": [
+                    {"wall_us": us, "axis": n, "alarm": alarm, "text": text}
+                    for us, n, alarm, text in list(self.events)[-20:]
+                    if axis in (None, n)
+                ],
+            }
+
+    def _clock(self):
+        if self.clock is None:
+            return None
+        return {
+            "tick": known(self.clock.tick),
+            "state": clock_word(self.clock),
+            "speed": None if known(self.clock.speed_permille) is None
+            else self.clock.speed_permille / 1000,
+            "text": self.clock.text,
+        }  # fmt: skip
+
+
+def clock_word(clock):
+    return {1: "running", 2: "paused", 3: "ended"}.get(clock.clock_state, str(clock.clock_state))
+
+
+def command_text(command):
+    """A command as one line: write force_gain=1792."""
+    words = [COMMAND_KINDS.get(command.kind, f"command kind {command.kind}")]
+    if command.kind == axis_command_t.KIND_READ:
+        words += command.object
+    else:
+        words += [f"{n}={v}" for n, v in zip(command.object, command.value, strict=True)]
+    words += command.signal
+    return " ".join(words)

@@ -1,0 +1,85 @@
+"""`forceaxis flash`: an image onto the chip."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from forceaxis._core import InputError
+from forceaxis.chip import flash
+from forceaxis.cli.common import Verb, as_json
+
+
+class Address(click.ParamType):
+    """An address of 32 bits, 0x08000000 or decimal."""
+
+    name = "address"
+
+    def convert(self, value, param, ctx):
+        if isinstance(value, int):
+            return value
+        try:
+            number = int(value, 0)
+        except ValueError:
+            number = -1
+        if not 0 <= number < 1 << 32:
+            self.fail(f"expected an address of 32 bits, 0x08000000, got {value}", param, ctx)
+        return number
+
+
+@click.command(
+    name="flash",
+    cls=Verb,
+    epilog="""forceaxis flash build/image/forceaxis-stm32f446.hex
+    forceaxis flash build/image/forceaxis-stm32f446.elf --dry-run""",
+)
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--address", type=Address(), help="Where a .bin begins, which does not say.  [0x08000000]"
+)
+@click.option(
+    "--erase-parameters",
+    is_flag=True,
+    help="Erase the stored parameters too; the axis then starts with defaults.",
+)
+@click.option("--serial", default="", help="Serial number of the ST-Link, where there are several.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--dry-run", is_flag=True, help="Write nothing; the last line is openocd's command.")
+@as_json
+def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
+    """Write an image (.elf, .hex, .bin) onto a NUCLEO-F446RE through its ST-Link, with openocd.
+
+    Shows what is in the file and which sectors it takes, asks, writes, verifies and resets. The
+    stored parameters are kept. The drive's power should be off: a chip that is being written holds
+    no output. Exit status 1 if there is no ST-Link, another chip, or the write or its verification
+    fails; 2 if the file is no image of this firmware for this chip.
+    """
+    plan = flash.plan(file, address, erase_parameters, serial)
+    if dry_run:
+        tell(plan, as_json)
+        if not as_json:
+            click.echo(flash.quoted(flash.command(plan)))
+        return
+    flash.expect_openocd()
+    if not yes and (as_json or not sys.stdin.isatty()):
+        raise InputError("flash: expected --yes where there is no terminal to ask at")
+    tell(plan, as_json, quiet=as_json)
+    probe, chip = flash.find_probe(serial)
+    if not as_json:
+        click.echo(f"probe        {probe}\nchip         {chip}")
+    if not yes and not click.confirm("Write it? The drive's power should be off."):
+        raise flash.FlashError("nothing was written")
+    flash.write(plan)
+    if as_json:
+        click.echo(json.dumps(flash.summary(plan) | {"probe": probe, "chip": chip}))
+    else:
+        click.echo("written      verified; the chip was reset and runs it, the axis disabled")
+
+
+def tell(plan, as_json, quiet=False):
+    """What would be written on standard output, what is odd about it on standard error."""
+    if plan.warning:
+        click.echo(f"forceaxis: warning: {plan.warning}", err=True)
+    if not quiet:
+        click.echo(json.dumps(flash.summary(plan)) if as_json else flash.describe(plan))

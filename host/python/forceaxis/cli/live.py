@@ -1,0 +1,196 @@
+"""`forceaxis monitor` and `forceaxis log`: watch axes over LCM, and what was recorded."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import File, Folder, Positive, Verb, Verbs, as_json
+
+log_file = click.argument(
+    "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
+)
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis monitor
+    forceaxis monitor --url "udpm://239.255.76.67:7700?ttl=0" --axis 2 --record out/axis2.log
+    forceaxis monitor --replay out/axis2.log --speed 4
+    # one snapshot for a script
+    forceaxis monitor --once --json""",
+)
+@click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else liblcm's own, this machine.")
+@click.option("--axis", type=click.IntRange(1, 31), help="Only this axis. Default: all heard.")
+@click.option(
+    "--record", type=File(), metavar="FILE.log", help="Record from the start; a new file."
+)
+@click.option(
+    "--replay",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.log",
+    help="Show a log instead of a bus, of this program or lcm-logger.",
+)
+@click.option("--speed", type=Positive(0.01, 1000), help="Of the replay. Default: 1, as recorded.")
+@click.option("--once", is_flag=True, help="Print one snapshot after --seconds, without a screen.")
+@click.option(
+    "--seconds",
+    type=Positive(0.05, 3600),
+    default=1.0,
+    show_default=True,
+    help="How long --once listens.",
+)
+@as_json
+def monitor(url, axis, record, replay, speed, once, seconds, as_json):
+    """Watch axes live over LCM: state, mode and fault in words, values, strip charts, losses.
+
+    Shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing to any axis.
+    Keys: f freeze, r record into a new log here, c capture, arrows or 1 to 9 choose the axis, + and
+    - the time shown, q quit. With --once the exit status is 1 if no state was heard.
+    """
+    if replay and (record or url):
+        raise click.UsageError("--replay: expected without --url and --record")
+    if speed and not replay:
+        raise click.UsageError("--speed: expected with --replay")
+    if as_json and not once:
+        raise click.UsageError("--json: expected with --once")
+    if not once and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise click.UsageError("expected a terminal; in scripts use --once, with --json")
+    from forceaxis.bus.sources import Live, Replay
+    from forceaxis.bus.watch import Watch
+
+    watch = Watch()
+    source = Replay(watch, replay, speed or 1.0, axis) if replay else Live(watch, url, axis)
+    try:
+        if record:
+            source.record(record)
+        if once:
+            snapshot(watch, source, axis, seconds, as_json)
+            return
+        from forceaxis.bus.monitor import Monitor
+
+        Monitor(source, watch, axis).run()
+    finally:
+        writer = source.writer
+        source.close()
+    if writer:
+        click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
+
+
+def snapshot(watch, source, axis, seconds, as_json):
+    """Prints what was heard, exit status 1 if that is no state."""
+    if source.replayed:
+        source.play_all()
+    else:
+        time.sleep(seconds)
+    shown = watch.snapshot(source.now_us(), axis) | {"source": source.name}
+    if source.trouble:
+        shown["trouble"] = source.trouble
+    if as_json:
+        click.echo(json.dumps(shown, allow_nan=False))
+    elif shown["axes"]:
+        click.echo(describe(shown))
+    if not shown["axes"]:
+        which = "no axis" if axis is None else f"axis {axis}"
+        heard = "" if source.replayed else f" within {seconds:g} s"
+        click.echo(f"forceaxis: {source.name}: {which} heard{heard}", err=True)
+        source.close()
+        sys.exit(1)
+
+
+def describe(shown):
+    """A snapshot for a reader: one line for each axis."""
+    lines = []
+    for number, a in shown["axes"].items():
+        force = "-"
+        if a["force_N"] is not None:
+            force = f"{a['force_N']:.2f} N"
+        elif a["force_cnt"] is not None:
+            force = f"{a['force_cnt']:.2f} count"
+        said = [
+            a["drive_state"] or "no state",
+            a["mode"] or "mode -",
+            "no fault" if a["fault"] in (None, "none") else f"FAULT {a['fault']}",
+            f"force {force}",
+            f"position {'-' if a['position_cnt'] is None else a['position_cnt']} cnt",
+            f"code {'-' if a['dac_code'] is None else a['dac_code']}",
+            f"{a['rate_per_s']:.0f}/s",
+            f"lost {a['lost']}",
+        ]
+        if a["limit_reason"] not in (None, "none"):
+            said.insert(3, f"limit {a['limit_reason']}")
+        if a["objects_mismatch"]:
+            said.append(a["objects_mismatch"])
+        lines.append(f"axis {number}: " + ", ".join(said))
+    if "trouble" in shown:
+        lines.append(shown["trouble"])
+    return "\n".join(lines)
+
+
+@click.group(
+    cls=Verbs,
+    epilog="""forceaxis log info out/axis2.log
+    forceaxis log export out/axis2.log --out out/axis2""",
+)
+def log():
+    """LCM logs: what they hold, and tables of it.
+
+    Any LCM log: recorded with `forceaxis monitor --record` or lcm-logger, with other channels too.
+    """
+
+
+@log.command(epilog="forceaxis log info out/axis2.log")
+@log_file
+@as_json
+def info(log_path, as_json):
+    """Channels, types, counts, rates, span and lost messages of a log.
+
+    A log that is damaged or cut off is read all the same; one line says what was passed over.
+    """
+    from forceaxis.bus import log as logs
+
+    summary = logs.info(log_path)
+    click.echo(json.dumps(summary, allow_nan=False) if as_json else logs.describe(summary))
+    tell_damage(summary)
+
+
+@log.command(
+    epilog="""forceaxis log export out/axis2.log --out out/axis2
+    forceaxis log export out/axis2.log --out out/axis2 --npz --json"""
+)
+@log_file
+@click.option("--out", type=Folder(), required=True, help="Folder for one table per channel.")
+@click.option("--csv", is_flag=True, help="Only CSV, unless --npz is given too.")
+@click.option("--npz", is_flag=True, help="Only NPZ, unless --csv is given too.")
+@as_json
+def export(log_path, out, csv, npz, as_json):
+    """Write states, events, commands, captures, clock and truth of a log as CSV and NPZ.
+
+    One table per channel, named as it is; each capture is one of its own, AXIS_1_CAPTURE_1. Units
+    are in the columns' names: force_cnt_q8 is in 1/256 of a count, force_count in counts, time_s in
+    seconds. What was not available or got lost is an empty field, in NPZ nan.
+    """
+    from forceaxis.bus import log_tables
+
+    kinds = tuple(k for k, wanted in (("csv", csv), ("npz", npz)) if wanted) or ("csv", "npz")
+    summary = log_tables.export(log_path, out, kinds)
+    if not summary["tables"]:
+        raise InputError(f"{paths.display(log_path)}: expected messages of forceaxis in this log")
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(log_tables.describe_export(summary))
+        click.echo(f"files        {paths.display(out)}")
+    tell_damage(summary)
+
+
+def tell_damage(summary):
+    if summary["damage"]:
+        click.echo(f"forceaxis: {summary['damage']}", err=True)
+
+
+VERBS = (monitor, log)

@@ -1,0 +1,105 @@
+"""`forceaxis objects`: the firmware's objects, and the files that tell other programs of them."""
+
+import json
+import shutil
+
+import click
+
+from forceaxis import objects, paths
+from forceaxis.cli.common import File, Verb, as_json
+
+FILES = {
+    "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
+    "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6"),
+    "modbus": ("forceaxis-modbus.csv", "Modbus registers and bits, CSV"),
+}
+
+
+def addresses(o):
+    """(CANopen, Modbus) as one reads them."""
+    space = "h" if o.access == "rw" else "i"
+    return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
+
+
+def span(o):
+    unit = "" if o.unit == "1" else f" {o.unit}"
+    return ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g}{unit}"
+
+
+def writable(o):
+    return {"any": "", "disabled": "; written only while disabled"}.get(
+        o.writable, "; written only while the recorder is idle"
+    )
+
+
+def line(o):
+    canopen, modbus = addresses(o)
+    text = f"{o.meaning} [{span(o)}{writable(o)}]"
+    return f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
+
+
+def details(o):
+    """All that is known of one object."""
+    yield f"{o.name}: {o.meaning}"
+    size = 32 if o.type.endswith("32") else 16
+    registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
+    space = "holding" if o.access == "rw" else "input"
+    default = o.enum[o.default] if o.enum else f"{o.default * o.scale:g}"
+    rows = (
+        ("CANopen", f"{o.index:04X}h, sub-index {o.sub}: {o.title}"),
+        ("Modbus", f"{space} register {registers}" if o.modbus >= 0 else "not reached"),
+        ("type", f"{o.type}, raw value x {o.scale:g}" + ("" if o.unit == "1" else f" {o.unit}")),
+        ("range", span(o) + (f" (raw {o.min} to {o.max})" if o.scale != 1 else "")),
+        ("default", default + (" + node id" if o.node_id else "")),
+        ("access", o.access + writable(o)),
+        ("values", ", ".join(f"{v} {t}" for v, t in (*enumerate(o.enum), *o.values))),
+        ("stored", "kept by the parameter store" if o.stored else ""),
+        ("PDO", "may be mapped" if o.mappable else ""),
+    )
+    for key, text in rows:
+        if text:
+            yield f"  {key:8} {text}"
+
+
+@click.command(
+    name="objects",
+    cls=Verb,
+    epilog="forceaxis objects force\nforceaxis objects force_gain\n"
+    "forceaxis objects --eds forceaxis.eds --dbc forceaxis.dbc",
+)
+@click.argument("pattern", default="")
+@click.option("--eds", type=File(), metavar="FILE", help=f"Write the {FILES['eds'][1]}.")
+@click.option("--dbc", type=File(), metavar="FILE", help=f"Write the {FILES['dbc'][1]}, as a DBC.")
+@click.option("--modbus", type=File(), metavar="FILE", help=f"Write the {FILES['modbus'][1]}.")
+@as_json
+def objects_(pattern, as_json, **files):
+    """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept, with CANopen
+    index:sub-index and Modbus register (h holding, i input) in hexadecimal. With an object's full
+    name, everything about it. Or write the files that describe them to other programs."""
+    wanted = {kind: path for kind, path in files.items() if path}
+    if wanted and pattern:
+        raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")
+    if len({path.resolve() for path in wanted.values()}) < len(wanted):
+        raise click.UsageError("--eds, --dbc, --modbus: expected a file each, two are the same")
+    for kind, path in wanted.items():
+        shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)
+    if wanted:
+        if as_json:
+            written = {kind: str(path) for kind, path in wanted.items()}
+            click.echo(json.dumps({"objects_hash": objects.OBJECTS_HASH, "written": written}))
+        else:
+            for path in wanted.values():
+                click.echo(paths.display(path))
+        return
+    rows = [o for o in objects.OBJECTS if pattern in o.name]
+    if not rows:
+        raise click.UsageError(f"{pattern}: expected part of an object's name, there is none")
+    if as_json:
+        click.echo(json.dumps([o._asdict() for o in rows]))
+        return
+    if exact := objects.BY_NAME.get(pattern):
+        for text in details(exact):
+            click.echo(text)
+        rows.remove(exact)
+    for o in rows:
+        click.echo(line(o))

@@ -1,0 +1,1 @@
+"""Experiments: their files, runs, sweeps, regression tests and plots."""

@@ -1,0 +1,188 @@
+"""Run experiments and write what they give: summary, trace, plot."""
+
+import csv
+import json
+import math
+import shlex
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import _core, objects, paths
+from forceaxis._core import InputError
+from forceaxis.experiments import link
+
+
+@dataclass
+class Run:
+    """A finished run: the summary that `--json` prints, and the trace."""
+
+    experiment: Path
+    model: Path
+    summary: dict
+    columns: dict  # name -> array of one value a tick
+    events: list  # (time_s, element, from, to)
+    plot: dict  # the experiment's [plot] table
+    shows: str  # what to look for
+
+    @property
+    def title(self):
+        """The experiment's title with its figure."""
+        figure = self.summary["figure"]
+        return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
+
+
+def run(experiment, overrides=(), over=None):
+    """Run one experiment file; over: a link.Link, with the firmware in another process.
+
+    Raises InputError with file, key and what was expected; with a link also LinkError.
+    """
+    experiment = Path(experiment)
+    if over:
+        result, told = link.run(over, experiment, overrides)
+    else:
+        result, told = _core.run(str(experiment), list(overrides)), None
+    command = ["forceaxis", "run", paths.display(experiment)]
+    for text in overrides:
+        command += ["--set", text]
+    if over:
+        command += over.words()
+    return finished(experiment, result, told, command)
+
+
+def replay(journal):
+    """Run again in process what `axis_node --journal` wrote down. Returns (the run, what was told).
+
+    Raises InputError.
+    """
+    result, told = _core.replay(str(journal))
+    command = ["forceaxis", "replay", paths.display(journal)]
+    return finished(Path(told["experiment"]), result, None, command), told
+
+
+def finished(experiment, result, told, command):
+    """The Run of a result; told: what its link says, or None."""
+    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
+    columns |= result.columns()
+    summary = {
+        "experiment": paths.display(experiment),
+        "title": result.title,
+        "figure": result.figure,
+        "verdict": result.verdict or None,
+        "because": reasons(result.criterion, result.metrics, result.fault)
+        if result.verdict == "unstable"
+        else [],
+        "fault": result.fault,
+        "refused": told["refused"] if told else result.refused,
+        "trace_hash": result.trace_hash,
+        "edge_margin": result.edge_margin if math.isfinite(result.edge_margin) else None,
+        "ticks": len(result.tick),
+        "events": result.event_count,
+        "energy": result.energy,
+        "metrics": result.metrics,
+        "inputs_hash": result.inputs_hash,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "objects_hash": objects.OBJECTS_HASH,
+        "seed": result.seed,
+        "command": shlex.join(command),
+    }
+    if told:
+        summary["link"] = {k: v for k, v in told.items() if k != "refused"}
+    text = tomllib.loads(experiment.read_text(encoding="utf-8-sig"))
+    plot = text.get("plot", {})
+    check_plot(experiment, plot, columns)
+    model = (experiment.parent / text["model"]).resolve()
+    return Run(experiment, model, summary, columns, result.events, plot, result.shows)
+
+
+def check_plot(experiment, plot, columns):
+    """Refuse a [plot] that could not be drawn."""
+
+    def fail(key, message):
+        raise InputError(f"{experiment}: {key}: {message}")
+
+    if not isinstance(plot, dict):
+        fail("plot", "expected a table, write [plot]")
+    for key in set(plot) - {"rows", "from_s", "to_s"}:
+        fail(f"plot.{key}", "expected one of rows, from_s, to_s; remove or rename this key")
+    for key in ("from_s", "to_s"):
+        value = plot.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e6:
+            fail(f"plot.{key}", "expected a time in s")
+    if plot.get("from_s", 0.0) >= plot.get("to_s", 1e6):
+        fail("plot.from_s", "expected a time before to_s")
+    rows = plot.get("rows", [["encoder"]])
+    if not (isinstance(rows, list) and rows and all(isinstance(r, list) and r for r in rows)):
+        fail("plot.rows", 'expected a list of lists of columns, [["encoder"], ["adc0"]]')
+    for name in (name for row in rows for name in row):
+        if name not in columns:
+            fail("plot.rows", f"expected columns of the trace ({', '.join(columns)}), got {name!r}")
+
+
+def reasons(criterion, metrics, fault):
+    """Why a run is unstable: every limit of its [verdict] that it breaks, in words."""
+    found = [] if fault == "none" else [f"fault {fault}"]
+    if criterion["contact_held"]:
+        if metrics["peak_force_N"] == 0:
+            found.append("never in contact")
+        elif metrics["contact_losses"]:
+            found.append(f"contact lost {metrics['contact_losses']} times in the window")
+        elif not metrics["in_contact"]:
+            found.append("not in contact at the end")
+    for what in ("force", "position"):
+        ripple, limit = metrics[f"{what}_ripple_count"], criterion[f"{what}_ripple_max_count"]
+        if limit is not None and ripple > limit:
+            found.append(f"{what} ripple {ripple:.3g} above {limit:.3g} counts")
+    return found
+
+
+def describe(summary):
+    """The summary for a terminal."""
+    energy, metrics, margin = summary["energy"], summary["metrics"], summary["edge_margin"]
+    verdict, because = summary["verdict"] or "none asked for", summary["because"]
+    lines = [
+        ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
+        ("verdict", ": ".join([verdict, *([", ".join(because)] if because else [])])),
+        ("fault", summary["fault"]),
+        ("force", f"peak {metrics['peak_force_N']:.4g} N, end {metrics['final_force_N']:.4g} N"),
+        (
+            "window",
+            f"force ripple {metrics['force_ripple_count']:.3g} counts, position ripple "
+            f"{metrics['position_ripple_count']:.3g} counts, contact lost "
+            f"{metrics['contact_losses']} times",
+        ),
+        ("events", f"{summary['events']} in {summary['ticks']} ticks"),
+        (
+            "energy",
+            f"supplied {energy['supplied_J']:.6g} J, residual {energy['residual_J']:.2g} J",
+        ),
+        ("edge margin", "nothing converted" if margin is None else f"{margin:.3g} LSB"),
+        ("trace hash", summary["trace_hash"]),
+        *(link.describe(summary["link"]) if "link" in summary else []),
+        ("again", summary["command"]),
+    ]
+    lines[3:3] = [
+        ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}") for r in summary["refused"]
+    ]
+    return "\n".join(f"{key:12} {value}" for key, value in lines)
+
+
+def write(done, out):
+    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
+    from forceaxis.experiments import plots
+
+    out.mkdir(parents=True, exist_ok=True)
+    names = list(done.columns)
+    np.savez_compressed(out / "trace.npz", **done.columns)
+    with (out / "trace.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
+    with (out / "events.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", "element", "from", "to"])
+        writer.writerows(done.events)
+    plots.trace(done).savefig(out / "plot.png", dpi=120)
+    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")

@@ -1,0 +1,116 @@
+"""pytest: a fixture that runs an experiment, and experiments with [expect] as test items.
+
+    def test_axis(forceaxis_experiment):
+        forceaxis_experiment("contact.toml").check()
+
+The path is relative to the test's file. What it returns also has `.run.columns` (the trace),
+`.run.summary` and `.measured.values` for assertions of one's own; further arguments are overrides,
+"firmware.force_gain=7". With
+
+    [tool.pytest.ini_options]
+    forceaxis_experiments = ["axes"]
+
+pytest runs every *.toml with an [expect] table below these folders as a test.
+"""
+
+from pathlib import Path
+
+import pytest
+
+
+def pytest_addoption(parser):
+    parser.addini(
+        "forceaxis_experiments",
+        "folders in which every *.toml with an [expect] table is a test (forceaxis test --help); "
+        "in a test, the fixture forceaxis_experiment runs one: "
+        'forceaxis_experiment("contact.toml").check()',
+        type="paths",
+        default=[],
+    )
+
+
+def pytest_configure(config):
+    """A plain `pytest` visits the folders even where testpaths does not name them."""
+    if config.args_source == config.ArgsSource.TESTPATHS:
+        config.args += [str(p) for p in config.getini("forceaxis_experiments")]
+
+
+def pytest_collect_file(file_path, parent):
+    folders = parent.config.getini("forceaxis_experiments")
+    if file_path.suffix != ".toml" or not any(file_path.is_relative_to(f) for f in folders):
+        return None
+    from forceaxis.experiments import regression as usertests
+
+    if not usertests.is_test(file_path):
+        return None
+    return ExperimentFile.from_parent(parent, path=file_path)
+
+
+class ExperimentFile(pytest.File):
+    """An experiment with [expect]: one item."""
+
+    def collect(self):
+        yield ExperimentItem.from_parent(self, name="expect")
+
+
+class ExperimentItem(pytest.Item):
+    """Runs the experiment and compares."""
+
+    def runtest(self):
+        Experiment(self.path).check()
+
+    def repr_failure(self, excinfo, style=None):
+        from forceaxis import InputError, SimulationError
+
+        if excinfo.errisinstance((AssertionError, InputError, SimulationError)):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self):
+        return self.path, None, self.path.name
+
+
+class Experiment:
+    """A finished run: `run` (summary, columns, events), `measured` and `checks` of its [expect]."""
+
+    def __init__(self, file, overrides=()):
+        from forceaxis.experiments import regression as usertests
+
+        self.file = file
+        self._examined = usertests.examine(file, overrides)
+
+    @property
+    def run(self):
+        return self._examined.run
+
+    @property
+    def measured(self):
+        return self._examined.measured
+
+    @property
+    def checks(self):
+        return self._examined.checks
+
+    def check(self):
+        """Fail with a line for each value that is not as [expect] says."""
+        __tracebackhide__ = True
+        from forceaxis import InputError
+
+        if not self.checks:
+            raise InputError(
+                f"{self.file}: expect: expected something to compare; add [expect] and run "
+                "`forceaxis test --update`"
+            )
+        lines = [str(c) for c in self._examined.differences]
+        if lines:
+            raise AssertionError("\n  ".join([f"{self.file} is not as its [expect] says:", *lines]))
+
+
+@pytest.fixture
+def forceaxis_experiment(request):
+    """Run an experiment, path relative to the test's file: forceaxis_experiment(path).check()."""
+
+    def run(path, *overrides):
+        return Experiment(Path(request.path).parent / path, overrides)
+
+    return run

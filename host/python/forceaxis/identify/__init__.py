@@ -1,0 +1,1 @@
+"""Measured responses, and what is identified from them."""

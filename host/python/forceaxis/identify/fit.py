@@ -1,0 +1,423 @@
+"""Parameters of a model from a measured frequency response, with intervals (`identify fit`)."""
+
+import json
+import math
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import optimize, stats
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.identify import measure
+from forceaxis.identify.procedures import SHARE, header_of, read_columns
+from forceaxis.linear import system as linear
+
+CORRELATED = 0.95  # two parameters whose estimates are: a warning
+VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
+ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters act only together
+BLIND = 1e-9  # relative change of a response that is none
+MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
+STARTS = 24
+ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
+REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twentieth
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters fitted to a measured response. p parameters, n points.
+
+    `covariance` (p, p) is that of the parameters' logarithms. `single` and `joint` are half widths
+    of 95 % intervals of the logarithms: the truth of one parameter lies within value exp(+-single)
+    with probability 0.95, all of them at once within value exp(+-joint) with at least that.
+    """
+
+    names: tuple
+    starts: np.ndarray
+    values: np.ndarray
+    single: np.ndarray
+    joint: np.ndarray
+    covariance: np.ndarray
+    chi_square: float  #: 2 n - p degrees of freedom if the model is right
+    dof: int
+    points: int
+    warnings: tuple
+
+    @property
+    def p_value(self):
+        """Probability of a chi-square as large, were the model right."""
+        return float(stats.chi2.sf(self.chi_square, self.dof))
+
+    @property
+    def correlation(self):
+        """(p, p) of the estimates."""
+        spread = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(spread, spread)
+
+    def distance(self, values):
+        """Whether `values` (p,) lie in the joint 95 % region: below 1 inside, 1 on its edge."""
+        step = np.log(values) - np.log(self.values)
+        size = step @ np.linalg.solve(self.covariance, step)
+        p = len(step)
+        return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
+
+
+def fit(measured, starts, where="fit"):
+    """Fit parameters of a model to a measured frequency response.
+
+    measured: a `measure.Measurement`, whose `predict` is the model. starts: {parameter: value to
+    start from, > 0}: what is searched is their logarithm. Others keep the values of
+    `measured.overrides`.
+
+    With z = |response - model|^2 / variance, where the variance is itself estimated from dof
+    complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
+    2 dof ln(1 + z / dof), which has a chi-square distribution with 2 degrees of freedom a point:
+    minimised by least squares (trust region), it is also the test of the fit. Information matrix:
+    with T = dof variance + |response - model|^2, the sum of 2 dof^2 / (dof + 1) Re(J* J) / T, right
+    in the mean over T; the covariance grows with the chi-square where the model is not the plant.
+
+    Raises InputError for too few points, for a parameter that the response does not depend on and
+    for parameters that only act together.
+    """
+    names = tuple(starts)
+    first = np.array([starts[name] for name in names], float)
+    for name, value in starts.items():
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(
+                f"{where}: {name}: expected a start above 0, got {value:g}; give one: --fit "
+                f"{name}=VALUE"
+            )
+    p, n, dof = len(names), len(measured.frequency_hz), measured.dof
+    if n < p + 2:
+        raise InputError(
+            f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure "
+            "a wider band, or with more lines"
+        )
+
+    def model(logarithms):
+        return measured.predict(dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
+
+    def jacobian(logarithms, step=1e-5):
+        steps = step * np.eye(p)
+        return np.stack(
+            [(model(logarithms + d) - model(logarithms - d)) / (2 * step) for d in steps], 1
+        )
+
+    def as_real(values):
+        return np.concatenate([values.real, values.imag])
+
+    def coarse(logarithms):
+        """Logarithm of the ratio: what finds resonances that do not overlap yet."""
+        return as_real(np.log(measured.response / model(logarithms)) * trust)
+
+    def fine(logarithms):
+        error = (measured.response - model(logarithms)) / np.sqrt(measured.variance)
+        square = np.maximum(abs(error) ** 2, 1e-30)
+        return as_real(error * np.sqrt(2 * dof * np.log1p(square / dof) / square))
+
+    start = np.log(first)
+
+    def search(begin):
+        """From far away in the logarithm, then as the errors are."""
+        options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
+        near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
+        near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
+        return optimize.least_squares(fine, near, xtol=1e-10, ftol=1e-10, **options)
+
+    influence = abs(jacobian(start)).max(0) / abs(model(start)).max()
+    for name, size in zip(names, influence, strict=True):
+        if size < BLIND:
+            raise InputError(
+                f"{where}: {name}: expected a parameter that the response from {measured.input} to "
+                f"{measured.output} depends on; fit another one, or measure another signal"
+            )
+    check_separate(names, as_real(jacobian(start)), where)
+
+    relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
+    trust = 1 / np.hypot(relative, 0.1)  # no point counts as known better than a tenth
+    best = search(start)
+    degrees = 2 * n - p
+    enough = stats.chi2.isf(MISFIT, degrees)
+    scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS, p))
+    for shift in scatter:
+        if 2 * best.cost <= enough:
+            break
+        other = search(start + shift)
+        if other.cost < best.cost:
+            best = other
+
+    J = jacobian(best.x)
+    check_separate(names, as_real(J), where)
+    T = dof * measured.variance + abs(measured.response - model(best.x)) ** 2
+    information = 2 * dof**2 / (dof + 1) * (J.conj().T @ (J / T[:, None])).real
+    chi_square = 2 * best.cost
+    covariance = np.linalg.inv(information) * max(1.0, chi_square / degrees)
+    spread = np.sqrt(np.diag(covariance))
+    single = stats.t.ppf((1 + SHARE) / 2, degrees) * spread
+    joint = math.sqrt(p * stats.f.ppf(SHARE, p, degrees)) * spread
+
+    warnings = []
+    p_value = stats.chi2.sf(chi_square, degrees)
+    if p_value < 1 - SHARE:
+        warnings.append(
+            f"the model does not explain the data: chi-square {chi_square:.4g}, {degrees} degrees "
+            f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
+        )
+    together = covariance / np.outer(spread, spread)
+    for i, j in zip(*np.nonzero(abs(np.triu(together, 1)) > CORRELATED), strict=True):
+        warnings.append(
+            f"{names[i]} and {names[j]} are hard to tell apart: correlation {together[i, j]:.3f}"
+        )
+    warnings += [
+        f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
+    ]
+    for name, moved in zip(names, abs(best.x - start), strict=True):
+        if moved > REACH - 0.02:
+            warnings.append(
+                f"{name} stands at the edge of what was searched, {math.exp(REACH):.0f} times its "
+                "start or that part of it: its interval means nothing; give another start"
+            )
+    return Fit(
+        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
+        tuple(warnings),
+    )
+
+
+def check_separate(names, J, where):
+    """Refuse parameters of which only a combination changes the response, naming them."""
+    _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
+    if size[-1] < ALONE * size[0]:
+        together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
+        raise InputError(
+            f"{where}: expected parameters that act on the response each in its own way, got "
+            f"{', '.join(together)}, which do so only together; hold one of them"
+        )
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def read_response(path, model, held=None, **given):
+    """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
+
+    A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
+    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded,
+    and `held`, {parameter: value}, adds to it. Raises InputError.
+    """
+    path = Path(path)
+    file = path / "response.npz" if path.is_dir() else path
+    given = {key: value for key, value in given.items() if value is not None}
+    model = str(linear.find_model(model))
+    if file.suffix == ".csv":
+        for key in ("output", "averages", "dt"):
+            if key not in given:
+                raise InputError(f"{file}: --{key}: expected with a CSV file, which cannot tell it")
+        measured = response_of_csv(file, given["averages"])
+        measured = replace(measured, **given, model=model, overrides=dict(held or {}))
+        return checked(measured, file)
+    try:
+        with np.load(file) as saved:
+            about = json.loads(str(saved["about"]))
+            arrays = {name: saved[name] for name in ARRAYS}
+            about["overrides"] = about["overrides"] | (held or {})
+            measured = measure.Measurement(**(about | given | {"model": model}), **arrays)
+    except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
+        raise InputError(
+            f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
+        ) from None
+    return checked(measured, file)
+
+
+def checked(measured, file):
+    """The Measurement, if it is one that a model can be fitted to. Raises InputError."""
+
+    def expect(good, key, text):
+        if not good:
+            raise InputError(f"{file}: {key}: expected {text}")
+
+    def between(key, low, high):
+        value = getattr(measured, key)
+        good = measure.is_number(value) and low <= value <= high
+        expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
+
+    for key in ("input", "output", "unit"):
+        expect(isinstance(getattr(measured, key), str), key, "a text")
+    expect(measured.inject in ("volts", "codes"), "inject", "volts or codes")
+    expect(measured.window in ("none", "hann"), "window", "none or hann")
+    expect(isinstance(measured.free, bool), "free", "true or false")
+    table = measured.overrides
+    good = isinstance(table, dict) and all(map(measure.is_number, table.values()))
+    expect(good, "overrides", "a table of numbers")
+    between("dt", 1e-7, 1.0)
+    between("dof", 1e-3, 1e9)
+    between("averages", 2, 1e9)
+    between("resolution_hz", 0, 1e6)
+    between("scale", -1e12, 1e12)
+    expect(measured.scale != 0, "scale", "a number other than 0, got 0")
+    band = measured.band_hz
+    good = isinstance(band, list | tuple) and len(band) == 2
+    good = good and all(isinstance(end, int | float) and end >= 0 for end in band)
+    expect(good, "band_hz", "two frequencies")
+
+    frequency = measured.frequency_hz
+    for key in ARRAYS:
+        values = getattr(measured, key)
+        good = values.ndim == 1 and len(values) == len(frequency) and values.dtype.kind in "fc"
+        good = good and (key == "response" or values.dtype.kind == "f")
+        expect(good and np.all(np.isfinite(values)), key, "one finite number for each frequency")
+    highest = 1 / (2 * measured.dt)
+    good = len(frequency) and frequency[0] > 0 and np.all(np.diff(frequency) > 0)
+    expect(
+        good and frequency[-1] < highest,
+        "frequency_hz",
+        f"rising frequencies above 0 and below {highest:g} Hz, half of the samples' 1 / dt",
+    )
+    expect(np.all(measured.variance > 0), "variance", "values above 0")
+    expect(np.all(measured.response != 0), "response", "values other than 0")
+    return measured
+
+
+def response_of_csv(file, averages):
+    """Measurement of a CSV file; variance (1 - c) |H|^2 / (c (averages - 1)) from coherence c."""
+
+    polar = "magnitude" in header_of(file)
+    parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]
+    f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
+    response = a * np.exp(1j * np.radians(b)) if polar else a + 1j * b
+    if not np.all((coherence > 0) & (coherence < 1)):
+        raise InputError(f"{file}: coherence: expected 0 < coherence < 1")
+    if polar and not np.all(a > 0):
+        raise InputError(f"{file}: magnitude: expected values above 0")
+    if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
+        raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
+    variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
+    return measure.Measurement(
+        *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
+        input="drive.command",
+        output="",
+        unit="",
+        dt=linear.TICK_S,
+        inject="volts",
+        model="",
+        overrides={},
+    )
+
+
+def starts_of(texts, measured):
+    """NAME or NAME=START texts as {name: start}, by default what the model says; {name: unit}."""
+    known = linear.facts(measured.model, measured.overrides)["parameters"]
+    starts = {}
+    for text in texts:
+        name, given, value = text.partition("=")
+        if name not in known:
+            raise InputError(
+                f"--fit: {name}: expected a parameter that the model uses, one of "
+                + ", ".join(sorted(known))
+            )
+        if name in starts:
+            raise InputError(f"--fit: {name}: expected each name once")
+        try:
+            starts[name] = float(value) if given else known[name][0]
+        except ValueError:
+            raise InputError(f"--fit: {text}: expected NAME or NAME=START, a number") from None
+    return starts, {name: known[name][1] for name in starts}
+
+
+def summarise(found, measured, units):
+    """What `--json` prints of a Fit."""
+    rows = {}
+    for name, start, value, *halves in zip(
+        *(found.names, found.starts, found.values, found.single, found.joint), strict=True
+    ):
+        ends = [[float(value * math.exp(s * half)) for s in (-1, 1)] for half in halves]
+        rows[name] = {
+            "value": float(value),
+            "unit": units[name],
+            "start": float(start),
+            "interval": ends[0],
+            "joint_interval": ends[1],
+        }
+    return {
+        "model": paths.display(measured.model),
+        "input": measured.input,
+        "output": measured.output,
+        "points": found.points,
+        "parameters": rows,
+        "correlation": found.correlation.tolist(),
+        "chi_square": found.chi_square,
+        "dof": found.dof,
+        "p_value": found.p_value,
+        "warnings": list(found.warnings),
+        "set": " ".join(
+            f"--set {name}={value:.6g}"
+            for name, value in zip(found.names, found.values, strict=True)
+        ),
+    }
+
+
+def describe(summary):
+    """The summary of a fit for a terminal."""
+    lines = [
+        f"model        {summary['model']}, {summary['input']} to {summary['output']}",
+        f"fit          chi-square {summary['chi_square']:.4g}, {summary['dof']} degrees of "
+        f"freedom, p = {summary['p_value']:.2g}, {summary['points']} frequencies",
+        f"{'':12} {'value':>11} {'95 % interval':>25} {'all at once':>25} {'start':>11}",
+    ]
+    for name, row in summary["parameters"].items():
+        spans = [
+            " .. ".join(f"{end:.5g}" for end in row[k]) for k in ("interval", "joint_interval")
+        ]
+        lines.append(
+            f"{name:12} {row['value']:>11.5g} {spans[0]:>25} {spans[1]:>25} {row['start']:>11.5g} "
+            f"{row['unit']}".rstrip()
+        )
+    lines += [f"warning      {text}" for text in summary["warnings"]]
+    lines.append(f"use          {summary['set']}")
+    return "\n".join(lines)
+
+
+def write(found, measured, summary, out):
+    """Write result.json and plot.png, the measured response beside the model before and after."""
+    from forceaxis.experiments import plots
+
+    figure = plot(found, measured, plots.plt)
+    with paths.replacing(out, "plot.png", "result.json") as (picture, result):
+        figure.savefig(picture, dpi=120, format="png")
+        result.write_text(json.dumps(summary, indent=2) + "\n")
+
+
+def plot(found, measured, plt):
+    """Figure: amplitude and phase, measured with 95 % band, from the start and fitted."""
+    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
+    f, size = measured.frequency_hz, abs(measured.response)
+    band = measured.radius()
+    # A point of which nothing is known shall not stretch the axis.
+    low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
+    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
+    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
+    for values, style, label in (
+        (found.starts, {"color": "C1", "linestyle": "--"}, "start"),
+        (found.values, {"color": "C0", "linestyle": "-"}, "fitted"),
+    ):
+        fitted = dict(zip(found.names, values.tolist(), strict=True))
+        rows.append((measured.predict(fitted), style, label))
+    for response, style, label in rows:
+        axes[0].loglog(f, abs(response), **style, label=label)
+        degrees = np.degrees(np.angle(response))
+        if style.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
+            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
+        axes[1].semilogx(f, degrees, **style)
+    axes[0].set_ylabel(
+        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
+        parse_math=False,
+    )
+    axes[0].legend()
+    axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    axes[1].set_ylabel("phase, degrees")
+    axes[1].set_xlabel("frequency, Hz")
+    for axis in axes:
+        axis.grid(alpha=0.3, which="both")
+    figure.tight_layout()
+    return figure

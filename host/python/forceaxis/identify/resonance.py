@@ -1,0 +1,276 @@
+"""Polynomial resonance model of 4.2: a rigid-body response times simple resonances, fitted to data.
+
+    R_i(s) = (w_p / w_z)^2 (s^2 + 2 zeta_z w_z s + w_z^2) / (s^2 + 2 zeta_p w_p s + w_p^2)
+
+The thesis fits it by eye in five steps, lowest resonance first; `fit` does the same to numbers.
+"""
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from scipy import optimize, signal
+
+from forceaxis._core import InputError
+from forceaxis.thesis.beam import Factored
+
+# Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
+# none.
+ZETA = (1e-5, 1.0)
+# A resonance stays that of its peak: the factor by which its frequency may part from the peak's.
+FREEDOM = 1.3
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """One R_i: a peak and, if there is one, a trough. 1 at low frequency."""
+
+    peak_hz: float
+    peak_damping: float
+    trough_hz: float | None = None
+    trough_damping: float | None = None
+
+    def at(self, s):
+        """R_i at complex s (1/s)."""
+        s = np.asarray(s, complex)
+        value = 1 / _pair(s, self.peak_hz, self.peak_damping)
+        if self.trough_hz is not None:
+            value = value * _pair(s, self.trough_hz, self.trough_damping)
+        return value
+
+
+def _pair(s, hz, zeta):
+    x = s / (2 * np.pi * hz)
+    return x * x + 2 * zeta * x + 1
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Resonances, lowest first, and how far the model is from the data.
+
+    Errors are of magnitude, in dB over the frequencies given; `phase_error_deg` is the rms error of
+    phase where both the data and the rigid-body response were complex, else None: it is small where
+    the data are those of a minimum-phase system.
+    """
+
+    resonances: tuple[Resonance, ...]
+    rms_db: float
+    max_db: float
+    phase_error_deg: float | None
+
+    def cascade(self):
+        """The product of all R_i as a Factored: zeros, poles and gain (`zpk`)."""
+        poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
+        zeros = [(r.trough_hz, r.trough_damping) for r in self.resonances if r.trough_hz]
+        return Factored(_roots(zeros), _roots(poles), 1.0)
+
+    def response(self, frequency_hz, rigid_response):
+        """The whole model, G_p = G_rb prod R_i, from the rigid-body response at the frequencies."""
+        return np.asarray(rigid_response) * self.cascade().response(frequency_hz)
+
+
+def _roots(pairs):
+    """Both roots, 1/s, of each (Hz, damping ratio)."""
+    roots = []
+    for hz, zeta in pairs:
+        offset = np.sqrt(complex(zeta * zeta - 1))
+        roots += [2 * np.pi * hz * (-zeta + offset), 2 * np.pi * hz * (-zeta - offset)]
+    return np.array(roots, complex)
+
+
+def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refine=False):
+    """Fit a cascade of at most `modes` resonances to a measured or simulated response: Fit.
+
+    frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
+    unit; only magnitudes are fitted. What is looked at is their quotient, |G| / |G_rb|:
+
+    1. compare: the quotient in dB, smoothed by nothing, so average noisy data first
+    2. its peaks that stand out by `prominence_db` (the `modes` most prominent), lowest first
+    3. the trough that belongs to each: the nearest on a logarithmic scale that no other peak is
+       nearer to; a noncolocated mode may have none and then stays without
+    4. and 5. damping ratios so that the model has the height of each peak and the depth of each
+       trough; frequencies so that its own peaks and troughs stand there: 60 rounds, the best kept
+
+    `refine` then moves all frequencies and ratios together to the least squares in dB. Data of this
+    very form give their parameters back that way; where the rigid-body response is not quite that
+    of the data, it bends the resonances to make up for it, and the five steps alone are the better.
+    A resonance that is only a change of slope is not seen.
+    Raises InputError for data that cannot be fitted.
+    """
+    f, data, rigid = _checked(frequency_hz, response, rigid_response)
+    target = 20 * np.log10(np.abs(data) / np.abs(rigid))
+    peaks, troughs = _extremes(f, target, modes, prominence_db)
+    if not peaks:
+        raise InputError(
+            f"response: expected at least one peak that stands out by {prominence_db} dB, found "
+            "none; lower the prominence or give more frequencies"
+        )
+    found = _match(f, target, peaks, troughs)
+    if refine:
+        found = _least_squares(f, target, found)
+    model = np.ones(len(f), complex)
+    for r in found:
+        model = model * r.at(2j * np.pi * f)
+    error = 20 * np.log10(np.abs(model)) - target
+    phase = None
+    if np.iscomplexobj(response) and np.iscomplexobj(rigid_response):
+        turn = np.angle(rigid * model / data, deg=True)
+        phase = float(np.sqrt(np.mean(turn**2)))
+    return Fit(
+        tuple(found),
+        float(np.sqrt(np.mean(error**2))),
+        float(np.abs(error).max()),
+        phase,
+    )
+
+
+def _checked(frequency_hz, response, rigid_response):
+    f, data, rigid = (np.asarray(x) for x in (frequency_hz, response, rigid_response))
+    if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
+        raise InputError(
+            "response: expected as many values of response and rigid-body response as frequencies, "
+            f"got {data.size}, {rigid.size} and {f.size}"
+        )
+    if len(f) < 10:
+        raise InputError(f"frequency_hz: expected at least 10 frequencies, got {len(f)}")
+    if not (np.all(f > 0) and np.all(np.diff(f) > 0)):
+        raise InputError("frequency_hz: expected frequencies > 0 that rise")
+    for name, values in (("response", data), ("rigid_response", rigid)):
+        if not (np.isfinite(values).all() and np.all(np.abs(values) > 0)):
+            raise InputError(f"{name}: expected finite values that are not 0")
+    return f, data, rigid
+
+
+def _extremes(f, target, modes, prominence_db):
+    """Frequencies of the most prominent peaks and of the trough, or None, of each."""
+
+    def at_top(i, values):
+        # Between grid points: vertex of the parabola through three of the logarithmic scale.
+        x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
+        second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
+        return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
+
+    found, about = signal.find_peaks(target, prominence=prominence_db)
+    troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
+    peaks = [at_top(i, target) for i in found]
+    # Paired before the weaker peaks go, which take their troughs with them.
+    pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
+    strongest = np.sort(np.argsort(about["prominences"])[::-1][:modes])
+    return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
+
+
+def _pair_up(peaks, troughs):
+    """For each peak its trough or None: least total distance, and no peak lies between the two."""
+    if not troughs:
+        return [None] * len(peaks)
+    distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
+    between = np.array(
+        [[any(min(p, t) < q < max(p, t) for q in peaks) for t in troughs] for p in peaks]
+    )
+    rows, columns = optimize.linear_sum_assignment(np.where(between, 1e3, distance))
+    pairs = [None] * len(peaks)
+    for row, column in zip(rows, columns, strict=True):
+        if not between[row, column]:
+            pairs[row] = troughs[column]
+    return pairs
+
+
+def _match(f, target, peaks, troughs):
+    """Steps 2 to 5: move each pair until the model's own peaks and troughs, which neighbours and
+    damping shift, stand where the data's do, as high and as deep; all others given, round by round.
+    """
+    marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
+    hz = np.array([mark[0] for mark in marks])
+    sign = np.array([mark[1] for mark in marks])
+    level = np.interp(np.log(hz), np.log(f), target)
+    pairs = np.column_stack([hz, np.full(len(hz), 0.05)])  # the thesis's typical damping
+    around = np.geomspace(0.8, 1.25, 181)
+
+    def model_db(at):
+        values = np.array([_pair(2j * np.pi * at, *pair) for pair in pairs])
+        return 20 * np.log10(np.abs(values)).T @ -sign
+
+    best, best_error = pairs, np.inf
+    for _ in range(60):
+        error = np.mean((model_db(f) - target) ** 2)
+        if error < best_error:
+            best, best_error = pairs.copy(), error
+        for i, (mark, s) in enumerate(zip(hz, sign, strict=True)):
+            near = model_db(mark * around) * s
+            tops = signal.find_peaks(near)[0]
+            if len(tops):
+                top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
+                moved = pairs[i, 0] / np.sqrt(top)
+                pairs[i, 0] = np.clip(moved, mark / FREEDOM, mark * FREEDOM)
+            # In dB a pair is as high or deep as its own damping is small.
+            over = (model_db(np.array([mark]))[0] - level[i]) * s
+            pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *ZETA)
+    return _resonances(best, troughs)
+
+
+def _resonances(pairs, troughs):
+    """(Hz, damping) of all peaks, then of those troughs that are not None, as Resonance."""
+    rest = iter(pairs[len(troughs) :])
+    return [
+        Resonance(*map(float, peak), *(map(float, next(rest)) if trough is not None else ()))
+        for peak, trough in zip(pairs, troughs, strict=False)
+    ]
+
+
+def _least_squares(f, target, start):
+    """All frequencies and ratios, as logarithms, to the least squares of the error in dB."""
+    pairs = [(r.peak_hz, r.peak_damping) for r in start]
+    pairs += [(r.trough_hz, r.trough_damping) for r in start if r.trough_hz is not None]
+    signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))
+    x = 2j * np.pi * f[:, None]
+
+    def error(logarithms):
+        hz, zeta = np.exp(logarithms.reshape(-1, 2)).T
+        return (20 * np.log10(np.abs(_pair(x, hz, zeta))) * signs).sum(axis=1) - target
+
+    guess = np.log(np.array(pairs))
+    low, high = guess.copy(), guess.copy()
+    low[:, 0] -= np.log(FREEDOM)
+    high[:, 0] += np.log(FREEDOM)
+    low[:, 1], high[:, 1] = np.log(ZETA)
+    guess[:, 1] = np.clip(guess[:, 1], low[:, 1] + 1e-6, high[:, 1] - 1e-6)
+    done = optimize.least_squares(error, guess.ravel(), bounds=(low.ravel(), high.ravel()))
+    return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):
+    """What `forceaxis identify resonances --json` prints."""
+    from forceaxis.identify import fit as fit_response
+
+    if not 0 < prominence_db < 200:
+        raise InputError(f"--prominence-db: expected 0 to 200, got {prominence_db:g}")
+    data = fit_response.read_response(response, model)
+    body = replace(data, output=rigid, free=True, overrides=overrides)
+    found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
+    zeros, poles, _ = found.cascade().zpk()
+    return {
+        "resonances": [asdict(r) for r in found.resonances],
+        "rms_db": found.rms_db,
+        "max_db": found.max_db,
+        "phase_error_deg": found.phase_error_deg,
+        "zeros": [[z.real, z.imag] for z in zeros],
+        "poles": [[p.real, p.imag] for p in poles],
+    }
+
+
+def describe(result):
+    """The same for people."""
+    lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
+    for r in result["resonances"]:
+        line = f"{r['peak_hz']:10.4g}{r['peak_damping']:10.4f}"
+        if r["trough_hz"] is not None:
+            line += f"{r['trough_hz']:12.4g}{r['trough_damping']:10.4f}"
+        lines.append(line)
+    phase = result["phase_error_deg"]
+    lines.append(
+        f"error        {result['rms_db']:.3g} dB rms, {result['max_db']:.3g} dB at most"
+        + ("" if phase is None else f"; phase {phase:.3g} degrees rms")
+    )
+    return "\n".join(lines)

@@ -1,0 +1,246 @@
+"""A measurement beside the linear model: what `forceaxis measure` says, writes and draws."""
+
+import csv
+import json
+import math
+import shlex
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis import _core, objects, paths
+from forceaxis.identify import measure
+from forceaxis.linear import system as linear
+
+
+@dataclass
+class Result:
+    """A measurement beside the linear model, and the summary that `--json` prints."""
+
+    setup: measure.Setup
+    measured: measure.Measurement
+    model: np.ndarray  # (n,) complex, from nominal parameters
+    summary: dict
+
+
+def run(target, options=None, plant_set=None):
+    """measure(), compared with the linear model of the nominal parameters. Raises InputError."""
+    setup, where = measure.read_setup(target, options)
+    measured = measure.measure_setup(setup, where, plant_set)
+    model = measured.predict()
+    compared = measured.compare(model)
+    command = ["forceaxis", "measure", str(target)]
+    for key, value in (options or {}).items():
+        if value is None or value is False or key == "set":
+            continue
+        option = {"band_hz": "band", "resolution_hz": "resolution"}.get(key, key)
+        text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
+        command += [f"--{option}"] if value is True else [f"--{option}", text]
+    for option, values in (("--set", (options or {}).get("set")), ("--plant-set", plant_set)):
+        for name, value in (values or {}).items():
+            command += [option, f"{name}={value!r}"]
+    contacts = {
+        name: shares.get("pressed", 0.0)
+        for name, shares in measured.states.items()
+        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(measure.STOPS)
+    }
+    summary = {
+        "measurement": where,
+        "title": setup.title,
+        "figure": setup.figure,
+        "model": paths.display(measured.model),
+        "input": measured.input,
+        "output": measured.output,
+        "unit": measured.unit,
+        "inject": setup.inject,
+        "excitation": setup.excitation,
+        "window": setup.window,
+        "level": setup.level,
+        "averages": setup.averages,
+        "sampling_hz": 1 / measured.dt,
+        "band_hz": [float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])],
+        "coherence_median": float(np.median(measured.coherence)),
+        "random_error_median": float(np.median(measured.random_error())),
+        "floor_median": float(np.median(measured.floor)),
+        "saturated": measured.saturated,
+        "contact": contacts,
+        "hints": hints(setup, measured, contacts),
+        "comparison": compared,
+        "verdict": "the model fits" if compared["fits"] else "the model is rejected at 5 %",
+        "readings": measured.readings(),
+        "plant_set": plant_set or {},
+        "seed": setup.seed,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "simulator_hash": _core.SIMULATOR_HASH,
+        "objects_hash": objects.OBJECTS_HASH,
+        "command": shlex.join(command),
+    }
+    return Result(setup, measured, model, summary)
+
+
+def hints(setup, measured, contacts):
+    """What else than a wrong model may keep the linear one from fitting: [text]."""
+    texts = []
+    moves = "lower the level or change the bias"
+    for name, share in contacts.items():
+        if setup.free and share > 0:
+            known = linear.facts(setup.model, measured.overrides)["parameters"]
+            apart = "start further apart (--set approach=0.5, m), " if "approach" in known else ""
+            texts.append(
+                f"{name} was pressed {100 * share:.3g} % of the time, the model has it apart: "
+                f"{apart}{moves}"
+            )
+        if not setup.free and share < 1:
+            texts.append(
+                f"{name} was apart {100 * (1 - share):.3g} % of the time, the model has it "
+                f"pressed: press harder by a bias, lower the level, or measure --clamped or --free"
+            )
+    for name, shares in measured.states.items():
+        limit = sum(share for state, share in shares.items() if "limit" in state)
+        if name.startswith("drive.") and limit > 0:
+            texts.append(f"{name} was at its limit {100 * limit:.3g} % of the time: {moves}")
+    if measured.input_bias > np.median(measured.random_error()) / 3:
+        texts.append(
+            f"rounding and noise of the input {measured.input} make the response up to "
+            f"{100 * measured.input_bias:.2g} % too small, which the band does not hold: raise the "
+            "level, or take what is injected as input"
+        )
+    return texts
+
+
+def describe(summary):
+    """The summary for a terminal."""
+    compared, readings = summary["comparison"], summary["readings"]
+    inside, corner = compared["inside"], readings["corner_hz"]
+    low, high = summary["band_hz"]
+    title = summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")
+    crossings = ", ".join(
+        f"{c['frequency_hz']:.3g} Hz ({c['phase_deg']})" for c in readings["phase_crossings"]
+    )
+    lines = [
+        ("measurement", title or summary["measurement"]),
+        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
+        (
+            "excitation",
+            f"{summary['excitation']} as {summary['inject']}, {low:.4g} to {high:.4g} Hz, "
+            f"{summary['averages']} averages, sampled at {summary['sampling_hz']:g} Hz",
+        ),
+        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
+        (
+            "corner",
+            f"{corner:.4g} Hz, 3 dB lower"
+            if corner is not None
+            else "none in the band"
+            if readings["plateau"]
+            else "none: the first octave is not flat",
+        ),
+        ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
+        (
+            "coherence",
+            f"median {summary['coherence_median']:.5g}, above {measure.COHERENT} at "
+            f"{compared['coherent']} of {compared['points']} points",
+        ),
+        (
+            "error",
+            f"{100 * summary['random_error_median']:.2g} % random error, median; quantisation "
+            f"alone {summary['floor_median']:.2g} {summary['unit']}",
+        ),
+        (
+            "inside",
+            "no coherent point"
+            if inside is None
+            else f"{100 * inside:.1f} % of the coherent points within the 95 % band",
+        ),
+        ("verdict", f"{summary['verdict']} (p = {compared['p_value']:.3g})"),
+        *(("hint", text) for text in summary["hints"]),
+        ("again", summary["command"]),
+    ]
+    if summary["contact"]:
+        shares = summary["contact"].items()
+        text = ", ".join(f"{name} pressed {100 * s:.4g} % of the time" for name, s in shares)
+        lines.insert(3, ("contact", text))
+    if summary["saturated"]:
+        share = f"{100 * summary['saturated']:.3g} % of the samples at an end of the ADC"
+        lines.insert(6, ("saturated", f"{share}: lower the level, or move it by a bias"))
+    return "\n".join(f"{key:12} {value}" for key, value in lines)
+
+
+def write(done, out):
+    """Write response.csv, response.npz, plot.png and result.json into folder `out`."""
+    measured = done.measured
+    columns = {
+        "frequency_hz": measured.frequency_hz,
+        "magnitude": abs(measured.response),
+        "phase_deg": np.degrees(np.angle(measured.response)),
+        "coherence": measured.coherence,
+        "band": measured.radius(),
+        "random_error": measured.random_error(),
+        "floor": measured.floor,
+        "model_magnitude": abs(done.model),
+        "model_phase_deg": np.degrees(np.angle(done.model)),
+    }
+    # What is not an array of the Measurement, for `identify.read_response`.
+    about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
+    figure = plot(done)
+    names = ("response.csv", "response.npz", "plot.png", "result.json")
+    with paths.replacing(out, *names) as (table, arrays, picture, result):
+        with table.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        with arrays.open("wb") as file:
+            np.savez_compressed(
+                file,
+                **columns,
+                response=measured.response,
+                variance=measured.variance,
+                model=done.model,
+                about=json.dumps(about),
+            )
+        figure.savefig(picture, dpi=120, format="png")
+        result.write_text(json.dumps(done.summary, indent=2) + "\n")
+
+
+def plot(done, width=7.2):
+    """Figure: amplitude and phase over frequency, measured (with its 95 % band) and of the linear
+    model, coherence below."""
+    from forceaxis.experiments import plots
+
+    measured, model, f = done.measured, done.model, done.measured.frequency_hz
+    figure, (size, phase, coherence) = plots.plt.subplots(
+        3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
+    )
+    radius, magnitude = measured.radius(), abs(measured.response)
+    lines = {"marker": "."} if len(f) < 100 else {}
+    size.loglog(f, abs(model), color=plots.GOT, linewidth=2.4, alpha=0.5, label="linear model")
+    size.loglog(f, magnitude, color=plots.INK, linewidth=0.9, label="measured", **lines)
+    low, high = size.get_ylim()
+    if high < 10 * low:  # nearly flat: a decade shows that it is
+        middle = math.sqrt(low * high)
+        size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
+    bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
+    size.fill_between(
+        f, bottom, magnitude + radius, color=plots.INK, alpha=0.2, linewidth=0, label="95 % band"
+    )
+    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8, parse_math=False)
+    size.legend(fontsize=7, frameon=False, loc="best")
+    degrees = np.degrees(np.angle(measured.response))
+    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
+    phase.semilogx(f, np.degrees(np.angle(model)), ".", color=plots.GOT, markersize=4, alpha=0.4)
+    phase.semilogx(f, degrees, ".", color=plots.INK, markersize=1.5)
+    phase.vlines(f, degrees - spread, degrees + spread, color=plots.INK, alpha=0.25, linewidth=0.8)
+    phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    phase.set_ylabel("phase, degrees", fontsize=8)
+    coherence.semilogx(f, measured.coherence, color=plots.INK, linewidth=0.9)
+    coherence.set(ylim=(0, 1.05))
+    coherence.set_ylabel("coherence", fontsize=8)
+    coherence.set_xlabel("frequency, Hz", fontsize=8)
+    for ax in (size, phase, coherence):
+        plots.style(ax)
+        ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
+    figure_name = f"Fig {done.setup.figure}: " if done.setup.figure else ""
+    title = done.setup.title or f"{measured.input} to {measured.output}"
+    size.set_title(figure_name + title, fontsize=9, loc="left", color=plots.INK, parse_math=False)
+    figure.tight_layout()
+    plots.plt.close(figure)
+    return figure

@@ -1,0 +1,1 @@
+"""Linear analysis of a model: state spaces, loops, modes, what limits the bandwidth."""

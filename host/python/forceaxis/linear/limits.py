@@ -1,0 +1,298 @@
+"""What the verbs limit, poles and step take and print."""
+
+import math
+from dataclasses import asdict
+
+import numpy as np
+
+from forceaxis import _core, paths
+from forceaxis.linear import loops
+from forceaxis.linear import system as linear
+
+# The command line's options, {option: parameter}: click writes names in lower case.
+OPTIONS = {
+    name.lower(): name
+    for name in (*dict.fromkeys(n for law in loops.LAWS.values() for n in law), loops.INNER)
+}
+
+
+def _parsed(overrides, modes):
+    """--set and --mode as dicts."""
+    return linear.overrides(overrides), linear.states(modes)
+
+
+def _law_parameters(given):
+    return {OPTIONS[name]: value for name, value in given.items() if value is not None}
+
+
+def from_options(model, overrides, modes, law, timing, output, free=False, **given):
+    """The loop that the options of `forceaxis limit` describe."""
+    overrides, modes = _parsed(overrides, modes)
+    given = _law_parameters(given)
+    return loops.force_loop(model, law, timing, overrides, modes, output, free, **given)
+
+
+def one_gain(loop, gain, firmware_gain):
+    """k of --gain or --firmware-gain, or None."""
+    if gain is not None and firmware_gain is not None:
+        raise _core.InputError("--gain: expected either --gain or --firmware-gain, got both")
+    if firmware_gain is not None:
+        if not 0 < firmware_gain <= loops.FIRMWARE_HIGHEST:
+            raise _core.InputError(
+                f"--firmware-gain: expected a number > 0 and up to {loops.FIRMWARE_HIGHEST:.3f}, "
+                f"got {firmware_gain:g}"
+            )
+        gain = loop.gain_of(firmware_gain)
+    if gain is not None and not 1e-15 <= gain <= 1e15:
+        raise _core.InputError(f"--gain: expected a number from 1e-15 to 1e15, got {gain:g}")
+    return gain
+
+
+def largest_firmware_gain(loop, limit):
+    """The largest force_gain that the firmware can be set to below the limit; None: there is none
+    (or no reading)."""
+    if loop.codes_per_gain is None or limit.gain == 0:
+        return None
+    if limit.gain is None:
+        return loops.FIRMWARE_HIGHEST
+    steps = math.ceil(loop.firmware_gain(limit.gain) / loops.FIRMWARE_STEP) - 1
+    return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
+
+
+def describe_loop(loop):
+    """What was analysed, as both verbs report it."""
+    return {
+        "model": paths.display(loop.model),
+        "law": loop.law,
+        "parameters": loop.parameters,
+        "timing": loop.timing,
+        "output": loop.signal,
+    }
+
+
+def limit_summary(loop, gain=None):
+    """What `forceaxis limit` prints as JSON; with a gain also the margins there."""
+    limit = loop.limit()
+    reading = loop.codes_per_gain is not None
+    summary = {
+        "critical_gain": limit.gain,
+        "unit": loop.unit,
+        "frequency_hz": limit.frequency_hz,
+        "crossings": [asdict(c) for c in limit.crossings],
+        "stable_ranges": limit.stable_ranges,
+        "reason": limit.reason or None,
+        **describe_loop(loop),
+        "firmware_gain": loop.firmware_gain(limit.gain) if reading and limit.gain else None,
+        "largest_firmware_gain": largest_firmware_gain(loop, limit),
+    }
+    if gain is not None:
+        margins = asdict(loop.margins(gain))
+        margins["crossovers"] = [
+            {"frequency_hz": hz, "phase_margin_deg": phase} for hz, phase in margins["crossovers"]
+        ]
+        summary["at"] = {
+            "gain": gain,
+            "firmware_gain": loop.firmware_gain(gain) if reading else None,
+            "stable": loop.stable(gain),
+            **margins,
+        }
+    return summary
+
+
+def _hz_text(hz):
+    return "at infinite frequency" if hz is None else f"at {hz:.4g} Hz"
+
+
+def describe_limit(summary):
+    """The same for people."""
+    unit = summary["unit"]
+    lines = [f"loop         {summary['law']}, {summary['timing']}, {summary['output']}"]
+    if summary["critical_gain"]:
+        hz = _hz_text(summary["frequency_hz"])
+        lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
+    else:
+        none = "none" if summary["critical_gain"] is None else "0"
+        lines.append(f"limit        {none}: {summary['reason']}")
+    if summary["firmware_gain"]:
+        largest = summary["largest_firmware_gain"]
+        below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
+        lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
+    turns = {1: "leaves", -1: "returns", 0: "touches"}
+    for c in summary["crossings"]:
+        lines.append(
+            f"crossing     {c['gain']:.6g} {unit} {_hz_text(c['frequency_hz'])}, a pole "
+            f"{turns[c['direction']]}"
+        )
+    at = summary.get("at")
+    if at:
+        own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
+        lines.append(
+            f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
+        )
+        factor, phase = at["gain_margin"], at["phase_margin_deg"]
+        lines.append(
+            f"gain margin  {f'factor {factor:.4g}' if factor else 'none, no crossing above'}"
+        )
+        if at["gain_reduction"]:
+            lines.append(f"             factor {at['gain_reduction']:.4g} down")
+        lines.append(
+            "phase margin "
+            + (
+                "none, |L| is nowhere 1"
+                if phase is None
+                else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
+            )
+        )
+    return "\n".join(lines)
+
+
+def step_summary(loop, gain, duration_s):
+    """What `forceaxis step` prints as JSON. Raises InputError."""
+    import control
+
+    if gain is None:
+        raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
+    if not (2 * linear.TICK_S <= duration_s <= 600):
+        raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
+    time_s, value = loop.step(gain, duration_s)
+    stable = loop.stable(gain)
+    numbers = dict.fromkeys(("rise_s", "settle_s", "overshoot", "final"))
+    if stable:
+        final = float(loop.closed(gain).at(0.0 if loop.dt is None else 1.0).real)
+        info = control.step_info(value, T=time_s, yfinal=final)
+        rest = [info["RiseTime"], info["SettlingTime"], info["Overshoot"] / 100]
+        numbers = {
+            name: float(x) if np.isfinite(x) else None
+            for name, x in zip(numbers, [*rest, final], strict=True)
+        }
+    if not np.isfinite(value).all():
+        raise _core.InputError(
+            f"--duration-s: expected a response that stays finite, it grows out of range within "
+            f"{duration_s:g} s; shorten it or lower the gain"
+        )
+    return {
+        **describe_loop(loop),
+        "gain": gain,
+        "unit": loop.unit,
+        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
+        "stable": stable,
+        **numbers,
+        "time_s": time_s.tolist(),
+        "value": value.tolist(),
+    }
+
+
+def describe_step(summary):
+    """The same for people."""
+    lines = [
+        f"loop         {summary['law']}, {summary['timing']}, {summary['output']}, "
+        f"{summary['gain']:.6g} {summary['unit']}",
+        f"stable       {'yes' if summary['stable'] else 'no'}",
+    ]
+    units = {"final": "of the step", "overshoot": "of the final value"}
+    for name in ("final", "overshoot", "rise_s", "settle_s"):
+        value = summary[name]
+        text = "-" if value is None else f"{value:.4g} {units.get(name, 's')}"
+        lines.append(f"{name.removesuffix('_s'):12} {text}")
+    return "\n".join(lines)
+
+
+def _root(value, dt, damping=True):
+    """One pole or zero for JSON; what is not finite is null."""
+
+    def number(x):
+        return float(x) if np.isfinite(x) else None
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = complex(value) if dt is None else complex(np.log(complex(value)) / dt)
+        size = abs(s)
+        root = {
+            "re_per_s": number(s.real),
+            "im_per_s": number(s.imag),
+            "hz": number(size / (2 * math.pi)),
+        }
+    if damping:
+        root["damping_ratio"] = number(-s.real / size) if size and np.isfinite(size) else None
+    if dt is not None:
+        root |= {"re_z": float(value.real), "im_z": float(value.imag)}
+    return root
+
+
+def poles_summary(system, described):
+    """What `forceaxis poles` prints as JSON: of a System with one input and output."""
+
+    def ordered(values):
+        return sorted(
+            values.astype(complex), key=lambda v: (abs(v - (system.dt is not None)), v.imag)
+        )
+
+    numerator, denominator = system.transfer_function()
+    return {
+        **described,
+        "input": system.inputs[0],
+        "output": system.outputs[0],
+        "stable": system.stable(),
+        "poles": [_root(p, system.dt) for p in ordered(system.poles())],
+        "zeros": [_root(z, system.dt) for z in ordered(system.zeros())],
+        "gain": float(system.gain()),
+        "numerator": numerator.tolist(),
+        "denominator": denominator.tolist(),
+    }
+
+
+def poles_of(
+    model, gain, firmware_gain, input_, overrides, modes, law, timing, free, output, **given
+):
+    """What `forceaxis poles` shows, from its options."""
+    if gain is None and firmware_gain is None:
+        if law != "p" or _law_parameters(given):
+            raise _core.InputError("--law: expected with --gain or --firmware-gain, which close it")
+        overrides, modes = _parsed(overrides, modes)
+        output = output or "reading"
+        if output == "reading" and linear.facts(model, overrides)["reading"] is None:
+            raise loops.no_reading(linear.find_model(model))
+        input_ = input_ or "drive.command"
+        plant = linear.linearise(model, (input_,), (output,), overrides, modes, free)
+        if not plant.has_path():
+            raise _core.InputError(
+                f"{linear.find_model(model)}: output: expected a path from {input_} to {output}, "
+                "it does not answer in this mode; choose another output or mode"
+            )
+        timing = timing or "continuous"
+        if timing != "continuous":
+            plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
+        described = {"model": paths.display(linear.find_model(model)), "timing": timing}
+        return poles_summary(plant, described)
+    if input_ is not None:
+        raise _core.InputError("--input: expected without a gain; a loop starts at its set-point")
+    loop = from_options(
+        model, overrides, modes, law, timing or "zoh", output or "reading", free=free, **given
+    )
+    gain = one_gain(loop, gain, firmware_gain)
+    own = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
+    described = describe_loop(loop) | {
+        "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": own}
+    }
+    return poles_summary(loop.closed(gain), described)
+
+
+def describe_poles(summary):
+    """The same for people."""
+
+    def lines(kind):
+        for root in summary[kind]:
+            s = [root["re_per_s"], root["im_per_s"]]
+            text = "at -infinity" if None in s else f"{s[0]:12.6g} {s[1]:+12.6g}j 1/s"
+            if None not in s and root.get("damping_ratio") is not None:
+                text += f"  {root['hz']:9.5g} Hz  damping {root['damping_ratio']:.5g}"
+            elif None not in s:
+                text += f"  {root['hz']:9.5g} Hz"
+            if "re_z" in root:
+                text += f"  z {root['re_z']:+.6f} {root['im_z']:+.6f}j"
+            yield f"{kind[:-1]:12} {text}"
+
+    head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
+    if "closed" in summary:
+        closed = summary["closed"]
+        head += f", closed with {summary['law']} at {closed['gain']:.6g} {closed['unit']}"
+    return "\n".join([head, *lines("poles"), *lines("zeros")])

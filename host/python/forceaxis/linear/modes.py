@@ -1,0 +1,294 @@
+"""Modes of vibration of a model, and which of them are dynamically colocated (2.4-2.6, 6.1.4).
+
+The labels come from the undamped mechanics, M x'' + K x = force, with the drive taken off. Between
+the drive's pair of forces and an output that is a function of positions (the sensed force, or the
+endpoint's position while apart) the response is sum r_i / (s^2 + w_i^2), and the sign of the
+residue r_i says whether actuator and sensor move together in mode i:
+
+* against the lowest mode, the reference: same sign colocated, opposite sign noncolocated. This is
+  the mode's label: the thesis asks for motion opposite to that of the rigid-body mode.
+* against the next mode below: same sign means that a pair of zeros lies between the two, so that
+  the phase comes back; opposite sign that there is none, and 180 degrees are lost.
+
+Compared are modes with a residue. A mode whose residue is 0 has its zeros exactly on its poles. If
+dampers still couple it to input and output, poles and zeros lie side by side, as those of the base
+in Figure 2.16a: colocated. If nothing does, it is neither: the loop does not see it.
+"""
+
+import tomllib
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, optimize
+
+from forceaxis._core import InputError
+from forceaxis.linear import system as linear
+
+CRITERION = (
+    "sign of the undamped residue from input to output, drive removed: against the lowest mode "
+    "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
+)
+# Residues below this share of their sum are rounding.
+NO_RESIDUE = 1e-9
+# Frequencies below this share of the highest are rounding of rigid-body modes.
+NO_STIFFNESS = 1e-6
+# Slower poles than this (rad/s) count as equally slow when modes and poles are matched.
+SLOW = 0.06
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """Undamped modes of a model, drive removed; columns of `shapes` have unit modal mass.
+
+    masses (b,) kg; w (n,) rad/s ascending; shapes (b, n) of `bodies`; damping_ratio (n,), nan for
+    w = 0; drive (n,) and output (n,): what input and output have to do with each mode.
+    """
+
+    bodies: tuple[str, ...]
+    masses: np.ndarray
+    w: np.ndarray
+    shapes: np.ndarray
+    damping_ratio: np.ndarray
+    drive: np.ndarray
+    output: np.ndarray
+
+
+def mechanics(model, input, output, overrides=None, states=None, free=False):
+    """The undamped modes of a model between `input` and a position-like `output`: Mechanics."""
+    masses = linear.facts(model, overrides)["masses_kg"]
+    bodies = tuple(masses)
+    pushes = [f"{body}.force" for body in bodies]
+    system = linear.linearise(
+        model, [input, *pushes], [output], overrides, states, free=free, drive=False
+    )
+    x = [system.states.index(f"{body}.position") for body in bodies]
+    v = [system.states.index(f"{body}.velocity") for body in bodies]
+    root = np.sqrt(np.array([masses[body] for body in bodies]))
+    # In coordinates sqrt(m) x everything is symmetric. What a friction holds together leaves a
+    # projection P in M x'' = P (force - K x): the modes are those within it.
+    P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
+    share, basis = linalg.eigh((P + P.T) / 2)
+    basis = basis[:, share > 0.5]
+
+    def symmetric(columns):
+        scaled = -root[:, None] * system.A[np.ix_(v, columns)] / root
+        reduced = basis.T @ scaled @ basis
+        return (reduced + reduced.T) / 2
+
+    squares, vectors = linalg.eigh(symmetric(x))
+    shapes = basis @ vectors
+    push = shapes.T @ (root * system.B[v, 0])
+    # Modes of one frequency (two bodies that are both free): one takes all of the input.
+    highest = squares.max(initial=0.0)
+    w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
+    first = 0
+    while first < len(w):
+        last = int(np.searchsorted(w, w[first] + 1e-9 * np.sqrt(highest), side="right"))
+        if last - first > 1:
+            turn = linalg.qr(push[first:last, None])[0]
+            shapes[:, first:last] = shapes[:, first:last] @ turn
+            vectors[:, first:last] = vectors[:, first:last] @ turn
+        first = last
+    loss = np.einsum("in,ij,jn->n", vectors, symmetric(v), vectors)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zeta = np.where(w > 0, loss / (2 * w), np.nan)
+    shapes = shapes / root[:, None]
+    push = shapes.T @ (root**2 * system.B[v, 0])
+    return Mechanics(bodies, root**2, w, shapes, zeta, push, system.C[0, x] @ shapes)
+
+
+def default_output(facts, apart):
+    """What the force loop sees: the reading's signal, or the position of the body that would touch.
+
+    facts: as of linear.facts; apart: the model's [[contact]] tables if none of them is pressed.
+    """
+    for contact in apart:
+        return next(end for end in contact["between"] if end != "ground") + ".position"
+    reading = facts["reading"]
+    if reading and not reading["signal"].startswith("drive."):
+        return reading["signal"]
+    # A tachometer or current shows the motion of the drive itself.
+    body = facts["drive"]["body"] if facts["drive"] else next(iter(facts["masses_kg"]))
+    return f"{body}.position"
+
+
+def as_positions(output):
+    """The output whose residues have the signs of positions: a rate's integral."""
+    for ending, plain in (
+        (".velocity", ".position"),
+        (".acceleration", ".position"),
+        (".spring_force_rate", ".spring_force"),
+    ):
+        if output.endswith(ending):
+            return output.removesuffix(ending) + plain
+    return output
+
+
+def modes(model, input="drive.force", output=None, overrides=None, states=None, free=False):
+    """Modes of vibration of a model with their labels, as `forceaxis modes --json` prints them.
+
+    model, overrides, states (there: modes), free: as for linear.linearise. input: drive.force or
+    BODY.force; output: a signal, by default that of the reading, or the endpoint's position if
+    nothing touches. A rate stands for its position. Raises InputError as linear.linearise does, and
+    where an input or output that was named has no path to the other.
+    """
+    path = linear.find_model(model)
+    facts = linear.facts(path, overrides)
+    states = states or {}
+    contacts = tomllib.loads(path.read_text("utf-8")).get("contact", [])
+    otherwise = "apart" if free else "pressed"
+    pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
+    named = output is not None or input not in ("drive.force", "drive.command")
+    if input == "drive.command":
+        input = "drive.force"  # which is what the command comes to
+    if output in ("reading", "adc0") and facts["reading"]:
+        output = facts["reading"]["signal"]  # before any filter
+    if output is None:
+        output = default_output(facts, [] if pressed else contacts)
+    output = as_positions(output)
+    of_mechanics = {k: v for k, v in states.items() if not k.startswith("drive.")}
+    m = mechanics(path, input, output, overrides, of_mechanics, free)
+    residues = m.drive * m.output
+    total = np.abs(residues).sum()
+    seen = np.abs(residues) > NO_RESIDUE * total if total > 0 else np.zeros(len(residues), bool)
+
+    options = {"overrides": overrides, "free": free}
+    bare = linear.linearise(path, [input], [output], drive=False, modes=of_mechanics, **options)
+    damped = _damped_residues(m, bare)
+    has_path = bool(seen.any() or damped.any())
+    if named and not has_path:
+        raise InputError(
+            f"{path}: expected an output that the input moves, got no path from {input} to "
+            f"{output} in this mode; name others, or another --mode ELEMENT=STATE"
+        )
+    driven = linear.linearise(path, [input], [output], modes=states, **options)
+    matched, others = match(m, driven)
+
+    rows, reference, below = [], None, None
+    for i, w in enumerate(m.w):
+        if seen[i]:
+            reference = i if reference is None else reference
+            below = i if below is None else below
+            lowest, next_below = (
+                "colocated" if residues[i] * residues[j] > 0 else "noncolocated"
+                for j in (reference, below)
+            )
+            below = i
+        else:
+            lowest = next_below = "colocated" if damped[i] else "neither"
+        shape = m.shapes[:, i] / m.shapes[np.argmax(np.abs(m.shapes[:, i])), i]
+        rows.append(
+            {
+                "frequency_hz": float(w / (2 * np.pi)),
+                "damping_ratio": None if w == 0 else float(m.damping_ratio[i]),
+                "shape": dict(zip(m.bodies, map(float, shape), strict=True)),
+                "residue": float(residues[i]) if seen[i] else 0.0,
+                "label": lowest,
+                "against_lowest": lowest,
+                "against_below": next_below,
+                "reference": i == reference,
+                "driven": matched[i],
+            }
+        )
+    return {
+        "model": path.stem,
+        "title": facts["title"],
+        "contact": ("pressed" if pressed else "apart") if contacts else None,
+        "input": input,
+        "output": output,
+        "path": has_path,
+        "criterion": CRITERION,
+        "modes": rows,
+        "other_poles": others,
+    }
+
+
+def match(m, system):
+    """Which pole of the damped `system` each undamped mode has become: ([pole or None], [others]).
+
+    Poles (of a pair that with positive imaginary part) are dictionaries; those whose displacements
+    look like the mode's and that lie near it in frequency are matched, each once.
+    """
+    poles, vectors = linalg.eig(system.A)
+    keep = poles.imag >= 0
+    poles, vectors = poles[keep], vectors[:, keep]
+    pairs = _assign(m, system, poles, vectors)
+    # A rigid body's pole at 0 is found within rounding of it.
+    poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
+    names = [_pole(p) for p in poles]
+    rest = sorted((p for j, p in enumerate(names) if j not in pairs.values()), key=_frequency)
+    return [names[pairs[i]] if i in pairs else None for i in range(len(m.w))], rest
+
+
+def _assign(m, system, poles, vectors):
+    """{mode: index of its pole}"""
+    x = [system.states.index(f"{body}.position") for body in m.bodies]
+    shapes = vectors[x] * np.sqrt(m.masses)[:, None]
+    norm = np.linalg.norm(shapes, axis=0)
+    overlap = np.abs((m.shapes * np.sqrt(m.masses)[:, None]).T @ shapes) ** 2
+    overlap /= np.where(norm > 0, norm, 1) ** 2
+    near = np.abs(np.log((np.abs(poles) + SLOW) / (m.w[:, None] + SLOW)))
+    rows, columns = optimize.linear_sum_assignment(-overlap * np.exp(-near))
+    return dict(zip(map(int, rows), map(int, columns), strict=True))
+
+
+def _damped_residues(m, system):
+    """For each mode, whether the damped mechanics have a residue at its pole."""
+    poles, left, right = linalg.eig(system.A, left=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.einsum("in,in->n", left.conj(), right)
+        residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
+    # A free body without damping has a double pole at 0, and that no residue.
+    residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
+    keep = np.flatnonzero(poles.imag >= 0)
+    pairs = _assign(m, system, poles[keep], right[:, keep])
+    sizes = np.array([residues[keep[pairs[i]]] if i in pairs else 0.0 for i in range(len(m.w))])
+    return sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+
+
+def _pole(pole):
+    size = abs(pole)
+    return {
+        "frequency_hz": float(size / (2 * np.pi)),
+        "damping_ratio": float(-pole.real / size) if size > 0 else None,
+        "real": float(pole.real),
+        "imag": float(pole.imag),
+    }
+
+
+def _frequency(pole):
+    return pole["frequency_hz"]
+
+
+def describe(result):
+    """The text of `forceaxis modes`."""
+    lines = [
+        f"{result['model']}, contact {result['contact'] or 'none'}: "
+        f"{result['input']} to {result['output']}",
+        f"{'':4}{'undamped, drive removed':>24}  {'with drive':>18}",
+        f"{'mode':4}{'Hz':>12}{'damping':>12}  {'Hz':>9}{'damping':>9}  label",
+    ]
+    for i, mode in enumerate(result["modes"], 1):
+        label = mode["label"]
+        if mode["against_below"] != label:
+            label += f" (against the mode below: {mode['against_below']})"
+        elif mode["reference"]:
+            label += ", the reference"
+        elif mode["residue"] == 0 and label == "colocated":
+            label += " (zeros on the poles but for damping)"
+        driven = mode["driven"] or {"frequency_hz": None, "damping_ratio": None}
+        undamped = f"{_number(mode['frequency_hz']):>12}{_number(mode['damping_ratio']):>12}"
+        with_drive = f"{_number(driven['frequency_hz']):>9}{_number(driven['damping_ratio']):>9}"
+        lines.append(f"{i:<4}{undamped}  {with_drive}  {label}")
+        shape = ", ".join(f"{body} {value + 0.0:.3g}" for body, value in mode["shape"].items())
+        lines.append(f"{'':16}{shape}")
+    if not result["path"]:
+        lines.append("no path from input to output in this mode: no labels (--mode ELEMENT=STATE)")
+    if result["other_poles"]:
+        poles = ", ".join(f"{p['frequency_hz']:.4g} Hz" for p in result["other_poles"])
+        lines.append(f"other poles with drive: {poles}")
+    return "\n".join(lines)
+
+
+def _number(value):
+    return "-" if value is None else f"{value:.4g}"

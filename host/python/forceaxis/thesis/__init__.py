@@ -1,0 +1,1 @@
+"""The thesis: its tables, figures, claims and session."""

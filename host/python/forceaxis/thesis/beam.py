@@ -1,0 +1,441 @@
+"""Beams in bending (2.4.4) and the two-link arm (6.2.3): their transfer functions have real zeros.
+
+They are linear only; none of them has a time simulation. Positive displacement and force point the
+same way; transfer functions are of velocity over the actuator force, in m/s per N.
+"""
+
+from dataclasses import dataclass
+from itertools import zip_longest
+
+import numpy as np
+
+from forceaxis._core import InputError
+from forceaxis.linear import system as linear
+
+
+@dataclass(frozen=True)
+class Factored:
+    """gain s^order prod(1 - s / zero) / prod(1 - s / pole): a rational function in factors.
+
+    Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
+    there); so `gain` is the low-frequency gain and no coefficient can overflow.
+    """
+
+    zeros: np.ndarray
+    poles: np.ndarray
+    gain: float
+    order: int = 0
+
+    def at(self, s):
+        """Values at complex s (1/s), any shape."""
+        s = np.asarray(s, dtype=complex)
+        value = self.gain * s**self.order
+        for zero, pole in zip_longest(self.zeros, self.poles):
+            # Alternately, so that the product stays near its value.
+            if zero is not None:
+                value = value * (1 - s / zero)
+            if pole is not None:
+                value = value / (1 - s / pole)
+        return value
+
+    def response(self, frequency_hz):
+        """Values at s = 2 pi j frequency_hz."""
+        return self.at(2j * np.pi * np.asarray(frequency_hz))
+
+    def zpk(self):
+        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), the origin included."""
+        zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
+        poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
+        gain = self.gain
+        for zero, pole in zip_longest(self.zeros, self.poles, fillvalue=-1.0):
+            gain = gain * (-pole) / (-zero)
+        return zeros, poles, float(np.real(gain))
+
+    def transfer_function(self):
+        """As control.TransferFunction. InputError where its coefficients leave double precision."""
+        import control
+
+        zeros, poles, gain = self.zpk()
+        with np.errstate(over="ignore", invalid="ignore"):
+            num, den = gain * np.real(np.poly(zeros)), np.real(np.poly(poles))
+        if not (np.isfinite(num).all() and np.isfinite(den).all()):
+            raise InputError(
+                f"transfer function: expected coefficients below 1e308, got {len(poles)} poles "
+                f"up to {np.abs(poles).max():.3g} 1/s; use fewer modes or the factors (zpk)"
+            )
+        return control.TransferFunction(num, den)
+
+
+def _newton(x, step):
+    """Newton's iteration until it no longer moves but by rounding; step(x) = f / f'."""
+    for _ in range(40):
+        change = step(x)
+        x = x - change
+        if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
+            return x
+    raise ArithmeticError("a root of the beam did not converge")  # a bug: starts are within reach
+
+
+def sliding_free_roots(count):
+    """The first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ..."""
+    y = (np.arange(1, count + 1) - 0.25) * np.pi
+
+    def step(y):
+        sin, cos, tanh = np.sin(y), np.cos(y), np.tanh(y)
+        return (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+
+    return _newton(y, step)
+
+
+def clamped_free_roots(count):
+    """The first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ..."""
+    y = (np.arange(1, count + 1) - 0.5) * np.pi
+
+    def step(y):
+        e = np.exp(-y)
+        sech, tanh = 2 * e / (1 + e * e), np.tanh(y)
+        return (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+
+    return _newton(y, step)
+
+
+@dataclass(frozen=True)
+class Beam:
+    """Distributed-parameter beam of Figure 2.21: one end slides without turning, the other is free.
+
+    The actuator pushes the sliding end. `damping_s` makes the modulus E (1 + damping_s s), so mode
+    k of natural frequency w_k has the damping ratio damping_s w_k / 2.
+    """
+
+    bending_stiffness_Nm2: float  # E I
+    mass_per_length_kg_per_m: float  # rho A
+    length_m: float
+    damping_s: float = 0.0
+
+    def __post_init__(self):
+        for name in ("bending_stiffness_Nm2", "mass_per_length_kg_per_m", "length_m"):
+            value = getattr(self, name)
+            if not 1e-12 <= value <= 1e12:
+                raise InputError(f"Beam: {name}: expected a number > 0, 1e-12 to 1e12, got {value}")
+        if not (np.isfinite(self.damping_s) and self.damping_s >= 0):
+            raise InputError(f"Beam: damping_s: expected a number >= 0, got {self.damping_s}")
+
+    @property
+    def mass_kg(self):
+        return self.mass_per_length_kg_per_m * self.length_m
+
+    @property
+    def rate(self):
+        """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam is the frequency rate y^2."""
+        a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
+        return a / self.length_m**2
+
+    def natural_frequencies(self, count):
+        """rad/s of the first `count` bending modes; the rigid-body mode at 0 is not among them."""
+        return self.rate * sliding_free_roots(count) ** 2
+
+    def poles(self, count):
+        """1/s: 0 (rigid body, of velocity over force) and the pairs of `count` modes, ascending."""
+        return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
+
+    def actuator_zeros(self, count):
+        """1/s: `count` pairs of V_act / F_a; there the beam vibrates with its sliding end held."""
+        return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
+
+    def tip_zeros(self, count):
+        """1/s: `count` real pairs of V_tip / F_a, +-2 rate ((k - 1/2) pi)^2 without damping."""
+        k = np.arange(1, count + 1)
+        return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
+
+    def _roots(self, squares):
+        """Both s of s^2 = square (1 + damping_s s) for each, as a complex array."""
+        half = squares * self.damping_s / 2
+        root = np.sqrt((half**2 + squares).astype(complex))
+        far = half + np.where(half < 0, -1, 1) * root  # no cancellation
+        return np.column_stack([-squares / far, far]).ravel()
+
+    def actuator(self, s):
+        """V_act / F_a at complex s (1/s), any shape; no overflow at any frequency. 0 is a pole."""
+        return self._transfer(s)[0]
+
+    def tip(self, s):
+        """V_tip / F_a at complex s, as `actuator`."""
+        return self._transfer(s)[1]
+
+    def _transfer(self, s):
+        # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I):
+        #   V_act / F_a = s (cosh^2 X + cos^2 X) / D,  V_tip / F_a = s 2 cosh X cos X / D,
+        #   D = 4 E I b^3 (sinh X cosh X + sin X cos X)
+        # Both are even in p, which is turned into the right half-plane: there |arg X| <= pi/4 and
+        # everything is bounded after multiplication by exp(-2X).
+        s = np.asarray(s, dtype=complex)
+        stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)
+        p = s * np.sqrt(self.mass_per_length_kg_per_m / stiffness)
+        p = np.where(p.real < 0, -p, p)
+        b = np.sqrt(p / 2)
+        z = 2 * b * self.length_m
+        e = np.exp(-z)
+        cos_part = np.exp((1j - 1) * z), np.exp(-(1j + 1) * z)  # e^-z (cos z +- j sin z)
+        act = (4 * e + 1 + e * e + cos_part[0] + cos_part[1]) / 4
+        # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
+        half = z / 2
+        tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
+        with np.errstate(over="ignore", invalid="ignore"):  # of the half that is not chosen
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # nothing cancels near 0
+        large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
+        bending = np.where(np.abs(z) < 1, small, large)
+        factor = s / (4 * stiffness * b**3 * bending)
+        return factor * act, factor * tip
+
+    def polynomial(self, modes, output="actuator"):
+        """The rational approximation through mode `modes`, a Factored, of V_act or V_tip over F_a.
+
+        It has the exact poles and zeros of the first `modes` modes, as many of either, and the
+        exact low-frequency gain 1 / (rho A l s).
+        """
+        zeros = {"actuator": self.actuator_zeros, "tip": self.tip_zeros}
+        if output not in zeros:
+            raise InputError(f'beam output: expected "actuator" or "tip", got "{output}"')
+        if modes < 1:
+            raise InputError(f"beam modes: expected at least 1, got {modes}")
+        return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
+
+    def approximation_error(self, modes, output="actuator", through=4):
+        """Largest |approximation / true - 1| of the complex response from 0 through a mode.
+
+        Taken on 4000 frequencies from a thousandth of the first to the pole of mode `through`, and
+        1e-6 beside each pole and zero on the way. Nothing is left out: poles and zeros up to there
+        are shared, so the ratio has no peak at them and grows steadily to its value at the last.
+        """
+        if modes < through:
+            raise InputError(f"beam modes: expected at least {through}, got {modes}")
+        marks = self.natural_frequencies(through)
+        if output == "actuator":
+            marks = np.concatenate([marks, self.rate * clamped_free_roots(through) ** 2])
+        w = np.geomspace(1e-3 * marks[0], marks[:through].max(), 4000)[:-1]
+        s = 1j * np.concatenate([w, marks * (1 - 1e-6), marks * (1 + 1e-6)])
+        true = self.actuator(s) if output == "actuator" else self.tip(s)
+        return float(np.abs(self.polynomial(modes, output).at(s) / true - 1).max())
+
+    def approximation_errors(self, modes=range(4, 41), through=4):
+        """[{"modes", "actuator", "tip"}]: approximation_error of both outputs for each number."""
+        outputs = ("actuator", "tip")
+        return [
+            {"modes": n} | {o: self.approximation_error(n, o, through) for o in outputs}
+            for n in modes
+        ]
+
+    def lumped(self, elements):
+        """A LumpedBeam of `elements` bending elements with this beam's mass at their ends.
+
+        Each body stands for the beam's parts next to it, at their common centre: the beam is cut
+        into 2 `elements` equal parts, one for the sliding body, two for each one within, one for
+        the last. With more elements its modes tend to the beam's.
+        """
+        if elements < 1:
+            raise InputError(f"beam elements: expected at least 1, got {elements}")
+        part = self.length_m / (2 * elements)
+        m = self.mass_per_length_kg_per_m * part
+        masses = np.full(elements + 1, 2 * m)
+        masses[[0, -1]] = m
+        inertias = 2 * m * (2 * part) ** 2 / 12 * np.ones(elements)
+        inertias[-1] = m * part**2 / 12
+        lengths = np.full(elements, 2 * part)
+        lengths[-1] -= part / 2  # the last body's centre lies half a part before the tip
+        return LumpedBeam(
+            self.bending_stiffness_Nm2, tuple(lengths), tuple(masses), tuple(inertias), part / 2
+        )
+
+
+@dataclass(frozen=True)
+class LumpedBeam:
+    """Lumped-parameter bending beam; with one element that of Figure 2.24.
+
+    A mass that slides without turning, then masses that move and turn, each joined to the one
+    before by a massless element in bending. The tip is `tip_offset_m` beyond the last centre.
+    """
+
+    bending_stiffness_Nm2: float  # E I of the elements
+    lengths_m: tuple  # of each element, between centres
+    masses_kg: tuple  # one more than elements, the sliding one first
+    inertias_kgm2: tuple  # of all but the sliding mass
+    tip_offset_m: float = 0.0
+
+    def __post_init__(self):
+        n = len(self.lengths_m)
+        if n < 1 or len(self.masses_kg) != n + 1 or len(self.inertias_kgm2) != n:
+            raise InputError(
+                "LumpedBeam: expected one length and inertia an element and one mass more, got "
+                f"{n} lengths, {len(self.masses_kg)} masses, {len(self.inertias_kgm2)} inertias"
+            )
+        values = (self.bending_stiffness_Nm2, *self.lengths_m, *self.masses_kg, *self.inertias_kgm2)
+        if not (np.isfinite(values).all() and min(values) > 0):
+            raise InputError("LumpedBeam: expected stiffness, lengths, masses and inertias > 0")
+
+    @classmethod
+    def figure_2_24(cls, bending_stiffness_Nm2, length_m, m1_kg, m2_kg, J2_kgm2, tip_offset_m):
+        """Two masses and one element."""
+        return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
+
+    def matrices(self):
+        """(M, K) of q = (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
+        n = len(self.lengths_m)
+        M = np.zeros(2 * n + 1)
+        M[[0, *range(1, 2 * n, 2)]] = self.masses_kg
+        M[2::2] = self.inertias_kgm2
+        M = np.diag(M)
+        whole = np.zeros((2 * n + 2, 2 * n + 2))  # with the angle of the sliding mass
+        # Of (x, angle length) at both ends of an element without mass.
+        bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+        for i, length in enumerate(self.lengths_m):
+            scale = np.array([1, length, 1, length])
+            span = slice(2 * i, 2 * i + 4)
+            whole[span, span] += (
+                self.bending_stiffness_Nm2 / length**3 * np.outer(scale, scale) * bending
+            )
+        keep = np.delete(np.arange(2 * n + 2), 1)
+        return M, whole[np.ix_(keep, keep)]
+
+    def system(self):
+        """Force on the sliding mass (N) to velocities of it and of the tip (m/s), undamped."""
+        M, K = self.matrices()
+        tip = np.zeros(len(M))
+        tip[-2:] = 1.0, self.tip_offset_m
+        names = ["x1"] + [
+            f"{q}{i}" for i in range(2, len(self.masses_kg) + 1) for q in ("x", "angle")
+        ]
+        first = np.eye(len(M))[0]
+        return _mechanical(
+            M, 0 * K, K, first[:, None], [first, tip], names, ["force"], ["actuator", "tip"]
+        )
+
+    def nonminimum_phase(self):
+        """Of Figure 2.24 (one element): the tip has a real +- pair of zeros iff e (l/2) m2 > J2.
+
+        The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); at equality there are none.
+        """
+        if len(self.lengths_m) != 1:
+            raise InputError("LumpedBeam.nonminimum_phase: expected one element; look at the zeros")
+        return self.tip_offset_m * self.lengths_m[0] / 2 * self.masses_kg[1] > self.inertias_kgm2[0]
+
+
+@dataclass(frozen=True)
+class TwoLinkArm:
+    """Rigid two-link arm of Figure 6.3 in a horizontal plane, linearised at rest.
+
+    Motor 1 turns link 1 against ground, motor 2 link 2 against link 1. A joint that is not driven
+    is held by its servo's stiffness k (N m/rad) and damping d (N m s/rad). Lengths l, distances c
+    of the centres of mass from their joints (m), masses m (kg), inertias I about those centres
+    (kg m^2). The defaults are chosen: two uniform links.
+    """
+
+    l1: float = 0.5
+    l2: float = 0.5
+    c1: float = 0.25
+    c2: float = 0.25
+    m1: float = 10.0
+    m2: float = 5.0
+    I1: float = 10.0 * 0.5**2 / 12
+    I2: float = 5.0 * 0.5**2 / 12
+    k1: float = 0.0
+    k2: float = 2000.0
+    d1: float = 0.0
+    d2: float = 0.0
+    angle1_rad: float = 0.0
+    angle2_rad: float = 0.0  # between the links, 0: stretched
+
+    def __post_init__(self):
+        for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"TwoLinkArm: {name}: expected > 0, got {getattr(self, name)}")
+        for name in ("k1", "k2", "d1", "d2"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"TwoLinkArm: {name}: expected >= 0, got {getattr(self, name)}")
+
+    def mass_matrix(self):
+        """2 x 2, kg m^2, of (angle of link 1, angle of link 2 against link 1)."""
+        M22 = self.I2 + self.m2 * self.c2**2
+        cross = self.m2 * self.l1 * self.c2 * np.cos(self.angle2_rad)
+        M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
+        return np.array([[M11, M22 + cross], [M22 + cross, M22]])
+
+    def jacobian(self):
+        """Rows x, y and normal (at right angles to link 2) of the endpoint, in m/rad."""
+        end = self.angle1_rad + self.angle2_rad
+        s1, c1, s2, c2 = np.sin(self.angle1_rad), np.cos(self.angle1_rad), np.sin(end), np.cos(end)
+        x = [-self.l1 * s1 - self.l2 * s2, -self.l2 * s2]
+        y = [self.l1 * c1 + self.l2 * c2, self.l2 * c2]
+        normal = [self.l1 * np.cos(self.angle2_rad) + self.l2, self.l2]
+        return np.array([x, y, normal])
+
+    def system(self):
+        """Torques 1 and 2 (N m) to both angles (rad) and the endpoint's x, y and normal (m)."""
+        outputs = ["joint1", "joint2", "x", "y", "normal"]
+        names = ["joint1", "joint2"]
+        rows = np.vstack([np.eye(2), self.jacobian()])
+        K, D = np.diag([self.k1, self.k2]), np.diag([self.d1, self.d2])
+        return _mechanical(
+            self.mass_matrix(), D, K, np.eye(2), rows, names, ["torque1", "torque2"], outputs, 0
+        )
+
+    def nonminimum_phase(self):
+        """Torque 1 to the endpoint's normal, joint 2 held with k2 > 0: has it a real zero > 0?
+
+        The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
+        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)), so for an angle below 90 degrees one zero is
+        positive iff I2 < m2 c2 (l2 - c2): link 2's centre of percussion lies before the endpoint.
+        """
+        j1, j2 = self.jacobian()[2]
+        M = self.mass_matrix()
+        return bool(self.k2 > 0 and j1 * (j1 * M[1, 1] - j2 * M[1, 0]) < 0)
+
+
+def _mechanical(M, D, K, forces, outputs, names, inputs, output_names, order=1):
+    """M q'' + D q' + K q = forces u; y = outputs q (order 0) or its rate (order 1)."""
+    n = len(M)
+    inverse = np.linalg.inv(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
+    B = np.vstack([np.zeros((n, forces.shape[1])), inverse @ forces])
+    rows = np.asarray(outputs)
+    C = np.hstack([0 * rows, rows] if order else [rows, 0 * rows])
+    states = [f"{name}.position" for name in names] + [f"{name}.velocity" for name in names]
+    D0 = np.zeros((len(rows), forces.shape[1]))
+    return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
+
+
+# --- the verb --------------------------------------------------------------------------------
+
+
+def summary(beam, modes):
+    """What `forceaxis beam --json` prints: the first `modes` modes and the errors of 2.4.4."""
+    roots = sliding_free_roots(modes)
+    poles = beam.natural_frequencies(modes)
+    zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]
+    return {
+        "modes": [
+            {
+                "b_l": float(root),
+                "pole_rad_per_s": float(pole),
+                "actuator_zero_rad_per_s": float(abs(zero)),
+                "tip_zero_per_s": float(abs(real)),
+            }
+            for root, pole, zero, real in zip(roots, poles, zeros, tip, strict=True)
+        ],
+        "approximation_errors": beam.approximation_errors(),
+    }
+
+
+def describe(result):
+    """The same for people."""
+    lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
+    for k, mode in enumerate(result["modes"], 1):
+        lines.append(
+            f"{k:<4}{mode['b_l']:16.12f}{mode['pole_rad_per_s']:15.8g} j"
+            f"{mode['actuator_zero_rad_per_s']:18.8g} j{mode['tip_zero_per_s']:13.8g} +-"
+        )
+    lines.append("poles and zeros in 1/s; all in pairs, the tip's zeros real")
+    lines.append("\nerror of the approximation through mode 4 with the first n modes")
+    lines.append(f"{'n':4}{'actuator':>12}{'tip':>12}")
+    for row in result["approximation_errors"]:
+        lines.append(f"{row['modes']:<4}{100 * row['actuator']:10.3g} %{100 * row['tip']:10.3g} %")
+    return "\n".join(lines)

@@ -1,0 +1,308 @@
+"""Every bode plot, root locus and pole-zero array that the thesis defines, one declarative list."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis.identify import measure, resonance
+from forceaxis.linear import loops, plots
+from forceaxis.linear import system as linear
+from forceaxis.thesis import beam
+
+
+@dataclass(frozen=True)
+class ThesisFigure:
+    """A bode plot, root locus or pole-zero array of the thesis, with its own parameters.
+
+    figure: its number. see: what to look for. source() gives the Curves, Loci or Arrays that draw()
+    shows.
+    """
+
+    figure: str
+    kind: str  # "bode", "rlocus" or "poles"
+    title: str
+    see: str
+    source: object  # a function without arguments
+    options: tuple = ()  # of the drawing, (name, value)
+
+    def data(self):
+        """A list of Curve, Locus or Array."""
+        return self.source()
+
+    def draw(self, data=None):
+        """The matplotlib figure."""
+        drawing = {"bode": plots.bode, "rlocus": plots.rlocus, "poles": plots.pole_zero}[self.kind]
+        title = f"Fig {self.figure}: {self.title}"
+        return drawing(self.source() if data is None else data, title, **dict(self.options))
+
+
+def responses(*runs, span_hz=(0.5, 200.0), **common):
+    """A source of Curves: (model, label, settings or None) each, `common` as for model_curve."""
+
+    def source():
+        return [
+            plots.model_curve(m, label, settings=settings, span_hz=span_hz, **common)
+            for m, label, settings in runs
+        ]
+
+    return source
+
+
+def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
+    """A source of Curves of one model to several outputs, {output: label}."""
+
+    def source():
+        return [
+            plots.model_curve(model, label, output, span_hz=span_hz, settings=settings, **common)
+            for output, label in names.items()
+        ]
+
+    return source
+
+
+def loci(*runs, span_hz=None):
+    """A source of Loci of force loops in continuous time, (model, label, settings or None)."""
+
+    def source():
+        found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
+        return plots.loci(found, [label for _, label, _ in runs], span_hz)
+
+    return source
+
+
+def damped(model, parameter, values, unit):
+    """Runs of one model under several values of a parameter."""
+    return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
+
+
+BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # sample parameters: 17.9 kg, first mode at 103 Hz
+LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
+ARM = beam.TwoLinkArm()
+
+
+def beam_curves():
+    """Fig 2.22: both velocity responses of the distributed beam, exact."""
+    natural = BEAM.natural_frequencies(4)
+    roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
+    roots = roots - 1e-3 * np.abs(roots)  # damping ratio .001: the beam itself has none
+    frequency = plots.grid_hz(
+        0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
+    )
+    s = 2j * np.pi * frequency * (1 - 1e-3j)
+    return [
+        plots.Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
+        plots.Curve("tip (noncolocated)", frequency, BEAM.tip(s), "(m/s)/N"),
+    ]
+
+
+def beam_arrays():
+    """Fig 2.23: both pole-zero arrays through the fourth mode."""
+    poles = BEAM.poles(4)
+    return [
+        plots.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
+        plots.Array("tip (noncolocated)", poles, BEAM.tip_zeros(4)),
+    ]
+
+
+def arrays(system, names, input=None):
+    """A source of Arrays of one System to several outputs, {output: label}."""
+
+    def source():
+        inputs = (input,) if input else None
+        return [plots.array(system.select(inputs, (o,)), label) for o, label in names.items()]
+
+    return source
+
+
+def measured(*runs):
+    """A source of Curves: what the measurements of 3.2 would show if the model were the robot.
+
+    runs: (stem of a file of sim/measurements, label, model parameters or None).
+    """
+
+    def source():
+        curves = []
+        for stem, label, settings in runs:
+            setup, _ = measure.read_setup(stem, {"set": settings})
+            names = (setup.input or "drive.command", setup.output)
+            system = linear.linearise(
+                setup.model, ("drive.command",), names, setup.set, free=setup.free
+            )
+            frequency = plots.grid_hz(*setup.band_hz, system.poles())
+            x, y = system.response(frequency).reshape(len(frequency), 2).T
+            unit = setup.unit or plots.unit_of(setup.model, names[0], names[1])
+            curves.append(
+                plots.Curve(label, frequency, setup.scale * y / x, "" if unit == "V/V" else unit)
+            )
+        return curves
+
+    return source
+
+
+def fitted_resonances():
+    """Frequencies, tip acceleration of Fig 4.14 apart, the rigid body's System, its fit (4.2)."""
+    frequency = np.geomspace(1, 200, 1500)
+    tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
+    rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
+    data = tip.response(frequency)
+    return frequency, data, rigid, resonance.fit(frequency, data, rigid.response(frequency))
+
+
+def resonance_curves():
+    """Fig 4.8: the polynomial model beside the response that it was fitted to."""
+    frequency, data, rigid, fit = fitted_resonances()
+    unit = plots.unit_of("fig4_14", "drive.command", "tip.acceleration")
+    model = fit.response(frequency, rigid.response(frequency))
+    return [
+        plots.Curve("lumped model of Fig 4.14, apart", frequency, data, unit),
+        plots.Curve("rigid body times resonances", frequency, model, unit),
+    ]
+
+
+def resonance_array():
+    """Fig 4.9: poles and zeros of the polynomial model."""
+    _, _, rigid, fit = fitted_resonances()
+    own = plots.array(rigid)
+    zeros, poles, _ = fit.cascade().zpk()
+    return [plots.Array("", np.append(own.poles, poles), np.append(own.zeros, zeros))]
+
+
+def three_problems():
+    """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
+    hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
+    return [
+        plots.model_curve("fig4_14", "with base and arm", settings=hard, span_hz=(1, 100)),
+        plots.model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
+    ]
+
+
+def thesis_figures():
+    """Every bode plot, root locus and pole-zero array that the text defines: [ThesisFigure]."""
+    both = {"robot.position": "actuator x_r1", "tip.position": "endpoint x_r2"}
+    base = (2000.0, 9500.0, 38000.0)
+    work = (("fig2_26", "b_w = 8.25", None), ("fig2_26", "b_w = 363", {"b_w": 363.0}),
+            ("fig2_26", "k_w x 4", {"k_w": 1650800.0}))  # fmt: skip
+    force = {"drive": False, "output": "reading"}  # a perfect actuator: force per force
+    grips = (("fig2_35", "soft, 25 kN/m", None), ("fig2_35", "stiff, 10 MN/m", {"k_g": 1e7}))
+    coupled = tuple(("fig2_35_coupled", label, settings) for _, label, settings in grips)
+    sensed = (("ylabel", "F_s / F_a"),)
+    volts = (("ylabel", "F_s / V_cmd"),)
+    phase = (("phase_only", True), ("size", (5.6, 2.8)))
+    return [
+        ThesisFigure("2.4", "bode", "rigid robot", "1 at 0 Hz; amplitude and phase roll off",
+                     responses(("fig2_3", "F_s / F_a", None), **force), sensed),
+        ThesisFigure("2.5", "rlocus", "rigid robot", "straight up: stable at every gain",
+                     loci(("fig2_3", "", None), span_hz=15)),
+        ThesisFigure("2.9", "bode", "rigid robot, simple actuator", "the actuator's lag",
+                     responses(("fig2_8", "", None)), volts),
+        ThesisFigure("2.10", "rlocus", "rigid robot, simple actuator", "now unstable at high gain",
+                     loci(("fig2_8", "", None))),
+        ThesisFigure("2.12", "bode", "link flexibility", "the phase drops below -180 degrees",
+                     responses(("fig2_11", "F_s / F_a", None), **force), sensed),
+        ThesisFigure("2.13", "rlocus", "link flexibility", "roots cross into the right half",
+                     loci(("fig2_11", "", None))),
+        ThesisFigure("2.14", "bode", "link flexibility, actuator and endpoint",
+                     "above the arm's mode the two move opposite",
+                     outputs("fig2_11", both, drive=False), phase),
+        ThesisFigure("2.17", "bode", "base A", "a sharp lag and lead; damping spreads it",
+                     responses(*damped("fig2_16a", "b_b", base, "N s/m"), **force), sensed),
+        ThesisFigure("2.18", "rlocus", "base A",
+                     "colocated: poles beside zeros; 2000: unstable between two gains",
+                     loci(*damped("fig2_16a", "b_b", base, "N s/m"), span_hz=20)),
+        ThesisFigure("2.19", "bode", "base B", "the workpiece on the base: less lag",
+                     responses(*damped("fig2_16b", "b_b", base, "N s/m"), **force), sensed),
+        ThesisFigure("2.20", "rlocus", "base B", "poles beside zeros, colocated",
+                     loci(*damped("fig2_16b", "b_b", base, "N s/m"), span_hz=20)),
+        ThesisFigure("2.22", "bode", "distributed beam", "colocated: zeros between the poles",
+                     beam_curves, (("ylabel", "v / F_a"),)),
+        ThesisFigure("2.23", "poles", "distributed beam through its fourth mode",
+                     "colocated: alternating; tip: zeros in real +- pairs", beam_arrays),
+        ThesisFigure("2.25", "poles", "lumped bending beam", "tip: one real +- pair of zeros",
+                     arrays(LUMPED.system(), {"actuator": "actuator (colocated)",
+                                              "tip": "tip (noncolocated)"})),
+        ThesisFigure("2.27", "bode", "workpiece", "a dip of the phase, less with damping",
+                     responses(*work, **force), sensed),
+        ThesisFigure("2.28", "rlocus", "workpiece",
+                     "no gain limit; stiffer, hardly damped: unstable between two gains",
+                     loci(*work, span_hz=100)),
+        ThesisFigure("2.30", "rlocus", "workpiece and link flexibility", "the arm still limits",
+                     loci(("fig2_29", "", None))),
+        ThesisFigure("2.31", "rlocus", "workpiece mode at the arm's crossover",
+                     "its zeros hold the roots back: a higher limit",
+                     loci(("fig2_29", "k_w = 412700", None),
+                          ("fig2_29", "k_w = 300000, b_w = 363",
+                           {"k_w": 300000.0, "b_w": 363.0}))),
+        ThesisFigure("2.33", "rlocus", "workpiece and simple actuator", "poles and zeros in pairs",
+                     loci(("fig2_32", "", None))),
+        ThesisFigure("2.34", "rlocus", "damped workpiece at the crossover",
+                     "its zeros hold the roots back: a higher limit",
+                     loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
+        ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
+                     responses(*grips, **force), sensed),
+        ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: only huge gains cross",
+                     loci(*grips, span_hz=200)),
+        ThesisFigure("2.38", "bode", "grip, simple actuator", "the actuator's lag is added",
+                     responses(*coupled), volts),
+        ThesisFigure("2.39", "rlocus", "grip, simple actuator",
+                     "soft: the limit moves to the sensor's mode", loci(*coupled, span_hz=200)),
+        ThesisFigure("3.6", "bode", "preamplifier, command to current command (model)", "flat",
+                     measured(("fig3_6", "", None)), (("ylabel", "V_ic / V_cmd"),)),
+        ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
+                     "inverting, first order at 150 Hz", measured(("fig3_7", "", None)),
+                     (("ylabel", "V_ic / V_tach"),)),
+        ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
+                     "measured: 1 up to 2000 Hz, which wants k_amp = 582",
+                     measured(("fig3_8", "k_amp = 582", None),
+                              ("fig3_8", "k_amp = 15", {"k_amp": 15})),
+                     (("ylabel", "V_if / V_ic"),)),
+        ThesisFigure("3.9", "bode", "motor velocity, no load (model)",
+                     "measured: .85 at DC, 46 Hz",
+                     measured(("fig3_9", "k_amp = 582", None),
+                              ("fig3_9", "k_amp = 15", {"k_amp": 15})),
+                     (("ylabel", "V_tach / V_cmd"),)),
+        ThesisFigure("3.10", "bode", "motor acceleration, apart (model)",
+                     "colocated: each mode's zeros before its poles",
+                     measured(("fig3_10", "", None)), (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("3.11", "bode", "tip acceleration, apart (model)",
+                     "noncolocated: the phase falls by 180 degrees at the arm's mode",
+                     measured(("fig3_11", "tip", None), ("fig3_10", "motor (Fig 3.10)", None)),
+                     (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("3.12", "bode", "contact force, clamped (model)", "poles moved by the contact",
+                     measured(("fig3_12", "", None)), volts),
+        ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
+                     responses(("fig4_5", "", None), output="drive.tach", span_hz=(0.5, 500)),
+                     (("ylabel", "V_tach / V_cmd"),)),
+        ThesisFigure("4.8", "bode", "polynomial resonance model", "five steps fit the magnitude",
+                     resonance_curves, (("ylabel", "acceleration / V_cmd"),)),
+        ThesisFigure("4.9", "poles", "polynomial resonance model",
+                     "the rigid body's, and a pair of poles and of zeros for each resonance",
+                     resonance_array, (("span_hz", 60),)),
+        ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
+                     responses(("fig4_11", "", None)), volts),
+        ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",
+                     loci(("fig4_11", "", None))),
+        ThesisFigure("4.16", "rlocus", "arm flexibility", "noncolocated: a lower limit",
+                     loci(("fig4_15", "", None))),
+        ThesisFigure("4.18", "rlocus", "base flexibility", "poles beside zeros at 12 Hz",
+                     loci(("fig4_17", "", None))),
+        ThesisFigure("4.20", "rlocus", "workpiece", "the workpiece's poles cross",
+                     loci(("fig4_19", "", None), span_hz=70)),
+        ThesisFigure("4.21", "rlocus", "workpiece four times stiffer",
+                     "crosses where the rigid robot does",
+                     loci(("fig4_21", "", None), span_hz=110)),
+        ThesisFigure("4.22", "rlocus", "workpiece four times softer",
+                     "its slower mode rings and crosses",
+                     loci(("fig4_22", "", None), span_hz=70)),
+        ThesisFigure("4.24", "rlocus", "stiff grip", "as without a grip",
+                     loci(("fig4_24", "", None), span_hz=70)),
+        ThesisFigure("4.25", "rlocus", "soft grip", "the sensor's mode limits, far out",
+                     loci(("fig4_25", "", None), span_hz=200)),
+        ThesisFigure("5.4", "rlocus", "original workpiece damping", "as Fig 4.20",
+                     loci(("fig4_19", "b_w = 8.25", None), span_hz=70)),
+        ThesisFigure("5.5", "rlocus", "workpiece damping x 20", "crosses at a higher gain",
+                     loci(("fig5_5", "b_w = 165", None), span_hz=70)),
+        ThesisFigure("6.1", "bode", "three dynamic problems", "actuator lag, a colocated mode's "
+                     "dip at 12 Hz, 180 degrees lost at the arm's mode", three_problems, phase),
+        ThesisFigure("6.3", "poles", "two-link arm, torque 1", "endpoint: a zero on the right",
+                     arrays(ARM.system(), {"joint1": "joint 1", "normal": "endpoint"}, "torque1")),
+    ]  # fmt: skip

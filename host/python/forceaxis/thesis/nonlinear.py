@@ -1,0 +1,84 @@
+"""What 2.7 says of contact and Coulomb friction, from runs over gain and initial condition."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis import _core, paths
+from forceaxis.linear import loops
+
+# The map: gains, of the linear limit, and the gaps from which the robot approaches, m.
+GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
+GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
+
+# The effect of Coulomb friction: forces, N, and a finer row of gains above the limit.
+COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
+FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
+FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
+
+
+@dataclass
+class ContactMap:
+    """Which runs cycle, over gain (rows, of the linear limit) and initial gap (columns)."""
+
+    title: str
+    limit: float  # linear, with the tick's hold
+    hz: float
+    cycles: np.ndarray
+    command: str  # one of its runs
+
+    def counts(self, above):
+        """(runs that cycle, all runs) above or below the linear limit."""
+        part = self.cycles[(np.array(GAINS) > 1) == above]
+        return int(part.sum()), part.size
+
+
+def flexible_robot(b_rf):
+    """Linear limit of Fig 2.42 in contact, gain and Hz."""
+    loop = loops.force_loop("fig2_42", overrides={"b_rf": b_rf})
+    limit = loop.limit()
+    return loop.firmware_gain(limit.gain), limit.frequency_hz
+
+
+def cycles(experiment, settings, gains, gaps, threads):
+    """Unstable verdicts, rows of gains (absolute) and columns of gaps, and one run's command."""
+    path = paths.EXPERIMENTS / f"{experiment}.toml"
+    texts = [f"{name}={value!r}" for name, value in settings.items()]
+    jobs = [
+        (str(path), [*texts, f"approach={gap!r}", f"firmware.force_gain={gain:.4f}"])
+        for gain in gains
+        for gap in gaps
+    ]
+    verdicts = [r["verdict"] == "unstable" for r in _core.run_many(jobs, threads)]
+    command = " ".join(
+        ["forceaxis run", paths.display(path), *(f"--set {text}" for text in jobs[-1][1])]
+    )
+    return np.array(verdicts).reshape(len(gains), len(gaps)), command
+
+
+def contact_maps(threads):
+    """Fig 2.42 with a lightly damped arm, with the laboratory's arm, and that with friction."""
+    maps = []
+    for title, experiment, b_rf, settings in (
+        ("arm lightly damped, b_rf = 60", "fig2_43_settles", 60.0, {}),
+        ("arm of Fig 4.26, b_rf = 640", "fig2_43_settles", 640.0, {}),
+        ("the same with 5 N of Coulomb friction", "nl_friction", 640.0, {"coulomb": 5.0}),
+    ):
+        limit, hz = flexible_robot(b_rf)
+        gains = [g * limit for g in GAINS]
+        found, command = cycles(experiment, {"b_rf": b_rf} | settings, gains, GAPS, threads)
+        maps.append(ContactMap(title, limit, hz, found, command))
+    return maps
+
+
+def friction_limits(threads):
+    """[(F_c, N; gain, of the linear limit, up to which every run of FRICTION_GAPS settles)]."""
+    limit, _ = flexible_robot(640.0)
+    gains = [g * limit for g in FRICTION_GAINS]
+    rows = []
+    for force in COULOMB:
+        found, _ = cycles("nl_friction", {"coulomb": force}, gains, FRICTION_GAPS, threads)
+        cycling = found.any(axis=1)
+        first = int(cycling.argmax()) if cycling.any() else len(gains)
+        rows.append((force, FRICTION_GAINS[first - 1] if first else 0.0))
+    return rows

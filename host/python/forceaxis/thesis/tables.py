@@ -1,0 +1,398 @@
+"""The 55 measured cells: ours beside the thesis, how the free constants were found, how firm.
+
+A cell is one experiment file with a gain, a set-point and a workpiece. What the thesis does not
+state (the fitted constants) stands in sim/models/thesis.toml like every other parameter;
+tables.toml names those constants and the grid on which they were found.
+"""
+
+import functools
+import hashlib
+import itertools
+import json
+import os
+import tomllib
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from forceaxis import _core, paths
+from forceaxis.experiments import link
+
+FILE = paths.EXPERIMENTS / "tables.toml"
+EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
+
+
+class StaleFit(Exception):
+    """The fit on record does not belong to the present models, experiments or grid."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A fitted constant: its parameter, what it acts on, and the grid it was searched on."""
+
+    name: str
+    how: str
+    groups: tuple  # the groups of cells that feel it; empty: all
+    grid: tuple
+
+
+@dataclass(frozen=True)
+class Tables:
+    """tables.toml and the measured cells it names."""
+
+    cells: list
+    experiments: dict  # "test/grip" -> file
+    workpieces: dict  # name -> overrides
+    unstated_setpoint: str  # the parameter that stands in for a set-point of null
+    constants: list
+    fit_on: tuple  # the groups that the constants are fitted to; all others are predictions
+    readings: list  # declared choices, with the alternatives that are reported beside them
+    reasons: dict  # key_of(cell) -> why this cell is not reproduced
+    matched_at_least: int
+
+    def group(self, cell):
+        """What is left out together: a figure, contact and disturbance apart.
+
+        The original half of Fig 5.10 is Fig 3.16, so it goes by that name.
+        """
+        if cell["figure"] != "5.10":
+            return cell["figure"]
+        figure = "3.16" if cell["workpiece"] == "original" else "5.10"
+        return f"{figure} {cell['test']}"
+
+    def groups(self):
+        """All groups, in the order of the cells."""
+        return list(dict.fromkeys(self.group(c) for c in self.cells))
+
+    def job(self, cell, constants=None):
+        """The (experiment, overrides) pair of a cell; constants: {parameter: value} to try."""
+        experiment = self.experiments[f"{cell['test']}/{cell['grip']}"]
+        setpoint = cell["force_setpoint"]
+        sets = [
+            f"firmware.force_gain={cell['force_gain']}",
+            f"firmware.force_setpoint={self.unstated_setpoint if setpoint is None else setpoint}",
+            *self.workpieces[cell["workpiece"]],
+            *sets_of(constants or {}),
+        ]
+        return str(paths.EXPERIMENTS / experiment), sets
+
+
+@functools.cache
+def load():
+    """Read tables.toml."""
+    data = tomllib.loads(FILE.read_text())
+    cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
+    return Tables(
+        cells=cells,
+        experiments=data["experiments"],
+        workpieces={
+            name: [f"{k}={v}" for k, v in values.items()]
+            for name, values in data["workpieces"].items()
+        },
+        unstated_setpoint=data["unstated_setpoint"],
+        constants=[
+            Constant(c["name"], c["how"], tuple(c.get("groups", ())), tuple(c["grid"]))
+            for c in data["constant"]
+        ],
+        fit_on=tuple(data["fit_on"]),
+        readings=data.get("reading", []),
+        reasons=data.get("reasons", {}),
+        matched_at_least=data["matched_at_least"],
+    )
+
+
+def parameters():
+    """The shared parameter file: name -> {value, unit, source}."""
+    return tomllib.loads((paths.MODELS / "thesis.toml").read_text())["parameters"]
+
+
+def fitted():
+    """The fitted constants' values as the parameter file has them."""
+    values = parameters()
+    return {c.name: values[c.name]["value"] for c in load().constants}
+
+
+def run_jobs(jobs, threads, title, over=None):
+    """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal.
+
+    over: a link.Link; then the firmware is another process and the runs follow each other.
+    """
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(title, total=len(jobs))
+
+        def progress(done, _):
+            bar.update(task, completed=done)
+
+        if over and over.kind != "inproc":
+            return link.run_many(over, jobs, progress)
+        return _core.run_many(jobs, threads or os.cpu_count() or 1, progress)
+
+
+def key_of(cell):
+    """A cell in words, also the key of `reasons`."""
+    setpoint = cell["force_setpoint"]
+    words = [cell["figure"], cell["test"], cell["workpiece"], cell["grip"].replace("_", " ")]
+    return f"{', '.join(words)}, gain {cell['force_gain']}, set-point {setpoint or 'not stated'}"
+
+
+def run(threads=None, over=None):
+    """Run the cells with the parameter file's constants, over a link.Link if one is given.
+
+    Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
+    "total", "fitted": {constant: value}, "overridden": [printed parameters that were changed]}.
+    """
+    tables = load()
+    outcomes = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
+    cells = []
+    for cell, outcome in zip(tables.cells, outcomes, strict=True):
+        keep = ("metrics", "criterion", "fault", "trace_hash")
+        cells.append(cell | {"ours": outcome["verdict"]} | {k: outcome[k] for k in keep})
+        if cell["thesis"] != outcome["verdict"]:
+            cells[-1]["reason"] = tables.reasons.get(key_of(cell), "not explained")
+    # What a cell may set without moving a printed value: the damper and the pad that it names.
+    named = {"b_w", "k_g"}
+    overridden = {name for o in outcomes for name in o["overridden"]} - named
+    return {
+        "cells": cells,
+        "matched": sum(c["ours"] == c["thesis"] for c in cells),
+        "total": len(cells),
+        "fitted": fitted(),
+        "overridden": sorted(overridden),
+    }
+
+
+def describe(result):
+    """The result for a terminal: one line a row of cells, misses spelled out."""
+    lines = []
+    for cell in result["cells"]:
+        if cell["ours"] == cell["thesis"]:
+            continue
+        lines.append(
+            f"differs      Fig {key_of(cell)}: thesis {cell['thesis']}, ours {cell['ours']}; "
+            f"{cell['reason']}"
+        )
+    constants = ", ".join(f"{k} = {v:g}" for k, v in result["fitted"].items())
+    lines.append(f"fitted       {constants}")
+    lines.append(f"score        {result['matched']} of {result['total']} cells match the thesis")
+    return "\n".join(lines)
+
+
+def matches(cells, outcomes):
+    """Per cell: 1 where ours is the thesis's verdict."""
+    return np.array([o["verdict"] == c["thesis"] for c, o in zip(cells, outcomes, strict=True)])
+
+
+def score_with(variants, threads, title):
+    """Score of the tables under each list of extra overrides; one pool of jobs for all."""
+    tables = load()
+    jobs = [
+        (path, sets + extra)
+        for extra in variants
+        for path, sets in (tables.job(c) for c in tables.cells)
+    ]
+    outcomes = run_jobs(jobs, threads, title)
+    n = len(tables.cells)
+    return [
+        int(matches(tables.cells, outcomes[i * n : (i + 1) * n]).sum())
+        for i in range(len(variants))
+    ]
+
+
+def plateau(values, threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1)):
+    """{constant: [[ratio to its value, score], ...]}: one constant moved at a time."""
+    pairs = [(name, ratio) for name in values for ratio in steps]
+    variants = [sets_of(values | {name: values[name] * ratio}) for name, ratio in pairs]
+    scores = score_with(variants, threads, "plateau")
+    return {
+        name: [[r, s] for (n, r), s in zip(pairs, scores, strict=True) if n == name]
+        for name in values
+    }
+
+
+def readings(values, threads=None):
+    """The declared readings' alternatives, each alone: [[reading, alternative, score], ...]."""
+    rows = [(r["name"], a["what"], a["set"]) for r in load().readings for a in r["alternatives"]]
+    scores = score_with([sets_of(values) + sets for _, _, sets in rows], threads, "readings")
+    return [[name, what, s] for (name, what, _), s in zip(rows, scores, strict=True)]
+
+
+def sets_of(values):
+    """{parameter: value} as overrides."""
+    return [f"{k}={v!r}" for k, v in values.items()]
+
+
+def criterion_sensitivity(cells, threads=None):
+    """What +-20 % on each threshold changes: [(threshold, factor, value, score, cells changed)].
+
+    cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
+    """
+    rows = []
+    base = [c["ours"] for c in cells]
+    for factor in (0.8, 1.2):
+        verdicts = []
+        for c in cells:
+            varied = dict(c["criterion"])
+            varied["force_ripple_max_count"] *= factor
+            verdicts.append(_core.judge(varied, c["metrics"], c["fault"]))
+        value = cells[0]["criterion"]["force_ripple_max_count"] * factor
+        rows.append(_sensitivity("force_ripple_max_count", factor, value, cells, base, verdicts))
+    window = cells[0]["criterion"]["window_s"]
+    tables = load()
+    for factor in (0.8, 1.2):
+        extra = [f"verdict.window_s={window * factor!r}"]
+        jobs = [(p, s + extra) for p, s in (tables.job(c) for c in tables.cells)]
+        verdicts = [o["verdict"] for o in run_jobs(jobs, threads, "criterion")]
+        rows.append(_sensitivity("window_s", factor, window * factor, cells, base, verdicts))
+    return rows
+
+
+def _sensitivity(name, factor, value, cells, base, verdicts):
+    score = sum(v == c["thesis"] for v, c in zip(verdicts, cells, strict=True))
+    changed = [key_of(c) for c, a, b in zip(cells, base, verdicts, strict=True) if a != b]
+    return {"threshold": name, "factor": factor, "value": value, "score": score, "changed": changed}
+
+
+# --- finding the constants -----------------------------------------------------------------------
+
+
+def evidence_hash():
+    """Identity of what the fit depends on: grid, cells, models, experiments; no fitted value."""
+    tables = load()
+    free = {c.name for c in tables.constants}
+    fixed = {k: v["value"] for k, v in parameters().items() if k not in free}
+    grid = [(c.name, c.groups, c.grid) for c in tables.constants]
+    digest = hashlib.sha256()
+    asked = (tables.fit_on, grid, tables.cells, tables.workpieces, tables.readings, fixed)
+    digest.update(repr(asked).encode())
+    for name in sorted(set(tables.experiments.values())):
+        experiment = tomllib.loads((paths.EXPERIMENTS / name).read_text())
+        model = tomllib.loads((paths.EXPERIMENTS / experiment["model"]).read_text())
+        for table in (experiment, model):  # what is only said about them does not count
+            said = ("title", "figure", "shows", "plot", "expect")
+            digest.update(repr({k: v for k, v in table.items() if k not in said}).encode())
+    return digest.hexdigest()
+
+
+def fit(threads=None):
+    """Search the grid of tables.toml on the cells of `fit_on` and write tables_fit.json beside it.
+
+    Contact cells run on every grid point that they depend on; strikes run where the contact cells,
+    all or without one figure, are at their best. Then each figure is left out in turn, the others
+    are fitted again and predict it. Returns the evidence.
+    """
+    tables = load()
+    grids = [c.grid for c in tables.constants]
+    names = [c.name for c in tables.constants]
+    members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
+    feels = {
+        group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
+        for group in tables.fit_on
+    }
+
+    def evaluate(group, points):
+        """{grid coordinates that the group feels: matches of its cells} for those points."""
+        wanted = sorted({tuple(p[i] for i in feels[group]) for p in points})
+        jobs = [
+            tables.job(cell, {names[i]: grids[i][j] for i, j in zip(feels[group], at, strict=True)})
+            for at in wanted
+            for cell in members[group]
+        ]
+        outcomes = run_jobs(jobs, threads, f"fit on Fig {group}")
+        n = len(members[group])
+        return {
+            at: int(matches(members[group], outcomes[k * n : (k + 1) * n]).sum())
+            for k, at in enumerate(wanted)
+        }
+
+    everywhere = list(itertools.product(*(range(len(g)) for g in grids)))
+    late = [g for g in tables.fit_on if g.endswith("disturbance")]
+    scores = {g: evaluate(g, everywhere) for g in tables.fit_on if g not in late}
+
+    def total(point, groups):
+        return sum(scores[g][tuple(point[i] for i in feels[g])] for g in groups)
+
+    figures = list(dict.fromkeys(g.split()[0] for g in tables.fit_on))
+
+    def without(figure, groups):
+        return [g for g in groups if g.split()[0] != figure]
+
+    promising = set()
+    for figure in [None, *figures]:
+        groups = without(figure, scores)
+        best = max(total(p, groups) for p in everywhere)
+        promising |= {p for p in everywhere if total(p, groups) == best}
+    points = sorted(promising)
+    for group in late:
+        scores[group] = evaluate(group, points)
+
+    def choose(groups):
+        """The centre of the best plateau: highest score, then highest mean over its neighbours."""
+        score = {p: total(p, groups) for p in points}
+        best = max(score.values())
+
+        def around(p):
+            near = [score.get(q, 0) for q in neighbours(p, grids)]
+            return sum(near) / len(near)
+
+        return max((p for p in points if score[p] == best), key=lambda p: (around(p), p))
+
+    def values(point):
+        return {n: grids[i][j] for i, (n, j) in enumerate(zip(names, point, strict=True))}
+
+    chosen = choose(tables.fit_on)
+    left = []
+    for figure in figures:
+        point = choose(without(figure, tables.fit_on))
+        jobs = [tables.job(c, values(point)) for c in tables.cells]
+        right = matches(tables.cells, run_jobs(jobs, threads, f"without Fig {figure}"))
+        own = [g for g in tables.fit_on if g.split()[0] == figure]
+        left.append(
+            {
+                "figure": figure,
+                "cells": sum(len(members[g]) for g in own),
+                "fitted": values(point),
+                "predicted_right": total(point, own),
+                "score_on_all": int(right.sum()),
+            }
+        )
+    best = total(chosen, tables.fit_on)
+    evidence = {
+        "inputs_hash": evidence_hash(),
+        "grid": {c.name: list(c.grid) for c in tables.constants},
+        "points": len(everywhere),
+        "points_with_strikes": len(points),
+        "fitted": values(chosen),
+        "score": best,
+        "cells": sum(len(members[g]) for g in tables.fit_on),
+        "points_at_best": sum(total(p, tables.fit_on) == best for p in points),
+        "left_out": left,
+        "plateau": plateau(values(chosen), threads),
+        "readings": readings(values(chosen), threads),
+    }
+    EVIDENCE.write_text(json.dumps(evidence, indent=1) + "\n")
+    return evidence
+
+
+def neighbours(point, grids):
+    """Grid points at most one step away in every constant, those outside the grid included."""
+    steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
+    return [
+        tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
+    ]
+
+
+def evidence():
+    """The fit on record. Raises StaleFit where it does not belong to the present files."""
+    again = "run `forceaxis tables --fit`, some minutes, and commit what it writes"
+    if not EVIDENCE.exists():
+        raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
+    found = json.loads(EVIDENCE.read_text())
+    if found["inputs_hash"] != evidence_hash():
+        raise StaleFit(
+            f"{paths.display(EVIDENCE)}: expected a fit of the present models, experiments and "
+            f"grid, this one is stale; {again}"
+        )
+    return found
