@@ -1,5 +1,6 @@
 """The manual's pages: every object, in Markdown and as a man page."""
 
+from objects.meaning import value_texts
 from objects.table import (
     PARTS,
     TABLE,
@@ -9,7 +10,6 @@ from objects.table import (
     describe_unit,
     register,
     register_width,
-    value_texts,
 )
 
 PAGE = "docs/objects/objects.md"
