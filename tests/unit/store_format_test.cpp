@@ -18,7 +18,7 @@ constexpr uint32_t kForceGain = 0x200A00;
 constexpr uint32_t kOurs = AXIS_OBJECTS_HASH32;
 
 // By the rule of the table's generator, written out.
-const uint32_t kForceGainSignature = SignatureOf("u16|code/count|0.00390625|0|65535|0|");
+const uint32_t kForceGainSignature = SignatureOf("u16|code/count|0.00390625|0|65535||");
 
 Entry ForceGain(uint32_t value) { return {kForceGain, value, kForceGainSignature}; }
 

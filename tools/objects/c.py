@@ -58,8 +58,8 @@ def enum_constants(table):
 
 
 def changes(table):
-    """[(address, initial, fits)] of version 0.1.0's stored objects that are others today: fits where
-    only the default is another."""
+    """[(address, initial, fits)] of version 0.1.0's stored objects that this table describes
+    otherwise: fits where only the default differs."""
     today = {
         canopen_address(o, i): (signature(o), o["defaults"][i])
         for _, _, o, i in expand(table.entries)
@@ -73,7 +73,7 @@ def changes(table):
 
 
 def former_names(table):
-    """[(address, name)] of version 0.1.0's stored objects at whose addresses there is none today."""
+    """[(address, name)] of version 0.1.0's stored objects that no longer have their addresses."""
     today = {canopen_address(o, i) for _, _, o, i in expand(table.entries)}
     return [
         (index * 256 + sub, old.name)
@@ -136,8 +136,8 @@ def generate_header(table):
         "  int32_t min;       /* raw; written values outside min..max are refused */\n"
         "  int32_t max;\n"
         "  int32_t initial;   /* raw value after power-up */\n"
-        "  uint32_t signature; /* of a stored object: CRC-32 of type, unit, scale, range, node_id and\n"
-        "                         names of values; where it is equal a stored value still fits */\n"
+        "  uint32_t signature; /* of a stored object: CRC-32 of type, unit, scale, range, node_id\n"
+        "                         and names of values; a stored value fits where it is equal */\n"
         "  uint16_t offset;   /* bytes from the start of its structure */\n"
         "  uint8_t block;     /* AXIS_BLOCK_ */\n"
         "  uint8_t type;      /* AXIS_TYPE_ */\n"
@@ -215,7 +215,8 @@ def generate_source(table):
         out.append(
             f"    [AXIS_OBJ_{name.upper()}] = {{{c_int(as_int32(o['min']))}, "
             f"{c_int(as_int32(o['max']))}, {c_int(as_int32(o['defaults'][index]))},\n"
-            f"        UINT32_C(0x{signature(o) if o['stored'] else 0:08x}), {offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
+            f"        UINT32_C(0x{signature(o) if o['stored'] else 0:08x}), "
+            f"{offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
             f"AXIS_ACCESS_{o['access'].upper()}, AXIS_WRITABLE_{o['writable'].upper()}, "
             f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}}},\n"
         )

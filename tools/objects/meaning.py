@@ -19,11 +19,8 @@ def value_texts(o):
 def signature_text(o):
     """What a raw value of an object stands for, as text."""
     names = ";".join(f"{value} {text}" for value, text in sorted(value_texts(o)))
-    scale = repr(float(o["scale"]))
-    follows = int(o["node_id"])
-    return "|".join(
-        (o["type"], o["unit"], scale, str(o["min"]), str(o["max"]), str(follows), names)
-    )
+    facts = (o["type"], o["unit"], repr(float(o["scale"])), o["min"], o["max"])
+    return "|".join(map(str, (*facts, "+id" if o["node_id"] else "", names)))
 
 
 def signature(o):
@@ -34,8 +31,10 @@ def signature(o):
 def digest(objects, specials, coils, discretes):
     """SHA-256 of a table's meaning. objects: (index, sub-index, name, register, entry) of each."""
     rows = [
-        (index, sub, name, register, o["kind"], signature_text(o))
-        + (o["access"], o["writable"], o["stored"], o["mappable"])
+        (
+            *(index, sub, name, register, o["kind"], signature_text(o)),
+            *(o["access"], o["writable"], o["stored"], o["mappable"]),
+        )
         for index, sub, name, register, o in objects
     ]
     canonical = {

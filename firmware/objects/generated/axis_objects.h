@@ -685,8 +685,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x47b1b82e)
-#define AXIS_OBJECTS_HASH_TEXT "47b1b82e"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x04d9826f)
+#define AXIS_OBJECTS_HASH_TEXT "04d9826f"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
@@ -712,8 +712,8 @@ typedef struct {
   int32_t min;       /* raw; written values outside min..max are refused */
   int32_t max;
   int32_t initial;   /* raw value after power-up */
-  uint32_t signature; /* of a stored object: CRC-32 of type, unit, scale, range, node_id and
-                         names of values; where it is equal a stored value still fits */
+  uint32_t signature; /* of a stored object: CRC-32 of type, unit, scale, range, node_id
+                         and names of values; a stored value fits where it is equal */
   uint16_t offset;   /* bytes from the start of its structure */
   uint8_t block;     /* AXIS_BLOCK_ */
   uint8_t type;      /* AXIS_TYPE_ */

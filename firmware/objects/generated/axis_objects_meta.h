@@ -29,7 +29,7 @@ typedef struct {
   int stored;             /* kept by the parameter store */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "47b1b82eb30cfb946a1e43e1bf8b1f9efb3c8e2df9a5637bcc7bb69149c95e32"
+#define AXIS_OBJECTS_HASH "04d9826fa2820995337a35c645dec85850de473c35be114f8a18819126a57546"
 #define AXIS_OBJECTS_META_COUNT 286
 
 /* Entry i describes object number i + 1. */

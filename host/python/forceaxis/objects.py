@@ -39,7 +39,7 @@ class AxisBit(NamedTuple):
     meaning: str
 
 
-OBJECTS_HASH = "47b1b82eb30cfb946a1e43e1bf8b1f9efb3c8e2df9a5637bcc7bb69149c95e32"
+OBJECTS_HASH = "04d9826fa2820995337a35c645dec85850de473c35be114f8a18819126a57546"
 
 OBJECTS = (
     AxisObject(
