@@ -255,6 +255,29 @@ TEST_F(Canopen, ARefusedValueIsToldAndTheOthersAreTaken) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);
 }
 
+// Another source owns the axis: the RPDO changes nothing, and its sender has done nothing wrong.
+// What is wrong whoever owns it is told afterwards as if nothing had been.
+TEST_F(Canopen, ALockedRpdoIsNoError) {
+  Start();
+  Remap(0x1403, 0x1603, 0x505, {0x60FF0020, 0x60710010}, 255);
+  Send(0x505, {1, 0, 0, 0, 2, 0});
+  ASSERT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
+  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);  // LCM takes the axis
+  for (int i = 0; i < 3; ++i) {
+    Send(0x505, {9, 0, 0, 0, 9, 0});
+    Tick();
+    EXPECT_EQ(Take(0x85), std::vector<Frame>{}) << i;
+  }
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 2);
+  EXPECT_EQ(Read(AXIS_OBJ_ERROR_HISTORY_COUNT), 0);
+  ASSERT_EQ(Download(0x2301, 0, 0, 1, 0x660), 0u);  // and gives it back
+  Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});      // above the range of a speed
+  Tick();
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x6320, 0x01, 4)});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);
+}
+
 TEST_F(Canopen, AnRpdoThatStaysAwayFromAnActiveAxisIsAFault) {
   ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
   ASSERT_EQ(Download(0x1401, 5, 100, 2), 0u);  // 150 ticks
