@@ -9,24 +9,6 @@
 
 namespace {
 
-TEST(Payload, BitsGoWhereTheyBelong) {
-  const uint8_t scattered[8] = {0x80, 0x91, 0xA2, 0xB3, 0xC4, 0xD5, 0xE6, 0xF7};
-  const uint16_t places[8] = {7, 0, 0, 1, 6, 5, 2, 4};
-  EXPECT_EQ(fx_gather_le(scattered, places), 0x918080F7u);
-  EXPECT_EQ(fx_gather_le(scattered, places + 4), 0xC4A2D5E6u);
-  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 0, 32), 0x89ABCDEFu);
-  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 32, 32), 0x81234567u);
-  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 63, 1), 1u);
-  EXPECT_EQ(fx_payload_get(0x8123456789ABCDEFu, 4, 8), 0xDEu);
-  uint8_t bytes[9] = {9, 9, 9, 9, 9, 9, 9, 9, 9};
-  EXPECT_EQ(fx_load_payload(bytes, 2), 0x0909u);
-  fx_store_le(bytes, 0x89ABCDEFu, 4);
-  fx_store_le(bytes + 4, 0x81234567u, 4);
-  EXPECT_EQ(fx_load_payload(bytes, 8), 0x8123456789ABCDEFu);
-  EXPECT_EQ(bytes[8], 9);
-  EXPECT_EQ(fx_load_payload(bytes, 0), 0u);
-}
-
 TEST_F(Canopen, DefaultPdosWork) {
   Nmt(1);
   Take();

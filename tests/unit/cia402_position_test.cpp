@@ -290,18 +290,6 @@ TEST_F(Drive, AnEnabledAxisLeavesTheTargetOfImpedanceBehind) {
   }
 }
 
-TEST_F(Drive, PeriodsRoundUpToTicks) {
-  EXPECT_EQ(fx_ticks_from_period(1, -3), 2u);
-  EXPECT_EQ(fx_ticks_from_period(2, -3), 3u);
-  EXPECT_EQ(fx_ticks_from_period(20, -4), 3u);
-  EXPECT_EQ(fx_ticks_from_period(200, -5), 3u);
-  EXPECT_EQ(fx_ticks_from_period(255, -6), 1u);
-  EXPECT_EQ(fx_ticks_from_period(0, -6), 0u);
-  EXPECT_EQ(fx_ticks_from_period(3, -2), 45u);
-  EXPECT_EQ(fx_ticks_from_period(3, -1), 450u);
-  EXPECT_EQ(fx_ticks_from_period(255, 0), 382500u);
-}
-
 // --- homing --------------------------------------------------------------------------------------
 
 TEST_F(Drive, HomingShowsItsBitsInOrder) {
