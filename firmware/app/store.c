@@ -163,33 +163,22 @@ static bool is_usable(const store_t *store, const fw_t *fw, const record_t *reco
   return usable;
 }
 
-/* Puts the values of a record into one block, AXIS_BLOCK_NONE: into all. */
-static void restore(const store_t *store, fw_t *fw, const record_t *record, uint8_t block) {
-  cursor_t cursor = cursor_of(record);
-  entry_t entry;
-  while (next_entry(store, fw, &cursor, &entry)) {
-    if (entry.verdict != ENTRY_DROPPED &&
-        (block == AXIS_BLOCK_NONE || axis_objects[entry.object].block == block)) {
-      fw_object_restore(fw, entry.object, entry.value);
-    }
+/* Notes a parameter that is not as stored, or keeps an old default. */
+static void note_change(store_t *store, const entry_t *entry) {
+  const bool dropped = entry->verdict == ENTRY_DROPPED;
+  if (store->change_count < STORE_CHANGES) {
+    store->changes[store->change_count] =
+        entry->address | (dropped ? STORE_CHANGE_DROPPED : STORE_CHANGE_OLD_DEFAULT);
   }
+  store->change_count = (uint16_t)(store->change_count + 1);
+  store->dropped = dropped ? 1 : store->dropped;
 }
 
-/* Notes what of a record is not as stored, or keeps an old default. */
-static void note_changes(store_t *store, const fw_t *fw, const record_t *record) {
-  cursor_t cursor = cursor_of(record);
-  entry_t entry;
-  while (next_entry(store, fw, &cursor, &entry)) {
-    if (entry.verdict == ENTRY_FITS) {
-      continue;
-    }
-    const bool dropped = entry.verdict == ENTRY_DROPPED;
-    if (store->change_count < STORE_CHANGES) {
-      store->changes[store->change_count] =
-          entry.address | (dropped ? STORE_CHANGE_DROPPED : STORE_CHANGE_OLD_DEFAULT);
-    }
-    store->change_count = (uint16_t)(store->change_count + 1);
-    store->dropped = dropped ? 1 : store->dropped;
+/* Puts a value of the set into its object, if that is of the block; AXIS_BLOCK_NONE: of any. */
+static void restore(fw_t *fw, const entry_t *entry, uint8_t block) {
+  if (entry->verdict != ENTRY_DROPPED &&
+      (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
+    fw_object_restore(fw, entry->object, entry->value);
   }
 }
 
@@ -267,8 +256,14 @@ uint8_t store_load(store_t *store, fw_t *fw) {
     return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
   }
   store->set = record->begin;
-  restore(store, fw, record, AXIS_BLOCK_NONE);
-  note_changes(store, fw, record);
+  cursor_t cursor = cursor_of(record);
+  entry_t entry;
+  while (next_entry(store, fw, &cursor, &entry)) {
+    restore(fw, &entry, AXIS_BLOCK_NONE);
+    if (entry.verdict != ENTRY_FITS) {
+      note_change(store, &entry);
+    }
+  }
   return state_of_loaded(store, older);
 }
 
@@ -278,11 +273,15 @@ bool store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
   }
   const uint32_t end = (sector_of(store, store->set) + 1) * store->memory->sector_bytes;
   record_t record;
-  const bool whole = record_read(store->memory, store->set, end, &record);
-  if (whole) {
-    restore(store, fw, &record, block);
+  if (!record_read(store->memory, store->set, end, &record)) {
+    return false;
   }
-  return whole;
+  cursor_t cursor = cursor_of(&record);
+  entry_t entry;
+  while (next_entry(store, fw, &cursor, &entry)) {
+    restore(fw, &entry, block);
+  }
+  return true;
 }
 
 /* CANopen index times 256 plus sub-index. */

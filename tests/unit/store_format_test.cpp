@@ -177,24 +177,24 @@ TEST(Store, APartOfAnEntryIsNoSet) {
 }
 
 // What lay on the stack before.
-__attribute__((noinline)) void FillTheStack(uint8_t byte) {
-  volatile uint8_t bytes[16384];
-  for (volatile uint8_t &each : bytes) each = byte;
+__attribute__((noinline)) void FillTheStack(uint32_t word) {
+  volatile uint32_t words[4096];
+  for (volatile uint32_t &each : words) each = word;
 }
 
 // One set only, and it cannot be used: there is no older one to compare with or to fall back on.
 // Then an older one behind it in the memory: it counts, whatever the stack held.
 TEST(Store, AnUnusableNewestSetInFrontOfTheOlderOne) {
-  for (const uint8_t byte : {0x00, 0x7F, 0xFF}) {
+  for (const uint32_t word : {0u, 0x7FFFFFFFu, 0xFFFFFFFFu, 0x32534146u}) {
     Flash flash;
     PutSet(flash.bytes(), 0, kOurs, 5, {EntryOf(AXIS_OBJ_ADC_BITS, 17)});
-    FillTheStack(byte);
+    FillTheStack(word);
     EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_FAILED);
     PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(1280)});
-    FillTheStack(byte);
+    FillTheStack(word);
     Axis axis(flash.memory());
-    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER) << int{byte};
-    EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280) << int{byte};
+    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER) << word;
+    EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280) << word;
   }
 }
 
