@@ -176,26 +176,41 @@ TEST(Store, APartOfAnEntryIsNoSet) {
   }
 }
 
-// What lay on the stack before.
-__attribute__((noinline)) void FillTheStack(uint32_t word) {
-  volatile uint32_t words[4096];
-  for (volatile uint32_t &each : words) each = word;
+// The two newest records, whatever the place that they are put into held before: with the newest in
+// front of the older one in the memory, nothing has been found yet to compare the older one with.
+TEST(Store, TheTwoNewestRecordsAreFoundInAnyOrder) {
+  const record_t rubbish{1, 0x32534146, kOurs, UINT32_MAX, 0};
+  for (const record_t &held : {record_t{}, rubbish}) {
+    Flash flash;
+    record_t found[2] = {held, held};
+    record_newest(flash.memory(), found);
+    EXPECT_EQ(found[0].magic, RECORD_NONE);
+    EXPECT_EQ(found[1].magic, RECORD_NONE);
+    PutSet(flash.bytes(), 0, kOurs, 5, {ForceGain(5)});
+    found[0] = found[1] = held;
+    record_newest(flash.memory(), found);
+    EXPECT_EQ(found[0].sequence, 5u);
+    EXPECT_EQ(found[1].magic, RECORD_NONE);
+    const size_t end = PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(4)});
+    PutSet(flash.bytes(), end, kOurs, 3, {ForceGain(3)});
+    found[0] = found[1] = held;
+    record_newest(flash.memory(), found);
+    EXPECT_EQ(found[0].sequence, 5u);
+    EXPECT_EQ(found[1].sequence, 4u);
+    EXPECT_EQ(found[1].begin, static_cast<uint32_t>(STORE_SECTOR_MIN));
+  }
 }
 
-// One set only, and it cannot be used: there is no older one to compare with or to fall back on.
-// Then an older one behind it in the memory: it counts, whatever the stack held.
+// One set only, and it cannot be used: there is none to fall back on. Then an older one behind it
+// in the memory: it counts.
 TEST(Store, AnUnusableNewestSetInFrontOfTheOlderOne) {
-  for (const uint32_t word : {0u, 0x7FFFFFFFu, 0xFFFFFFFFu, 0x32534146u}) {
-    Flash flash;
-    PutSet(flash.bytes(), 0, kOurs, 5, {EntryOf(AXIS_OBJ_ADC_BITS, 17)});
-    FillTheStack(word);
-    EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_FAILED);
-    PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(1280)});
-    FillTheStack(word);
-    Axis axis(flash.memory());
-    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER) << word;
-    EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280) << word;
-  }
+  Flash flash;
+  PutSet(flash.bytes(), 0, kOurs, 5, {EntryOf(AXIS_OBJ_ADC_BITS, 17)});
+  EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_FAILED);
+  PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(1280)});
+  Axis axis(flash.memory());
+  EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER);
+  EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280);
 }
 
 // The sector of the set in force is never erased, also where a newer one that cannot be used lies
