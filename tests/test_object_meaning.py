@@ -34,14 +34,14 @@ def edited(old, new):
 
 def swapped(kind, first, second):
     """The table with two of its [[kind]] entries in each other's places."""
-    found = re.findall(rf"^\[\[{kind}\]\]\n(?:(?!\[\[|# ---).*\n)*", TEXT, re.M)
+    found = re.findall(rf"^\[\[{kind}\]\]\n(?:(?!\[\[|# ).*\n)*", TEXT, re.M)
     a, b = (next(e for e in found if f'name = "{name}"' in e) for name in (first, second))
     return TEXT.replace(a, "@").replace(b, a).replace("@", b)
 
 
 GAIN = 'meaning = "gain k_f of the explicit force law"\n'
 SAME = {
-    "a comment": edited("# --- mode", "# another, comment --- mode"),
+    "a comment": edited("# Mode.", "# Another, comment."),
     "a meaning": edited(GAIN, 'meaning = "gain, k_f"\n'),
     "a title": edited('title = "ADC bits"', 'title = "Bits of the ADC"'),
     "the meaning of a coil": edited("bit 8 of the controlword;", "bit 8;"),

@@ -132,7 +132,7 @@ def values_of_0_1_0():
 def test_a_reworded_table_loads_everything(today, store, tmp_path):
     other = Axis(
         tmp_path / "other",
-        ("# --- mode", "# --- modes, another comment"),
+        ("# Mode.", "# Modes, another comment."),
         ('meaning = "gain k_f of the explicit force law"', 'meaning = "another text"'),
     )
     before = today.run(store)

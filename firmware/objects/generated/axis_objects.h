@@ -507,7 +507,7 @@ typedef struct {
   uint16_t excitation_hold; /* ticks that each value of the noise is held, which limits its band; a new number waits until the value held runs out [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned reading, 2^(adc_bits-1) for a signed one [1] */
-  uint16_t position_gain; /* gain k_p of the position law [1/256 code/count] */
+  uint16_t position_gain; /* gain k_p of the position law; 0 means that no position is followed: the axis does not move in position, velocity and homing modes, nor approach a contact in force modes 4 and 10 [1/256 code/count] */
   uint16_t velocity_gain; /* gain k_d of the position law, on counts per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 leaves the range of the DAC [code] */
   uint8_t mode; /* requested mode; set back to disabled by a fault [enum] */
@@ -674,8 +674,8 @@ typedef struct {
 
 typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of what this table means: addresses, names, types, units, scales, ranges, access, names of values [1] */
-  uint32_t store_change[8]; /* the first of them: CANopen index times 256 plus sub-index; bit 24: 0 the stored value was dropped, 1 the default of then was kept; 0 means none [1] */
-  uint16_t store_change_count; /* parameters of the loaded set that are not as stored, or kept a default that is another today [1] */
+  uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
+  uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
   uint16_t overruns; /* ticks that came too late [1] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
