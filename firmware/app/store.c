@@ -73,16 +73,18 @@ static void judge_default(const fw_t *fw, entry_t *entry) {
 }
 
 static entry_t read_entry(const store_t *store, const fw_t *fw, uint32_t magic, uint32_t at) {
-  const uint32_t first = record_word(store->memory, at);
+  uint8_t words[STORE_ENTRY_BYTES];
+  store->memory->read(store->memory->context, at, words, record_entry_bytes(magic));
+  const uint32_t first = fx_load_le32(&words[0]);
   entry_t entry;
   entry.address = fx_field(first, 0, 24);
   entry.object = object_at(entry.address);
-  entry.value = fx_s32_from_u32(record_word(store->memory, at + 4));
+  entry.value = fx_s32_from_u32(fx_load_le32(&words[4]));
   const uint32_t flags = first - entry.address;
   bool fits = fw_object_restorable(entry.object, entry.value);
   if (magic == RECORD_SET) {
     fits = fits && (flags == 0 || flags == AT_DEFAULT) &&
-           record_word(store->memory, at + 8) == axis_objects[entry.object].signature;
+           fx_load_le32(&words[8]) == axis_objects[entry.object].signature;
   } else {
     const axis_change_t *change = change_at(entry.address);
     fits = fits && flags == 0 && (change == NULL || change->fits != 0);

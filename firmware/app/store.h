@@ -87,7 +87,8 @@ void store_init(store_t *store, const store_memory_t *memory);
  *                        left alone;
  *   FAILED               something is there, but no set that fits.
  * Cost: reads both sectors once, and what is blank of them twice; of the set in force each entry
- * twice, and finds its object by bisection. */
+ * twice, and finds its object by bisection. On a Cortex-M4 with two sectors of 16 KiB that are full
+ * of sets some 300,000 instructions more than with blank ones, 1.2 million for the whole power-up. */
 uint8_t store_load(store_t *store, fw_t *fw);
 
 /* Gives one block (AXIS_BLOCK_) its stored values again, from the set that store_load() took or was
