@@ -261,6 +261,17 @@ TEST_F(Canopen, APendingTransferTimesOut) {
   EXPECT_TRUE(Take(0x585).empty());
 }
 
+// Each segment of a download has its 5 s, 7500 ticks, too.
+TEST_F(Canopen, EverySegmentOfADownloadHasItsTime) {
+  ASSERT_EQ(Download(0x1017, 0, 0, 2), 0u);
+  ASSERT_EQ(Ask(Request(0x20, 0x607A, 0))[0], 0x60);
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x0A, 0x78, 0x56})[0], 0x20);  // two of four bytes
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x1B, 0x34, 0x12})[0], 0x30);  // and the last two
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0x12345678);
+}
+
 TEST_F(Canopen, TruncatedRequestsGetNoAnswer) {
   Take();
   for (size_t length = 0; length < 8; ++length) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 
 #include "tests/unit/cia402_fixture.hpp"
 
@@ -66,12 +67,57 @@ TEST_F(Drive, LosingTheContactNeverRunsAway) {
 }
 
 TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
+  for (const int target : {750, 1, -1, -750}) {
+    PowerUp();
+    Enable(kTq);
+    stuck_ = true;
+    Set(AXIS_OBJ_TARGET_FORCE, target);
+    Tick(3000);
+    // A quarter second of approach, 16 counts, and the way of the ramp: 2^2 / (2 x 0.1).
+    EXPECT_LE(std::abs(Demand()), 750 + 16 + 21) << target;
+    EXPECT_GE(std::abs(Demand()), 750) << target;
+    EXPECT_EQ(Demand() > 0, target > 0);
+  }
+}
+
+// A target force acts if it was written since the last fault.
+TEST_F(Drive, ATargetForceFromBeforeAFaultMovesNothing) {
+  for (const int mode : {kTq, kCst}) {
+    PowerUp();
+    Enable(mode);
+    Set(AXIS_OBJ_TARGET_FORCE, 750);
+    inputs_.sensor_valid = 0;
+    Tick();
+    inputs_.sensor_valid = 1;
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_FAULT);
+    Control(0x80);
+    Enable(mode);
+    const double from = place_;
+    Tick(300);
+    EXPECT_EQ(place_, from) << mode;
+    EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 750) << "it is still what was written";
+    Set(AXIS_OBJ_TARGET_FORCE, 750);
+    Tick(300);
+    EXPECT_GT(place_, from + 100) << mode;
+  }
+}
+
+TEST_F(Drive, LossesAndPeakBeginAnewWithForceControl) {
   Enable(kTq);
-  stuck_ = true;
   Set(AXIS_OBJ_TARGET_FORCE, 750);
-  Tick(3000);
-  // A quarter second of approach, 16 counts, and the way of the ramp: 2^2 / (2 x 0.1).
-  EXPECT_LE(Demand(), 750 + 16 + 21);
+  wall_ = place_ - 100;
+  Tick(2);
+  wall_ = 1e9;
+  Tick(2);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1);
+  ASSERT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 50 * 256);
+  Control(0x07);
+  Tick(300);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1) << "until then they can be read";
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 50 * 256);
+  Enable(kTq);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 0);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 0);
 }
 
 TEST_F(Drive, LimitCyclesAreNamed) {
