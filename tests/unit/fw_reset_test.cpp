@@ -42,12 +42,10 @@ class Node {
         case 0:
         case 1:
         case 2:
-          (void)fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_CONTROLWORD,
-                                controlwords[below(10)]);
+          (void)Write(AXIS_OBJ_CONTROLWORD, controlwords[below(10)]);
           break;
         case 3:
-          (void)fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODES_OF_OPERATION,
-                                static_cast<int32_t>(below(19)) - 8);
+          (void)Write(AXIS_OBJ_MODES_OF_OPERATION, static_cast<int32_t>(below(19)) - 8);
           break;
         case 4:
         case 5:
@@ -79,7 +77,7 @@ class Node {
   }
 
   void Disable() {
-    EXPECT_EQ(fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_DISABLED), FW_OK);
+    EXPECT_EQ(Write(AXIS_OBJ_MODE, AXIS_MODE_DISABLED), FW_OK);
     Idle();
   }
 
@@ -96,6 +94,10 @@ class Node {
     }
     uint8_t bytes[300];
     sent_.push_back({0, {bytes, bytes + fw_modbus_transmit(&fw_, bytes, sizeof(bytes))}});
+  }
+
+  int Write(uint16_t object, int32_t value) {
+    return fw_object_write(&fw_, FW_SOURCE_LOCAL, object, value);
   }
 
   int32_t Read(uint16_t object) const {
@@ -119,7 +121,7 @@ class Node {
     const int64_t value = entry.min + static_cast<int64_t>(random() % (span + 1));
     const int32_t values[] = {entry.min, entry.max, entry.initial,
                               fx_s32_from_u32(static_cast<uint32_t>(value))};
-    (void)fw_object_write(&fw_, FW_SOURCE_LOCAL, object, values[random() % 4]);
+    (void)Write(object, values[random() % 4]);
   }
 
   std::array<uint8_t, 600> buffer_{};
@@ -163,6 +165,26 @@ TEST(FwReset, ANodeThatWasResetIsAsOneThatWasNeverUsed) {
     }
   }
   EXPECT_GT(frames, 5000);
+}
+
+// Also of the place that homing found.
+TEST(FwReset, TheOriginOfHomingIsThatOfPowerUp) {
+  Node node;
+  node.Idle();
+  const auto write = [&](uint16_t object, int32_t value) {
+    ASSERT_EQ(node.Write(object, value), FW_OK);
+    node.Idle();
+  };
+  write(AXIS_OBJ_HOMING_METHOD, 35);
+  write(AXIS_OBJ_HOME_OFFSET, 70);
+  write(AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_HOMING);
+  for (const int controlword : {0x06, 0x0F, 0x1F}) write(AXIS_OBJ_CONTROLWORD, controlword);
+  for (int tick = 0; tick < 5; ++tick) node.Idle();
+  ASSERT_EQ(node.Read(AXIS_OBJ_POSITION_ACTUAL), 70);
+  node.Disable();
+  node.Send(0, {129, kNode});
+  for (int tick = 0; tick < 3; ++tick) node.Idle();
+  EXPECT_EQ(node.Read(AXIS_OBJ_POSITION_ACTUAL), 1000) << "the encoder's count";
 }
 
 }  // namespace
