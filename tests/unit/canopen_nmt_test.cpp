@@ -82,7 +82,9 @@ TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
   ASSERT_EQ(Download(0x1016, 1, 0x000A0064, 4), 0u);  // node 10, 100 ms
   ASSERT_EQ(Download(0x1016, 2, 0x000B0032, 4), 0u);  // node 11, 50 ms
   EXPECT_EQ(Download(0x1016, 3, 0x000A0001, 4), 0x06040043u) << "one consumer for each node";
-  EXPECT_EQ(Download(0x1016, 3, 0x010A0001, 4), 0x06090030u) << "reserved bits";
+  for (uint32_t reserved = 0x01000000; reserved < 0x80000000; reserved <<= 1) {
+    EXPECT_EQ(Download(0x1016, 3, 0x000C0001 | reserved, 4), 0x06090030u) << "reserved bits";
+  }
   EXPECT_EQ(Download(0x1016, 3, 0x000A0000, 4), 0u) << "no time, no consumer";
   Start();
   NodeTick(1000);

@@ -234,7 +234,7 @@ TEST_F(Canopen, ProtocolErrorsOfUploads) {
 TEST_F(Canopen, AClientsAbortIsNotAnswered) {
   EXPECT_EQ(Ask(Request(0x40, 0x1008, 0))[0], 0x41);
   EXPECT_TRUE(Ask(Request(0x80, 0x1008, 0, 0x08000000)).empty());
-  EXPECT_EQ(Word(Ask({0x60})), 0x05040001u);
+  EXPECT_EQ(Ask({0x60}), Request(0x80, 0, 0, 0x05040001)) << "of no object";
 }
 
 TEST_F(Canopen, ANewRequestReplacesAPendingOne) {

@@ -142,8 +142,10 @@ TEST_F(Drive, LimitCyclesAreNamed) {
 
 TEST_F(Drive, AForceReadingAtItsEndIsTold) {
   Enable(kTq);
+  EXPECT_EQ(Status() & 0x80, 0);
   wall_ = -1000;
   Tick();
+  EXPECT_EQ(Status() & 0x80, 0x80);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SATURATED), 1);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_RAW), 255);
 }
@@ -193,6 +195,22 @@ TEST_F(Drive, StiffnessIsASpring) {
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE) / 256.0, 20, 2);
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_DEMAND), 500, 50);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 0);
+}
+
+// The set-point that a spring asks for is bounded as a target force is: 500 per mille, 20 counts.
+TEST_F(Drive, TheForceLimitBoundsTheSpring) {
+  for (const int sign : {1, -1}) {
+    PowerUp();
+    Set(AXIS_OBJ_STIFFNESS, 32768);
+    Set(AXIS_OBJ_FORCE_LIMIT, 500);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    stuck_ = true;
+    Enable(-6);
+    Set(AXIS_OBJ_TARGET_POSITION, sign * 5000);
+    Tick(3000);
+    EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), sign * 500);
+    EXPECT_EQ(outputs_.dac_code, sign * 100) << "gain 5 x 20 counts";
+  }
 }
 
 TEST_F(Drive, DampingFollowsASpeedAndYields) {

@@ -58,6 +58,22 @@ TEST_F(Fw, AnRpdoThatNeverCame) {
 }
 
 // On a chip fw_between() is the main loop's, and with it everything that watches the buses.
+// Ticks that a late main loop misses are made up for: the node's times stay ticks.
+TEST_F(Fw, AHeartbeatIsOnTimeHoweverLateTheMainLoop) {
+  for (int late : {1, 2, 7, 15}) {
+    PowerUp();
+    Tick();
+    Take();
+    int heartbeats = 0;
+    for (int tick = 0; tick < 3000; tick += late) {  // 200 ms are 300 ticks
+      for (int i = 0; i < late; ++i) ASSERT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_));
+      fw_between(&fw_);
+      heartbeats += static_cast<int>(Take(0x700 + kNode).size());
+    }
+    EXPECT_EQ(heartbeats, 10) << late;
+  }
+}
+
 TEST_F(Fw, AMainLoopThatHangs) {
   for (const int reaction : {0, 1}) {
     PowerUp();
