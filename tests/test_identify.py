@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import _core
+from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import run as runs
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import measure
 from forceaxis.identify import procedures as identify
 from forceaxis.identify import result as measure_result
 from forceaxis.identify.procedures import Estimate
-from forceaxis.linear import system as linear
 
 HERE = Path(__file__).resolve().parent
 EXPERIMENTS = HERE.parent / "sim/experiments"
@@ -63,7 +62,7 @@ def inside(estimate, true):
 
 def recorded(tmp_path, experiment, signal, *overrides):
     """A column of a run as a CSV file."""
-    columns = experiments.run(EXPERIMENTS / f"{experiment}.toml", overrides).columns
+    columns = runs.run(EXPERIMENTS / f"{experiment}.toml", overrides).columns
     return save(tmp_path / "down.csv", time_s=columns["time_s"], signal=columns[signal])
 
 

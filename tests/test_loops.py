@@ -11,11 +11,10 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from forceaxis import _core, paths
+from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 from scipy import optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]

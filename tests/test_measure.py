@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core
+from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.identify import measure
 from forceaxis.identify import result as measure_result
-from forceaxis.linear import system as linear
+from forceaxis.identify.setup import read_setup
 from scipy import stats
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -449,16 +449,16 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
 def test_file_is_checked(tmp_path, text, words):
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
-    assert measure.read_setup(path)[0].level == 0.1
+    assert read_setup(path)[0].level == 0.1
     path.write_text(GOOD + text)
     with pytest.raises(InputError) as error:
-        measure.read_setup(path)
+        read_setup(path)
     assert words in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
     path.write_text('output = "drive.current"\n')
     with pytest.raises(InputError, match="model: expected the path"):
-        measure.read_setup(path)
+        read_setup(path)
 
 
 # Tachometer feedback a hundred times too strong: growth 60 1/s at 57 Hz.

@@ -8,7 +8,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from forceaxis.linear import system as linear
+from forceaxis import linear
 from scipy import io
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-import click
 import jinja2
 import numpy as np
 
@@ -229,33 +228,6 @@ def shown(field, default):
     return field.word if default is None else f"{default:.6g}"
 
 
-def options(command):
-    """One command-line option per field."""
-    for field in reversed(FIELDS):
-        default = field.why if callable(field.default) else shown(field, field.default)
-        help_text = f"{field.part}: {field.ask} [default: {default}]"
-        command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
-            command
-        )
-    return command
-
-
-def prompt(field, default):
-    """Ask for one value on the terminal until it is one; None: the default was taken."""
-    click.echo(f"\n{field.part}: {field.ask}")
-    proposed = shown(field, default)
-    while True:
-        text = click.prompt(f"  {field.option[2:]}", default=proposed)
-        if text == proposed:
-            return None
-        try:
-            field.parse(text)
-        except InputError as error:
-            click.echo(f"  {error}")
-            continue
-        return text
-
-
 @dataclass
 class Axis:
     """What follows from the data sheet."""
@@ -335,9 +307,6 @@ def fail(name, expected, remedy):
     raise InputError(f"{BY_NAME[name].option}: expected {expected}; {remedy}")
 
 
-# --- first gains: the linear sampled loop of the model as written ---------------------------------
-
-
 @dataclass
 class First:
     """The first gains and what they promise."""
@@ -364,8 +333,8 @@ def highest_gain(loop, volts_per_code):
 
 def first_gains(axis, model):
     """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
+    from forceaxis import linear
     from forceaxis.linear import loops
-    from forceaxis.linear import system as linear
 
     v = axis.v
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
@@ -409,9 +378,6 @@ def first_gains(axis, model):
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
                  position_gain, distance, speed, acceleration, min(step, 600.0))  # fmt: skip
-
-
-# --- files ---------------------------------------------------------------------------------------
 
 
 def render(name, title, axis, sources, first=None):

@@ -257,8 +257,8 @@ def linear_analysis(repeat, progress):
     crossings; the other is a halving on control.feedback's poles (stability_margins falls back to a
     grid for these loops and misses it).
     """
+    from forceaxis import linear
     from forceaxis.linear import advise, loops
-    from forceaxis.linear import system as linear
 
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)

@@ -20,8 +20,7 @@ import time
 from collections import deque
 
 from forceaxis._core import InputError
-from forceaxis.bus.captures import Assembly
-from forceaxis.bus.drive_words import BY_NAME, texts
+from forceaxis.bus.capture_assembly import Assembly
 from forceaxis.bus.lcm import (
     AXES,
     NOT_AVAILABLE,
@@ -32,6 +31,7 @@ from forceaxis.bus.lcm import (
     decode,
 )
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.state_names import BY_NAME, texts
 
 STRAGGLERS_S = 1.0
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
@@ -114,8 +114,6 @@ class AxisClient:
 
     def __exit__(self, *_):
         self.close()
-
-    # --- commands ------------------------------------------------------------------------------
 
     def write(self, name, value):
         """Writes one object: engineering value or enum text; an address takes the raw value."""
@@ -219,8 +217,6 @@ class AxisClient:
             if mine and event.kind in kinds:
                 return event
         return None
-
-    # --- what comes ----------------------------------------------------------------------------
 
     def state(self, timeout_s=None):
         """The next axis_state_t."""

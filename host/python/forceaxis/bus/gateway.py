@@ -22,11 +22,11 @@ from collections import deque
 
 from forceaxis._core import InputError
 from forceaxis.bus import client as live
-from forceaxis.bus import drive_words
+from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 from forceaxis.bus.messages import axis_state_t
 
-MODES = {text: number for number, text in drive_words.MODES.items()}
+MODES = {text: number for number, text in state_names.MODES.items()}
 
 # CiA 402 controlwords.
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
@@ -102,17 +102,15 @@ class Session(AxisClient):
         heard = self._bus.trouble or f"nothing was heard on {self._bus.url}"
         if state is not None:
             heard = (
-                f"it is {drive_words.drive_state(state.statusword)}, "
-                f"{drive_words.mode(state.mode_display)}, "
-                f"fault {drive_words.enum('fault', state.fault)}, "
+                f"it is {state_names.drive_state(state.statusword)}, "
+                f"{state_names.mode(state.mode_display)}, "
+                f"fault {state_names.enum('fault', state.fault)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {heard}")
 
-    # --- the drive -----------------------------------------------------------------------------
-
     def enable(self, mode, **parameters):
-        """Operation enabled in a mode of operation, by its name (drive_words.MODES) or number;
+        """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
         `parameters` are written before the mode changes."""
         number = MODES.get(mode, mode)
         self.write_all({**parameters, "modes_of_operation": number})
@@ -121,7 +119,7 @@ class Session(AxisClient):
                 self.write("controlword", word)
         self.wait_for(
             lambda s: (
-                drive_words.drive_state(s.statusword) == "operation enabled"
+                state_names.drive_state(s.statusword) == "operation enabled"
                 and s.mode_display == number
             ),
             f"operation enabled in mode {mode}",

@@ -120,9 +120,6 @@ def expect_messages(reader):
         raise InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
 
 
-# --- what a log holds ---------------------------------------------------------------------------
-
-
 def info(path):
     """Channels, counts, span and gaps of a log, as a JSON object."""
     reader, channels = LogReader(path), {}

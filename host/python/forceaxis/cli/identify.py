@@ -1,4 +1,4 @@
-"""`forceaxis identify`: the procedures of 4.4 and the fit to a measured response."""
+"""Verbs of identification: a measured response, the procedures of 4.4, the fit of parameters."""
 
 import json
 
@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verbs, as_json
+from forceaxis.cli.common import Folder, Verb, Verbs, as_json
 
 
 class Known(click.ParamType):
@@ -239,8 +239,8 @@ def fit(model, response, names, overrides, out, as_json, **given):
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
     and what is poorly determined or hard to tell apart.
     """
+    from forceaxis import linear
     from forceaxis.identify import fit as fit_response
-    from forceaxis.linear import system as linear
 
     held = linear.overrides(overrides)
     measured = fit_response.read_response(response, model, held, **given)
@@ -287,10 +287,90 @@ def resonances(model, response, rigid, modes, prominence_db, refine, overrides, 
     are of a minimum-phase system. JSON: resonances (peak_hz, peak_damping, trough_hz and
     trough_damping or null), rms_db, max_db, phase_error_deg, and zeros, poles (1/s) of the cascade.
     """
+    from forceaxis import linear
     from forceaxis.identify import resonance
-    from forceaxis.linear import system as linear
 
     result = resonance.of_measurement(
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
     click.echo(json.dumps(result, allow_nan=False) if as_json else resonance.describe(result))
+
+
+def band(context, option, text):
+    """LOW:HIGH in Hz."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(f"--band: {text}: expected LOW:HIGH, two frequencies in Hz") from None
+    return [low, high]
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis measure fig3_9 --out out/fig3_9
+    forceaxis measure fig3_12 --inject codes --output adc0 --level 60
+    forceaxis measure fig4_19 --output sensor.force --clamped --band 1:100 --plant-set m_r=146""",
+)
+@click.argument("target")
+@click.option("--output", help="Signal, or adc0, adc1, encoder with --inject codes.")
+@click.option("--input", help="Signal, or dac_code. Default: what is injected.")
+@click.option("--inject", type=click.Choice(["volts", "codes"]), help="Default: volts.")
+@click.option("--excitation", type=click.Choice(["noise", "sine", "chirp"]), help="Default: noise.")
+@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:200.")
+@click.option("--resolution", "resolution_hz", type=float, help="Hz. Default: the lowest.")
+@click.option("--level", type=float, help="V rms (noise), V amplitude, or codes of amplitude.")
+@click.option("--bias", type=float, help="V or code about which it swings.")
+@click.option("--averages", type=int, help="Default: 16.")
+@click.option(
+    "--window",
+    type=click.Choice(["none", "hann"]),
+    help="Default: none, periodic excitation. hann begins at the third line.",
+)
+@click.option(
+    "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
+)
+@click.option(
+    "--free", is_flag=True, default=None,
+    help="The model has its contacts apart; see that the plant has, too (--set approach=0.5).",
+)  # fmt: skip
+@click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Parameter of plant and model."
+)
+@click.option(
+    "--plant-set", multiple=True, metavar="NAME=VALUE",
+    help="Parameter of the plant alone, behind the analyzer's back.",
+)  # fmt: skip
+@click.option(
+    "--out", type=Folder(), help="Folder for response.csv, .npz, plot.png and result.json."
+)
+@as_json
+def measure(target, overrides, plant_set, out, as_json, **options):
+    """Measure a frequency response with a virtual signal analyzer, beside the linear model.
+
+    TARGET is a measurement file (or the stem of one in sim/measurements: fig3_6 to fig3_12), or a
+    model (path, or stem in sim/models) with at least --output. Options replace keys of the file.
+    The excitation goes into the drive as volts, or runs through the firmware's excitation mode as
+    codes. Prints the gain at the lowest line, the corner if the first octave is flat, phase
+    crossings, how long contacts were pressed, coherence and error, how many points have the model
+    inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
+    """
+    from forceaxis import linear
+    from forceaxis.identify import result as analyzer
+
+    if overrides:
+        options["set"] = linear.overrides(overrides)
+    done = analyzer.run(target, options, linear.overrides(plant_set))
+    if out:
+        analyzer.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(analyzer.describe(done.summary))
+        if out:
+            click.echo(f"files        {paths.display(out)}")
+
+
+VERBS = (identify, measure)

@@ -103,3 +103,6 @@ def objects_(pattern, as_json, **files):
         rows.remove(exact)
     for o in rows:
         click.echo(line(o))
+
+
+VERBS = (objects_,)

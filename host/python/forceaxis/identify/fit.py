@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy import optimize, stats
 
-from forceaxis import paths
+from forceaxis import linear, paths
 from forceaxis._core import InputError
-from forceaxis.identify import measure
+from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
-from forceaxis.linear import system as linear
+from forceaxis.identify.setup import is_number
 
 CORRELATED = 0.95  # two parameters whose estimates are: a warning
 VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
@@ -67,7 +67,7 @@ class Fit:
 def fit(measured, starts, where="fit"):
     """Fit parameters of a model to a measured frequency response.
 
-    measured: a `measure.Measurement`, whose `predict` is the model. starts: {parameter: value to
+    measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
     start from, > 0}: what is searched is their logarithm. Others keep the values of
     `measured.overrides`.
 
@@ -196,9 +196,6 @@ def check_separate(names, J, where):
         )
 
 
-# --- the verb --------------------------------------------------------------------------------
-
-
 def read_response(path, model, held=None, **given):
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
@@ -222,7 +219,7 @@ def read_response(path, model, held=None, **given):
             about = json.loads(str(saved["about"]))
             arrays = {name: saved[name] for name in ARRAYS}
             about["overrides"] = about["overrides"] | (held or {})
-            measured = measure.Measurement(**(about | given | {"model": model}), **arrays)
+            measured = Measurement(**(about | given | {"model": model}), **arrays)
     except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         raise InputError(
             f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
@@ -239,7 +236,7 @@ def checked(measured, file):
 
     def between(key, low, high):
         value = getattr(measured, key)
-        good = measure.is_number(value) and low <= value <= high
+        good = is_number(value) and low <= value <= high
         expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
 
     for key in ("input", "output", "unit"):
@@ -248,7 +245,7 @@ def checked(measured, file):
     expect(measured.window in ("none", "hann"), "window", "none or hann")
     expect(isinstance(measured.free, bool), "free", "true or false")
     table = measured.overrides
-    good = isinstance(table, dict) and all(map(measure.is_number, table.values()))
+    good = isinstance(table, dict) and all(map(is_number, table.values()))
     expect(good, "overrides", "a table of numbers")
     between("dt", 1e-7, 1.0)
     between("dof", 1e-3, 1e9)
@@ -293,7 +290,7 @@ def response_of_csv(file, averages):
     if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
         raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
     variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
-    return measure.Measurement(
+    return Measurement(
         *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
         input="drive.command",
         output="",
@@ -380,44 +377,13 @@ def describe(summary):
 
 def write(found, measured, summary, out):
     """Write result.json and plot.png, the measured response beside the model before and after."""
-    from forceaxis.experiments import plots
+    from forceaxis.identify import plots
 
-    figure = plot(found, measured, plots.plt)
+    start, fitted = (
+        measured.predict(dict(zip(found.names, values.tolist(), strict=True)))
+        for values in (found.starts, found.values)
+    )
+    figure = plots.fitted(measured, start, fitted)
     with paths.replacing(out, "plot.png", "result.json") as (picture, result):
         figure.savefig(picture, dpi=120, format="png")
         result.write_text(json.dumps(summary, indent=2) + "\n")
-
-
-def plot(found, measured, plt):
-    """Figure: amplitude and phase, measured with 95 % band, from the start and fitted."""
-    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
-    f, size = measured.frequency_hz, abs(measured.response)
-    band = measured.radius()
-    # A point of which nothing is known shall not stretch the axis.
-    low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
-    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
-    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
-    for values, style, label in (
-        (found.starts, {"color": "C1", "linestyle": "--"}, "start"),
-        (found.values, {"color": "C0", "linestyle": "-"}, "fitted"),
-    ):
-        fitted = dict(zip(found.names, values.tolist(), strict=True))
-        rows.append((measured.predict(fitted), style, label))
-    for response, style, label in rows:
-        axes[0].loglog(f, abs(response), **style, label=label)
-        degrees = np.degrees(np.angle(response))
-        if style.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
-            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
-        axes[1].semilogx(f, degrees, **style)
-    axes[0].set_ylabel(
-        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
-        parse_math=False,
-    )
-    axes[0].legend()
-    axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
-    axes[1].set_ylabel("phase, degrees")
-    axes[1].set_xlabel("frequency, Hz")
-    for axis in axes:
-        axis.grid(alpha=0.3, which="both")
-    figure.tight_layout()
-    return figure

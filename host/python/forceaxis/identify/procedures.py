@@ -115,9 +115,6 @@ def read_columns(path, names):
     return [np.array(column) for column in columns]
 
 
-# --- ring-down (4.4.2 to 4.4.6, 5.2.1) ---------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class RingDown:
     """What a recorded free vibration says about its mode."""
@@ -334,9 +331,6 @@ def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
     }
 
 
-# --- two masses (4.4.2) -------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Split:
     """Two masses on either side of a spring, kg."""
@@ -383,9 +377,6 @@ def split(total_mass, stiffness, frequency_hz):
         ),
         math.sqrt(k / small.value) / (2 * math.pi),
     )
-
-
-# --- motor (4.1.2) ------------------------------------------------------------------------------
 
 
 def regression_of(path, x, y, offset=False, units=("", "")):

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
-from forceaxis.thesis.beam import Factored
+from forceaxis.linear.beam import Factored
 
 # Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
 # none.
@@ -235,9 +235,6 @@ def _least_squares(f, target, start):
     guess[:, 1] = np.clip(guess[:, 1], low[:, 1] + 1e-6, high[:, 1] - 1e-6)
     done = optimize.least_squares(error, guess.ravel(), bounds=(low.ravel(), high.ravel()))
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
-
-
-# --- the verb --------------------------------------------------------------------------------
 
 
 def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import paths
+from forceaxis import linear, paths
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 from forceaxis.thesis import tables
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.gateway import Session, seconds, trigger_on
-from forceaxis.experiments import files as experiments
 from forceaxis.experiments import link
+from forceaxis.experiments import run as runs
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL = 36_000  # counts
@@ -68,20 +68,21 @@ def run(url=None, axis=1, strike_within_s=20.0):
 
 def plot(states, held, path):
     """Move and contact as they were watched, the strike as it was recorded."""
-    from forceaxis.experiments import plots
+    import matplotlib.pyplot as plt
 
-    plt = plots.plt
+    from forceaxis.drawing import INK, THIN
+
     states, times = seconds(states)
     figure, rows = plt.subplots(4, 1, figsize=(7, 8), layout="constrained")
-    rows[0].plot(times, [s.position_cnt for s in states], color=plots.INK)
+    rows[0].plot(times, [s.position_cnt for s in states], color=INK)
     rows[0].set_ylabel("position (count)")
-    rows[1].plot(times, [s.force_cnt_q8 / 256 for s in states], color=plots.INK)
+    rows[1].plot(times, [s.force_cnt_q8 / 256 for s in states], color=INK)
     rows[1].set_ylabel("force (count)")
     rows[1].set_xlabel("time of the session (s)")
     struck = [(tick - held.ticks()[held.trigger_sample]) / 1.5 for tick in held.ticks()]
-    rows[2].plot(struck, held.values("force"), color=plots.INK, **plots.THIN)
+    rows[2].plot(struck, held.values("force"), color=INK, **THIN)
     rows[2].set_ylabel("force (count)")
-    rows[3].plot(struck, held.values("dac_code"), color=plots.INK, **plots.THIN)
+    rows[3].plot(struck, held.values("dac_code"), color=INK, **THIN)
     rows[3].set_ylabel("code")
     rows[3].set_xlabel("time from the strike, recorded at 1500 Hz (ms)")
     with paths.replacing(path.parent, path.name) as (new,):
@@ -172,7 +173,7 @@ def whole(folder):
             found["gateway_status"] = running["gateway"].wait(10)
             reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
     plot(states, held, Path(folder) / "session.png")
-    done, told = experiments.replay(folder / "axis.journal")
+    done, told = runs.replay(folder / "axis.journal")
     found |= {
         "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
         "replayed_hash": done.summary["trace_hash"],
@@ -181,3 +182,19 @@ def whole(folder):
         "fault": reports["axis_node"]["axes"][0]["fault"],
     }
     return found
+
+
+def describe(found):
+    """What was seen, for a reader."""
+    return "\n".join(
+        (
+            f"moved to     {found['position_after_move_cnt']} count",
+            f"contact      held {found['force_held_cnt']:.2f} count",
+            f"strike       peak {found['peak_force_cnt']:.2f} count, then "
+            f"{found['force_after_cnt']:.2f} count again",
+            f"recorded     {found['samples']} samples, {found['samples_missing']} missing",
+            f"watched      {found['states']} states, {found['messages_lost']} messages lost",
+            f"trace hash   {found['replayed_hash']}, of plant, firmware and replay",
+            f"files        {found['folder']}",
+        )
+    )

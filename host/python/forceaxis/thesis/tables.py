@@ -255,9 +255,6 @@ def _sensitivity(name, factor, value, cells, base, verdicts):
     return {"threshold": name, "factor": factor, "value": value, "score": score, "changed": changed}
 
 
-# --- finding the constants -----------------------------------------------------------------------
-
-
 def evidence_hash():
     """Identity of what the fit depends on: grid, cells, models, experiments; no fitted value."""
     tables = load()

@@ -8,8 +8,8 @@ from collections import deque
 
 import numpy as np
 
-from forceaxis.bus import drive_words
-from forceaxis.bus.captures import Assembly
+from forceaxis.bus import state_names
+from forceaxis.bus.capture_assembly import Assembly
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Gaps, Undecodable, channel_of, decode
 from forceaxis.bus.messages import axis_command_t, axis_event_t
 
@@ -142,17 +142,17 @@ class AxisWatch:
         count, mode = known(state.force_cnt_q8), known(state.mode_display)
         force, target, unit = self.forces()
         return {
-            "drive_state": say(state.statusword, drive_words.drive_state),
-            "status": say(state.statusword, lambda w: drive_words.status_bits(w, mode)),
+            "drive_state": say(state.statusword, state_names.drive_state),
+            "status": say(state.statusword, lambda w: state_names.status_bits(w, mode)),
             "statusword": known(state.statusword),
-            "mode": say(state.mode_display, drive_words.mode),
-            "native_mode": say(state.native_mode, lambda n: drive_words.enum("active_mode", n)),
-            "node": say(state.nmt_state, drive_words.node_state),
-            "fault": say(state.fault, lambda n: drive_words.enum("fault", n)),
+            "mode": say(state.mode_display, state_names.mode),
+            "native_mode": say(state.native_mode, lambda n: state_names.enum("active_mode", n)),
+            "node": say(state.nmt_state, state_names.node_state),
+            "fault": say(state.fault, lambda n: state_names.enum("fault", n)),
             "error_code": known(state.error_code),
-            "limit_reason": say(state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
+            "limit_reason": say(state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
             "command_source": say(
-                state.command_source, lambda n: drive_words.enum("command_source", n)
+                state.command_source, lambda n: state_names.enum("command_source", n)
             ),
             "contact": say(state.contact, bool),
             "limit_cycle": say(state.limit_cycle, bool),

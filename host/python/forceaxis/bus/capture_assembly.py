@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from forceaxis.bus.drive_words import BY_NAME
 from forceaxis.bus.messages import axis_capture_t
+from forceaxis.bus.state_names import BY_NAME
 
 LARGEST = 1_000_000  # samples; more than any recorder holds, so a wrong number asks for no memory
 

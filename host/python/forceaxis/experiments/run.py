@@ -1,14 +1,10 @@
-"""Run experiments and write what they give: summary, trace, plot."""
+"""Run experiments: in process, over a link, or again from a journal."""
 
-import csv
-import json
 import math
 import shlex
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
@@ -167,22 +163,3 @@ def describe(summary):
         ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}") for r in summary["refused"]
     ]
     return "\n".join(f"{key:12} {value}" for key, value in lines)
-
-
-def write(done, out):
-    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
-    from forceaxis.experiments import plots
-
-    out.mkdir(parents=True, exist_ok=True)
-    names = list(done.columns)
-    np.savez_compressed(out / "trace.npz", **done.columns)
-    with (out / "trace.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
-    with (out / "events.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "element", "from", "to"])
-        writer.writerows(done.events)
-    plots.trace(done).savefig(out / "plot.png", dpi=120)
-    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")
