@@ -1,6 +1,6 @@
 """A session at an axis through its gateway alone: own it, drive it, record it.
 
-    from forceaxis.bus.gateway import Session
+    from forceaxis.gateway import Session
 
     with Session(1) as axis:                       # waits for the axis, takes it, keeps it
         axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
@@ -13,7 +13,7 @@
                                                    # at the end: disabled, given back
 
 Everything that AxisClient has (read, write, capture, wait_event, state) is there too. A command
-that is refused raises live.Refused with the reason, a wait without success live.NoAnswer.
+that is refused raises Refused with the reason, a wait without success NoAnswer.
 """
 
 import threading
@@ -21,9 +21,8 @@ import time
 from collections import deque
 
 from forceaxis._core import InputError
-from forceaxis.bus import client as live
 from forceaxis.bus import state_names
-from forceaxis.bus.client import AxisClient, NoAnswer, Refused
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused, object_named
 from forceaxis.bus.messages import axis_state_t
 
 MODES = {text: number for number, text in state_names.MODES.items()}
@@ -198,7 +197,7 @@ class _Keeper:
 
 def trigger_on(name, level, edge="rising"):
     """Settings of `capture`: begin when an object passes a level, in engineering units."""
-    known = live.object_named(name)
+    known = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object, to trigger on it")
     return {
