@@ -158,6 +158,17 @@ def fit(measured, starts, where="fit"):
     single = stats.t.ppf((1 + SHARE) / 2, degrees) * spread
     joint = math.sqrt(p * stats.f.ppf(SHARE, p, degrees)) * spread
 
+    warnings = warnings_of(
+        names, chi_square, degrees, covariance / np.outer(spread, spread), single, best.x - start
+    )
+    return Fit(
+        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
+        tuple(warnings),
+    )
+
+
+def warnings_of(names, chi_square, degrees, correlation, single, moved):
+    """What to distrust of a fit: [text]; moved: logarithms from the starts to the values."""
     warnings = []
     p_value = stats.chi2.sf(chi_square, degrees)
     if p_value < 1 - SHARE:
@@ -165,24 +176,20 @@ def fit(measured, starts, where="fit"):
             f"the model does not explain the data: chi-square {chi_square:.4g}, {degrees} degrees "
             f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
         )
-    together = covariance / np.outer(spread, spread)
-    for i, j in zip(*np.nonzero(abs(np.triu(together, 1)) > CORRELATED), strict=True):
+    for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > CORRELATED), strict=True):
         warnings.append(
-            f"{names[i]} and {names[j]} are hard to tell apart: correlation {together[i, j]:.3f}"
+            f"{names[i]} and {names[j]} are hard to tell apart: correlation {correlation[i, j]:.3f}"
         )
     warnings += [
         f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
     ]
-    for name, moved in zip(names, abs(best.x - start), strict=True):
-        if moved > REACH - 0.02:
+    for name, distance in zip(names, abs(moved), strict=True):
+        if distance > REACH - 0.02:
             warnings.append(
                 f"{name} stands at the edge of what was searched, {math.exp(REACH):.0f} times its "
                 "start or that part of it: its interval means nothing; give another start"
             )
-    return Fit(
-        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
-        tuple(warnings),
-    )
+    return warnings
 
 
 def check_separate(names, J, where):

@@ -245,15 +245,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     if cycles < FEWEST_CYCLES:
         raise too_short(where, cycles, floor)
 
-    white = float(np.sum(left**2) / (n - p))
-    lines = abs(np.fft.rfft(left)) ** 2 / n
-    here = omega * time[-1] / (2 * math.pi)
-    near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
-    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
-    # does not show; twice the variance of rounding, step^2 / 12, covers them.
-    levels = np.unique(values[inside])
-    rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
+    white, local, rounding, coloured = noise_of(left, n - p, omega * time[-1], values[inside], unit)
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
     t = stats.t.ppf((1 + SHARE) / 2, n - p)
 
@@ -272,7 +264,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     ends = np.array([0.0, (cycles - 1) * turn / omega])
     ratio = cycle_amplitudes(time, values[inside] - offset, omega, ends)
     warnings = []
-    if local > COLOURED * white and len(near) > 4 and explained < 1 - 1e-12:
+    if coloured and explained < 1 - 1e-12:
         warnings.append(
             "what the fit leaves is not white noise: another mode or a nonlinearity; the "
             "intervals count it as noise"
@@ -289,6 +281,25 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
         math.sqrt(white) * unit,
         tuple(warnings),
     )
+
+
+def noise_of(left, freedom, turned, values, unit):
+    """Variances of a sample that the residuals `left` tell of: white noise, noise near the
+    vibration, rounding; and whether the second is clearly more than the first.
+
+    turned: rad that the vibration turns in the record of `values`, which `unit` made dimensionless.
+    """
+    n = len(left)
+    white = float(np.sum(left**2) / freedom)
+    lines = abs(np.fft.rfft(left)) ** 2 / n
+    here = turned / (2 * math.pi)
+    near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
+    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
+    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
+    # does not show; twice the variance of rounding, step^2 / 12, covers them.
+    levels = np.unique(values)
+    rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
+    return white, local, rounding, local > COLOURED * white and len(near) > 4
 
 
 def too_short(where, cycles, floor):
