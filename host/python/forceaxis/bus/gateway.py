@@ -1,8 +1,8 @@
-"""A session at an axis through its gateway alone: own it, drive it, record it.
+"""A session at an axis through its gateway alone: acquire, move, record, release.
 
     from forceaxis.gateway import Session
 
-    with Session(1) as axis:                       # waits for the axis, takes it, keeps it
+    with Session(1) as axis:                       # waits for the axis and acquires it
         axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
         axis.home()                                # here is position 0
         axis.enable("profile position")
@@ -10,10 +10,10 @@
         axis.enable("force counts", force_setpoint=30.0)
         axis.wait_contact()
         held = axis.capture(["force", "dac_code"], samples=1500)
-                                                   # at the end: disabled, given back
+                                                   # at the end: disabled and released
 
-Everything that AxisClient has (read, write, capture, wait_event, state) is there too. A command
-that is refused raises Refused with the reason, a wait without success NoAnswer.
+It has all of AxisClient too (read, write, capture, wait_event, state). A refused command raises
+Refused with the reason, a wait that times out NoAnswer.
 """
 
 import threading
@@ -36,10 +36,10 @@ STATES_KEPT = 30_000  # ten minutes of 50 a second
 
 
 class Session(AxisClient):
-    """An axis that is this program's own until the session is closed."""
+    """An axis, acquired until the session is closed."""
 
     def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
-        # Before the bus's thread begins to bring them.
+        # Before the bus's thread delivers the first.
         self._states = deque(maxlen=STATES_KEPT)
         self._keeper = None
         super().__init__(axis, url, timeout_s)
@@ -56,27 +56,27 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values):
-        """As AxisClient's; a new watchdog is not overtaken by the one that keeps the axis."""
+        """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one."""
         if self._keeper is None or not {"watchdog", "0x2302"} & values.keys():
             return super().write_all(values)
         with self._keeper.unchanged:
             return super().write_all(values)
 
     def close(self):
-        """Leaves the axis disabled and to CANopen, as far as it still answers."""
+        """Disables and releases the axis, as far as it still answers."""
         if self._keeper:
             try:
                 self.disable()
                 self.release()
             except (Refused, NoAnswer):
-                pass  # somebody else has it, or nobody does: nothing is left to give back
+                pass  # another client has acquired it, or it is gone: nothing to release
             self._keeper.close()
             self._keeper = None
         super().close()
 
     @property
     def states(self):
-        """The states that were heard, in order: axis_state_t, of the latest STATES_KEPT."""
+        """The received states in order, axis_state_t, the latest STATES_KEPT of them."""
         with self._news:
             return list(self._states)
 
@@ -132,7 +132,7 @@ class Session(AxisClient):
         self.write("controlword", FAULT_RESET)
 
     def home(self, position=0):
-        """The place where the axis stands becomes `position`; it does not move."""
+        """Homing in place: the present position becomes `position`."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -141,7 +141,7 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position, timeout_s=20.0):
-        """Profile position: goes there and waits until the target is reached."""
+        """Profile position mode: moves and waits until the target is reached."""
         self.write_all({"target_position": position, "controlword": NEW_SETPOINT})
         self.wait_for(lambda s: s.statusword & BIT_12, "the set-point to be taken")
         self.write("controlword", ENABLE)
@@ -168,15 +168,15 @@ class Session(AxisClient):
 
 
 class _Keeper:
-    """Keeps the axis: writes its watchdog as it is, several times within it, because only writes of
-    the owner feed it. Whoever else has taken the axis keeps it: then the write is refused. A client
-    of its own, so that a session that waits in a capture is kept as well."""
+    """Feeds the watchdog by writing its own value several times within it; only writes of the owner
+    count, so an axis that another client acquired is not taken back. It has a client of its own, so
+    that it also runs while the session waits for a capture."""
 
     PERIOD_S = 0.2
 
     def __init__(self, axis, url):
         self._client = AxisClient(axis, url)
-        self.unchanged = threading.Lock()  # held from reading the watchdog to writing it again
+        self.unchanged = threading.Lock()  # locked from reading the watchdog to writing it again
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -187,7 +187,7 @@ class _Keeper:
                 with self.unchanged:
                     self._client.write("watchdog", self._client.read("watchdog"))
             except (Refused, NoAnswer):
-                continue  # a state or a refusal tells the session
+                continue  # the session notices by a state or a refusal
 
     def close(self):
         self._stop.set()

@@ -1,4 +1,4 @@
-"""Tables of what an LCM log says, as CSV and NPZ."""
+"""Tables of the messages of an LCM log, as CSV and NPZ."""
 
 import csv
 from array import array
@@ -81,7 +81,7 @@ def export(path, out, kinds=("csv", "npz")):
             undecodable += 1
             continue
         if not gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
-            continue  # a datagram that came twice
+            continue  # a duplicated datagram
         if kind == "CAPTURE":
             key = (entry.channel, message.run_id, message.capture_id)
             captures.setdefault(key, Assembly()).take(message)

@@ -57,7 +57,7 @@ class AxisPanel(Static):
         self.app.choose(self.number)
 
     def show(self, words, heard_age_s, height, chosen):
-        """Draws `words` (AxisWatch.words, None: only other messages were heard)."""
+        """Draws `words` (AxisWatch.words, None: only other messages were received)."""
         width = max(10, self.content_size.width)
         silent = words is None or heard_age_s > STALE_S
         state = (words or {}).get("drive_state") or "no state yet"
@@ -108,7 +108,7 @@ def fault_text(words):
     fault, code = words["fault"], words["error_code"]
     if fault in (None, "none") and not code:
         return Text("fault -" if fault is None else "no fault", style=QUIET)
-    if fault in (None, "none"):  # what only the drive profile or a bus calls an error
+    if fault in (None, "none"):  # an error of the drive profile or of a bus, no fault of the axis
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 

@@ -53,8 +53,8 @@ def bench_(cases, tools, repeat, sweeps, linear, links, check, as_json):
         rows = bench_link.run(min(repeat, 10))
         checks = bench_link.check(rows)
         if as_json:
-            told = [{"check": text, "held": held} for text, held in checks]
-            click.echo(json.dumps({"link": rows, "checks": told}))
+            found = [{"check": text, "held": held} for text, held in checks]
+            click.echo(json.dumps({"link": rows, "checks": found}))
         else:
             click.echo("\n".join(bench_link.describe(rows)))
             for text, held in checks:

@@ -79,25 +79,25 @@ def replay(journal, out, as_json):
     The same trace hash comes out; the exit status is 1 if it does not, or if the journal breaks off
     without one, because the node was killed: then what is there is replayed.
     """
-    done, told = runs.replay(journal)
-    same = done.summary["trace_hash"] == told["trace_hash"]
-    done.summary["replay"] = told | {"same": same}
+    done, journalled = runs.replay(journal)
+    same = done.summary["trace_hash"] == journalled["trace_hash"]
+    done.summary["replay"] = journalled | {"same": same}
     if out:
         trace.write(done, out)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         click.echo(runs.describe(done.summary))
-        known = told["trace_hash"] or "none, it is broken off"
-        click.echo(f"journal      {told['entries']} entries, trace hash {known}")
-    if told["ticks"] is None:
+        known = journalled["trace_hash"] or "none, it is broken off"
+        click.echo(f"journal      {journalled['entries']} entries, trace hash {known}")
+    if journalled["ticks"] is None:
         fail(
             f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
             f"written down, {done.summary['ticks']} ticks",
             status=1,
         )
     if not same:
-        fail(f"{journal}: expected the trace hash {told['trace_hash']} again", status=1)
+        fail(f"{journal}: expected the trace hash {journalled['trace_hash']} again", status=1)
 
 
 def named(context, option, texts):
@@ -236,13 +236,13 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     """
     from forceaxis.experiments import regression
 
-    def tell(outcome):
+    def report(outcome):
         if outcome.status == "error":
             click.echo(f"forceaxis: {outcome.message}", err=True)
         if not as_json:
             click.echo(regression.describe(outcome))
 
-    outcomes = regression.run(targets, update, out, threads, pattern, tell)
+    outcomes = regression.run(targets, update, out, threads, pattern, report)
     if junit:
         regression.write_junit(outcomes, junit)
     number = regression.counts(outcomes)

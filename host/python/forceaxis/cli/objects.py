@@ -1,4 +1,4 @@
-"""`forceaxis objects`: the firmware's objects, and the files that tell other programs of them."""
+"""`forceaxis objects`: the firmware's objects, and files about them for other programs."""
 
 import json
 import shutil

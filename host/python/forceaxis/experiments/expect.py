@@ -12,7 +12,7 @@
                              from its value at from_s; "undefined" when there is no step
 
     signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
-    from_s = 0.0             `signal` is looked at from here on, for instance from a disturbance
+    from_s = 0.0             evaluation of `signal` starts here, for instance at a disturbance
     final_s = 0.3            default: a tenth of what follows from_s
     band = 0.05              fraction of the step, or { absolute = 1.5 } in the unit of `signal`
 
@@ -44,7 +44,7 @@ TOLERANCES = {
 }
 
 
-NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number can be had
+NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number exists
 
 
 HOW = ("signal", "from_s", "final_s", "band")
@@ -71,7 +71,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Expectation:
-    """A checked [expect] table: key -> text or Number, and how `signal` is looked at."""
+    """A checked [expect] table: key -> text or Number, and how `signal` is evaluated."""
 
     wanted: dict
     signal: str | None
@@ -105,7 +105,7 @@ class Check:
 
     @property
     def passed(self):
-        """Whether the obtained is as expected."""
+        """Whether the obtained value is the expected one."""
         if isinstance(self.expected, Number) and isinstance(self.obtained, float):
             return self.expected.low <= self.obtained <= self.expected.high
         return self.expected == self.obtained
@@ -272,7 +272,7 @@ def measure(done, expect, contacts):
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    if abs(final) < 1e-9 * largest:  # what has died out is 0, not a number that rounding makes
+    if abs(final) < 1e-9 * largest:  # a signal that died out ends at 0, not at its rounding error
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
     width = expect.band if expect.band_is_absolute else expect.band * abs(step)
@@ -296,7 +296,7 @@ def examine(file, overrides=()):
     """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
     data = load(file) if file.is_file() else {}
-    expect = read(file, data)  # bad tables are told before the work
+    expect = read(file, data)  # a bad table is refused before the run
     done = runs.run(file, overrides)
     contacts = [c["name"] for c in load(file.parent / data["model"]).get("contact", [])]
     measured = measure(done, expect or read(file, {"expect": {}}), contacts)

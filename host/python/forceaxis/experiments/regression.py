@@ -26,7 +26,7 @@ class Outcome:
 
     @property
     def name(self):
-        """How it is called in every output."""
+        """Its name in every output."""
         return paths.display(self.file)
 
     @property
@@ -55,7 +55,7 @@ class Outcome:
 
 
 def is_test(file):
-    """True: has [expect] (or cannot be read, which a run will tell); False: an experiment without
+    """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
     one; None: not an experiment."""
     try:
         data = expect.load(file)
@@ -98,7 +98,7 @@ def find(targets, pattern=None):
 
 
 def run_test(file):
-    """Outcome of one file; never raises for what a user can do wrong."""
+    """Outcome of one file; a user's mistake is an Outcome, not an exception."""
     began = time.perf_counter()
     outcome = Outcome(file, "error")
     try:
@@ -146,11 +146,11 @@ def write_update(outcome):
     outcome.message = ""
 
 
-def run(targets, update=False, out=None, threads=None, pattern=None, tell=None):
+def run(targets, update=False, out=None, threads=None, pattern=None, report=None):
     """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
 
     update: rewrite [expect] where it differs. out: folder for a plot and a table of each
-    difference. tell: called with each Outcome as soon as those before it are done.
+    difference. report: called with each Outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
     if out:
@@ -166,8 +166,8 @@ def run(targets, update=False, out=None, threads=None, pattern=None, tell=None):
                     write_update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
-                if tell:
-                    tell(outcome)
+                if report:
+                    report(outcome)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
     return outcomes + [Outcome(p, "skipped", message="no [expect] table") for p in skipped]

@@ -156,7 +156,7 @@ def counts_of(columns, runner, search):
 
 
 def command_of(experiment, grid, random, count, seed, bisect, overrides, out, scheduler):
-    """The command line that gives the same sweep."""
+    """The command line of the same sweep."""
     command = ["forceaxis", "sweep", paths.display(experiment)]
     for option, given in (("--grid", grid), ("--random", random), ("--bisect", bisect)):
         for name, value in (given or {}).items():

@@ -56,7 +56,7 @@ def run_plot(figure, ax, done):
         mesh = ax.pcolormesh(*edges, cells, cmap="RdYlGn", vmin=0, vmax=1)
         coloured(figure, ax, "share of stable runs", mesh)
         return "Share of stable runs"
-    # What never touched is not held, so it is unstable by the word; the map tells it apart.
+    # A run that never touched has no contact to hold, so its verdict is unstable; the map marks it.
     untouched = (verdict == "unstable") & (peak == 0) & bool((peak > 0).any())
     kinds = averaged(done, np.where(untouched, 2, share))
     ax.set_facecolor(FAILED)
@@ -97,7 +97,7 @@ def boundary_plot(figure, ax, done):
     order = np.argsort(x)
     x, boundary, beyond = x[order], boundary[order], beyond[order]
     note = done.columns["note"][order]
-    # Without a change the whole column is of one kind; it is drawn as such.
+    # Without a change of verdict the whole column has one colour.
     edge = np.where(np.isfinite(boundary), boundary, np.nan)
     up = np.nansum(np.sign(beyond - boundary)) >= 0  # stable below
     for i, text in enumerate(note):

@@ -38,7 +38,7 @@ def identity_of(experiment, overrides):
 class Journal:
     """Outcomes of finished runs by key; a file that only grows, one JSON object a line.
 
-    The first line is the identity of what was run. Lines that a kill has torn are dropped.
+    The first line is the identity of what was run. Lines cut off by a kill are dropped.
     """
 
     def __init__(self, path, identity):
@@ -94,12 +94,12 @@ class Journal:
             self._write({"key": key, "parameters": values, "outcome": outcome})
 
     def flush(self):
-        """Hand what was added to the operating system, where a kill cannot undo it."""
+        """Flush to the operating system, where a kill loses nothing."""
         if self.file:
             self.file.flush()
 
     def close(self):
-        """Flush and let go of the folder."""
+        """Flush and release the folder."""
         if self.file:
             self.file.close()
 
@@ -157,7 +157,7 @@ class Runner:
         """Outcomes of {name: value} rows, in order."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
-        # One model after the other, so that its modes are made once.
+        # Sorted by model, so that the modes of each are computed once.
         of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
         todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 

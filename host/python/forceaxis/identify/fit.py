@@ -207,8 +207,8 @@ def read_response(path, model, held=None, **given):
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
     A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
-    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded,
-    and `held`, {parameter: value}, adds to it. Raises InputError.
+    `given` has the other keys: input, output, averages, dt (s), scale; it replaces what was
+    recorded, and `held`, {parameter: value}, adds to it. Raises InputError.
     """
     path = Path(path)
     file = path / "response.npz" if path.is_dir() else path

@@ -55,7 +55,7 @@ def fitted(measured, start, fitted):
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
-    # A point of which nothing is known shall not stretch the axis.
+    # A point without information must not stretch the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
     rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]

@@ -1,7 +1,7 @@
 """Identification: a model's parameters from what was measured, each with its interval.
 
 The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1);
-`fit_response` fits any parameters of a model to a measured frequency response.
+`fit` fits any parameters of a model to a measured frequency response.
 """
 
 import csv
@@ -284,7 +284,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
 
 
 def noise_of(left, freedom, turned, values, unit):
-    """Variances of a sample that the residuals `left` tell of: white noise, noise near the
+    """Variances of a sample, estimated from the residuals `left`: white noise, noise near the
     vibration, rounding; and whether the second is clearly more than the first.
 
     turned: rad that the vibration turns in the record of `values`, which `unit` made dimensionless.

@@ -1,4 +1,4 @@
-"""A measurement beside the linear model: what `forceaxis measure` says, writes and draws."""
+"""A measurement beside the linear model: what `forceaxis measure` prints, writes and draws."""
 
 import csv
 import json
@@ -190,7 +190,7 @@ def write(done, out):
         "model_magnitude": abs(done.model),
         "model_phase_deg": np.degrees(np.angle(done.model)),
     }
-    # What is not an array of the Measurement, for `identify.read_response`.
+    # The other members of the Measurement, for `fit.read_response`.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     drawn = figure(done)
     names = ("response.csv", "response.npz", "plot.png", "result.json")

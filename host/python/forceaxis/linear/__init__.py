@@ -1,4 +1,4 @@
-"""Linear analysis of a model: state spaces, loops, modes, what limits the bandwidth."""
+"""Linear analysis of a model: state spaces, loops, modes, beams, what limits the bandwidth."""
 
 from forceaxis.linear.system import (
     TICK_S,

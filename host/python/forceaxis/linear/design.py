@@ -52,7 +52,7 @@ class Design:
     """A model under its parameter values, with the experiment that simulates it.
 
     text: MODEL or EXPERIMENT as on the command line; `overrides` win over an experiment's [set].
-    Use as a context: changed models are files in a folder that ends with it.
+    Use as a context: changed models are files in a temporary folder.
     """
 
     def __init__(self, text, overrides=None, timing=None):
@@ -232,7 +232,7 @@ def pads(design):
     def pad(stiffness):
         def edit(document):
             (old,) = document["contact"]
-            if sensor == old["name"]:  # the sensor is where they touch: give it its mass
+            if sensor == old["name"]:  # the contact itself is the sensor: a body takes its mass
                 near, far = old["between"]
                 body = next(b for b in document["body"] if b["name"] == near)
                 mass = {"name": "sensor_mass", "mass": SENSOR_MASS}

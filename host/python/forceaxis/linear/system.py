@@ -1,7 +1,7 @@
 """The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
 
 Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
-control loops around it, `modes` looks at the mechanics alone.
+control loops around it, `modes` analyses the mechanics alone.
 """
 
 from dataclasses import dataclass, replace

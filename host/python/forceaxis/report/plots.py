@@ -1,4 +1,4 @@
-"""Figures that only the report has."""
+"""Figures of the report alone."""
 
 import matplotlib.pyplot as plt
 import numpy as np

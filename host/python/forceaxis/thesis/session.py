@@ -1,7 +1,7 @@
 """A whole session of the thesis through the gateway: boot, gains, a move of 36,000 counts (3.13),
 contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), recorder, plot.
 
-`run` needs nothing but a gateway. `forceaxis session` brings the rest: plant, firmware, gateway.
+`run` needs a running gateway; `whole` starts plant, firmware and gateway as well.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The thesis's controller knew no soft taking-over.
+    # The thesis's controller has no bumpless transfer.
     "bump_decay_shift": 0,
 }
 
@@ -44,7 +44,7 @@ def run(url=None, axis=1, strike_within_s=20.0):
         session.wait_contact(WANTED)
         found["force_held_cnt"] = session.read("force")
         found["position_in_contact_cnt"] = session.read("position_actual")
-        # The hand strikes whenever it likes: the recorder waits for it.
+        # The strike is not synchronised: the recorder's trigger waits for it.
         held = session.capture(
             RECORDED,
             samples=1800,
@@ -67,7 +67,7 @@ def run(url=None, axis=1, strike_within_s=20.0):
 
 
 def plot(states, held, path):
-    """Move and contact as they were watched, the strike as it was recorded."""
+    """Move and contact as published, the strike as recorded."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import INK, THIN
@@ -106,32 +106,32 @@ def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gatew
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # A guest on a busy machine stands still now and then: the axis is to bear with it.
+        # A guest on a busy machine stalls now and then: longer time-outs bridge that.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}
-    running, said = {}, {}
+    running, outputs = {}, {}
     with contextlib.ExitStack() as stack:
         try:
             for name, words in commands.items():
-                said[name] = stack.enter_context(tempfile.TemporaryFile("w+"))
+                outputs[name] = stack.enter_context(tempfile.TemporaryFile("w+"))
                 running[name] = process = subprocess.Popen(
                     [link.program(name), *words],
                     stdout=subprocess.PIPE,
-                    stderr=said[name],
+                    stderr=outputs[name],
                     text=True,
                     preexec_fn=_end_with_us,
                 )
                 stack.callback(_stop, process)
                 if "ready" not in process.stdout.readline():
                     process.wait(5)
-                    raise link.LinkError(f"{name}: {_text(said[name]) or 'ended at once'}")
+                    raise link.LinkError(f"{name}: {_text(outputs[name]) or 'ended at once'}")
             yield running
         except (NoAnswer, Refused) as error:
-            # What the programs said belongs to it.
-            told = [f"{name}: {_text(file)}" for name, file in said.items() if _text(file)]
-            told += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
-            raise link.LinkError("; ".join([str(error), *told])) from error
+            # The programs' own output explains the failure.
+            reports = [f"{name}: {_text(file)}" for name, file in outputs.items() if _text(file)]
+            reports += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
+            raise link.LinkError("; ".join([str(error), *reports])) from error
 
 
 def _end_with_us():
@@ -140,7 +140,7 @@ def _end_with_us():
 
 
 def _report(name, process):
-    """What a program said at its end. Raises link.LinkError if that is not a run that went well."""
+    """The report of a finished program. Raises link.LinkError unless its run succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
@@ -164,7 +164,7 @@ def _stop(process):
 
 def whole(folder):
     """All of it, files below `folder`: {what was seen}."""
-    # What an earlier session left stays until this one is over.
+    # Results of an earlier session stay until this one has finished.
     with paths.replacing(folder, "axis.journal") as (journal,):
         journal.unlink(missing_ok=True)
         with machine(folder, journal=journal) as running:
@@ -173,11 +173,11 @@ def whole(folder):
             found["gateway_status"] = running["gateway"].wait(10)
             reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
     plot(states, held, Path(folder) / "session.png")
-    done, told = runs.replay(folder / "axis.journal")
+    done, journal = runs.replay(folder / "axis.journal")
     found |= {
         "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
         "replayed_hash": done.summary["trace_hash"],
-        "journal": told,
+        "journal": journal,
         "plant_overruns": reports["plant_node"]["overruns"],
         "fault": reports["axis_node"]["axes"][0]["fault"],
     }
