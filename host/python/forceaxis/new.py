@@ -191,7 +191,7 @@ BY_NAME = {f.name: f for f in FIELDS}
 
 
 def collect(given, ask=None):
-    """Every value and where it is from. `given`: texts by name; `ask(field, default)` -> text.
+    """Every value and its origin. `given`: texts by name; `ask(field, default)` -> text.
 
     Returns (values, sources). Raises InputError for a value that is out of range or without effect.
     """
@@ -230,7 +230,7 @@ def shown(field, default):
 
 @dataclass
 class Axis:
-    """What follows from the data sheet."""
+    """Constants derived from the data sheet."""
 
     v: dict  # data-sheet values by name
     r_trans: float
@@ -339,7 +339,7 @@ def first_gains(axis, model):
     v = axis.v
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
     if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
-        sliding["transmission.high"] = "pressed"  # the play taken up
+        sliding["transmission.high"] = "pressed"  # the backlash closed
     plant = linear.linearise(model, outputs=("adc0",), modes=sliding)
     free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
     poles = np.concatenate([plant.poles().real, free.poles().real])

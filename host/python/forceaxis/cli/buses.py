@@ -1,4 +1,4 @@
-"""`forceaxis monitor` and `forceaxis log`: watch axes over LCM, and what was recorded."""
+"""Verbs of axes on buses: the gateway, the monitor, logs."""
 
 import json
 import os
@@ -83,7 +83,7 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
 
 
 def snapshot(watch, source, axis, seconds, as_json):
-    """Prints what was heard, exit status 1 if that is no state."""
+    """Prints the states received until now; exit status 1 if there is none."""
     if source.replayed:
         source.play_all()
     else:

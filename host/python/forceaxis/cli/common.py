@@ -1,4 +1,4 @@
-"""What verbs share: how their help looks, options, output."""
+"""Shared by verbs: the form of their help, options, errors."""
 
 import sys
 from pathlib import Path
@@ -27,7 +27,7 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """A folder to write to; whoever writes makes it."""
+    """A folder to write to; the writer creates it."""
 
     def __init__(self):
         super().__init__(file_okay=False, path_type=Path)
@@ -90,7 +90,7 @@ def linked(command):
 
 
 def link_of(kind, lcm_url, link_can, inject):
-    """The link asked for, or None; may go on in a guest that has CAN."""
+    """The Link of the options, or None; may restart the command in a guest that has CAN."""
     if kind is None:
         return None
     over = link.Link(kind, lcm_url, link_can, inject)

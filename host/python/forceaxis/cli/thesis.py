@@ -82,7 +82,7 @@ def session(out, as_json):
     link.under_vcan(link.Link("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
-    # As an interrupt does: the programs are ended, half a journal is not left behind.
+    # As an interrupt: the programs are ended and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     found = thesis_session.whole(out)
     found["folder"] = paths.display(out)

@@ -120,7 +120,7 @@ def fit(measured, starts, where="fit"):
     start = np.log(first)
 
     def search(begin):
-        """From far away in the logarithm, then as the errors are."""
+        """First by the logarithm, which converges from afar, then by the likelihood."""
         options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
         near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
@@ -136,7 +136,7 @@ def fit(measured, starts, where="fit"):
     check_separate(names, as_real(jacobian(start)), where)
 
     relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-    trust = 1 / np.hypot(relative, 0.1)  # no point counts as known better than a tenth
+    trust = 1 / np.hypot(relative, 0.1)  # no point weighs more than an error of a tenth
     best = search(start)
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
@@ -168,7 +168,7 @@ def fit(measured, starts, where="fit"):
 
 
 def warnings_of(names, chi_square, degrees, correlation, single, moved):
-    """What to distrust of a fit: [text]; moved: logarithms from the starts to the values."""
+    """Warnings about a fit: [text]; moved: logarithms from the starts to the values."""
     warnings = []
     p_value = stats.chi2.sf(chi_square, degrees)
     if p_value < 1 - SHARE:

@@ -5,7 +5,7 @@ codes from the excitation mode of the running firmware; two signals are recorded
 from one to the other is estimated (H1), with its error, beside that of the linear model.
 
 Every realisation of the excitation (another noise, another phase) repeats itself exactly. It is
-played until what the one before has left behind is gone, and then one whole period is measured:
+played until the transient of the previous one has decayed, then one whole period is measured:
 nothing leaks from line to line, so the residuals of H1 over the realisations are the noise alone,
 and with it the error of the response is known, not assumed:
 
@@ -28,7 +28,7 @@ from forceaxis._core import InputError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.setup import CODES, read_setup
 
-LEFT_BEHIND = 1e-8  # of what a transient was, when measuring starts
+LEFT_BEHIND = 1e-8  # share of a transient that remains when measuring starts
 FIRST_OF_HANN = 3  # line
 MOST_STEPS = 20_000_000
 MOST_PARTS = 64  # of a tick
@@ -80,7 +80,7 @@ class Bench:
         self.write("excitation_seed", rng.integers(65536))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # How a sine is rounded hangs on its size; one size alone would be an error unseen.
+            # Rounding depends on the amplitude; a single one would hide a systematic error.
             level = int(self.setup.level)
             self.write("excitation_amplitude", rng.integers((level + 1) // 2, level + 1))
         if not self.started:
@@ -147,7 +147,7 @@ def unstable(where, text):
 
 
 def converter(values, bits, rng):
-    """What the analyzer's converter makes of values: (rounded, step). Its range is the smallest of
+    """The analyzer's converter: (rounded values, step). Its range is the smallest of
     1, 2, 5 times 10^n that holds them; triangular dither makes the error noise of step^2 / 4."""
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
@@ -169,7 +169,7 @@ def settling_steps(system, where):
             f"{where}: model: expected a stable plant, it has a pole at +{rate:.3g} 1/s: unstable "
             "excitation; change the parameters or measure it with the contacts apart"
         )
-    still = abs(poles - 1) < 1e-7  # integrators drift, which is taken out
+    still = abs(poles - 1) < 1e-7  # the drift of integrators is removed
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
         raise InputError(
@@ -185,8 +185,8 @@ def measure(target, options=None, plant_set=None):
     target: a measurement file (path, or stem of a file of sim/measurements: "fig3_9"), or a model
     (path or stem) with `options`, {key: value} of Setup, which also replace keys of a file; "set"
     holds parameters {name: value} of both plant and model. plant_set: {name: value} of the plant
-    alone, behind the analyzer's back. Raises InputError: one line, for whatever is wrong or cannot
-    be measured.
+    alone, unknown to the linear model. Raises InputError for a wrong set-up and for a plant that
+    cannot be measured.
     """
     setup, where = read_setup(target, options)
     return measure_setup(setup, where, plant_set)
@@ -276,7 +276,7 @@ def grid_of(setup, where):
             f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
             f"little data for one; measure longer, with a smaller resolution_hz"
         )
-    if setup.window == "hann":  # taking out mean and drift bends the two lines beside 0 Hz
+    if setup.window == "hann":  # removing mean and drift distorts the two lines beside 0 Hz
         first = max(first, FIRST_OF_HANN)
         if last < first:
             raise InputError(
@@ -306,7 +306,7 @@ def settling_of(setup, plant_set, dt, where):
                 f"the drive acts on, there is no path from drive.command to {name}"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    if plant_set:  # it may settle later than the nominal one; its instability shall show itself
+    if plant_set:  # may settle later than the nominal one; instability is reported later
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, overrides | plant_set),
             free=setup.free,
@@ -319,8 +319,8 @@ def settling_of(setup, plant_set, dt, where):
 def record_periods(bench, lines, lead_in, drifts, rng):
     """[(lines, (averages, 2, samples))]: a period of each realisation, and of each line of a sine.
 
-    A plant that integrates drifts by what the excitation's mean makes of it, the same in every
-    period: that ramp is taken out.
+    An integrating plant drifts with the mean of the excitation, by the same in every period: that
+    ramp is removed.
     """
     setup, n = bench.setup, bench.samples
     sets = [(np.array([line]), line) for line in lines]
@@ -333,7 +333,7 @@ def record_periods(bench, lines, lead_in, drifts, rng):
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            if grown(before, now):  # once may be chance, where a contact bounces
+            if grown(before, now):  # a bouncing contact may grow once by chance
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
                     raise unstable(

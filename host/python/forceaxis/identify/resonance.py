@@ -81,7 +81,7 @@ def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refi
     """Fit a cascade of at most `modes` resonances to a measured or simulated response: Fit.
 
     frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
-    unit; only magnitudes are fitted. What is looked at is their quotient, |G| / |G_rb|:
+    unit; only magnitudes are fitted. Analysed is their quotient, |G| / |G_rb|:
 
     1. compare: the quotient in dB, smoothed by nothing, so average noisy data first
     2. its peaks that stand out by `prominence_db` (the `modes` most prominent), lowest first

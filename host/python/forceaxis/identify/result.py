@@ -81,7 +81,7 @@ def run(target, options=None, plant_set=None):
 
 
 def hints(setup, measured, contacts):
-    """What else than a wrong model may keep the linear one from fitting: [text]."""
+    """Reasons other than a wrong model why the linear one may not fit: [text]."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():

@@ -14,7 +14,7 @@ CODES = ("adc0", "adc1", "encoder", "dac_code")
 
 @dataclass(frozen=True)
 class Setup:
-    """What is measured and how: the keys of a measurement file and the options of the verb.
+    """Set-up of a measurement: the keys of its file and the options of the verb.
 
     Files are TOML; [set] holds model parameters. See sim/measurements/fig3_6.toml.
     """
@@ -66,14 +66,14 @@ def read_setup(target, options=None):
             raise InputError(f"{where}: model: expected the path of a model beside the measurement")
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    for key in ("input", "output"):  # another signal than the file's: not what its title says
+    for key in ("input", "output"):  # with another signal the file's title no longer applies
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
     given = given | options
     return check(given, where), where
 
 
-# What each key may be, in words and as a test.
+# The values of each key: in words, and as a predicate.
 KEYS = {
     "input": ("a signal's name", lambda v: isinstance(v, str) and v),
     "output": ("a signal's name", lambda v: isinstance(v, str) and v),

@@ -33,7 +33,7 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.design import FACTOR, Design, changes
 
 GAIN_MARGIN = 2.0
-LAG = 3.0  # noncolocated modes up to this many times the crossing turn the rigid body's roots
+LAG = 3.0  # noncolocated modes up to this many times the crossing may limit by their lag
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
@@ -72,7 +72,7 @@ def performance(loop, reference_hz=None):
 
 
 def ratios(new, old):
-    """What a change multiplies each number by; None where one of the two is none."""
+    """The factor of each number under a change; None where one of the two is none."""
     return {
         name: new[name] / old[name] if new[name] and old[name] else None
         for name in ("critical_gain", "loop_gain", "loop_gain_at", "crossover_hz")

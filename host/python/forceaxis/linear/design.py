@@ -182,7 +182,7 @@ def read(path):
 
 
 def roles(table):
-    """{parameter: what it is}: "arm stiffness", "tip mass"."""
+    """{parameter: its role}: "arm stiffness", "tip mass"."""
     found = {}
     for kind in ("body", "spring", "damper", "contact"):
         for element in table.get(kind, ()):

@@ -1,4 +1,4 @@
-"""What the verbs limit, poles and step take and print."""
+"""Loops from command-line options, and the results of `forceaxis limit`, `poles` and `step`."""
 
 import math
 from dataclasses import asdict
@@ -60,7 +60,7 @@ def largest_firmware_gain(loop, limit):
 
 
 def describe_loop(loop):
-    """What was analysed, as both verbs report it."""
+    """The loop that was analysed, for the summary of a verb."""
     return {
         "model": paths.display(loop.model),
         "law": loop.law,

@@ -44,12 +44,12 @@ class Locus:
     gains: np.ndarray
     branches: np.ndarray
     ends: Array  # open-loop poles and zeros
-    crossings: list  # loops.Crossing of every gain at which a pole is on the boundary
-    limit: object  # loops.Limit
+    crossings: list  # stability.Crossing of every gain at which a pole is on the boundary
+    limit: object  # stability.Limit
     unit: str  # of the gain
     codes: float | None  # firmware gain of one unit
     span_hz: float
-    at_gain: np.ndarray = ()  # closed-loop poles at a gain asked for, 1/s
+    at_gain: np.ndarray = ()  # closed-loop poles at a given gain, 1/s
 
     def summary(self):
         """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
@@ -85,7 +85,7 @@ def span_of(ends, critical_hz):
 
 @np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
 def locus(loop, label="", span_hz=None, gain=None):
-    """The root locus of a `loops.Loop`, drawn finely inside a frame of span_hz (default: span_of).
+    """The root locus of a `stability.Loop`, fine inside a frame of span_hz (default: span_of).
 
     gain: where to mark the closed-loop poles, in the loop's unit.
     """

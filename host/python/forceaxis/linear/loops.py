@@ -1,4 +1,4 @@
-"""Force loops: control laws around a plant, their critical gains, margins, root loci and steps.
+"""Force loops: control laws around a plant; `stability.Loop` analyses them.
 
 A law is u = k e - K_v v, in volts, with e the set-point less what is fed back, in newtons:
 
@@ -71,7 +71,7 @@ def _compensator(law, p, dt):
 
 
 def option(name):
-    """A law parameter as the command line spells it."""
+    """The command-line option of a law's parameter."""
     return "--" + name.replace("_", "-").lower()
 
 
@@ -96,7 +96,7 @@ def _check(law, timing, given):
 
 
 class _Plant(NamedTuple):
-    """A plant, and what a law can feed back of it: rows of the reading f, its rate, x and v."""
+    """A plant and the rows that a law can feed back: the reading f, its rate, x and v."""
 
     A: np.ndarray
     B: np.ndarray
@@ -191,7 +191,7 @@ def _sampled(system, law, timing, tick_s, moves):
     system = system.sampled(0, tick_s)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    if D.any():  # the converter reads just before the new code: what jumps with it shows next
+    if D.any():  # the ADC converts just before the new code: a direct path shows one tick later
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])
         B = np.vstack([B, np.ones((1, 1))])

@@ -41,7 +41,7 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
     phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # a decade at least, so that what is flat looks flat
+        if high < 10 * low:  # a decade at least, so that a flat curve looks flat
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         axes[0, 0].yaxis.set_minor_formatter(plt.NullFormatter())
@@ -163,7 +163,7 @@ def rlocus(loci, title="", wide=2.7):
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # what lies beyond is not drawn
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles beyond are not drawn
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
         label_crossings(ax, one, span)

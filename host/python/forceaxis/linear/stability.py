@@ -47,7 +47,7 @@ class Margins:
 
 
 def _reachable(A, B):
-    """Orthonormal basis of what the input reaches."""
+    """Orthonormal basis of the controllable states."""
     basis = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
@@ -60,11 +60,11 @@ def _reachable(A, B):
 
 
 def _minimal(system):
-    """Without the states that the input does not reach or the output does not show.
+    """Without the states that are not controllable or not observable.
 
-    They would stay where they are whatever the gain, on the boundary too (a position that drifts).
+    Their poles do not move with the gain, even on the boundary (a position that drifts).
     """
-    # Units in which input and output weigh as much as the states, or a delay's state looks unseen.
+    # Balanced together with input and output; otherwise the state of a delay can look unobservable.
     n = len(system.A)
     whole = np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]])
     scale = linalg.matrix_balance(whole, permute=False, separate=True)[1][0]
@@ -136,7 +136,7 @@ class Loop:
         """Closed-loop poles, 1/s (of a sampled loop log(z) / T)."""
         return self.closed(gain).poles_s()
 
-    # What follows asks where L / k, on the boundary, is real and negative. A sampled loop is
+    # Critical gains are where L / k, on the boundary, is real and negative. A sampled loop is
     # mapped onto w = (2/T) (z - 1)/(z + 1), which takes the unit circle to the imaginary axis.
 
     @cached_property
@@ -180,7 +180,7 @@ class Loop:
         return -(C @ np.linalg.solve(matrix, np.linalg.solve(matrix, B + 0j))).item()
 
     def _rounding(self, w):
-        """What rounding of the matrices makes of G at frequencies w (m,) of the plane."""
+        """The error of G by rounding of the matrices, at frequencies w (m,) of the plane."""
         A, B, C, D = self._plane
         size = np.linalg.norm(A)
         points = 1j * np.asarray(w, float) + 1e-16 * size  # not exactly on a pole
@@ -300,14 +300,14 @@ class Loop:
         return w, value
 
     def stable(self, gain):
-        """Whether the closed loop is stable, not counting what the loop neither moves nor shows."""
+        """Whether the closed loop is stable, apart from states that are not in the loop."""
         A = self._closed_minimal(gain)
         poles = linalg.eigvals(A)
         rounding = 1e-15 * len(A) * max(np.linalg.norm(A), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain):
-        """1/s: how fast the slowest pole that the loop moves and shows decays; < 0 if it grows."""
+        """1/s: decay rate of the slowest pole in the loop; < 0 if it grows."""
         poles = linalg.eigvals(self._closed_minimal(gain)).astype(complex)
         if self.dt is None:
             return float(-poles.real.max())

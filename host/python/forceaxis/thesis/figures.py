@@ -14,7 +14,7 @@ from forceaxis.linear import beam, curves, locus, loops, plots
 class ThesisFigure:
     """A bode plot, root locus or pole-zero array of the thesis, with its own parameters.
 
-    figure: its number. see: what to look for. source() gives the Curves, Loci or Arrays that draw()
+    figure: its number. see: what it shows. source() gives the Curves, Loci or Arrays that draw()
     shows.
     """
 
