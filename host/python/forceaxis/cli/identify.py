@@ -15,13 +15,13 @@ class Known(click.ParamType):
     name = "VALUE[+-ERROR]"
 
     def convert(self, value, param, ctx):
-        from forceaxis.identify import procedures as identify
+        from forceaxis.identify import procedures
 
         number, _, error = str(value).replace("±", "+-").partition("+-")
         try:
-            known = identify.Estimate(float(number), float(error or 0.0))
+            known = procedures.Estimate(float(number), float(error or 0.0))
         except ValueError:
-            known = identify.Estimate(0.0, 0.0)
+            known = procedures.Estimate(0.0, 0.0)
         if not (1e-30 < known.value < 1e30 and 0 <= known.half < known.value):
             self.fail(
                 f"expected VALUE or VALUE+-ERROR, above 0 (1e-30 to 1e30), got {value}", param, ctx
@@ -78,18 +78,18 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
     DATA.csv has a column time_s and a signal of any unit and offset. At least 3 cycles. A damped
     sine is fitted to the record; what is not one vibration that dies out is refused.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
     if mass and stiffness:
         raise click.UsageError("expected --mass or --stiffness, not both; the other one follows")
-    found, derived = identify.decrement(
+    found, derived = procedures.decrement(
         data, column, (from_s, to_s), floor, mass=mass, stiffness=stiffness
     )
     plain = ("cycles", "decrement_of_ratio", "explained", "noise", "warnings")
     estimates = {k: v for k, v in vars(found).items() if k not in plain} | derived
     show(
         {name: getattr(found, name) for name in plain}
-        | {"decrement_of_ratio": identify.finite(found.decrement_of_ratio)}
+        | {"decrement_of_ratio": procedures.finite(found.decrement_of_ratio)}
         | {name: e.json() for name, e in estimates.items()},
         as_json,
         [
@@ -126,9 +126,9 @@ def split(total_mass, stiffness, frequency_hz, as_json):
     equations are those of both masses free. With the motor's shaft locked, as the thesis describes
     its measurement, the frequency would be that of m_r2 alone: what follows then is said, too.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    found = identify.split(total_mass, stiffness, frequency_hz)
+    found = procedures.split(total_mass, stiffness, frequency_hz)
     result = {
         "solutions": [{"m_r1": m_r1.json(), "m_r2": m_r2.json()} for m_r1, m_r2 in found.solutions],
         "rule": "m_r1 > m_r2",
@@ -164,9 +164,9 @@ def with_offset(verb):
 @as_json
 def tach(data, speed, tach, offset, as_json):
     """Tachometer constant: slope of its voltage over the measured speed (4.1.2)."""
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    found = identify.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
+    found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
     names = ("k_tach", "offset") if offset else ("k_tach",)
     rows = list(zip(names, found, strict=True))
     show({name: e.json() for name, e in rows}, as_json, rows)
@@ -190,10 +190,10 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 
     V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at DC. Errors of the constants count.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    ratio = identify.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
-    damping = identify.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
+    ratio = procedures.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
+    damping = procedures.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
     rows = [("ratio", ratio), ("b_m", damping)]
     warnings = []
     if damping.value <= 0:
