@@ -57,7 +57,7 @@ def inside(estimate, true):
     return low <= true <= high
 
 
-# --- ring-down ----------------------------------------------------------------------------------
+# Ring-down.
 
 
 def recorded(tmp_path, experiment, signal, *overrides):
@@ -188,7 +188,7 @@ def test_too_short_a_ring_down_is_refused(tmp_path):
     assert "time_s" in refusal("decrement", file)
 
 
-# --- two masses ---------------------------------------------------------------------------------
+# Two masses.
 
 
 def test_the_arm_of_4_4_2_free_and_locked(tmp_path):
@@ -223,7 +223,7 @@ def test_the_split_carries_errors_and_refuses_what_has_no_solution():
     assert tiny == pytest.approx(665000 / (2 * math.pi * 1e10) ** 2)
 
 
-# --- motor --------------------------------------------------------------------------------------
+# Motor.
 
 
 def steady(tmp_path, rng):
@@ -287,7 +287,7 @@ def test_too_few_speeds_are_refused(tmp_path):
     assert f"{file}: expected a CSV file in UTF-8" in refusal("tach", file)
 
 
-# --- fit ----------------------------------------------------------------------------------------
+# Fit.
 
 TRUTH = {"m_r": 110.0, "k_w": 520000.0}
 OPTIONS = {"output": "sensor.spring_force", "band_hz": [2, 120], "bias": 1.0, "averages": 8}
@@ -426,7 +426,7 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
     assert "hard to tell apart" in warned
 
 
-# --- blind --------------------------------------------------------------------------------------
+# Blind.
 
 
 def test_blind_axes_are_identified(tmp_path):

@@ -34,7 +34,7 @@ NO_PATH = {
 MODELS = sorted(STEMS - NO_READING - {*NO_PATH})
 
 
-# --- Independent computations -------------------------------------------------------------------
+# Independent computations.
 
 
 def exported(plant, timing):
@@ -121,7 +121,7 @@ def agrees(loop, system):
     return max(worst, abs(limit.gain / found - 1))
 
 
-# --- Critical gains -----------------------------------------------------------------------------
+# Critical gains.
 
 
 @pytest.mark.parametrize("timing", loops.TIMINGS)
@@ -262,7 +262,7 @@ def test_a_position_that_drifts_unseen_does_not_count():
     assert loop.limit().reason == "stable at every gain"
 
 
-# --- The laws -----------------------------------------------------------------------------------
+# The laws.
 
 PARAMETERS = {
     "p": {"velocity_gain_Vs_per_m": 0.3},
@@ -349,7 +349,7 @@ def test_law_parameters_are_required_and_refused():
         loops.force_loop("fig4_19", "derivative", derivative_s=1.0, output="robot.velocity")
 
 
-# --- Margins, steps, loci -----------------------------------------------------------------------
+# Margins, steps, loci.
 
 
 @pytest.mark.filterwarnings("ignore:overflow")  # in python-control's polynomials
@@ -408,7 +408,7 @@ def test_locus_follows_each_branch(name, timing):
     assert np.mean(pairs) > 0.95
 
 
-# --- The stepper --------------------------------------------------------------------------------
+# The stepper.
 
 
 LIMITS = (
@@ -558,7 +558,7 @@ def test_runs_of_the_firmware_at_half_and_twice_the_limit():
         assert run["verdict"] == verdict, case
 
 
-# --- The verbs ----------------------------------------------------------------------------------
+# The verbs.
 
 
 def forceaxis(*arguments):

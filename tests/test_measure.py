@@ -30,7 +30,7 @@ CODES = (
 )
 
 
-# --- the player ------------------------------------------------------------------------------
+# The player.
 
 
 def replayed(system, volts):
@@ -78,7 +78,7 @@ def test_tachometer_input_of_the_drive_is_the_linear_input():
     assert np.allclose(ours[:, 0, 0], expected, rtol=1e-12)
 
 
-# --- statistics ------------------------------------------------------------------------------
+# Statistics.
 
 
 @pytest.mark.parametrize(("target", "options", "heavier"), [VOLTS, CODES], ids=["volts", "codes"])
@@ -276,7 +276,7 @@ def test_same_seed_same_measurement():
     assert (a.response != c.response).any()
 
 
-# --- the seven measurements of 3.2 -------------------------------------------------------------
+# The seven measurements of 3.2.
 
 # What our parameters give: gain at the lowest line, corner and first phase crossing, Hz.
 READINGS = {
@@ -324,7 +324,7 @@ def test_preamplifier_is_flat():
     assert abs(m.response / 3.9 - 1).max() < 0.005
 
 
-# --- the verb ----------------------------------------------------------------------------------
+# The verb.
 
 
 def forceaxis(*arguments, cwd=ROOT):

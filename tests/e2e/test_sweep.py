@@ -88,7 +88,7 @@ def journal(out):
     return (out / "journal.jsonl").read_bytes().splitlines(keepends=True)
 
 
-# --- which points ---------------------------------------------------------------------------------
+# Which points.
 
 
 def test_a_grid_is_every_combination_with_both_ends():
@@ -119,7 +119,7 @@ def test_a_random_point_depends_on_seed_name_and_index_alone():
     assert abs(sum(b < 100 for b in many["b"]) - 200) < 50
 
 
-# --- what a sweep gives ---------------------------------------------------------------------------
+# What a sweep gives.
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def test_threads_change_nothing(tmp_path):
     assert len(set(columns[0]["trace_hash"])) == 27
 
 
-# --- boundaries -----------------------------------------------------------------------------------
+# Boundaries.
 
 
 def test_a_boundary_is_where_it_is_by_hand(swing):
@@ -223,7 +223,7 @@ def test_a_bracket_without_a_change_says_so(swing, tmp_path):
     assert row["runs"] == "2.0"
 
 
-# --- a kill ---------------------------------------------------------------------------------------
+# A kill.
 
 LONG = [
     CASE_B, "--grid", "firmware.force_gain=2:16:30", "--grid", "firmware.force_setpoint=10:60:30",
@@ -305,7 +305,7 @@ def test_two_sweeps_in_one_folder_are_refused(small):
         refused(forceaxis_sweep(*summary["command"].split()[2:]), "journal.jsonl", "no other sweep")
 
 
-# --- failing runs ---------------------------------------------------------------------------------
+# Failing runs.
 
 
 def test_one_percent_of_failing_runs_is_reported_and_the_rest_is_run(swing, tmp_path):
@@ -344,7 +344,7 @@ def test_status_1_only_if_all_runs_fail(swing, tmp_path):
     assert all("at reach" in row["error"] for row in rows_of(tmp_path / "b"))
 
 
-# --- mistakes in the command ----------------------------------------------------------------------
+# Mistakes in the command.
 
 GAIN = "firmware.force_gain"
 
@@ -404,7 +404,7 @@ def refused(finished, *words):
         assert word in finished.stderr
 
 
-# --- a cluster ------------------------------------------------------------------------------------
+# A cluster.
 
 
 @pytest.fixture
