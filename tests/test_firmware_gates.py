@@ -14,6 +14,7 @@ import pytest
 from forceaxis import objects
 
 ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.quick
 TABLE = "firmware/objects/axis_objects.toml"
 GENERATED = (
     "firmware/objects/generated/axis_objects.h",
@@ -93,8 +94,9 @@ def gate():
 def tree(tmp_path):
     """A copy of what the gates look at."""
     shutil.copytree(ROOT / "firmware", tmp_path / "firmware")
-    (tmp_path / "sim").mkdir()
-    (tmp_path / "sim/plant.hpp").write_text("#include <vector>\n")
+    for name in ("sim/plant.hpp", "host/run.hpp"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("#include <vector>\n")
     shutil.copytree(ROOT / "docs/objects", tmp_path / "docs/objects")
     return tmp_path
 
