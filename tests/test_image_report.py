@@ -12,8 +12,9 @@ import sys
 
 import pytest
 import unicorn
+from forceaxis.objects import BY_NAME
 from pymodbus.framer import FramerRTU
-from test_firmware_targets import CORTEX_M4, LOCAL, ROOT, SOURCES, load_objects, run
+from test_firmware_targets import CORTEX_M4, LOCAL, ROOT, SOURCES, run
 from unicorn import arm_const
 
 REPORT = ROOT / "tools/image_report"
@@ -395,7 +396,6 @@ def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
     store = '"firmware/app/store.c" = ["flash_read", "flash_program", "flash_erase"]'
     # With flash in RAM; the chip has its own table.
     text = reported(tmp_path, image, indirect=store, ram_bytes=32768)
-    objects = load_objects()
     deepest = {"thread": 0, "interrupt, level 1": 0}
     rng = random.Random(3)
     chip = Chip(image)
@@ -410,9 +410,9 @@ def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
         return chip.symbols[name]
 
     measured("thread", "begin")
-    registers = [o.modbus for o in objects.values() if o.modbus >= 0]
+    registers = [o.modbus for o in BY_NAME.values() if o.modbus >= 0]
     for _ in range(3000):
-        o = rng.choice(list(objects.values()))
+        o = rng.choice(list(BY_NAME.values()))
         kind = rng.randint(0, 3)
         data = bytes(8)
         if kind == 0:  # SDO, download or upload
@@ -442,7 +442,7 @@ def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
             measured(row, "fw_modbus_receive", at("firmware"), at("bytes"), len(request))
             measured(row, "fw_modbus_transmit", at("firmware"), at("bytes"), 256)
         if rng.random() < 0.2:
-            number = objects["controlword"].number
+            number = BY_NAME["controlword"].number
             word = rng.choice([0x06, 0x07, 0x0F, 0x1F])
             measured("thread", "fw_object_write", at("firmware"), LOCAL, number, word)
         for _ in range(rng.choice([1, 1, 8])):

@@ -1,11 +1,11 @@
 """The released image in an emulated Cortex-M4, in front of the modelled peripherals."""
 
-import importlib.util
 import struct
 import subprocess
 from pathlib import Path
 
 import unicorn
+from forceaxis import objects
 from peripherals import Board
 from unicorn import arm_const
 
@@ -25,18 +25,6 @@ STEPS_MAX = 40_000_000
 
 class Stuck(Exception):
     """What was called did not come back."""
-
-
-def objects():
-    spec = importlib.util.spec_from_file_location(
-        "forceaxis_objects", ROOT / "host/python/forceaxis/objects.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-TABLE = objects()
 
 
 def segments(path):
@@ -231,12 +219,12 @@ class Chip:
 
     def write(self, name, value):
         """As the port itself would; returns the refusal, 0 for none."""
-        number = TABLE.BY_NAME[name].number
+        number = objects.BY_NAME[name].number
         return self.call("fw_object_write", self.symbols["firmware"], LOCAL, number, value)
 
     def read(self, name):
         at = RAM + RAM_BYTES - 16
-        number = TABLE.BY_NAME[name].number
+        number = objects.BY_NAME[name].number
         assert self.call("fw_object_read", self.symbols["firmware"], number, at) == 0
         return struct.unpack("<i", self.uc.mem_read(at, 4))[0]
 

@@ -4,12 +4,10 @@ Every instruction of a block that is entered counts, also one that its condition
 """
 
 import ctypes
-import importlib.util
 import re
 import shutil
 import struct
 import subprocess
-import sys
 from pathlib import Path
 
 import unicorn
@@ -46,16 +44,6 @@ def run(*command):
     if done.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
     return done.stdout
-
-
-def load_objects():
-    """The object table by name."""
-    path = ROOT / "host/python/forceaxis/objects.py"
-    spec = importlib.util.spec_from_file_location("forceaxis_objects", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module.BY_NAME
 
 
 def sources(root=ROOT):

@@ -14,8 +14,8 @@ from cortex_m4 import (
     Inputs,
     build_counter,
     build_image,
-    load_objects,
 )
+from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
 from tick_profile import CAN_MAILBOXES, Profile
 
@@ -71,7 +71,7 @@ class Pair:
 
 def test_the_chip_sends_what_the_host_sends(tmp_path):
     pair = Pair(tmp_path)
-    fuzz, inputs, frames = Fuzz(load_objects(), 301), Inputs(0, (0, 0), 1, 1), 0
+    fuzz, inputs, frames = Fuzz(BY_NAME, 301), Inputs(0, (0, 0), 1, 1), 0
     for tick in range(SAME_TICKS):
         fuzz.step(pair, inputs)
         pair.tick(bytes(inputs))
@@ -85,7 +85,7 @@ def test_a_late_main_loop_loses_no_time(tmp_path):
     """A heartbeat every 10 ms, 15 ticks: held up by a late fw_between(), it comes with that, and
     the next one when it would have come anyway."""
     chip = Chip(build_image(tmp_path), build_counter(tmp_path))
-    chip.write(LOCAL, load_objects()["producer_heartbeat_time"].number, 10)
+    chip.write(LOCAL, BY_NAME["producer_heartbeat_time"].number, 10)
     beats = []
     for tick in range(160):
         chip.interrupt(bytes(Inputs(0, (0, 0), 1, 1)))

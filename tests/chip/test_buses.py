@@ -1,13 +1,14 @@
 """CAN and the serial line of the released image."""
 
 import pytest
-from chip import TABLE, Chip, release
+from chip import Chip, release
+from forceaxis import objects
 from peripherals import bits
 from pymodbus.framer import FramerRTU
 
 ACTIVE, PASSIVE, OFF = 0, 1, 2
 NODE = 1
-FAULT = TABLE.BY_NAME["fault"].enum
+FAULT = objects.BY_NAME["fault"].enum
 
 
 def sdo_read(chip, index, sub=0):

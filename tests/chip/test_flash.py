@@ -1,11 +1,12 @@
 """The parameter store in two sectors of the chip's flash, as the released image does it."""
 
 import pytest
-from chip import TABLE, Chip, release
+from chip import Chip, release
+from forceaxis import objects
 
 SAVE = 0x65766173  # "save"
 PGSERR, PGPERR, PGAERR, WRPERR, OPERR = 7, 6, 5, 4, 1
-STATES = TABLE.BY_NAME["store_state"].enum
+STATES = objects.BY_NAME["store_state"].enum
 
 
 def save(chip, gain):
@@ -132,7 +133,7 @@ def test_the_cache_is_emptied_after_an_erase(chip):
 
 
 def test_saving_is_refused_while_the_drive_is_enabled(chip):
-    assert chip.write("mode", TABLE.BY_NAME["mode"].enum.index("open_loop")) == 0
+    assert chip.write("mode", objects.BY_NAME["mode"].enum.index("open_loop")) == 0
     chip.tick(3)
     assert chip.write("store_all", SAVE) != 0
     words, erased = chip.board.flash.words, list(chip.board.flash.erased)
@@ -184,7 +185,7 @@ def test_a_corrupted_sector_falls_back_to_the_other_then_to_defaults_with_an_emc
     assert not told(restarted(chip))
     # Both are: nothing is left to load.
     again = release(Chip(bytes(b & 0x5A for b in flash.bytes)))
-    assert again.read("force_gain") == TABLE.BY_NAME["force_gain"].default
+    assert again.read("force_gain") == objects.BY_NAME["force_gain"].default
     assert STATES[again.read("store_state")] == "failed"
     assert told(again)
     # What is saved next counts again, and a blank flash is no failure.

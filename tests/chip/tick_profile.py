@@ -5,7 +5,8 @@ from collections import Counter, defaultdict
 from pathlib import Path
 
 import chip as released
-from cortex_m4 import Chip, Code, Inputs, build_counter, build_image, load_objects, run
+from cortex_m4 import Chip, Code, Inputs, build_counter, build_image, run
+from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
 
 SEED = 6
@@ -119,7 +120,7 @@ def port_share():
 
     released.release(board)
     assert board.write("open_loop_code", 100) == 0
-    open_loop = released.TABLE.BY_NAME["mode"].enum.index("open_loop")
+    open_loop = BY_NAME["mode"].enum.index("open_loop")
     worst = 0
     for mode in (0, open_loop, 0):
         assert board.write("mode", mode) == 0
@@ -140,11 +141,10 @@ class Profile:
         self.port = port_share()
 
     def run(self):
-        objects = load_objects()
-        state = objects["drive_state"].number
-        display = objects["modes_of_operation_display"].number
+        state = BY_NAME["drive_state"].number
+        display = BY_NAME["modes_of_operation_display"].number
         chip, side = self.chip, Watched(self.chip)
-        fuzz, inputs = Fuzz(objects, self.seed), Inputs(0, (0, 0), 1, 1)
+        fuzz, inputs = Fuzz(BY_NAME, self.seed), Inputs(0, (0, 0), 1, 1)
         resets = [chip.code.names.index(name) for name in RESET]
         waiting = False
         self.resets, self.axis = Worst(), Worst()

@@ -83,3 +83,6 @@ def tell(plan, as_json, quiet=False):
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:
         click.echo(json.dumps(flash.summary(plan)) if as_json else flash.describe(plan))
+
+
+VERBS = (flash_,)
