@@ -26,6 +26,10 @@ typedef struct {
 
 _Static_assert(sizeof(identity_t) == 60, "read by other programs");
 
+/* software_version of a port: version, hash of the object table, commit. tools/image defines it, in
+ * the section .version, which the linker script places. */
+extern const char identity_software[];
+
 #define IDENTITY_SECTION ".forceaxis_identity"
 
 /* `board_text` and `git_text`: literals of at most 16 characters; a longer one does not compile

@@ -6,11 +6,14 @@ import subprocess
 from pathlib import Path
 
 import unicorn
+from forceaxis.chip import board
 from peripherals import Board
 from unicorn import arm_const
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE = ROOT / "build/image/forceaxis-stm32f446.elf"
+BOARD = board.read(ROOT / "firmware/port/stm32f4")
+IMAGE = ROOT / f"build/image/{BOARD.image}.elf"
+EMULATED = IMAGE.with_name(f"{BOARD.image}-emulated.elf")
 FLASH, FLASH_BYTES = 0x08000000, 512 * 1024
 STORE, STORE_BYTES = 0x08004000, 2 * 16384
 RAM, RAM_BYTES = 0x20000000, 128 * 1024

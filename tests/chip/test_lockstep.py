@@ -11,13 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from chip import BOARD
 from forceaxis import _core
 from forceaxis.chip import emulator as chip
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
-CHIP = link.Link(link.CHIP)
+CHIP = link.Link("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
@@ -51,7 +52,7 @@ def test_the_stability_tables_are_those_of_the_runs_in_process():
 
 def test_a_chip_that_ends_is_told(tmp_path):
     """A power-up that another program cuts short."""
-    with chip.Emulator(link.program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+    with chip.Emulator(BOARD) as emulator:
         os.kill(emulator.process.pid, signal.SIGKILL)
         emulator.process.wait()
         with pytest.raises(_core.TransportError, match=r"emulated chip: (ended|said nothing)"):
@@ -60,7 +61,7 @@ def test_a_chip_that_ends_is_told(tmp_path):
 
 def test_the_verb_says_where_the_firmware_was():
     done = subprocess.run(
-        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", link.CHIP],
+        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", "pil-stm32"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -79,7 +79,4 @@ uint32_t io_serial_number(void);
 /* startup.c: what is left to do when the program cannot go on. */
 _Noreturn void board_fail(void);
 
-/* tools/image writes it: version, hash of the object table, hash of the source. */
-extern const char board_software[];
-
 #endif
