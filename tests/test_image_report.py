@@ -402,7 +402,7 @@ void tick(void) {
   fw_can_receive(&firmware, &frame);
   fw_can_bus(&firmware, 0);
   fw_can_lost(&firmware, 1);
-  fw_overrun(&firmware);
+  fw_overrun(&firmware, 0);
   fw_tick(&firmware, &inputs, &outputs);
   (void)fw_can_transmit(&firmware, &frame);
 }

@@ -6,7 +6,6 @@ enum { SERIAL_CHUNK_BYTES = 32 }; /* bounds how long the tick is kept away */
 
 static fw_t firmware;
 static volatile bool is_ticked; /* what the tick left for later is not done yet */
-static volatile bool is_late;
 static uint8_t bus = CAN_BUS_ACTIVE;
 
 fw_t *port_firmware(void) { return &firmware; }
@@ -15,14 +14,13 @@ void port_tick(void) {
   axis_inputs_t inputs;
   if (port_sense(&inputs)) {
     axis_outputs_t outputs;
-    const bool is_served = fw_interrupt(&firmware, &inputs, &outputs);
+    fw_control(&firmware, &inputs, &outputs);
     port_act(&outputs);
-    if (is_served) {
+    if (fw_report(&firmware)) {
       port_feed_watchdog();
     }
     is_ticked = true;
   }
-  is_late = port_overran() || is_late;
 }
 
 static void serial_in(void) {
@@ -60,9 +58,9 @@ static void watch_port(void) {
   if (lost > 0) {
     fw_can_lost(&firmware, lost);
   }
-  if (is_late) {
-    is_late = false;
-    fw_overrun(&firmware);
+  uint32_t missed;
+  if (port_overran(&missed)) {
+    fw_overrun(&firmware, missed);
   }
   port_unlock();
 }

@@ -5,8 +5,9 @@
  * these, and the board's interrupt calls port_tick() 1500 times a second. README.md beside this
  * file says how to add a board, blank/ is one that does nothing.
  *
- * Called from the tick: port_sense, port_act, port_overran, port_feed_watchdog. From the main loop,
- * which the tick wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle. No call waits
+ * Called from the tick: port_sense, port_act, port_feed_watchdog. From the main loop, which the tick
+ * wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle, and under port_lock
+ * port_overran. No call waits
  * longer than it says; what a peripheral does not answer in time is a fault the axis is told of. */
 
 #include <stdbool.h>
@@ -52,8 +53,9 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count);
 void port_lock(void);
 void port_unlock(void);
 
-/* Whether the time of a tick was missed since the last call. */
-bool port_overran(void);
+/* Whether a tick was late since the last call; `missed`: how many did not come at all, since what
+ * keeps the interrupt away for long (an erase of the flash) leaves one of them pending. */
+bool port_overran(uint32_t *missed);
 
 /* Called from each tick that finds the main loop alive and from nowhere else, so that either one
  * that stops is found out. */
@@ -65,7 +67,7 @@ void port_idle(void);
 /* --- firmware/port/main.c: what the board calls -------------------------------------------------
  */
 
-/* One tick: sense, fw_interrupt(), act, watchdog. From the 1500 Hz interrupt. The rest of it, and
+/* One tick: sense, fw_control(), act, fw_report(), watchdog. From the 1500 Hz interrupt. The rest of it, and
  * all that comes and goes on buses, is the main loop's: hanging for FW_BETWEEN_TICKS_MAX ticks, it
  * costs the axis its outputs and, if it does not come back, the watchdog resets the chip. */
 void port_tick(void);

@@ -197,14 +197,16 @@ class Chip:
         )
         assert status == unicorn.UC_ERR_OK
 
-    def call(self, name, *arguments):
+    def call(self, name, *arguments, goes_on=False):
+        """The signed result of a function; `goes_on`: it is counted with the call before."""
         write = self.uc.reg_write
         for i, value in enumerate(arguments):
             write(arm_const.UC_ARM_REG_R0 + i, value & 0xFFFFFFFF)
         write(arm_const.UC_ARM_REG_SP, STACK_TOP)
         write(arm_const.UC_ARM_REG_LR, EXIT | 1)
-        ctypes.memset(self.shares_of, 0, ctypes.sizeof(self.shares_of))
-        self.counter.total = 0
+        if not goes_on:
+            ctypes.memset(self.shares_of, 0, ctypes.sizeof(self.shares_of))
+            self.counter.total = 0
         self.uc.emu_start(self.code.symbols[name] | 1, EXIT)
         result = self.uc.reg_read(arm_const.UC_ARM_REG_R0)
         return result - (1 << 32) if result >> 31 else result
@@ -231,8 +233,11 @@ class Chip:
     # --- what a port does ------------------------------------------------------------------------
 
     def interrupt(self, inputs):
+        """A tick, counted as one; `control_count` is the part up to its outputs."""
         self.uc.mem_write(INPUTS, inputs)
-        self.call("fw_interrupt", FW, INPUTS, OUTPUTS)
+        self.call("fw_control", FW, INPUTS, OUTPUTS)
+        self.control_count = self.count
+        self.call("fw_report", FW, goes_on=True)
         self.outputs = bytes(self.uc.mem_read(OUTPUTS, 4))
         return self.outputs
 
@@ -266,7 +271,7 @@ class Chip:
         self.call("fw_can_bus", FW, state)
 
     def overrun(self):
-        self.call("fw_overrun", FW)
+        self.call("fw_overrun", FW, 0)
 
     def modbus(self, data):
         self.uc.mem_write(BYTES, data)
@@ -324,7 +329,7 @@ class Host:
         self.lib.fw_can_bus(self.fw, state)
 
     def overrun(self):
-        self.lib.fw_overrun(self.fw)
+        self.lib.fw_overrun(self.fw, 0)
 
     def modbus(self, data):
         self.lib.fw_modbus_receive(self.fw, data, len(data))

@@ -115,6 +115,46 @@ def test_an_erase_runs_from_ram_without_interrupts_and_the_watchdog_lives(chip):
     assert chip.read("overruns") == 0  # the model's time stood still
 
 
+def test_the_ticks_that_an_erase_costs_are_counted_and_made_up_for(chip):
+    """300 ms are 450 ticks, of which the interrupt that is pending does one. A heartbeat that was
+    due meanwhile comes at once, the next ones at their interval; a master that could not be heard
+    is not lost before its time after the erase."""
+    board, tick_cycles = chip.board, 168e6 / 1500
+    assert chip.write("producer_heartbeat_time", 100) == 0  # 150 ticks
+    assert chip.write("consumer_heartbeat_1", 2 << 16 | 200) == 0  # node 2, 300 ticks
+    chip.tick(149)
+    board.can.sent.clear()
+    begin, ticks = board.cycles, chip.read("tick_count")
+    beats, lost = [], []
+
+    def tick():
+        chip.tick()
+        now = round((board.cycles - begin) / tick_cycles)
+        sent = [(i, d[:2]) for i, d, _ in board.can.sent]
+        board.can.sent.clear()
+        beats.extend(now for i, _ in sent if i == 0x701)
+        lost.extend(now for i, code in sent if i == 0x081 and code == b"\x30\x81")  # 8130h
+
+    board.can.receive(0x702, b"\x05")
+    for _ in range(5):
+        tick()
+    board.flash.erase_s = 0.3
+    assert chip.write("store_all", SAVE) == 0
+    while STATES[chip.read("store_state")] != "saved":
+        tick()
+    erased_by = round((board.cycles - begin) / tick_cycles)
+    for _ in range(400):
+        tick()
+    assert chip.read("overruns") == pytest.approx(449, abs=1)
+    assert chip.read("tick_count") - ticks == round((board.cycles - begin) / tick_cycles)
+    after = [b for b in beats if b >= 450]
+    assert after[0] <= 460 and len(after) > 2
+    assert all(after[n] == after[0] + 150 * n for n in range(len(after)))
+    assert len([b for b in beats if b < 450]) == 1
+    assert len(lost) == 1 and lost[0] == pytest.approx(300 + 450, abs=2)
+    assert erased_by > 450
+
+
 def test_the_cache_is_emptied_after_an_erase(chip):
     flash = chip.board.flash
     written = []

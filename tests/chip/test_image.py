@@ -75,7 +75,7 @@ def test_both_images_are_of_the_same_objects_but_those_of_the_emulator(tmp_path)
     released, emulated = code(IMAGE), code(EMULATED)
     differ = {n for n in released.keys() & emulated.keys() if released[n] != emulated[n]}
     assert differ <= REPLACED, differ - REPLACED
-    both = {"fw_interrupt", "fw_between", "axis_tick", "port_tick", "tick_interrupt", "main"}
+    both = {"fw_control", "fw_report", "fw_between", "axis_tick", "port_tick", "tick_interrupt", "main"}
     assert both <= released.keys() & emulated.keys()
 
 

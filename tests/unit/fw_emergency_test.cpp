@@ -98,7 +98,7 @@ TEST_F(Fw, ASaturatedSensorIsTold) {
 
 TEST_F(Fw, OverrunsAreToldOnceASecond) {
   for (int i = 0; i < 3000; ++i) {
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     Take();
   }

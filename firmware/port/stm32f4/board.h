@@ -28,6 +28,11 @@ enum { PRIORITY_BUS = 0x40, PRIORITY_TICK = 0x80 };
  * that its sensors are not valid, and CAN, whose bit timing would be wrong, stays off. */
 bool clock_start(void);
 
+/* clock.c, or emulated/io.c: a counter of 32 bits that also runs in sleep and while interrupts are
+ * off; half as fast as the core, or as fast without the PLL. Before it is started it stands. */
+void clock_counter_start(void);
+uint32_t clock_count(void);
+
 /* pins.c */
 enum { PIN_INPUT = 0, PIN_OUTPUT = 1, PIN_ALTERNATE = 2, PIN_ANALOG = 3 };
 enum { PIN_PULL_NONE = 0, PIN_PULL_UP = 1, PIN_PULL_DOWN = 2 };

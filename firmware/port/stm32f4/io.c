@@ -11,6 +11,7 @@ void io_init(void) {
   dac_init();
   pins_init();
   clock_is_right = clock_start();
+  clock_counter_start();
   encoder_init();
   adc_init();
   can_init(clock_is_right);

@@ -51,6 +51,7 @@ typedef struct {
 #define RCC_AHB1ENR_GPIOAEN BIT(0)
 #define RCC_AHB1ENR_GPIOBEN BIT(1)
 #define RCC_AHB1ENR_GPIOCEN BIT(2)
+#define RCC_APB1ENR_TIM2EN BIT(0)
 #define RCC_APB1ENR_TIM5EN BIT(3)
 #define RCC_APB1ENR_USART2EN BIT(17)
 #define RCC_APB1ENR_CAN1EN BIT(25)
@@ -132,6 +133,8 @@ typedef struct {
   reg_t PSC;
   reg_t ARR;
 } tim_t;
+#define TIM2_BASE 0x40000000
+#define TIM2 ((tim_t *)TIM2_BASE)
 #define TIM5_BASE 0x40000C00
 #define TIM5 ((tim_t *)TIM5_BASE)
 

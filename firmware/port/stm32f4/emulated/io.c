@@ -46,6 +46,9 @@ void io_init(void) { open_host(); }
 
 bool io_clock_is_right(void) { return true; }
 
+/* No tick is ever missed here. */
+uint32_t clock_count(void) { return tick_entries() * (TICK_CYCLES / 2); }
+
 void io_make_safe(void) {}
 
 uint8_t io_node_id(void) { return 1; }
