@@ -2,9 +2,9 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
-#include "firmware/fx/fx.h"
 #include "firmware/drive/state.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 /* TPDOs gather their bytes from where the values lie. */
@@ -247,9 +247,8 @@ static void serve_node(fw_t *fw) {
   canopen_tick_end(&fw->canopen, fw);
 }
 
-void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+void fw_prepare(fw_t *fw) {
   if (fw->live == 0) {
-    axis_tick(&fw->axis, inputs, outputs);
     return;
   }
   watch_source(fw);
@@ -258,6 +257,9 @@ void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) 
   if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
     axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
   }
+}
+
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
 }
 
@@ -288,6 +290,7 @@ void fw_between(fw_t *fw) {
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  fw_prepare(fw);
   fw_control(fw, inputs, outputs);
   (void)fw_report(fw);
   fw_between(fw);

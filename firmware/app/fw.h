@@ -9,13 +9,13 @@
 #include <stdint.h>
 
 #include "firmware/app/store.h"
-#include "firmware/core/axis.h"
-#include "firmware/core/recorder.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
+#include "firmware/core/axis.h"
+#include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
+#include "firmware/objects/access.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
@@ -89,17 +89,19 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in three, for a port whose ticks are an interrupt. In the interrupt fw_control() turns
- * inputs into outputs, which the port puts out at once; then fw_report() does what is due in most
- * ticks: status of the drive, recorder, one event-driven TPDO. After the interrupt, before anything
- * else is done with fw, and not interrupted by a tick, fw_between() does what is seldom due and
- * long: emergencies, timers of the node that run out, the silence of Modbus, resets (they last
- * longer than a tick), a step of the store (so does an erase). Cost on a Cortex-M4:
- * docs/chip/instructions.md.
+/* fw_tick() in four, for a port whose ticks are an interrupt. In the interrupt fw_prepare() has the
+ * drive set the targets of this tick, which needs no inputs: they may still be converted.
+ * fw_control() turns inputs into outputs, which the port puts out at once; then fw_report() does
+ * what is due in most ticks: status of the drive, recorder, one event-driven TPDO. After the
+ * interrupt, before anything else is done with fw, and not interrupted by a tick, fw_between() does
+ * what is seldom due and long: emergencies, timers of the node that run out, the silence of Modbus,
+ * resets (they last longer than a tick), a step of the store (so does an erase). Cost on a
+ * Cortex-M4: docs/chip/instructions.md.
  *
  * Nobody would see a heartbeat end, or NMT, while fw_between() does not run. When it has not for
- * more than FW_BETWEEN_TICKS_MAX ticks, fw_control() has the axis off, with the fault
+ * more than FW_BETWEEN_TICKS_MAX ticks, fw_prepare() has the axis off, with the fault
  * main_loop_lost, and fw_report() returns false: the caller must not feed its watchdog then. */
+void fw_prepare(fw_t *fw);
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);

@@ -12,8 +12,10 @@ fw_t *port_firmware(void) { return &firmware; }
 
 void port_tick(void) {
   axis_inputs_t inputs;
-  if (port_sense(&inputs)) {
+  if (port_sample(&inputs)) {
     axis_outputs_t outputs;
+    fw_prepare(&firmware);
+    port_sense(&inputs);
     fw_control(&firmware, &inputs, &outputs);
     port_act(&outputs);
     if (fw_report(&firmware)) {

@@ -5,10 +5,10 @@
  * these, and the board's interrupt calls port_tick() 1500 times a second. README.md beside this
  * file says how to add a board, blank/ is one that does nothing.
  *
- * Called from the tick: port_sense, port_act, port_feed_watchdog. From the main loop, which the tick
- * wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle, and under port_lock
- * port_overran. No call waits
- * longer than it says; what a peripheral does not answer in time is a fault the axis is told of. */
+ * Called from the tick: port_sample, port_sense, port_act, port_feed_watchdog. From the main loop,
+ * which the tick wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle, and under
+ * port_lock port_overran. No call waits longer than it says; what a peripheral does not answer in
+ * time is a fault the axis is told of. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -28,9 +28,12 @@ const fw_config_t *port_config(void);
 /* From now on port_tick() is called, and a watchdog that is not fed resets the chip. */
 void port_start(void);
 
-/* The inputs of this tick; at most 5 us. What cannot be read leaves sensor_valid 0. False: there is
- * nothing to be ticked this time (an emulator whose host has ended). */
-bool port_sense(axis_inputs_t *inputs);
+/* The inputs of this tick. port_sample() reads encoder and digital inputs and starts the conversion
+ * of both ADC channels; port_sense(), some 200 instructions later, reads them, waiting for at most
+ * 5 us. What cannot be read leaves sensor_valid 0. False: there is nothing to be ticked this time
+ * (an emulator whose host has ended). */
+bool port_sample(axis_inputs_t *inputs);
+void port_sense(axis_inputs_t *inputs);
 
 /* Puts the outputs out. The amplifier goes on only while the DAC stands at mid-scale, before it is
  * given another code, and the DAC is back at mid-scale before the amplifier goes off. */
@@ -67,9 +70,10 @@ void port_idle(void);
 /* --- firmware/port/main.c: what the board calls -------------------------------------------------
  */
 
-/* One tick: sense, fw_control(), act, fw_report(), watchdog. From the 1500 Hz interrupt. The rest of it, and
- * all that comes and goes on buses, is the main loop's: hanging for FW_BETWEEN_TICKS_MAX ticks, it
- * costs the axis its outputs and, if it does not come back, the watchdog resets the chip. */
+/* One tick: fw_prepare() while inputs are converted, fw_control(), fw_report(), watchdog. From the
+ * 1500 Hz interrupt. The rest of it, and all that comes and goes on buses, is the main loop's:
+ * hanging for FW_BETWEEN_TICKS_MAX ticks, it costs the axis its outputs and, if it does not come
+ * back, the watchdog resets the chip. */
 void port_tick(void);
 
 /* Does what the last tick left, if that is still to do: before the firmware is written to. */

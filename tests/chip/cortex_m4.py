@@ -233,10 +233,12 @@ class Chip:
     # --- what a port does ------------------------------------------------------------------------
 
     def interrupt(self, inputs):
-        """A tick, counted as one; `control_count` is the part up to its outputs."""
+        """A tick, counted as one; `control_count` is from inputs to outputs."""
         self.uc.mem_write(INPUTS, inputs)
-        self.call("fw_control", FW, INPUTS, OUTPUTS)
-        self.control_count = self.count
+        self.call("fw_prepare", FW)
+        before = self.count
+        self.call("fw_control", FW, INPUTS, OUTPUTS, goes_on=True)
+        self.control_count = self.count - before
         self.call("fw_report", FW, goes_on=True)
         self.outputs = bytes(self.uc.mem_read(OUTPUTS, 4))
         return self.outputs

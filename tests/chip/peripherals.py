@@ -242,7 +242,7 @@ class Tim5(Peripheral):
 
 
 class Tim2(Peripheral):
-    """17.3: counts its clock, which is twice that of APB1 where that is divided (6.2), up to ARR."""
+    """17.3: counts its clock, twice that of APB1 where that is divided (6.2), up to ARR."""
 
     reset: ClassVar = {0x2C: 0xFFFFFFFF}
     started = None  # cycle

@@ -5,7 +5,7 @@ import struct
 import subprocess
 
 import pytest
-from chip import IMAGE, ROOT, TABLE, Chip, release
+from chip import BOARD, IMAGE, ROOT, TABLE, Chip, release
 from peripherals import NEVER, SUPPLY_V
 
 OFF = (0, 0, 0.0)
@@ -154,8 +154,8 @@ def test_the_image_leaves_the_store_and_the_ram_it_may_not_have():
             flash += size
             assert lma + size <= 0x08004000 or lma >= 0x0800C000
     print(f"\nflash {flash} bytes, RAM {used} bytes")
-    assert flash <= 48 * 1024
-    assert used <= 24 * 1024
+    assert flash <= BOARD.limits.flash_bytes
+    assert used <= BOARD.limits.ram_bytes
 
 
 def test_the_stack_is_where_it_cannot_reach_variables(chip):

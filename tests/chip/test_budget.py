@@ -17,9 +17,8 @@ from cortex_m4 import (
     load_objects,
 )
 from tick_fuzz import Fuzz
-from tick_profile import CAN_MAILBOXES, Profile
+from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
 
-INTERRUPT = 1500  # the whole of it
 AXIS = 250  # axis_tick() and what it calls
 BETWEEN = 1500  # what follows it in most ticks; resets and the store are apart
 COVERAGE = 0.95
@@ -33,11 +32,12 @@ def profile():
 
 def test_the_interrupt_fits_into_its_budget(profile):
     path = ", ".join(f"{name} {count}" for count, name in profile.worst.shares)
-    assert profile.worst.count + profile.port <= INTERRUPT, path
+    assert profile.interrupt <= LIMITS.interrupt_instructions, path
+    assert profile.from_adc_to_dac <= LIMITS.adc_to_dac_instructions
     assert profile.axis.count <= AXIS, profile.axis.shares
     assert max(profile.between.count, profile.late.count) <= BETWEEN
-    for root in ("axis_tick", "fw_interrupt"):
-        done, total, missed = profile.coverage(root)
+    for roots in (["axis_tick"], Port.CALLS):
+        done, total, missed = profile.coverage(*roots)
         assert done >= COVERAGE * total, missed
 
 

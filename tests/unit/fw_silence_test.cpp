@@ -64,6 +64,7 @@ TEST_F(Fw, AMainLoopThatHangs) {
     Set(AXIS_OBJ_FAULT_REACTION_OPTION, reaction);
     Drive();
     const auto interrupt = [this] {
+      fw_prepare(&fw_);
       fw_control(&fw_, &inputs_, &outputs_);
       return fw_report(&fw_);
     };

@@ -31,10 +31,12 @@ void port_start(void) {
   /* A timer interrupt every 1/1500 s that calls port_tick(), and the watchdog. */
 }
 
-bool port_sense(axis_inputs_t *inputs) {
+bool port_sample(axis_inputs_t *inputs) {
   *inputs = (axis_inputs_t){.sensor_valid = 0};
   return true;
 }
+
+void port_sense(axis_inputs_t *inputs) { (void)inputs; }
 
 void port_act(const axis_outputs_t *outputs) { (void)outputs; }
 

@@ -79,7 +79,7 @@ static void write_object(const uint8_t *record) {
   answer((uint32_t)fw_object_write(port_firmware(), FW_SOURCE_LOCAL, object, value), 0);
 }
 
-bool port_sense(axis_inputs_t *inputs) {
+bool port_sample(axis_inputs_t *inputs) {
   uint8_t record[RECORD_BYTES];
   if (!has_host) {
     *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = 1};
@@ -102,6 +102,8 @@ bool port_sense(axis_inputs_t *inputs) {
   inputs->adc_code[1] = (uint16_t)fx_load_le(&record[10], 2);
   return true;
 }
+
+void port_sense(axis_inputs_t *inputs) { (void)inputs; }
 
 void port_act(const axis_outputs_t *outputs) {
   const axis_signals_t *signals = &port_firmware()->axis.signals;
