@@ -1,5 +1,6 @@
 """The released image in an emulated Cortex-M4, in front of the modelled peripherals."""
 
+import functools
 import importlib.util
 import struct
 import subprocess
@@ -43,18 +44,22 @@ def objects():
 TABLE = objects()
 
 
+@functools.cache
 def segments(path):
-    """(address, bytes) of what an ELF file is loaded with."""
+    """[(address, bytes)] of what an ELF file is loaded with."""
     data = path.read_bytes()
     assert data[:6] == b"\x7fELF\x01\x01"
     (at,) = struct.unpack_from("<I", data, 28)
     size, count = struct.unpack_from("<HH", data, 42)
+    found = []
     for i in range(count):
         kind, offset, _, address, length = struct.unpack_from("<5I", data, at + i * size)
         if kind == 1 and length > 0:
-            yield address, data[offset : offset + length]
+            found.append((address, data[offset : offset + length]))
+    return found
 
 
+@functools.cache
 def symbols(path):
     done = subprocess.run(
         ["arm-none-eabi-nm", str(path)], capture_output=True, text=True, check=True
@@ -67,9 +72,10 @@ def symbols(path):
 
 
 class Chip:
-    """A chip out of reset. `store` is what its flash kept, as 32 KiB."""
+    """A chip out of reset. `store` is what its flash kept, as 32 KiB. `steps` counts instructions,
+    without `ram_counts` only those in the flash."""
 
-    def __init__(self, store=None):
+    def __init__(self, store=None, ram_counts=True):
         self.board = Board()
         self.symbols = symbols(IMAGE)
         if store is not None:
@@ -92,7 +98,8 @@ class Chip:
         self.steps, self.steps_max = 0, STEPS_MAX
         self.watch = None  # called with address and bytes of each block that is run
         self.problem = None
-        self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
+        counted = (1, 0) if ram_counts else (FLASH, FLASH + FLASH_BYTES)
+        self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, None, *counted)
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000)):
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
         stack, self.entry = struct.unpack_from("<II", self.code)

@@ -12,8 +12,6 @@ from cortex_m4 import (
     Chip,
     Host,
     Inputs,
-    build_counter,
-    build_image,
     load_objects,
 )
 from tick_fuzz import Fuzz
@@ -50,8 +48,8 @@ class Pair:
     """The chip, which ticks in two, and the host, which does not: whatever is asked of them is
     asked of both, and answered alike."""
 
-    def __init__(self, folder):
-        self.chip, self.host = Chip(build_image(folder), build_counter(folder)), Host(folder)
+    def __init__(self):
+        self.chip, self.host = Chip(), Host()
         self.outputs = self.chip.outputs
 
     def __getattr__(self, name):
@@ -69,8 +67,8 @@ class Pair:
         assert self.chip.outputs == self.outputs
 
 
-def test_the_chip_sends_what_the_host_sends(tmp_path):
-    pair = Pair(tmp_path)
+def test_the_chip_sends_what_the_host_sends():
+    pair = Pair()
     fuzz, inputs, frames = Fuzz(load_objects(), 301), Inputs(0, (0, 0), 1, 1), 0
     for tick in range(SAME_TICKS):
         fuzz.step(pair, inputs)
@@ -81,10 +79,10 @@ def test_the_chip_sends_what_the_host_sends(tmp_path):
     assert frames > SAME_TICKS // 4
 
 
-def test_a_late_main_loop_loses_no_time(tmp_path):
+def test_a_late_main_loop_loses_no_time():
     """A heartbeat every 10 ms, 15 ticks: held up by a late fw_between(), it comes with that, and
     the next one when it would have come anyway."""
-    chip = Chip(build_image(tmp_path), build_counter(tmp_path))
+    chip = Chip()
     chip.write(LOCAL, load_objects()["producer_heartbeat_time"].number, 10)
     beats = []
     for tick in range(160):

@@ -1,11 +1,9 @@
 """Where the instructions of a tick go: a fuzzed run on the emulated Cortex-M4, and its table."""
 
-import tempfile
 from collections import Counter, defaultdict
-from pathlib import Path
 
 import chip as released
-from cortex_m4 import Chip, Code, Inputs, build_counter, build_image, load_objects, run
+from cortex_m4 import Chip, Code, Inputs, load_objects, run
 from tick_fuzz import Fuzz
 from unicorn import UC_HOOK_CODE
 
@@ -158,9 +156,7 @@ class Port:
 
 class Profile:
     def __init__(self, ticks=TICKS, seed=SEED):
-        with tempfile.TemporaryDirectory() as folder:
-            image = build_image(Path(folder))
-            self.chip = Chip(image, build_counter(Path(folder)))
+        self.chip = Chip()
         self.ticks, self.seed = ticks, seed
         self.modes = defaultdict(Worst)
         self.between, self.late = Worst(), Worst()
