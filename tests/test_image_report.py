@@ -353,7 +353,7 @@ def test_files_that_are_missing(tmp_path):
     assert done.returncode == 2 and "expected the description of a board" in done.stderr
 
 
-# --- the firmware, with a start of the test's own ------------------------------------------------
+# The firmware, with a start of the test's own.
 
 START = (
     HEAD.replace("[64]", "[FW_RECORDER_BYTES]").replace(

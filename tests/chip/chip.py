@@ -109,7 +109,7 @@ class Chip:
         # The loader's copy, so that a boot is from power-up whatever came before.
         self.boot_steps = None
 
-    # --- buses: an exception in a callback must not get lost in C
+    # Buses: an exception in a callback must not get lost in C.
 
     def _guard(self, call, *arguments):
         try:
@@ -139,7 +139,7 @@ class Chip:
         if address == self.idle or self.steps > self.limit:
             self.uc.emu_stop()
 
-    # --- running
+    # Running.
 
     def _run(self, address, until):
         self.steps, self.limit, self.problem = 0, self.steps_max, None
@@ -242,7 +242,7 @@ class Chip:
             assert self.uc.reg_read(arm_const.UC_ARM_REG_PC) & ~1 == self.idle
             self.interrupts()
 
-    # --- the firmware's objects
+    # The firmware's objects.
 
     def write(self, name, value):
         """As the port itself would; returns the refusal, 0 for none."""
@@ -259,7 +259,7 @@ class Chip:
         at = self.call("fw_text", self.symbols["firmware"], index) & 0xFFFFFFFF
         return bytes(self.uc.mem_read(at, 64)).split(b"\0")[0].decode()
 
-    # --- the board
+    # The board.
 
     def close_contacts(self):
         """Enable chain closed, neither limit switch reached."""

@@ -247,7 +247,7 @@ class Chip:
                 found.update(range(begin, begin + self.longest[i], 2))
         return found
 
-    # --- what a port does ------------------------------------------------------------------------
+    # What a port does.
 
     def interrupt(self, inputs):
         """A tick, counted as one; `control_count` is from inputs to outputs."""

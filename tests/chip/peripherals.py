@@ -369,7 +369,7 @@ class Can(Peripheral):
         self.dominant = False  # the bus is stuck
         self.answers_init = True
 
-    # --- the controller's own state
+    # The controller's own state.
 
     def initialising(self):
         return bool(self[0x04] & 1)
@@ -424,7 +424,7 @@ class Can(Peripheral):
         low, high = (int.from_bytes(full[i : i + 4], "little") for i in (0, 4))
         return [word | (2 if remote else 0), len(data), low, high]
 
-    # --- the bus
+    # The bus.
 
     def bit_rate(self):
         btr = self[0x1C]

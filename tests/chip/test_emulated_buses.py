@@ -1,4 +1,4 @@
-"""Clients nobody here wrote at the emulated chip, in real time: python-canopen and libmodbus.
+"""Independent clients at the emulated chip, in real time: python-canopen and libmodbus.
 
 Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RTU over USART2, as on
 the board.
@@ -45,8 +45,8 @@ class SerialBus(can.BusABC):
     def _recv_internal(self, timeout):
         end = time.monotonic() + (timeout or 0)
         while len(self.bytes) < FRAME.size:
-            left = end - time.monotonic()
-            if not select.select([self.socket], [], [], max(left, 0))[0]:
+            remaining = end - time.monotonic()
+            if not select.select([self.socket], [], [], max(remaining, 0))[0]:
                 return None, False
             self.bytes += self.socket.recv(4096)
         can_id, length, _, data = FRAME.unpack(self.bytes[: FRAME.size])

@@ -23,7 +23,7 @@ def restarted(chip):
     return release(Chip(bytes(chip.board.flash.bytes)))
 
 
-def told(chip):
+def reported(chip):
     """Whether there was an emergency 5530h."""
     return any(i == 0x081 and d[:2] == b"\x30\x55" for i, d, _ in chip.board.can.sent)
 
@@ -35,7 +35,7 @@ def test_a_blank_flash_is_an_empty_store(chip):
 def test_what_was_saved_is_there_after_a_power_cut(chip):
     assert save(chip, 777) == "saved"
     flash = chip.board.flash
-    assert flash[0x10] >> 31, "left unlocked"
+    assert flash[0x10] >> 31, "still unlocked"
     assert flash.erased == [1]  # the first sector of the store is sector 1 of the chip
     assert flash.words > 0
     again = restarted(chip)
@@ -54,13 +54,13 @@ def test_the_second_sector_is_used_when_the_first_is_full(chip):
 
 
 @pytest.mark.parametrize("bit", [PGSERR, PGPERR, PGAERR, WRPERR, OPERR])
-def test_a_write_error_is_told_and_the_old_set_stays(chip, bit):
+def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert save(chip, 500) == "saved"
     chip.board.flash.fail = bit
     assert save(chip, 600) == "failed"
     assert chip.board.flash[0x10] >> 31
     chip.tick(3)
-    assert told(chip)
+    assert reported(chip)
     chip.board.flash.fail = None
     assert restarted(chip).read("force_gain") == 500
     # The error is no longer in the way.
@@ -199,11 +199,11 @@ def test_a_power_cut_anywhere_leaves_the_old_set_or_the_new_one(chip, seed):
     chip.tick(1 + seed)
     again = restarted(chip)
     assert again.read("force_gain") in (old, 900)
-    # What is left of a set that was cut off is told.
+    # What remains of a set that was cut off is reported.
     cut = again.read("force_gain") == old
     state = STATES[again.read("store_state")]
     assert state == "loaded" or (cut and state == "loaded_older")
-    assert (state == "loaded_older") == told(again)
+    assert (state == "loaded_older") == reported(again)
 
 
 def test_a_corrupted_sector_falls_back_to_the_other_then_to_defaults_with_an_emcy(chip):
@@ -220,13 +220,13 @@ def test_a_corrupted_sector_falls_back_to_the_other_then_to_defaults_with_an_emc
         second[i] &= 0x5A
     again = release(Chip(bytes(second)))
     assert again.read("force_gain") == newest - 1
-    assert STATES[again.read("store_state")] == "loaded_older" and told(again)
-    assert not told(restarted(chip))
-    # Both are: nothing is left to load.
+    assert STATES[again.read("store_state")] == "loaded_older" and reported(again)
+    assert not reported(restarted(chip))
+    # Both are: nothing remains to load.
     again = release(Chip(bytes(b & 0x5A for b in flash.bytes)))
     assert again.read("force_gain") == TABLE.BY_NAME["force_gain"].default
     assert STATES[again.read("store_state")] == "failed"
-    assert told(again)
+    assert reported(again)
     # What is saved next counts again, and a blank flash is no failure.
     assert save(again, 321) == "saved"
     assert restarted(again).read("force_gain") == 321

@@ -96,7 +96,7 @@ def test_both_images_are_of_the_same_objects_but_those_of_the_emulator(tmp_path)
     assert both | {"main"} <= released.keys() & emulated.keys()
 
 
-# --- in QEMU: clocks, converters, CAN and pins read 0 there
+# In QEMU: clocks, converters, CAN and pins read 0 there.
 
 
 def qemu(image, *options):

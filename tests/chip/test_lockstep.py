@@ -34,11 +34,11 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     path = EXPERIMENTS / name
     here = _core.run(str(path), overrides)
-    result, told = link.run(CHIP, path, overrides)
-    assert told["same"]
-    assert told["hashes"]["axis"] == here.trace_hash
+    result, report = link.run(CHIP, path, overrides)
+    assert report["same"]
+    assert report["hashes"]["axis"] == here.trace_hash
     # Each interrupt did a tick, and no tick was done without one.
-    assert told["interrupts"] == told["ticks"] == len(here.tick)
+    assert report["interrupts"] == report["ticks"] == len(here.tick)
     assert result.refused == here.refused
     assert len(set(result.columns()["dac"])) > 5  # it was driven
 
@@ -50,7 +50,7 @@ def test_the_stability_tables_are_those_of_the_runs_in_process():
     assert tables.run_jobs(jobs, 1, "tables", CHIP) == tables.run_jobs(jobs, 1, "tables")
 
 
-def test_a_chip_that_ends_is_told(tmp_path):
+def test_a_chip_that_ends_is_reported(tmp_path):
     """A power-up that another program cuts short."""
     with chip.Emulator(BOARD) as emulator:
         os.kill(emulator.process.pid, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""A board of another name, memory and identity is a folder: nothing else is told of it."""
+"""A board of another name, memory and identity is a folder; no other file names it."""
 
 import re
 import shutil

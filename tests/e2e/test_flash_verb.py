@@ -318,7 +318,7 @@ def test_openocd_is_missing(bench, elf, tmp_path):
     assert bench.flash(elf, "--dry-run", path=empty).returncode == 0
 
 
-# --- files that are no image for this chip -------------------------------------------------------
+# Files that are no image for this chip.
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
-"""Boards: each is a folder with a board.toml, which describes it to whoever builds, measures,
-emulates or flashes its image. Sources and scripts are named from that folder.
+"""Boards: each is a folder with a board.toml, which describes it for building, measuring,
+emulating and flashing its image. Sources and scripts are named from that folder.
 
     name            of `--link pil-NAME`
     image           of the files build/image/IMAGE.{elf,hex,bin}
@@ -12,8 +12,8 @@ emulates or flashes its image. Sources and scripts are named from that folder.
     [emulator]      may be left out. Identity and sources of the image for it; QEMU's program, the
                     system package it comes in, machine, options of its clock; what each of its
                     serial lines is: "", "modbus", or "can" (frames in records)
-    [probe]         may be left out. openocd's configuration, how the probe is called, how openocd
-                    shows its version; the chip's name and the word that tells it, in 12 bits
+    [probe]         may be left out. openocd's configuration, name of the probe, pattern of its
+                    version in what openocd prints; the chip, its 12-bit identifier and where that is
     [registers]     may be left out. For tools/check_svd: header, PyPI package and devices of the
                     vendor's files, peripherals that they lack, names that differ
 

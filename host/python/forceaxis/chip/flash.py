@@ -101,7 +101,7 @@ def plan(path, address=None, erase_parameters=False, serial=""):
             f"{path}: expected --erase-parameters, it would write over the stored parameters "
             f"{span(parameters)}{hint}"
         )
-    # Within its braces Tcl takes every other character as it is.
+    # Within its braces Tcl reads every other character literally.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError("expected a file name without { } \\ and control characters, for openocd")
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
