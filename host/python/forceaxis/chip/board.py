@@ -13,7 +13,7 @@ emulating and flashing its image. Sources and scripts are named from that folder
                     system package it comes in, machine, options of its clock; what each of its
                     serial lines is: "", "modbus", or "can" (frames in records)
     [probe]         may be left out. openocd's configuration, name of the probe, pattern of its
-                    version in what openocd prints; the chip, its 12-bit identifier and where that is
+                    version as openocd prints it; the chip, its 12-bit identifier and where that is
     [registers]     may be left out. For tools/check_svd: header, PyPI package and devices of the
                     vendor's files, peripherals that they lack, names that differ
 
