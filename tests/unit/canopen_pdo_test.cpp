@@ -59,6 +59,44 @@ TEST_F(Canopen, AnEventTimeOfZeroIsNone) {
   EXPECT_TRUE(Take(0x185).empty());
 }
 
+// The processor stood still: what was due meanwhile is sent once, at the next tick, and from there
+// on at its interval; what ends later ends when it would have ended anyway.
+TEST_F(Canopen, TicksThatWereMissedAreMadeUpForAtOnce) {
+  Start();
+  fw_.drive.signals.statusword = 0x1234;
+  NodeTick(1);
+  ASSERT_EQ(Take(0x185).size(), 1u);  // again after 30 ticks
+  NodeTick(10);
+  const uint32_t ticks = fw_.axis.signals.tick_count;
+  fw_overrun(&fw_, 15);
+  EXPECT_EQ(fw_.axis.signals.tick_count, ticks + 15);
+  NodeTick(4);
+  EXPECT_TRUE(Take(0x185).empty());
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u) << "10 + 15 + 5 ticks after it was last sent";
+  fw_overrun(&fw_, 450);
+  EXPECT_EQ(fw_.device_signals.overruns, 15 + 450);
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u);
+  NodeTick(29);
+  EXPECT_TRUE(Take(0x185).empty());
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u);
+}
+
+// While they are missed nothing can be received, so a deadline is put off by as many ticks.
+TEST_F(Canopen, TicksThatWereMissedAreNoSilenceOfAMaster) {
+  ASSERT_EQ(Download(0x1016, 1, 9 << 16 | 100, 4), 0u);  // 150 ticks
+  Send(0x709, {5});
+  Tick(100);
+  fw_overrun(&fw_, 1000);
+  Take();
+  Tick(50);
+  EXPECT_EQ(fw_.canopen.heartbeats_lost, 0);
+  Tick(1);
+  EXPECT_EQ(fw_.canopen.heartbeats_lost, 1);
+}
+
 TEST_F(Canopen, TheInhibitTimeHoldsChangesBack) {
   EXPECT_EQ(Download(0x1800, 3, 50, 2), 0x08000022u) << "not while it is valid";
   ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);

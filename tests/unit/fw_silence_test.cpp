@@ -79,17 +79,22 @@ TEST_F(Fw, AMainLoopThatHangs) {
     PowerUp();
     Set(AXIS_OBJ_FAULT_REACTION_OPTION, reaction);
     Drive();
+    const auto interrupt = [this] {
+      fw_prepare(&fw_);
+      fw_control(&fw_, &inputs_, &outputs_);
+      return fw_report(&fw_);
+    };
     for (int i = 0; i < FW_BETWEEN_TICKS_MAX; ++i) {
-      EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "tick " << i;
+      EXPECT_TRUE(interrupt()) << "tick " << i;
       ASSERT_TRUE(IsOn()) << "tick " << i;
     }
     fw_between(&fw_);  // only late
     for (int i = 0; i < FW_BETWEEN_TICKS_MAX; ++i) {
-      EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "tick " << i;
+      EXPECT_TRUE(interrupt()) << "tick " << i;
       ASSERT_TRUE(IsOn()) << "tick " << i;
     }
     for (int i = 0; i < 300; ++i) {
-      EXPECT_FALSE(fw_interrupt(&fw_, &inputs_, &outputs_)) << "the watchdog would be fed";
+      EXPECT_FALSE(interrupt()) << "the watchdog would be fed";
       ASSERT_TRUE(IsOff()) << "tick " << i;
     }
     fw_between(&fw_);  // it comes back before the watchdog is through
@@ -102,7 +107,7 @@ TEST_F(Fw, AMainLoopThatHangs) {
     ExpectNamed(AXIS_FAULT_MAIN_LOOP_LOST, 0x6100);
     ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
     Drive();
-    EXPECT_TRUE(fw_interrupt(&fw_, &inputs_, &outputs_));
+    EXPECT_TRUE(interrupt());
     EXPECT_TRUE(IsOn());
   }
 }
