@@ -290,8 +290,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
                 static_cast<std::size_t>(i) * mode->columns * mode->series_stride);
     // From a state known to rounding in the balanced norm: what the others' roundings make of it
     // within a time constant counts as its own.
-    ExtendedMatrix doubt = product(absolute(r), absolute(term));
-    if (k > 0) doubt = product(doubt, scale.sum);
+    const ExtendedMatrix doubt = product(product(absolute(r), absolute(term)), scale.sum);
     for (Eigen::Index i = 0; i < g; ++i)
       for (Eigen::Index j = 0; j < c; ++j)
         mode->doubt[(static_cast<std::size_t>(i) * (mode->order + 1) + k) * mode->columns +
@@ -300,7 +299,6 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   put_rows(r, &mode->signal);
   for (Eigen::Index i = 0; i < g; ++i)
     if (r(i, c - 1) != 0) mode->fed.push_back(static_cast<std::size_t>(i));
-  put_rows(absolute(r), &mode->size);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
   mode->high.assign(kernel::padded(mode->channels), std::numeric_limits<double>::infinity());

@@ -87,10 +87,9 @@ struct Mode {
   std::size_t flow_stride = 0;    ///< padded(n)
   kernel::Vector taylor;          ///< (A T)^k / k!, k = 1..order below each other, by columns
   std::vector<double> signal;     ///< channel rows r, g x c by rows
-  std::vector<double> size;       ///< |r|
   std::size_t series_stride = 0;  ///< padded(order + 1)
   kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
-  std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
+  std::vector<double> doubt;      ///< [channel][k]: |r| |(A T)^k / k!| N, k = 0..order
   std::vector<Channel> channel;
   std::vector<std::size_t> fed;  ///< channels that the command acts on at once
 

@@ -230,9 +230,9 @@ void Stepper::settle(bool count_jumps) {
     const Channel &channel = m.channel[i];
     const double value = dot(&m.signal[i * m.columns], z_.data(), m.columns);
     if (value >= m.low[i] && value <= m.high[i]) continue;
+    const double *doubt = &m.doubt[i * (m.order + 1) * m.columns];
     double scale = 0.0;
-    for (std::size_t j = 0; j < m.columns; ++j)
-      scale += m.size[i * m.columns + j] * magnitude(z_[j]);
+    for (std::size_t j = 0; j < m.columns; ++j) scale += doubt[j] * magnitude(z_[j]);
     const bool below = value < channel.low - kRounding * (scale + magnitude(channel.low));
     const bool above = value > channel.high + kRounding * (scale + magnitude(channel.high));
     if (!below && !above) continue;

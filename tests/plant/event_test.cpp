@@ -1,7 +1,9 @@
 // Contacts: instants, rebounds, dips and grazes against closed forms.
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <random>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -155,6 +157,132 @@ TEST(Graze, LeavesTheFlightAlone) {
   // 2 ms: back at the start, but for the impulse of a contact 1e-12 m deep and 0.9 us long.
   EXPECT_NEAR(plant.signal("ball.position"), 0.0, 1e-17);
   EXPECT_NEAR(plant.signal("ball.velocity"), -0.01, 1e-14);
+}
+
+// A mass that falls on a damped contact, bounce by bounce in closed form: when it touches down.
+class Falling {
+ public:
+  Falling(double mass, double stiffness, double damping, double gravity, double height,
+          double speed)
+      : s_(damping / (2 * mass)),
+        w_(std::sqrt(stiffness / mass - s_ * s_)),
+        rate_(damping / stiffness),
+        g_(gravity),
+        sag_(mass * gravity / stiffness),
+        speed_(std::sqrt(speed * speed + 2 * gravity * height)),
+        touch_s_((speed_ - speed) / gravity) {}
+
+  double touch_s() const { return touch_s_; }
+  double speed() const { return speed_; }
+
+  /// To the next touch-down. False: the mass stays on the contact.
+  bool bounce() {
+    // x = sag + e^(-s t) (a cos wt + b sin wt) while pressed; released where x + rate x' = 0.
+    double low = 0.0;
+    double high = 0.0;
+    const double step = 0.001 / w_;
+    do {
+      low = high;
+      high += step;
+      if (high * w_ > 10.0) return false;
+    } while (force(high) > 0.0);
+    for (int k = 0; k < 60; ++k) {
+      const double middle = 0.5 * (low + high);
+      (force(middle) > 0.0 ? low : high) = middle;
+    }
+    const auto [x, v] = at(high);
+    // Free from there on; it leaves the overlap x if it rises that far.
+    const double left = v * v - 2 * g_ * x;
+    if (v >= 0.0 || left <= 0.0) return false;
+    speed_ = std::sqrt(left);
+    touch_s_ += high + (-v + speed_) / g_;
+    return true;
+  }
+
+ private:
+  struct Motion {
+    double x, v;
+  };
+  Motion at(double t) const {
+    const double a = -sag_;
+    const double b = (speed_ + s_ * a) / w_;
+    const double decay = std::exp(-s_ * t);
+    const double c = std::cos(w_ * t);
+    const double d = std::sin(w_ * t);
+    return {sag_ + decay * (a * c + b * d),
+            decay * ((b * w_ - s_ * a) * c - (a * w_ + s_ * b) * d)};
+  }
+  double force(double t) const {
+    const auto [x, v] = at(t);
+    return x + rate_ * v;
+  }
+
+  double s_, w_, rate_, g_, sag_, speed_, touch_s_;
+};
+
+// Every bounce is one touch-down, one release and one separation, each at an instant of its own.
+TEST(Bouncing, EachBounceIsOneTouchDown) {
+  std::mt19937 random(5);
+  const auto within = [&random](double low, double high) {  // logarithmic
+    return low * std::pow(high / low, std::uniform_real_distribution<double>(0, 1)(random));
+  };
+  constexpr int kTicks = 1500;
+  std::int64_t bounces = 0;
+  int wrong = 0;
+  std::size_t most = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    const double mass = within(0.01, 50);
+    const double rate = within(100, 2e4);
+    const double stiffness = mass * rate * rate;
+    const double damping = 2 * within(0.003, 0.3) * mass * rate;
+    const double height = within(1e-5, 1e-2);
+    const double speed = within(0.01, 1.0);
+    const double place = trial % 3 == 0 ? height : within(1e-6, 1.0);  // of the wall
+    const double gravity = within(1.0, 100.0);
+    const std::string text = "[[body]]\nname = \"ball\"\nmass = " + number(mass) +
+                             "\nposition = " + number(place - height) +
+                             "\nvelocity = " + number(speed) +
+                             "\n[[gravity]]\nname = \"weight\"\nbody = \"ball\"\nacceleration = " +
+                             number(gravity) +
+                             "\n[[contact]]\nname = \"wall\"\nbetween = [\"ball\", \"ground\"]\n"
+                             "stiffness = " +
+                             number(stiffness) + "\ndamping = " + number(damping) +
+                             "\ngap = " + number(trial % 3 == 0 ? 0.0 : place) + "\n";
+    SCOPED_TRACE("trial " + std::to_string(trial) + "\n" + text);
+    PlantOptions options;
+    options.listed_events = 100000;
+    std::string model = text;
+    if (trial % 3 == 0) {
+      const auto at = model.find("position = ");
+      model.replace(at, model.find('\n', at) - at, "position = " + number(-height));
+    }
+    Plant plant(make_model(model), options);
+    for (int k = 0; k < kTicks; ++k) plant.step(0, false);
+    Falling expected(mass, stiffness, damping, gravity, height, speed);
+    std::map<double, std::vector<std::string>> at;
+    for (const auto &e : plant.events()) at[e.time_s].push_back(e.to);
+    std::size_t here = 0;
+    for (const auto &[t, list] : at) {
+      std::set<std::string> s(list.begin(), list.end());
+      if (s.size() != list.size()) here = std::max(here, list.size());
+    }
+    wrong += here > 0;
+    most = std::max(most, here);
+    if (here && wrong < 8) {
+      std::printf("trial %d\n", trial);
+      int n = 0;
+      for (const auto &e : plant.events())
+        if (at[e.time_s].size() > 2 && n++ < 10) std::printf("  %.17g %s -> %s\n", e.time_s, e.from.c_str(), e.to.c_str());
+    }
+    int nb = 0;
+    do {
+      if (expected.touch_s() >= kTicks * kTickS) break;
+      ++nb;
+    } while (expected.bounce());
+    bounces += nb;
+    if (trial < 20) std::printf("%d: %d bounces, %ld touch\n", trial, nb, (long)count_of(plant, "wall", "apart", "pressed"));
+  }
+  std::printf("%d wrong, most %zu, bounces %ld\n", wrong, most, (long)bounces);
 }
 
 TEST(Rest, OnTheBoundaryIsStable) {
