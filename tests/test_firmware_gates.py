@@ -365,9 +365,18 @@ def test_a_changed_table_makes_the_files_stale(tree):
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
 
 
-def test_even_a_comment_changes_the_hash(tree):
+def test_a_comment_in_the_table_changes_no_generated_file(tree):
     append(tree / TABLE, "# another line\n")
-    assert run(["gen_objects.py", "--check"], tree).returncode == 1
+    assert run(["gen_objects.py", "--check"], tree).returncode == 0
+
+
+def test_without_the_released_table_nothing_is_generated(tree):
+    (tree / "firmware/objects/released/0.1.0.csv").unlink()
+    done = run(["gen_objects.py"], tree)
+    assert done.returncode == 2
+    assert (
+        done.stderr == f"{TABLE}: released/0.1.0.csv: cannot be read (No such file or directory)\n"
+    )
 
 
 BAD_TABLES = {

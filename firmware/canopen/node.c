@@ -455,6 +455,10 @@ void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise(canopen, code, info);
 }
 
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
+  emcy_raise_detailed(canopen, code, info, detail);
+}
+
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
 /* --- parameters ------------------------------------------------------------------------------- */

@@ -86,6 +86,7 @@ void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state);
 /* An emergency that is no fault of the axis: CiA code, and what is put in its manufacturer bytes.
  */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* Whether a value within its range may be written now to an object of the node: FW_OK,
  * FW_ERROR_RANGE, FW_ERROR_STATE, FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT for an entry of a mapping

@@ -49,6 +49,16 @@ std::string enum_text(std::uint16_t object, std::int32_t value) {
   return found;
 }
 
+std::string_view name_at(std::uint32_t index, std::uint32_t sub) {
+  for (const axis_object_meta_t &meta : axis_objects_meta) {
+    if (meta.index == index && meta.sub == sub) return meta.name;
+  }
+  for (const axis_former_name_t &former : axis_former_names) {
+    if (former.address != 0 && former.address == index * 256 + sub) return former.name;
+  }
+  return {};
+}
+
 std::string_view value_name(std::uint16_t object, std::int32_t value) {
   for (const axis_value_text_t &named : axis_value_texts) {
     if (named.object == object && named.value == value) return named.text;

@@ -23,6 +23,10 @@ std::optional<std::int32_t> enum_value(std::uint16_t object, std::string_view te
 // Text of an enum's value, or the number itself.
 std::string enum_text(std::uint16_t object, std::int32_t value);
 
+// Name of the object at a CANopen address, also of one that only version 0.1.0 stored there; empty
+// if there is none.
+std::string_view name_at(std::uint32_t index, std::uint32_t sub);
+
 // The table's name of a single raw value, of an object that is no enum; empty if it has none.
 std::string_view value_name(std::uint16_t object, std::int32_t value);
 
