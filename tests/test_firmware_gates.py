@@ -281,7 +281,7 @@ def test_a_violation_is_found(gate, tree, name):
         "<firmware/core/axis.h>",
         '"sim/../firmware/core/axis.h"',
         '"../firmware/core/axis.h"',
-        '"host/link/run.hpp"',
+        '"host/run/run.hpp"',
         '\\\n"firmware/core/axis.h"',
     ],
 )
