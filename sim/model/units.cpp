@@ -224,24 +224,30 @@ bool is_quantity(std::string_view text) {
   return !text.empty() && text.front() >= '0' && text.front() <= '9';
 }
 
+QuantityText split_quantity(std::string_view text) {
+  if (text.front() == '+') text.remove_prefix(1);
+  QuantityText parts;
+  const char *const end = text.data() + text.size();
+  const auto parsed = std::from_chars(text.data(), end, parts.number);
+  if (parsed.ec != std::errc()) parts.number = std::numeric_limits<double>::infinity();
+  parts.digits = text.substr(0, static_cast<std::size_t>(parsed.ptr - text.data()));
+  text.remove_prefix(parts.digits.size());
+  parts.unit = text.substr(std::min(text.find_first_not_of(' '), text.size()));
+  return parts;
+}
+
 QuantityResult read_quantity(std::string_view text, Dimension dimension) {
   const std::string quoted = in_quotes(text);
-  if (text.front() == '+') text.remove_prefix(1);
-  double unscaled = 0.0;
-  const char *const end = text.data() + text.size();
-  const char *const after = std::from_chars(text.data(), end, unscaled).ptr;
-  const std::string number(text.data(), after);
-  const auto begin = std::find_if(after, end, [](char c) { return c != ' '; });
-  const std::string_view unit_text(begin, static_cast<std::size_t>(end - begin));
-  if (unit_text.empty()) return {std::nullopt, quoted + " without a unit"};
-  const auto unit = parse_unit(unit_text);
+  const QuantityText parts = split_quantity(text);
+  if (parts.unit.empty()) return {std::nullopt, quoted + " without a unit"};
+  const auto unit = parse_unit(parts.unit);
   const auto found = unit ? dimension_of_unit(*unit) : std::nullopt;
   if (!found) return {std::nullopt, quoted + ", whose unit is not known"};
   const bool cycles = found == Dimension::frequency && dimension == Dimension::rate;
   if (found != dimension && !cycles)
     return {std::nullopt, quoted + ", " + std::string(canonical(*found).name)};
   const double factor = cycles ? 2.0 * std::numbers::pi * unit->factor : unit->factor;
-  return {scaled_number(number, unit->exponent) * factor, quoted};
+  return {scaled_number(std::string(parts.digits), unit->exponent) * factor, quoted};
 }
 
 }  // namespace forceaxis::sim

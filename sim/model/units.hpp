@@ -89,6 +89,14 @@ std::vector<std::string> unit_spellings();
 /// A parameter's name never does.
 bool is_quantity(std::string_view text);
 
+/// A quantity's number, without the unit's prefix, and the text of its unit.
+struct QuantityText {
+  double number = 0.0;  ///< infinite if there is no such double
+  std::string_view digits;
+  std::string_view unit;
+};
+QuantityText split_quantity(std::string_view text);
+
 /// A quantity in the first spelling's unit, or else what was obtained, in words that follow "got ".
 struct QuantityResult {
   std::optional<double> value;
