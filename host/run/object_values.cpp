@@ -78,7 +78,8 @@ class Scales {
     if (unit == "code/count") return Scale{Dimension::volt_per_length, codes_per_volt_ / scale};
     if (unit == "code tick/count")
       return Scale{Dimension::volt_per_velocity, codes_per_volt_ * kTicks / scale};
-    if (drive_moved_ && std::string_view(meta.part) == "drive" && meta.min < 0)
+    if (drive_moved_ && std::string_view(meta.part) == "drive" && meta.min < 0 &&
+        name != "home_offset")
       return "polarity or home_offset makes it differ from the model's";
     if (unit == "count") return Scale{Dimension::length, scale};
     if (unit == "count/s") return Scale{Dimension::velocity, scale};
@@ -193,8 +194,8 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const std::vector<std::string> names = object_names(section);
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
-    if (const toml::node *node = section.table().get(name); node != nullptr && node->is_number())
-      return *node->value<double>();
+    if (const toml::node *node = section.table().get(name); node != nullptr)
+      return node->value<double>().value_or(1.0);  // a quantity is not 0
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);

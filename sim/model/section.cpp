@@ -78,8 +78,12 @@ toml::table parse_toml(const std::string &file) {
   const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (!stream.good() && !stream.eof())
     throw InputError(file, "file", "expected a readable file, got a read error; check the file");
+  return parse_toml_text(text, file);
+}
+
+toml::table parse_toml_text(std::string_view text, const std::string &file) {
   try {
-    return toml::parse(std::string_view(text), std::string_view(file));
+    return toml::parse(text, std::string_view(file));
   } catch (const toml::parse_error &error) {
     const auto where = error.source().begin;
     throw InputError(

@@ -108,6 +108,8 @@ class Section {
 
 /// The file as TOML. Throws InputError.
 toml::table parse_toml(const std::string &file);
+/// The same of a text; `file` is what a message calls it.
+toml::table parse_toml_text(std::string_view text, const std::string &file);
 
 /// Index of a body by name, or kGround.
 int find_body(const std::vector<Body> &bodies, std::string_view name);

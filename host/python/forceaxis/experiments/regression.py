@@ -27,7 +27,6 @@ import math
 import os
 import re
 import time
-import tomllib
 import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -36,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, objects, paths, toml
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import files as experiments
 
@@ -176,23 +175,11 @@ def shown(value):
     return text if len(text) < 64 else text[:16] + "..."
 
 
-def load(file):
-    """The experiment as TOML. Raises InputError."""
-    try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file}: file: expected valid TOML, {error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: file: expected UTF-8") from None
-    except RecursionError:
-        raise InputError(f"{file}: file: expected fewer nested brackets") from None
-
-
 def read(file, data):
-    """The Expectation of a loaded experiment, None without [expect]. Raises InputError."""
-    if "expect" not in data:
-        return None
+    """The Expectation of `_core.inputs`, None without [expect]. Raises InputError."""
     table = data["expect"]
+    if table is None:
+        return None
 
     def fail(key, message):
         raise InputError(f"{file}: expect{key and '.'}{key}: {message}")
@@ -243,17 +230,13 @@ def read(file, data):
             width *= abs(expected)
         return Number(expected - width, expected + width, expected)
 
-    if not isinstance(table, dict):
-        fail("", "expected a table, write [expect]")
     known = (*TEXTS, *TOLERANCES, *HOW)
-    for key in table:
-        if key not in known:
-            fail(key, f"expected one of {', '.join(known)}; remove or rename this key")
+    toml.expect_keys(table, known, fail)
     faults = next(o.enum for o in objects.OBJECTS if o.name == "fault")
     for key, texts in (("verdict", ("stable", "unstable")), ("fault", faults)):
         if key in table and table[key] not in texts:
             fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
-    if "verdict" in table and "verdict" not in data:
+    if "verdict" in table and not data["criterion"]:
         fail("verdict", "expected a [verdict] table that says when the run is stable; add it")
     text = table.get("trace_hash", "0" * 64)
     if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
@@ -321,11 +304,10 @@ def measure(done, expect, contacts):
 def examine(file, overrides=()):
     """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
-    data = load(file) if file.is_file() else {}
-    expect = read(file, data)  # bad tables are told before the work
+    given = _core.inputs(str(file), list(overrides))
+    expect = read(file, given)  # bad tables are refused before the work
     done = experiments.run(file, overrides)
-    contacts = [c["name"] for c in load(file.parent / data["model"]).get("contact", [])]
-    measured = measure(done, expect or read(file, {"expect": {}}), contacts)
+    measured = measure(done, expect or read(file, {"expect": {}}), given["contacts"])
     wanted = expect.wanted if expect else {}
     checks = [Check(key, value, measured.values[key]) for key, value in wanted.items()]
     return Examined(done, expect, measured, checks)
@@ -381,7 +363,7 @@ def rewritten(file, text, examined):
     new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
     changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
     lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
-    before, after = ({**tomllib.loads(t), "expect": None} for t in (old, new))
+    before, after = ({**toml.read_text(t), "expect": None} for t in (old, new))
     filled_nothing = new == old and not examined.checks
     if before != after or lost > len(examined.differences) or filled_nothing:
         raise InputError(
@@ -417,8 +399,8 @@ def is_test(file):
     """True: has [expect] (or cannot be read, which a run will tell); False: an experiment without
     one; None: not an experiment."""
     try:
-        data = load(file)
-    except (InputError, OSError):
+        data = toml.read(file)
+    except InputError:
         return True
     if "expect" in data:
         return True
@@ -492,7 +474,7 @@ def update(outcome):
         new = mark + rewritten(file, text.removeprefix("\ufeff"), examined)
         if new != text:
             replace(file, new)
-        expect = read(file, load(file))
+        expect = read(file, _core.inputs(str(file)))
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return

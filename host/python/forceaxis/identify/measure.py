@@ -19,14 +19,13 @@ the firmware have no noise but their own rounding.
 
 import math
 import os
-import tomllib
 from collections import Counter
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, objects, paths, toml
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
 
@@ -243,10 +242,7 @@ def read_setup(target, options=None):
     if path.suffix != ".toml" and path.parent == Path() and known.exists():
         path, where = Path(paths.display(known)), paths.display(known)
     if path.suffix == ".toml":
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{where}: expected TOML, {error}") from None
+        table = toml.read(path)
         if isinstance(table.get("model"), str):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}
         elif not any(key in table for key in ("body", "drive", "parameters_file")):
@@ -288,8 +284,10 @@ KEYS = {
     "free": ("true or false", lambda v: isinstance(v, bool)),
     "seed": ("a whole number 0..2^31 - 1", lambda v: is_whole(v) and 0 <= v < 2**31),
     "set": (
-        "a table of numbers",
-        lambda v: isinstance(v, dict) and all(is_number(x) for x in v.values()),
+        "a table of numbers or quantities",
+        lambda v: (
+            isinstance(v, dict) and all(is_number(x) or isinstance(x, str) for x in v.values())
+        ),
     ),
 }
 
@@ -309,9 +307,8 @@ def check(given, where):
         raise InputError(f"{where}: {key}: {text}")
 
     names = [f.name for f in fields(Setup)]
+    toml.expect_keys(given, names, fail)
     for key, value in given.items():
-        if key not in names:
-            fail(key, f"expected one of {', '.join(names)}; remove or rename this key")
         text, holds = KEYS.get(
             key, ("a text of one line", lambda v: isinstance(v, str) and v.isprintable())
         )
@@ -554,8 +551,8 @@ def measure_setup(setup, where, plant_set=None):
         lines = np.unique(np.round(np.geomspace(first, last, setup.points)).astype(int))
 
     nothing = np.zeros(0)
-    overrides = dict(setup.set)
-    facts = linear.facts(setup.model, overrides)
+    facts = linear.facts(setup.model, setup.set)
+    overrides = {name: facts["parameters"][name][0] for name in setup.set}
     units = facts["signals"] | {
         "adc0": "count",
         "adc1": "count",

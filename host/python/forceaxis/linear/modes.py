@@ -15,7 +15,6 @@ dampers still couple it to input and output, poles and zeros lie side by side, a
 in Figure 2.16a: colocated. If nothing does, it is neither: the loop does not see it.
 """
 
-import tomllib
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,9 +134,9 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
     states = states or {}
-    contacts = tomllib.loads(path.read_text("utf-8")).get("contact", [])
+    contacts = facts["contacts"]
     otherwise = "apart" if free else "pressed"
-    pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
+    pressed = any(states.get(c, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
         input = "drive.force"  # which is what the command comes to
