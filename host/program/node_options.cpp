@@ -1,5 +1,6 @@
 #include "host/program/node_options.hpp"
 
+#include <algorithm>
 #include <cctype>
 #include <stdexcept>
 

@@ -89,7 +89,9 @@ std::vector<std::string> contact_names(const forceaxis::sim::Model &model) {
 }
 
 // The table [expect], or None.
-py::object expect_of(const Experiment &e) { return e.expect ? to_python(*e.expect) : py::none(); }
+py::object expect_of(const Experiment &e) {
+  return e.expect ? py::object(::to_dict(*e.expect)) : py::none();
+}
 
 py::dict plot_of(const Experiment &e) {
   py::dict d;

@@ -18,21 +18,7 @@ void add_toml(py::module_ &m);
 
 namespace {
 
-py::dict table_dict(const toml::table &table) {
-  std::vector<std::pair<const toml::key *, const toml::node *>> entries;
-  for (const auto &[key, node] : table) entries.emplace_back(&key, &node);
-  std::stable_sort(entries.begin(), entries.end(), [](const auto &a, const auto &b) {
-    const auto place = [](const toml::key *key) {
-      const toml::source_position at = key->source().begin;
-      return std::make_tuple(at.line, at.column);
-    };
-    return place(a.first) < place(b.first);
-  });
-  py::dict d;
-  for (const auto &[key, node] : entries)
-    d[py::str(key->str().data(), key->str().size())] = to_python(*node);
-  return d;
-}
+py::object to_python(const toml::node &node);
 
 double quantity(const std::string &text) {
   for (const std::string &unit : forceaxis::sim::unit_spellings()) {
@@ -44,12 +30,10 @@ double quantity(const std::string &text) {
   throw forceaxis::sim::InputError("quantity", text, "expected a number with a unit");
 }
 
-}  // namespace
-
 py::object to_python(const toml::node &node) {
   switch (node.type()) {
     case toml::node_type::table:
-      return table_dict(*node.as_table());
+      return ::to_dict(*node.as_table());
     case toml::node_type::array: {
       py::list list;
       for (const toml::node &item : *node.as_array()) list.append(to_python(item));
@@ -71,18 +55,36 @@ py::object to_python(const toml::node &node) {
   }
 }
 
+}  // namespace
+
+py::dict to_dict(const toml::table &table) {
+  std::vector<std::pair<const toml::key *, const toml::node *>> entries;
+  for (const auto &[key, node] : table) entries.emplace_back(&key, &node);
+  std::stable_sort(entries.begin(), entries.end(), [](const auto &a, const auto &b) {
+    const auto place = [](const toml::key *key) {
+      const toml::source_position at = key->source().begin;
+      return std::make_tuple(at.line, at.column);
+    };
+    return place(a.first) < place(b.first);
+  });
+  py::dict d;
+  for (const auto &[key, node] : entries)
+    d[py::str(key->str().data(), key->str().size())] = to_python(*node);
+  return d;
+}
+
 void add_toml(py::module_ &m) {
   m.def(
       "read_toml",
       [](const std::filesystem::path &file) {
-        return table_dict(forceaxis::sim::parse_toml(file.string()));
+        return to_dict(forceaxis::sim::parse_toml(file.string()));
       },
       py::arg("file"),
       "A TOML file as a dict in its order. Raises InputError: file, line, what was expected.");
   m.def(
       "parse_toml",
       [](const std::string &text) {
-        return table_dict(forceaxis::sim::parse_toml_text(text, "text"));
+        return to_dict(forceaxis::sim::parse_toml_text(text, "text"));
       },
       py::arg("text"), "The same of a text.");
   m.def("quantity", &quantity, py::arg("text"),

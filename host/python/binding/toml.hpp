@@ -4,4 +4,4 @@
 #include <toml++/impl/forward_declarations.h>
 
 // dict, list, str, int, float, bool; keys in the order of the file; dates and times as text.
-pybind11::object to_python(const toml::node &node);
+pybind11::dict to_dict(const toml::table &table);
