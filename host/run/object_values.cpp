@@ -96,7 +96,7 @@ class Scales {
   double counts_per_reading_ = 0.0;
 };
 
-// A number in the object's unit and how it was come by.
+// A number in the object's unit and where it comes from.
 struct Value {
   double number;
   bool converted;      // then it is rounded to the nearest raw value
@@ -123,7 +123,7 @@ Value read_value(sim::Section &section, const std::string &name, const toml::nod
   }
   const auto scale = scales.of(meta);
   if (const auto *obstacle = std::get_if<Obstacle>(&scale)) {
-    // A name that is no parameter's is told first.
+    // A name that is no parameter's is the first mistake to report.
     if (!sim::is_quantity(text) && !dimension)
       (void)section.value(name, Dimension::count, sim::Sign::any);
     section.fail(name, "expected a number in " + std::string(meta.unit) + ", got " +

@@ -347,7 +347,7 @@ TEST_F(Files, WhatCannotBeConvertedIsRefusedByName) {
             "at[0].impulse.N_s: expected an impulse in N s, got \"8 N\", a force" + advice);
 }
 
-TEST_F(Files, EveryUnknownNameIsToldAtOnce) {
+TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
   EXPECT_EQ(
       message(with("force_gain", "a = 1\nforce_gian = 3\nforce_setpiont")),
       "firmware.a: expected the name of a firmware object, got \"a\", \"force_gian\", "
@@ -378,7 +378,7 @@ TEST_F(Files, OverridesAreGivenOnceAndSpelledRight) {
             "set.b_w: expected a finite number in N s/m, got nan; correct the override's value");
 }
 
-TEST_F(Files, EverySetThatNothingUsesIsToldAtOnce) {
+TEST_F(Files, EverySetThatNothingUsesIsReportedAtOnce) {
   const Experiment e = load_experiment(write(with("b_w = 363.0", "m_b = 1.0\nk_b = 1.0")));
   try {
     expect_used(e);

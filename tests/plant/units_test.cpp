@@ -152,7 +152,7 @@ TEST(Quantity, NoDoubleIsNoNumber) {
   EXPECT_EQ(*read_quantity("1e305 kN", Dimension::force).value, 1e308);
 }
 
-TEST(Quantity, IsToldFromANameByItsFirstDigit) {
+TEST(Quantity, IsDistinguishedFromANameByItsFirstDigit) {
   for (const char *text : {"1", "-1 N", "+.5 m", ".5 m", "0"}) EXPECT_TRUE(is_quantity(text));
   for (const char *text : {"", "-", "k", "-k_w", "e5", "_1", "nan N", "-inf N", ".", "-."})
     EXPECT_FALSE(is_quantity(text)) << text;

@@ -76,7 +76,10 @@ py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   d["signals"] = units;
   d["parameters"] = parameters;
   py::list contacts;
-  for (const auto &contact : model.contacts) contacts.append(contact.name);
+  for (const auto &contact : model.contacts)
+    contacts.append(
+        py::dict(py::arg("name") = contact.name,
+                 py::arg("between") = py::make_tuple(name(contact.ends.a), name(contact.ends.b))));
   d["contacts"] = contacts;
   d["drive"] = py::none();
   if (model.drive) {
@@ -122,9 +125,8 @@ void add_linear(py::module_ &m) {
         py::arg("free") = false, py::arg("drive") = true,
         "A, B, C, D and the names of the states in one mode: forceaxis.linear.linearise");
   m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
-        "masses, signals with units, used parameters (value, unit), contacts, drive (values: its "
-        "numbers "
-        "by key), reading (per_count: its "
+        "masses, signals with units, used parameters (value, unit), contacts (name, between), "
+        "drive (values: its numbers by key), reading (per_count: its "
         "unit per 8-bit count), encoder, volts_per_code of a model");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");

@@ -99,7 +99,7 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
 def default_output(facts, apart):
     """What the force loop sees: the reading's signal, or the position of the body that would touch.
 
-    facts: as of linear.facts; apart: the model's [[contact]] tables if none of them is pressed.
+    facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
     """
     for contact in apart:
         return next(end for end in contact["between"] if end != "ground") + ".position"
@@ -136,7 +136,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     states = states or {}
     contacts = facts["contacts"]
     otherwise = "apart" if free else "pressed"
-    pressed = any(states.get(c, otherwise) == "pressed" for c in contacts)
+    pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
         input = "drive.force"  # which is what the command comes to
