@@ -29,6 +29,12 @@ window_s = 0.05
 contact_held = true
 )";
 
+double parameter(const Experiment &experiment, std::string_view name) {
+  for (const sim::Parameter &p : experiment.model->parameters)
+    if (p.name == name) return p.value;
+  return 0.0;
+}
+
 class Files : public testing::Test {
  protected:
   std::filesystem::path write(std::string text) {
@@ -158,13 +164,8 @@ TEST_F(Files, VariantsShareTheModelThatTheyHaveInCommon) {
   EXPECT_EQ(seven.modes, five.modes);
   const Experiment other = file.with(Overrides{"b_w=363.00000000000006"});
   ASSERT_NE(other.model, five.model);
-  const auto b_w = [](const Experiment &e) {
-    for (const auto &p : e.model->parameters)
-      if (p.name == "b_w") return p.value;
-    return 0.0;
-  };
-  EXPECT_EQ(b_w(five), 363.0);
-  EXPECT_EQ(b_w(other), 363.00000000000006);
+  EXPECT_EQ(parameter(five, "b_w"), 363.0);
+  EXPECT_EQ(parameter(other, "b_w"), 363.00000000000006);
   EXPECT_THROW(file.with(Overrides{"m_w=-1"}), sim::InputError);
   EXPECT_THROW(file.with(Overrides{"m_w=-1"}), sim::InputError);
   EXPECT_TRUE(file.with(Overrides{"m_b=1"}).unused == Overrides{"m_b"});
@@ -254,8 +255,7 @@ TEST_F(Files, QuantitiesStandForTimesAndImpulses) {
   EXPECT_EQ(*e.plot.to_s, 0.3);
   EXPECT_FALSE(e.plot.from_s.has_value());
   EXPECT_EQ(e.plot.rows, (std::vector<std::vector<std::string>>{{"adc0", "sensor.force"}}));
-  for (const sim::Parameter &p : e.model->parameters)
-    if (p.name == "b_w") EXPECT_EQ(p.value, 400.0);
+  EXPECT_EQ(parameter(e, "b_w"), 400.0);
 }
 
 TEST_F(Files, OverridesMayBeQuantities) {
@@ -264,8 +264,7 @@ TEST_F(Files, OverridesMayBeQuantities) {
   const Experiment e = load_experiment(write(kGood), overrides);
   EXPECT_EQ(e.initial[0].raw, 2560);
   EXPECT_EQ(e.ticks, 3000);
-  for (const sim::Parameter &p : e.model->parameters)
-    if (p.name == "m_w") EXPECT_EQ(p.value, 3.5);
+  EXPECT_EQ(parameter(e, "m_w"), 3.5);
 }
 
 // An ADC of 12 bits that counts down, and an encoder that does.
