@@ -2,9 +2,9 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
-#include "firmware/fx/fx.h"
 #include "firmware/drive/state.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 /* TPDOs gather their bytes from where the values lie. */
@@ -247,11 +247,9 @@ static void serve_node(fw_t *fw) {
   canopen_tick_end(&fw->canopen, fw);
 }
 
-bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+void fw_prepare(fw_t *fw) {
   if (fw->live == 0) {
-    axis_tick(&fw->axis, inputs, outputs);
-    recorder_tick(&fw->recorder, fw);
-    return true;
+    return;
   }
   watch_source(fw);
   cia402_before(&fw->drive, &fw->axis);
@@ -259,7 +257,17 @@ bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs
   if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
     axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
   }
+}
+
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
+}
+
+bool fw_report(fw_t *fw) {
+  if (fw->live == 0) {
+    recorder_tick(&fw->recorder, fw);
+    return true;
+  }
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
   if (fw->config.buses != 0) {
@@ -282,7 +290,9 @@ void fw_between(fw_t *fw) {
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
-  (void)fw_interrupt(fw, inputs, outputs);
+  fw_prepare(fw);
+  fw_control(fw, inputs, outputs);
+  (void)fw_report(fw);
   fw_between(fw);
 }
 
@@ -304,14 +314,19 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
   return modbus_transmit(&fw->modbus, bytes, room);
 }
 
-/* One more, up to the largest number it can hold. */
+/* More by a number, up to the largest it can hold. */
 static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-void fw_overrun(fw_t *fw) {
-  count_up(&fw->device_signals.overruns, 1);
+void fw_overrun(fw_t *fw, uint32_t missed) {
+  const uint32_t count = (missed == 0) ? 1 : missed;
+  count_up(&fw->device_signals.overruns, (count > UINT16_MAX) ? UINT16_MAX : (uint16_t)count);
+  fw->axis.signals.tick_count += missed;
   if (fw->config.buses != 0) {
+    if (missed != 0) {
+      canopen_missed(&fw->canopen, missed);
+    }
     tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }

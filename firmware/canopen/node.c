@@ -2,8 +2,8 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 /* Identifiers and commands of network management. */
 enum { ID_NMT = 0x000, ID_HEARTBEAT = 0x700, ID_HEARTBEAT_LAST = 0x77F };
@@ -378,6 +378,11 @@ void canopen_tick_end(canopen_t *canopen, fw_t *fw) {
       finish_tick(canopen, fw);
     }
   }
+}
+
+void canopen_missed(canopen_t *canopen, uint32_t ticks) {
+  pdo_missed(canopen, ticks);
+  canopen_timers_missed(&canopen->timers, ticks);
 }
 
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {

@@ -17,7 +17,7 @@
 //              firmware = { force_setpoint = 10.0 }
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     see Plot
-//   [expect]   for `forceaxis test`; handed over as it is
+//   [expect]   for `forceaxis test`; handed over as it is: forceaxis.experiments.expect checks it
 // clang-format on
 //
 // A number is in SI, or in the unit of its key; a text in its place is a quantity with a unit,

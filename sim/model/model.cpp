@@ -155,20 +155,10 @@ class Overriding {
   bool in_set_;
 };
 
-// Everything with two ends but the drive, in the order of the signals.
-template <class Visit>
-void each_link(const Model &model, Visit visit) {
-  for (const Spring &spring : model.springs) visit(spring);
-  for (const Damper &damper : model.dampers) visit(damper);
-  for (const Contact &contact : model.contacts) visit(contact);
-  for (const Stop &stop : model.stops) visit(stop);
-  for (const Friction &friction : model.frictions) visit(friction);
-}
-
 // Follows everything with two ends from ground; what is not reached floats freely.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
-  each_link(model, [&](const auto &link) { links.push_back(link.ends); });
+  model.each_link([&](const auto &link) { links.push_back(link.ends); });
   if (model.drive) links.push_back({model.drive->body, model.drive->reaction});
   std::vector<bool> reached(model.bodies.size() + 1, false);  // [0] is ground
   reached[0] = true;
@@ -233,7 +223,7 @@ std::vector<SignalInfo> Model::signal_list() const {
     list.push_back({body.name + ".velocity", Dimension::velocity});
     list.push_back({body.name + ".acceleration", Dimension::acceleration});
   }
-  each_link(*this, [&](const auto &link) {
+  each_link([&](const auto &link) {
     list.push_back({link.name + ".force", Dimension::force});
     list.push_back({link.name + ".spring_force", Dimension::force});
     list.push_back({link.name + ".spring_force_rate", Dimension::force_rate});

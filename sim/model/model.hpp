@@ -251,6 +251,15 @@ struct Model {
   std::array<std::optional<Adc>, 2> adc;
   Dac dac;
 
+  /// Visits everything with two ends but the drive, in the order of the signals.
+  template <class Visit>
+  void each_link(Visit visit) const {
+    for (const Spring &spring : springs) visit(spring);
+    for (const Damper &damper : dampers) visit(damper);
+    for (const Contact &contact : contacts) visit(contact);
+    for (const Stop &stop : stops) visit(stop);
+    for (const Friction &friction : frictions) visit(friction);
+  }
   /// Every signal of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;
   /// Index of a body by name. Throws std::invalid_argument for an unknown name.

@@ -234,7 +234,7 @@ TEST_F(Canopen, ProtocolErrorsOfUploads) {
 TEST_F(Canopen, AClientsAbortIsNotAnswered) {
   EXPECT_EQ(Ask(Request(0x40, 0x1008, 0))[0], 0x41);
   EXPECT_TRUE(Ask(Request(0x80, 0x1008, 0, 0x08000000)).empty());
-  EXPECT_EQ(Word(Ask({0x60})), 0x05040001u);
+  EXPECT_EQ(Ask({0x60}), Request(0x80, 0, 0, 0x05040001)) << "of no object";
 }
 
 TEST_F(Canopen, ANewRequestReplacesAPendingOne) {
@@ -259,6 +259,17 @@ TEST_F(Canopen, APendingTransferTimesOut) {
   EXPECT_EQ(frames[0].data, Request(0x80, 0x1008, 0, 0x05040000));
   NodeTick(10000);
   EXPECT_TRUE(Take(0x585).empty());
+}
+
+// Each segment of a download has its 5 s, 7500 ticks, too.
+TEST_F(Canopen, EverySegmentOfADownloadHasItsTime) {
+  ASSERT_EQ(Download(0x1017, 0, 0, 2), 0u);
+  ASSERT_EQ(Ask(Request(0x20, 0x607A, 0))[0], 0x60);
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x0A, 0x78, 0x56})[0], 0x20);  // two of four bytes
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x1B, 0x34, 0x12})[0], 0x30);  // and the last two
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0x12345678);
 }
 
 TEST_F(Canopen, TruncatedRequestsGetNoAnswer) {

@@ -98,7 +98,7 @@ TEST_F(Fw, ASaturatedSensorIsTold) {
 
 TEST_F(Fw, OverrunsAreToldOnceASecond) {
   for (int i = 0; i < 3000; ++i) {
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     Take();
   }
@@ -112,7 +112,7 @@ TEST_F(Fw, OverrunsAreToldOnceASecond) {
 TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
   std::vector<int> given;
   for (int i = 0; i < 4600; ++i) {
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     if (CountTold(0xFF04) != 0) given.push_back(i);
   }
@@ -120,11 +120,11 @@ TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
   PowerUp();
   for (const int wait : {1499, 1500}) {
     PowerUp();
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     EXPECT_EQ(CountTold(0xFF04), 1);
     Tick(wait - 1);
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     EXPECT_EQ(CountTold(0xFF04), wait == 1500 ? 1 : 0) << wait;
   }
@@ -132,7 +132,7 @@ TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
 
 // Each of them has a second of its own.
 TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   inputs_.adc_code[0] = 255;
   Tick();
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
@@ -142,7 +142,7 @@ TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
 // recently it was told before.
 TEST_F(Fw, AResetOfTheNodeTellsAnew) {
   inputs_.adc_code[0] = 255;
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   Tick(2);
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
   inputs_.adc_code[0] = 0;
@@ -152,7 +152,7 @@ TEST_F(Fw, AResetOfTheNodeTellsAnew) {
   ASSERT_EQ(Inner(AXIS_OBJ_NMT_STATE), AXIS_NMT_STATE_PRE_OPERATIONAL);
   Told();
   inputs_.adc_code[0] = 255;
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   Tick(2);
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
 }

@@ -11,6 +11,7 @@ from objects.table import (
     expand,
     register,
     registers,
+    title,
 )
 
 FOLDER = "firmware/objects/generated"
@@ -224,6 +225,9 @@ def generate_meta(table):
         "  uint8_t sub;\n"
         "  int32_t modbus;         /* first register, holding if rw, input if ro; -1: none */\n"
         "  int stored;             /* kept by the parameter store */\n"
+        "  const char *title;      /* CANopen's name */\n"
+        "  int node_id;            /* a COB-ID to whose default the node id is added */\n"
+        "  int mappable;           /* a PDO may carry it, as far as its access allows */\n"
         "} axis_object_meta_t;\n\n"
     )
     objects = list(expand(entries))
@@ -243,7 +247,7 @@ def generate_meta(table):
             f"     {float(o['scale'])!r}, INT64_C({o['min']}), INT64_C({o['max']}), "
             f'INT64_C({o["defaults"][i]}), "{o["access"]}", "{o["writable"]}", '
             f'"{",".join(o["enum"])}", 0x{index:04X}, {sub}, {register(o, i)}, '
-            f"{int(o['stored'])}}},\n"
+            f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}}},\n'
         )
     named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
     out.append(
@@ -258,7 +262,24 @@ def generate_meta(table):
         "static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {\n"
     )
     out.extend(f'    {{{number}, {value}, "{text}"}},\n' for number, value, text in named)
-    out.append("};\n\n#endif\n")
+    out.append(
+        "};\n\n"
+        "/* Single bits of Modbus. */\n"
+        "typedef struct {\n"
+        "  uint16_t address;\n"
+        "  const char *name;    /* snake case */\n"
+        "  const char *meaning; /* one sentence */\n"
+        "} axis_bit_meta_t;\n"
+    )
+    for name, bits in (("coils", table.coils), ("discretes", table.discretes)):
+        count = f"AXIS_{name.upper()}_META_COUNT"
+        out.append(
+            f"\n#define {count} {len(bits)}\n"
+            f"static const axis_bit_meta_t axis_{name}_meta[{count}] = {{\n"
+        )
+        out.extend(f'    {{{b["address"]}, "{b["name"]}", "{b["meaning"]}"}},\n' for b in bits)
+        out.append("};\n")
+    out.append("\n#endif\n")
     return "".join(out)
 
 

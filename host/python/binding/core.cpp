@@ -19,12 +19,13 @@
 
 namespace py = pybind11;
 
-void add_bench(py::module_ &m);   // bench.cpp
-void add_excite(py::module_ &m);  // excite.cpp
-void add_linear(py::module_ &m);  // linear.cpp
-void add_link(py::module_ &m);    // link.cpp
-void add_plant(py::module_ &m);   // plant.cpp
-void add_toml(py::module_ &m);    // toml.cpp
+void add_bench(py::module_ &m);    // bench.cpp
+void add_excite(py::module_ &m);   // excite.cpp
+void add_linear(py::module_ &m);   // linear.cpp
+void add_link(py::module_ &m);     // link.cpp
+void add_objects(py::module_ &m);  // objects.cpp
+void add_plant(py::module_ &m);    // plant.cpp
+void add_toml(py::module_ &m);     // toml.cpp
 
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
@@ -323,6 +324,7 @@ PYBIND11_MODULE(_core, m) {
   add_bench(m);
   add_excite(m);
   add_link(m);
+  add_objects(m);
   add_plant(m);
   add_toml(m);
 }

@@ -1,4 +1,4 @@
-"""`forceaxis objects`: the firmware's objects, and the files that tell other programs of them."""
+"""`forceaxis objects`: the firmware's objects, and files about them for other programs."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ FILES = {
 
 
 def addresses(o):
-    """(CANopen, Modbus) as one reads them."""
+    """(CANopen address, Modbus register) as texts."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -39,7 +39,7 @@ def line(o):
 
 
 def details(o):
-    """All that is known of one object."""
+    """Every property of one object."""
     yield f"{o.name}: {o.meaning}"
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
@@ -106,3 +106,6 @@ def objects_(pattern, as_json, **files):
         rows.remove(exact)
     for o in rows:
         click.echo(line(o))
+
+
+VERBS = (objects_,)

@@ -1,7 +1,7 @@
 """The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
 
 Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
-control loops around it, `modes` looks at the mechanics alone.
+control loops around it, `modes` analyses the mechanics alone.
 """
 
 from dataclasses import dataclass, replace
@@ -61,11 +61,7 @@ class System:
 
     def poles_s(self):
         """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
-        poles = self.poles().astype(complex)
-        if self.dt is None:
-            return poles
-        with np.errstate(divide="ignore"):
-            return np.log(poles) / self.dt
+        return self._per_second(self.poles())
 
     def stable(self):
         """All poles inside the stable region."""
@@ -113,6 +109,16 @@ class System:
             basis = linalg.qr(rows.T)[0][:, degree:]
             held = basis.T @ held @ basis
         return linalg.eigvals(held) if len(held) else np.zeros(0, complex)
+
+    def zeros_s(self):
+        """Zeros in 1/s, as `poles_s`."""
+        return self._per_second(self.zeros())
+
+    def _per_second(self, roots):
+        if self.dt is None:
+            return roots.astype(complex)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(roots.astype(complex)) / self.dt
 
     def gain(self):
         """What multiplies the product of (s - zeros) / (s - poles)."""
@@ -284,9 +290,6 @@ def linearise(
     return System(
         m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
     )  # fmt: skip
-
-
-# --- the verb --------------------------------------------------------------------------------
 
 
 def once(option, names):

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import paths, toml
+from forceaxis import linear, paths, toml
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 from forceaxis.thesis import tables
 
 
@@ -18,8 +17,8 @@ class Claim:
     """One number or statement of the thesis.
 
     `ours` computes it from the models. It agrees when it is the same text, or a number within the
-    fraction `within` of the thesis's (with `at_least`: or above it); where it does not, `why` has
-    to say why.
+    fraction `within` of the thesis's (with `at_least`: or above it); otherwise `why` gives the
+    reason.
     """
 
     where: str

@@ -259,9 +259,6 @@ def _sensitivity(name, factor, value, cells, base, verdicts):
     return {"threshold": name, "factor": factor, "value": value, "score": score, "changed": changed}
 
 
-# --- finding the constants -----------------------------------------------------------------------
-
-
 def evidence_hash():
     """Identity of what the fit depends on: grid, cells, models, experiments; no fitted value."""
     tables = load()
@@ -274,7 +271,7 @@ def evidence_hash():
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        for table in (experiment, model):  # what is only said about them does not count
+        for table in (experiment, model):  # descriptions do not count
             said = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in said}).encode())
     return digest.hexdigest()
