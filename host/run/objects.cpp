@@ -40,6 +40,15 @@ std::optional<std::int32_t> enum_value(std::uint16_t object, std::string_view te
   return found;
 }
 
+std::vector<std::string> enum_texts(std::uint16_t object) {
+  std::vector<std::string> texts;
+  each_enum_text(object, [&](std::int32_t, std::string_view text) {
+    texts.emplace_back(text);
+    return false;
+  });
+  return texts;
+}
+
 std::string enum_text(std::uint16_t object, std::int32_t value) {
   std::string found = std::to_string(value);
   each_enum_text(object, [&](std::int32_t candidate, std::string_view text) {
