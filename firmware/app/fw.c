@@ -2,59 +2,16 @@
 
 #include <stddef.h>
 
+#include "firmware/app/ownership.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
-#include "firmware/fx/fx.h"
-#include "firmware/drive/state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+_Static_assert(offsetof(fw_t, objects) == 0, "offsets of objects count from the dictionary");
 /* TPDOs gather their bytes from where the values lie. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the lowest byte comes first");
 /* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
-_Static_assert(sizeof(int) >= sizeof(int32_t), "app and proto need an int of 32 bits");
-
-/* Where each block of the object table lies in fw_t. */
-static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
-    [AXIS_BLOCK_AXIS_PARAMETER] = (uint16_t)offsetof(fw_t, axis.params),
-    [AXIS_BLOCK_AXIS_SIGNAL] = (uint16_t)offsetof(fw_t, axis.signals),
-    [AXIS_BLOCK_RECORDER_PARAMETER] = (uint16_t)offsetof(fw_t, recorder.params),
-    [AXIS_BLOCK_RECORDER_SIGNAL] = (uint16_t)offsetof(fw_t, recorder.signals),
-    [AXIS_BLOCK_DRIVE_PARAMETER] = (uint16_t)offsetof(fw_t, drive.params),
-    [AXIS_BLOCK_DRIVE_SIGNAL] = (uint16_t)offsetof(fw_t, drive.signals),
-    [AXIS_BLOCK_CANOPEN_PARAMETER] = (uint16_t)offsetof(fw_t, canopen.params),
-    [AXIS_BLOCK_CANOPEN_SIGNAL] = (uint16_t)offsetof(fw_t, canopen.signals),
-    [AXIS_BLOCK_DEVICE_PARAMETER] = (uint16_t)offsetof(fw_t, device),
-    [AXIS_BLOCK_DEVICE_SIGNAL] = (uint16_t)offsetof(fw_t, device_signals),
-};
-
-static uint16_t object_offset(const axis_object_t *object) {
-  return (uint16_t)(block_offset[object->block] + object->offset);
-}
-
-static bool object_exists(uint16_t object) {
-  return object != AXIS_OBJ_NONE && object < AXIS_OBJ_COUNT;
-}
-
-/* Whether it has a value that can be read in any tick. */
-static bool object_readable(uint16_t object) {
-  return object_exists(object) && axis_objects[object].block != AXIS_BLOCK_NONE;
-}
-
-static recorder_channel_t object_channel(uint16_t object) {
-  const axis_object_t *entry = &axis_objects[object];
-  return (recorder_channel_t){.offset = object_offset(entry), .type = entry->type};
-}
-
-/* Blocks that matter only to a firmware on a bus. */
-static bool is_of_axis(const axis_object_t *entry) {
-  return entry->block == AXIS_BLOCK_AXIS_PARAMETER || entry->block == AXIS_BLOCK_AXIS_SIGNAL ||
-         entry->block == AXIS_BLOCK_RECORDER_PARAMETER ||
-         entry->block == AXIS_BLOCK_RECORDER_SIGNAL;
-}
-
-static bool in_axis_or_recorder(uint16_t object) {
-  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
-         is_of_axis(&axis_objects[object]);
-}
+_Static_assert(sizeof(int) >= sizeof(int32_t), "app, canopen and drive need an int of 32 bits");
 
 static void wake(fw_t *fw) {
   if (fw->live == 0) {
@@ -62,8 +19,6 @@ static void wake(fw_t *fw) {
     cia402_wake(&fw->drive, &fw->axis);
   }
 }
-
-/* --- emergencies that are no faults ----------------------------------------------------------- */
 
 /* What a contact that comes and goes, or a late port, could repeat every tick. */
 static void tell_held(fw_t *fw, uint16_t code) {
@@ -108,7 +63,189 @@ static void watch_contact(fw_t *fw) {
   }
 }
 
-/* --- power-up and resets ---------------------------------------------------------------------- */
+/* The latched fault, or the one that a fault reaction under way will latch. */
+static uint8_t fault_of(const fw_t *fw) {
+  const uint8_t latched = fw->axis.signals.fault;
+  return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
+}
+
+static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  const fw_t *fw = fw_of_const(objects);
+  /* A native mode over a bus would bypass the state machine of the drive. */
+  if (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED &&
+      (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
+    return FW_ERROR_STATE;
+  }
+  return axis_check(&fw->axis, object, value);
+}
+
+static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                         int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  axis_parameter_written(&fw->axis, object, previous, value);
+  if (object == AXIS_OBJ_MODE) {
+    cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
+  }
+}
+
+static int check_drive(const dictionary_t *objects, uint8_t source, uint16_t object,
+                       int32_t value) {
+  (void)source;
+  return cia402_check(&fw_of_const(objects)->drive, object, value);
+}
+
+static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                          int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  cia402_written(&fw->drive, &fw->axis, object, previous, value);
+}
+
+static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  (void)source;
+  return canopen_check(&fw_of_const(objects)->canopen, object, value);
+}
+
+static void node_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                         int32_t value) {
+  (void)source;
+  canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
+}
+
+/* Objects that a firmware on no bus serves without its drive. */
+static bool in_axis_or_recorder(uint16_t object) {
+  const uint8_t block = axis_objects[object].block;
+  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
+         block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
+         block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
+}
+
+/* Channels and trigger are objects with a value, or none. */
+static int check_recorder(const dictionary_t *objects, uint8_t source, uint16_t object,
+                          int32_t value) {
+  (void)objects;
+  (void)source;
+  const bool names_object =
+      (object >= AXIS_OBJ_RECORDER_SIGNAL_1 && object <= AXIS_OBJ_RECORDER_SIGNAL_8) ||
+      object == AXIS_OBJ_RECORDER_TRIGGER_SOURCE;
+  const bool fits =
+      !names_object || value == 0 || dictionary_has_value(dictionary_object_at((uint32_t)value));
+  return fits ? FW_OK : FW_ERROR_RANGE;
+}
+
+static recorder_channel_t channel_of(const fw_t *fw, uint16_t object) {
+  return (recorder_channel_t){.offset = dictionary_place(&fw->objects, object),
+                              .type = axis_objects[object].type};
+}
+
+static int arm_recorder(fw_t *fw) {
+  const recorder_params_t *params = &fw->recorder.params;
+  recorder_channel_t channels[RECORDER_CHANNELS];
+  uint8_t count = 0;
+  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
+    const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
+    if (object != AXIS_OBJ_NONE) {
+      channels[count] = channel_of(fw, object);
+      count++;
+      if (!in_axis_or_recorder(object)) {
+        wake(fw);
+      }
+    }
+  }
+  recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
+  if (params->recorder_trigger_edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
+    const uint16_t source = dictionary_object_at(params->recorder_trigger_source);
+    if (source == AXIS_OBJ_NONE) {
+      return FW_ERROR_RANGE;
+    }
+    trigger = channel_of(fw, source);
+  }
+  return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
+}
+
+/* Who asks from now on sees that the store is at work. */
+static int begin_store(fw_t *fw, int refusal) {
+  if (refusal == FW_OK) {
+    fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
+  }
+  return refusal;
+}
+
+static int command(dictionary_t *objects, uint16_t object, int32_t value) {
+  fw_t *fw = fw_of(objects);
+  switch (object) {
+    case AXIS_OBJ_FAULT_RESET:
+      axis_fault_reset(&fw->axis);
+      cia402_fault_reset(&fw->drive, &fw->axis);
+      return FW_OK;
+    case AXIS_OBJ_STORE_PARAMETERS:
+    case AXIS_OBJ_STORE_ALL:
+      return begin_store(fw, store_save(&fw->store, objects));
+    case AXIS_OBJ_RESTORE_DEFAULTS:
+    case AXIS_OBJ_RESTORE_ALL:
+      return begin_store(fw, store_forget(&fw->store));
+    default:
+      break;
+  }
+  if (value == 0) {
+    recorder_stop(&fw->recorder);
+  }
+  const int refusal = (value != 0) ? arm_recorder(fw) : FW_OK;
+  if (refusal == FW_OK) {
+    canopen_recording_replaced(&fw->canopen);
+  }
+  return refusal;
+}
+
+static const char *text(const dictionary_t *objects, uint16_t index) {
+  const fw_t *fw = fw_of_const(objects);
+  switch (index) {
+    case 0x1008:
+      return "forceaxis";
+    case 0x1009:
+      return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
+    default:
+      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
+                                           : fw->config.software;
+  }
+}
+
+static uint32_t recording_size(const dictionary_t *objects) {
+  const recorder_t *recorder = &fw_of_const(objects)->recorder;
+  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
+  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
+}
+
+static uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
+                               uint32_t count) {
+  return recorder_bytes(&fw_of_const(objects)->recorder, offset, bytes, count);
+}
+
+/* Where the values of each block are, and who checks and follows their writes. */
+static const dictionary_owner_t owner = {
+    .blocks =
+        {
+            [AXIS_BLOCK_AXIS_PARAMETER] = {offsetof(fw_t, axis.params), check_axis, axis_written},
+            [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
+            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), check_recorder,
+                                               NULL},
+            [AXIS_BLOCK_RECORDER_SIGNAL] = {offsetof(fw_t, recorder.signals), NULL, NULL},
+            [AXIS_BLOCK_DRIVE_PARAMETER] = {offsetof(fw_t, drive.params), check_drive,
+                                            drive_written},
+            [AXIS_BLOCK_DRIVE_SIGNAL] = {offsetof(fw_t, drive.signals), NULL, NULL},
+            [AXIS_BLOCK_CANOPEN_PARAMETER] = {offsetof(fw_t, canopen.params), check_node,
+                                              node_written},
+            [AXIS_BLOCK_CANOPEN_SIGNAL] = {offsetof(fw_t, canopen.signals), NULL, NULL},
+            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), NULL, ownership_written},
+            [AXIS_BLOCK_DEVICE_SIGNAL] = {offsetof(fw_t, device_signals), NULL, NULL},
+        },
+    .permit = ownership_permit,
+    .command = command,
+    .text = text,
+    .domain_size = recording_size,
+    .domain_read = recording_read,
+};
 
 /* Every parameter and signal at its power-up value, but for what counts losses; what was stored
  * replaces the defaults. */
@@ -129,12 +266,12 @@ static void power_up(fw_t *fw) {
   }
   fw->ticks_alone = 0;
   fw->contact_seen = 0;
-  fw->device_signals.store_state = store_load(&fw->store, fw);
+  fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
 }
 
 /* The node boots up; what was to be loaded and could not be is told as soon as it may be. */
 static void boot(fw_t *fw) {
-  canopen_start(&fw->canopen);
+  canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
   if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE ||
       state == AXIS_STORE_STATE_LOADED_OLDER) {
@@ -145,7 +282,7 @@ static void boot(fw_t *fw) {
 void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->config = *config;
   fw->live = 0;
-  fw->zero = 0;
+  dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   store_init(&fw->store, config->memory);
   power_up(fw);
@@ -155,6 +292,23 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
     if (config->watchdog_fired != 0) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_WATCHDOG_RESET, 0);
     }
+  }
+}
+
+/* Up to the largest number it can hold. */
+static void count_up(uint16_t *counter, uint16_t by) {
+  *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
+}
+
+/* What the node asked for in the call before. */
+static void take_requests(fw_t *fw) {
+  if (!canopen_has_requests(&fw->canopen)) {
+    return;
+  }
+  const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
+  count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
+    ownership_lost(fw, requests.fault);
   }
 }
 
@@ -183,57 +337,16 @@ static void carry_out_reset(fw_t *fw) {
   } else {
     canopen_init(&fw->canopen, fw->device_signals.node_id);
     fw->canopen.signals.serial_number = fw->config.serial_number;
-    store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
-    canopen_start(&fw->canopen);
+    store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER);
+    canopen_start(&fw->canopen, &fw->objects);
   }
-  /* A port tells changes only. */
-  canopen_bus(&fw->canopen, fw, bus);
-}
-
-/* --- the lock --------------------------------------------------------------------------------- */
-
-/* canopen owns the axis from now on, and is watched from now on. */
-static void give_to_canopen(fw_t *fw) {
-  fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
-  canopen_owns(&fw->canopen);
-}
-
-/* Whoever gives the axis away while it is enabled may find nobody there to take it, or nobody whose
- * end would ever be noticed. */
-static void look_for_canopen(fw_t *fw) {
-  uint8_t fault = canopen_lost_for(&fw->canopen);
-  if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {
-    fault = AXIS_FAULT_SOURCE_LOST;
-  }
-  if (fault != AXIS_FAULT_NONE) {
-    cia402_owner_lost(&fw->drive, &fw->axis, fault);
-  }
-}
-
-/* A foreign owner that is silent for too long loses the axis to canopen. Canopen itself is watched
- * by its node; but whoever enables the axis while a heartbeat is still away would not be missed. */
-static void watch_source(fw_t *fw) {
-  if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
-    if (fw->canopen.heartbeats_lost != 0 &&
-        fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
-      cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
-    }
-    return;
-  }
-  fw->source_silence += 1;
-  if (fw->source_silence > fx_ticks_from_ms(fw->device.watchdog)) {
-    const uint8_t owner = fw->device.command_source;
-    give_to_canopen(fw);
-    cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
-    /* A fault is told by its error code. */
-    if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
-    }
-  }
+  /* A port reports changes only. */
+  canopen_bus(&fw->canopen, bus);
+  take_requests(fw);
 }
 
 static void serve_store(fw_t *fw) {
-  const uint8_t state = store_tick(&fw->store, fw);
+  const uint8_t state = store_tick(&fw->store, &fw->objects);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
@@ -242,18 +355,27 @@ static void serve_store(fw_t *fw) {
   }
 }
 
+static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
+
 static void serve_node(fw_t *fw) {
   watch_contact(fw);
-  canopen_tick_end(&fw->canopen, fw);
+  while (canopen_is_behind(&fw->canopen)) {
+    canopen_tick_timers(&fw->canopen, is_active(fw));
+    take_requests(fw);
+    const canopen_axis_t axis = {
+        .error_code = fw->drive.signals.error_code, .fault = fault_of(fw), .active = is_active(fw)};
+    canopen_tick_end(&fw->canopen, &fw->objects, axis);
+  }
+  take_requests(fw);
 }
 
 bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   if (fw->live == 0) {
     axis_tick(&fw->axis, inputs, outputs);
-    recorder_tick(&fw->recorder, fw);
+    recorder_tick(&fw->recorder, &fw->objects);
     return true;
   }
-  watch_source(fw);
+  ownership_tick(fw);
   cia402_before(&fw->drive, &fw->axis);
   fw->ticks_alone += 1;
   if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
@@ -261,9 +383,11 @@ bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs
   }
   axis_tick(&fw->axis, inputs, outputs);
   cia402_after(&fw->drive, &fw->axis);
-  recorder_tick(&fw->recorder, fw);
+  recorder_tick(&fw->recorder, &fw->objects);
   if (fw->config.buses != 0) {
-    canopen_tick_begin(&fw->canopen, fw, watched_contact(fw) != fw->contact_seen);
+    const bool defer = watched_contact(fw) != fw->contact_seen ||
+                       !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
+    canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
   return fw->ticks_alone <= FW_BETWEEN_TICKS_MAX;
 }
@@ -275,7 +399,7 @@ void fw_between(fw_t *fw) {
   }
   if (fw->config.buses != 0) {
     serve_node(fw);
-    modbus_tick(&fw->modbus, fw);
+    modbus_tick(&fw->modbus, &fw->objects);
     carry_out_reset(fw);
   }
   serve_store(fw);
@@ -287,26 +411,28 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
 }
 
 void fw_can_receive(fw_t *fw, const can_frame_t *frame) {
-  canopen_receive(&fw->canopen, fw, frame);
+  canopen_receive(&fw->canopen, &fw->objects, frame);
+  take_requests(fw);
 }
 
 bool fw_can_transmit(fw_t *fw, can_frame_t *frame) { return canopen_transmit(&fw->canopen, frame); }
 
-void fw_can_lost(fw_t *fw, uint16_t frames) { canopen_lost(&fw->canopen, fw, frames); }
+void fw_can_lost(fw_t *fw, uint16_t frames) {
+  canopen_lost(&fw->canopen, frames);
+  take_requests(fw);
+}
 
-void fw_can_bus(fw_t *fw, uint8_t state) { canopen_bus(&fw->canopen, fw, state); }
+void fw_can_bus(fw_t *fw, uint8_t state) {
+  canopen_bus(&fw->canopen, state);
+  take_requests(fw);
+}
 
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
-  modbus_receive(&fw->modbus, fw, bytes, count);
+  modbus_receive(&fw->modbus, &fw->objects, bytes, count);
 }
 
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
   return modbus_transmit(&fw->modbus, bytes, room);
-}
-
-/* One more, up to the largest number it can hold. */
-static void count_up(uint16_t *counter, uint16_t by) {
-  *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
 void fw_overrun(fw_t *fw) {
@@ -316,356 +442,15 @@ void fw_overrun(fw_t *fw) {
   }
 }
 
-void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault) {
-  if (source == fw->device.command_source) {
-    if (source != FW_SOURCE_CANOPEN) {
-      give_to_canopen(fw);
-    }
-    cia402_owner_lost(&fw->drive, &fw->axis, fault);
-  }
-}
-
-uint8_t fw_fault(const fw_t *fw) {
-  const uint8_t latched = fw->axis.signals.fault;
-  return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
-}
-
-const axis_address_t *fw_address(uint16_t index, uint8_t sub) {
-  uint16_t low = 0;
-  uint16_t high = AXIS_ADDRESSES_COUNT;
-  while (low < high) {
-    const uint16_t middle = fx_half(low + high);
-    const axis_address_t *address = &axis_addresses[middle];
-    if (address->index == index && address->sub == sub) {
-      return address;
-    }
-    if (address->index < index || (address->index == index && address->sub < sub)) {
-      low = (uint16_t)(middle + 1);
-    } else {
-      high = middle;
-    }
-  }
-  return NULL;
-}
-
-/* The number of the object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
-static uint16_t object_at(int32_t address) {
-  const uint32_t bits = (uint32_t)address;
-  const axis_address_t *found = fw_address((uint16_t)fx_field(bits, 8, 16), (uint8_t)bits);
-  return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
-}
-
-uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count) {
-  return recorder_bytes(&fw->recorder, offset, bytes, count);
-}
-
-uint32_t fw_recording_size(const fw_t *fw) {
-  const recorder_t *recorder = &fw->recorder;
-  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
-  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
-}
-
-void fw_can_count_lost(fw_t *fw, uint16_t frames) {
-  count_up(&fw->device_signals.can_lost, frames);
-}
-
-const char *fw_text(const fw_t *fw, uint16_t index) {
-  switch (index) {
-    case 0x1008:
-      return "forceaxis";
-    case 0x1009:
-      return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
-    default:
-      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
-                                           : fw->config.software;
-  }
-}
-
-uint16_t fw_object_place(uint16_t object) {
-  return (object == AXIS_OBJ_NONE) ? (uint16_t)offsetof(fw_t, zero)
-                                   : object_offset(&axis_objects[object]);
-}
-
-uint16_t fw_error_code(const fw_t *fw) { return fw->drive.signals.error_code; }
-
-bool fw_is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
-
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
-  if (!object_exists(object)) {
-    return FW_ERROR_NO_OBJECT;
-  }
-  const axis_object_t *entry = &axis_objects[object];
-  if (entry->access == AXIS_ACCESS_WO) {
-    return FW_ERROR_WRITE_ONLY;
-  }
-  /* A command has no value of its own. */
-  *value = (entry->block == AXIS_BLOCK_NONE) ? entry->initial
-                                             : value_load(fw, object_offset(entry), entry->type);
-  return FW_OK;
-}
-
-/* The drive is ahead of active_mode, which is of the last tick. Off the buses there is no drive. */
-static bool will_be_active(const fw_t *fw) {
-  return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
-}
-
-/* Whether the object's `writable` column allows a write now. */
-static bool writable_now(const fw_t *fw, const axis_object_t *entry) {
-  const uint8_t recorder = fw->recorder.signals.recorder_state;
-  switch (entry->writable) {
-    case AXIS_WRITABLE_DISABLED:
-      return fw->axis.signals.active_mode == AXIS_MODE_DISABLED && !will_be_active(fw);
-    case AXIS_WRITABLE_RECORDER_IDLE:
-      return recorder == AXIS_RECORDER_STATE_IDLE || recorder == AXIS_RECORDER_STATE_DONE;
-    default:
-      return true;
-  }
-}
-
-static bool in_range(const axis_object_t *entry, int32_t value) {
-  if (entry->type == AXIS_TYPE_U32) {
-    return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
-  }
-  return value >= entry->min && value <= entry->max;
-}
-
-/* Only the owner writes; a bus takes the lock by writing its own number, the owner canopen's. */
-static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const uint8_t owner = fw->device.command_source;
-  if (source == FW_SOURCE_LOCAL) {
-    return false;
-  }
-  if (object == AXIS_OBJ_COMMAND_SOURCE) {
-    return value != source && !(source == owner && value == AXIS_COMMAND_SOURCE_CANOPEN);
-  }
-  return source != owner;
-}
-
-/* A native mode over a bus would go round the state machine of the drive. */
-static int check_mode(const fw_t *fw, uint8_t source, int32_t value) {
-  const bool refused = source != FW_SOURCE_LOCAL || fw_fault(fw) != AXIS_FAULT_NONE;
-  return (value != AXIS_MODE_DISABLED && refused) ? FW_ERROR_STATE : FW_OK;
-}
-
-/* What a range alone cannot say. */
-static int check_rules(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const axis_params_t *params = &fw->axis.params;
-  bool in_range = true;
-  switch (axis_objects[object].block) {
-    case AXIS_BLOCK_DRIVE_PARAMETER:
-      return cia402_check(&fw->drive, object, value);
-    case AXIS_BLOCK_CANOPEN_PARAMETER:
-      return canopen_check(&fw->canopen, object, value);
-    default:
-      break;
-  }
-  switch (object) {
-    case AXIS_OBJ_MODE:
-      return check_mode(fw, source, value);
-    case AXIS_OBJ_FORCE_SIGN:
-      in_range = value != 0;
-      break;
-    case AXIS_OBJ_POSITION_MIN:
-      in_range = value <= params->position_max;
-      break;
-    case AXIS_OBJ_POSITION_MAX:
-      in_range = value >= params->position_min;
-      break;
-    case AXIS_OBJ_RECORDER_SIGNAL_1:
-    case AXIS_OBJ_RECORDER_SIGNAL_2:
-    case AXIS_OBJ_RECORDER_SIGNAL_3:
-    case AXIS_OBJ_RECORDER_SIGNAL_4:
-    case AXIS_OBJ_RECORDER_SIGNAL_5:
-    case AXIS_OBJ_RECORDER_SIGNAL_6:
-    case AXIS_OBJ_RECORDER_SIGNAL_7:
-    case AXIS_OBJ_RECORDER_SIGNAL_8:
-    case AXIS_OBJ_RECORDER_TRIGGER_SOURCE:
-      in_range = value == 0 || object_readable(object_at(value));
-      break;
-    default:
-      break;
-  }
-  return in_range ? FW_OK : FW_ERROR_RANGE;
-}
-
-static int arm_recorder(fw_t *fw) {
-  const recorder_params_t *params = &fw->recorder.params;
-  recorder_channel_t channels[RECORDER_CHANNELS];
-  uint8_t count = 0;
-  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-    const uint16_t object = object_at((int32_t)params->recorder_signal[i]);
-    if (object != AXIS_OBJ_NONE) {
-      channels[count] = object_channel(object);
-      count++;
-      if (!in_axis_or_recorder(object)) {
-        wake(fw);
-      }
-    }
-  }
-  recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
-  if (params->recorder_trigger_edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
-    const uint16_t source = object_at((int32_t)params->recorder_trigger_source);
-    if (source == AXIS_OBJ_NONE) {
-      return FW_ERROR_RANGE;
-    }
-    trigger = object_channel(source);
-  }
-  return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
-}
-
-/* Who asks from now on sees that the store is at work. */
-static int begin_store(fw_t *fw, int refusal) {
-  if (refusal == FW_OK) {
-    fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
-  }
-  return refusal;
-}
-
-static int give_command(fw_t *fw, uint16_t object, int32_t value) {
-  switch (object) {
-    case AXIS_OBJ_FAULT_RESET:
-      axis_fault_reset(&fw->axis);
-      cia402_fault_reset(&fw->drive, &fw->axis);
-      return FW_OK;
-    case AXIS_OBJ_STORE_PARAMETERS:
-    case AXIS_OBJ_STORE_ALL:
-      return begin_store(fw, store_save(&fw->store, fw));
-    case AXIS_OBJ_RESTORE_DEFAULTS:
-    case AXIS_OBJ_RESTORE_ALL:
-      return begin_store(fw, store_forget(&fw->store));
-    default:
-      break;
-  }
-  if (value == 0) {
-    recorder_stop(&fw->recorder);
-  }
-  const int refusal = (value != 0) ? arm_recorder(fw) : FW_OK;
-  if (refusal == FW_OK) {
-    canopen_recording_replaced(&fw->canopen);
-  }
-  return refusal;
-}
-
-/* The lock or its watchdog was written. */
-static void announce_device(fw_t *fw, uint8_t source, uint16_t object, int32_t previous,
-                            int32_t value) {
-  fw->source_silence = 0;
-  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous && !will_be_active(fw)) {
-    cia402_forget_targets(&fw->drive); /* the new owner asks for its own */
-  }
-  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous &&
-      value == AXIS_COMMAND_SOURCE_CANOPEN) {
-    give_to_canopen(fw);
-    /* If it took the axis itself it is there. */
-    if (source != FW_SOURCE_CANOPEN) {
-      look_for_canopen(fw);
-    }
-  }
-}
-
-/* Whoever depends on a parameter is told. */
-static void announce(fw_t *fw, uint8_t source, uint16_t object, int32_t previous, int32_t value) {
-  switch (axis_objects[object].block) {
-    case AXIS_BLOCK_AXIS_PARAMETER:
-      axis_parameter_written(&fw->axis, object, previous, value);
-      if (object == AXIS_OBJ_MODE) {
-        cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
-      }
-      break;
-    case AXIS_BLOCK_DRIVE_PARAMETER:
-      cia402_written(&fw->drive, &fw->axis, object, previous, value);
-      break;
-    case AXIS_BLOCK_CANOPEN_PARAMETER:
-      canopen_written(&fw->canopen, object, previous, value);
-      break;
-    case AXIS_BLOCK_DEVICE_PARAMETER:
-      announce_device(fw, source, object, previous, value);
-      break;
-    default:
-      break;
-  }
-}
-
-/* Flash at work can hold up the processor: no motion until it is done. */
-static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
-  return !cia402_is_powered(fw->drive.signals.drive_state) &&
-         ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
-          (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
-}
-
-/* What the table, the lock and the state say; the rest is check_rules(). */
-static int check_entry(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  if (!object_exists(object)) {
-    return FW_ERROR_NO_OBJECT;
-  }
-  const axis_object_t *entry = &axis_objects[object];
-  if (entry->access == AXIS_ACCESS_RO) {
-    return FW_ERROR_READ_ONLY;
-  }
-  if (!in_range(entry, value)) {
-    return FW_ERROR_RANGE;
-  }
-  if (is_locked(fw, source, object, value)) {
-    return FW_ERROR_LOCKED;
-  }
-  if (!writable_now(fw, entry)) {
-    return FW_ERROR_STATE;
-  }
-  /* A set of parameters is kept as it was at one moment. */
-  if ((entry->stored != 0 || starts_axis(fw, object, value)) && store_is_busy(&fw->store)) {
-    return FW_ERROR_BUSY;
-  }
-  return FW_OK;
-}
-
-int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const int refusal = check_entry(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
-  }
-  return (axis_objects[object].block == AXIS_BLOCK_NONE) ? FW_OK
-                                                         : check_rules(fw, source, object, value);
-}
-
-static int write_object(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  int refusal = check_entry(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
-  }
-  const axis_object_t *entry = &axis_objects[object];
-  if (!in_axis_or_recorder(object)) {
-    wake(fw);
-  }
-  if (entry->block == AXIS_BLOCK_NONE) {
-    return give_command(fw, object, value);
-  }
-  refusal = check_rules(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
-  }
-  const uint16_t offset = object_offset(entry);
-  const int32_t previous = value_load(fw, offset, entry->type);
-  value_store(fw, offset, entry->type, value);
-  announce(fw, source, object, previous, value);
-  return FW_OK;
+  return dictionary_read(&fw->objects, object, value);
 }
 
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const int refusal = write_object(fw, source, object, value);
-  if (refusal == FW_OK && source == fw->device.command_source) {
-    fw->source_silence = 0;
+  if (fw->live == 0 && object < AXIS_OBJ_COUNT && !in_axis_or_recorder(object)) {
+    wake(fw);
   }
-  return refusal;
-}
-
-bool fw_object_restorable(uint16_t object, int32_t value) {
-  return object_exists(object) && axis_objects[object].stored != 0 &&
-         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
-}
-
-void fw_object_restore(fw_t *fw, uint16_t object, int32_t value) {
-  const axis_object_t *entry = &axis_objects[object];
-  value_store(fw, object_offset(entry), entry->type, value);
+  return dictionary_write(&fw->objects, source, object, value);
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

@@ -9,13 +9,13 @@
 #include <stdint.h>
 
 #include "firmware/app/store.h"
-#include "firmware/core/axis.h"
-#include "firmware/core/recorder.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
+#include "firmware/core/axis.h"
+#include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
+#include "firmware/objects/dictionary.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
@@ -47,7 +47,8 @@ typedef struct {
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
-struct fw {
+typedef struct {
+  dictionary_t objects; /* the first member: dictionary.h */
   axis_t axis;
   recorder_t recorder;
   cia402_t drive;
@@ -62,9 +63,8 @@ struct fw {
   uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
   uint8_t told[FW_HELD];       /* 1: was given since power-up */
   uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
-  uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
   uint8_t live;                /* drive and protocols are served; see fw_tick() */
-};
+} fw_t;
 
 /* Power-up: stored parameters, else defaults; axis disabled, recorder idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
@@ -115,10 +115,10 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 /* The port missed the time of a tick. */
 void fw_overrun(fw_t *fw);
 
-/* Stored parameters, for the store. Whether a value may be put into an object at power-up; and
- * putting it there, without telling anyone: whoever depends on it starts afterwards. */
-bool fw_object_restorable(uint16_t object, int32_t value);
-void fw_object_restore(fw_t *fw, uint16_t object, int32_t value);
+/* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a
+ * firmware on no bus where the object is beyond axis and recorder. */
+int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
  * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or

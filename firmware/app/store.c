@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_HEAD_BYTES + STORE_CRC_BYTES +
@@ -108,10 +108,10 @@ static uint16_t read_entry(const store_t *store, uint32_t at, int32_t *value) {
   const uint32_t address = word_at(store, at);
   *value = fx_s32_from_u32(word_at(store, at + 4));
   const axis_address_t *found =
-      fw_address((uint16_t)fx_field(address, 8, 16), (uint8_t)fx_field(address, 0, 8));
+      dictionary_address((uint16_t)fx_field(address, 8, 16), (uint8_t)fx_field(address, 0, 8));
   const bool fits = fx_field(address, 24, 8) == 0 && found != NULL &&
                     found->what == AXIS_ADDRESS_OBJECT &&
-                    fw_object_restorable(found->value, *value);
+                    dictionary_restorable(found->value, *value);
   return fits ? found->value : AXIS_OBJ_NONE;
 }
 
@@ -157,14 +157,14 @@ static uint8_t newest_records(const store_t *store, record_t newest[2]) {
 }
 
 /* Puts the values of the set in force into one block, AXIS_BLOCK_NONE: into all. */
-static void restore(const store_t *store, fw_t *fw, uint8_t block) {
+static void restore(const store_t *store, dictionary_t *objects, uint8_t block) {
   const uint32_t entries = word_at(store, store->set + 12);
   for (uint32_t i = 0; i < entries; i += STORE_ENTRY_BYTES) {
     int32_t value;
     const uint16_t object = read_entry(store, store->set + STORE_HEAD_BYTES + i, &value);
     if (object != AXIS_OBJ_NONE &&
         (block == AXIS_BLOCK_NONE || axis_objects[object].block == block)) {
-      fw_object_restore(fw, object, value);
+      dictionary_restore(objects, object, value);
     }
   }
 }
@@ -200,7 +200,7 @@ static bool has_remains(const store_t *store, const record_t *record) {
          !read_record(store, other * sector_bytes, (other + 1) * sector_bytes, &first);
 }
 
-uint8_t store_load(store_t *store, fw_t *fw) {
+uint8_t store_load(store_t *store, dictionary_t *objects) {
   store_init(store, store->memory);
   if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
@@ -230,13 +230,13 @@ uint8_t store_load(store_t *store, fw_t *fw) {
     return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
   }
   store->set = record->begin;
-  restore(store, fw, AXIS_BLOCK_NONE);
+  restore(store, objects, AXIS_BLOCK_NONE);
   return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_LOADED;
 }
 
-void store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
+void store_load_block(const store_t *store, dictionary_t *objects, uint8_t block) {
   if (store->set != STORE_NOWHERE) {
-    restore(store, fw, block);
+    restore(store, objects, block);
   }
 }
 
@@ -244,14 +244,14 @@ void store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
  */
 
 /* Whether an object belongs into a set, and its value. */
-static bool is_kept(const fw_t *fw, uint16_t object, int32_t *value) {
+static bool is_kept(const dictionary_t *objects, uint16_t object, int32_t *value) {
   const axis_object_t *entry = &axis_objects[object];
-  if (entry->stored == 0 || fw_object_read(fw, object, value) != FW_OK) {
+  if (entry->stored == 0 || dictionary_read(objects, object, value) != FW_OK) {
     return false;
   }
   int32_t node_id = 0;
   if (entry->node_id != 0) {
-    (void)fw_object_read(fw, AXIS_OBJ_NODE_ID, &node_id);
+    (void)dictionary_read(objects, AXIS_OBJ_NODE_ID, &node_id);
   }
   return (uint32_t)*value != (uint32_t)entry->initial + (uint32_t)node_id;
 }
@@ -290,7 +290,7 @@ static int begin(store_t *store, uint32_t entries, bool forget) {
   return FW_OK;
 }
 
-int store_save(store_t *store, const fw_t *fw) {
+int store_save(store_t *store, const dictionary_t *objects) {
   if (store->memory == NULL) {
     return FW_ERROR_STATE;
   }
@@ -300,7 +300,7 @@ int store_save(store_t *store, const fw_t *fw) {
   uint32_t entries = 0;
   int32_t value;
   for (uint16_t object = AXIS_OBJ_NONE + 1; object < AXIS_OBJ_COUNT; object++) {
-    entries += is_kept(fw, object, &value) ? STORE_ENTRY_BYTES : 0;
+    entries += is_kept(objects, object, &value) ? STORE_ENTRY_BYTES : 0;
   }
   return begin(store, entries, false);
 }
@@ -368,14 +368,14 @@ static uint32_t entries_end(const store_t *store) {
   return store->begin + STORE_HEAD_BYTES + store->entries;
 }
 
-static bool step_entries(store_t *store, const fw_t *fw) {
+static bool step_entries(store_t *store, const dictionary_t *objects) {
   uint8_t piece[PIECE_BYTES];
   uint32_t count = 0;
   const uint32_t left = entries_end(store) - store->at;
   const uint32_t room = (left < PIECE_BYTES) ? left : PIECE_BYTES;
   while (count < room && store->object < AXIS_OBJ_COUNT) {
     int32_t value;
-    if (is_kept(fw, store->object, &value)) {
+    if (is_kept(objects, store->object, &value)) {
       fx_store_le(&piece[count], address_of(store->object), 4);
       fx_store_le(&piece[count + 4], (uint32_t)value, 4);
       count += STORE_ENTRY_BYTES;
@@ -416,7 +416,7 @@ static bool step_read_back(store_t *store) {
   return true;
 }
 
-static bool take_step(store_t *store, const fw_t *fw) {
+static bool take_step(store_t *store, const dictionary_t *objects) {
   switch (store->step) {
     case STEP_ERASE:
       store->step = STEP_BLANK;
@@ -426,7 +426,7 @@ static bool take_step(store_t *store, const fw_t *fw) {
     case STEP_HEAD:
       return step_head(store);
     case STEP_ENTRIES:
-      return step_entries(store, fw);
+      return step_entries(store, objects);
     case STEP_CRC:
       return step_crc(store);
     default:
@@ -434,11 +434,11 @@ static bool take_step(store_t *store, const fw_t *fw) {
   }
 }
 
-uint8_t store_tick(store_t *store, const fw_t *fw) {
+uint8_t store_tick(store_t *store, const dictionary_t *objects) {
   if (store->step == STEP_IDLE) {
     return AXIS_STORE_STATE_COUNT;
   }
-  if (!take_step(store, fw)) {
+  if (!take_step(store, objects)) {
     return give_up(store);
   }
   if (store->step != STEP_IDLE) {

@@ -19,7 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/objects/access.h"
+#include "firmware/objects/dictionary.h"
 
 /* Memory of the port: two sectors, one after the other, whose erased bytes read 0xFF. Addresses and
  * counts of program() are multiples of 4, and it is only asked to program blank bytes; it returns
@@ -62,22 +62,22 @@ typedef struct {
 
 void store_init(store_t *store, const store_memory_t *memory);
 
-/* Reads the newest whole set into the parameters of fw, which are at their defaults; work in
+/* Reads the newest whole set into the parameters of objects, which are at their defaults; work in
  * progress is given up, as by a cut. If it has a value that is out of range the set before it
  * counts, whole. Returns AXIS_STORE_STATE_LOADED; _EMPTY (also after restore_defaults);
  * _LOADED_OLDER: as those two, but there is something that looks like what is left of a newer set
  * (a save that was cut off, a damaged sector); _OTHER_TABLE: the newest set is of another object
  * table and left alone; _FAILED: something is there, but no set that fits. Cost: reads both sectors
  * once, and what is blank of them twice. */
-uint8_t store_load(store_t *store, fw_t *fw);
+uint8_t store_load(store_t *store, dictionary_t *objects);
 
 /* Gives one block (AXIS_BLOCK_) its stored values again, from the set that store_load() took or was
  * saved since. */
-void store_load_block(const store_t *store, fw_t *fw, uint8_t block);
+void store_load_block(const store_t *store, dictionary_t *objects, uint8_t block);
 
 /* Starts to keep the present parameters, or to forget them: FW_OK, FW_ERROR_BUSY, or
  * FW_ERROR_STATE without a memory. Until the end the parameters must not change. */
-int store_save(store_t *store, const fw_t *fw);
+int store_save(store_t *store, const dictionary_t *objects);
 int store_forget(store_t *store);
 
 /* Whether work is in progress. */
@@ -86,6 +86,6 @@ static inline bool store_is_busy(const store_t *store) { return store->step != 0
 /* Once a tick, one bounded step: an erase, 16 bytes programmed or 64 bytes read back. Returns
  * AXIS_STORE_STATE_SAVING, _SAVED, _RESTORED or _FAILED, or AXIS_STORE_STATE_COUNT when there was
  * nothing to do. */
-uint8_t store_tick(store_t *store, const fw_t *fw);
+uint8_t store_tick(store_t *store, const dictionary_t *objects);
 
 #endif

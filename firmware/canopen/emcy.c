@@ -1,9 +1,11 @@
 #include "firmware/canopen/emcy.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/canopen/cob_id.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/canopen/node.h"
 
 /* Bits of the error register. */
 enum {
@@ -71,8 +73,8 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
                     .info = info};
 }
 
-/* What the node has told by itself, when it took the owner away. */
-static bool is_told(const canopen_t *canopen, uint16_t code) {
+/* Whether the node has reported it already, when the owner was lost. */
+static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:
       return canopen->heartbeats_lost != 0;
@@ -87,7 +89,7 @@ static bool is_told(const canopen_t *canopen, uint16_t code) {
 
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
   canopen->emcy.drive_code = code;
-  if (is_told(canopen, code)) {
+  if (is_reported(canopen, code)) {
     emcy_update(canopen);
   } else {
     emcy_raise(canopen, code, (code == AXIS_ERROR_CODE_NONE) ? 0 : fault);

@@ -10,25 +10,9 @@
  * are AXIS_ERROR_CODE_. Code 0 says that something has gone; the register in the frame tells
  * whether anything is left. */
 
-#include <stdbool.h>
 #include <stdint.h>
 
-typedef struct canopen canopen_t;
-
-enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
-
-typedef struct {
-  uint16_t code;
-  uint8_t error_register;
-  uint8_t info;
-} emergency_t;
-
-typedef struct {
-  emergency_t waiting[EMCY_WAITING]; /* for the inhibit time or for a place, oldest first */
-  uint16_t drive_code;               /* error code of the drive, as last told */
-  uint8_t count;                     /* of waiting */
-  uint8_t overrun_told;              /* 8110h was given since all frames were last sent */
-} emcy_t;
+#include "firmware/canopen/state.h"
 
 /* Notes an emergency; it is sent at the end of a tick. If too many wait, the
  * oldest falls out: the history keeps it, and the latest says what is. */

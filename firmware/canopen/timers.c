@@ -1,5 +1,7 @@
 #include "firmware/canopen/timers.h"
 
+#include "firmware/fx/bytes.h"
+
 void canopen_timers_init(canopen_timers_t *timers) {
   timers->now = 0;
   timers->running = 0;

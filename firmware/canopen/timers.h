@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 enum {

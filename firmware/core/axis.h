@@ -83,6 +83,10 @@ void axis_init(axis_t *axis);
  * The three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
+/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK or
+ * FW_ERROR_RANGE. */
+int axis_check(const axis_t *axis, uint16_t object, int32_t value);
+
 /* Tells the axis that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);

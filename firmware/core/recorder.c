@@ -2,8 +2,9 @@
 
 #include <stdbool.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {
   value_store_defaults(&recorder->params, AXIS_BLOCK_RECORDER_PARAMETER);

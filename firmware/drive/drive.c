@@ -1,11 +1,12 @@
 #include "firmware/drive/drive.h"
 
-#include "firmware/objects/value.h"
-#include "firmware/objects/access.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/status.h"
 #include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
+#include "firmware/objects/value.h"
 
 /* What the option codes say. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };

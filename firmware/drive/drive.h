@@ -19,8 +19,8 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/fx/fx.h"
 #include "firmware/drive/contact.h"
+#include "firmware/fx/fx.h"
 
 /* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
 enum {

@@ -1,8 +1,9 @@
 #include "firmware/drive/modes.h"
 
 #include "firmware/drive/state.h"
-#include "firmware/drive/units.h"
 #include "firmware/drive/trajectory.h"
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
 
 /* Range of force_setpoint. */
 #define FORCE_SETPOINT_MAX INT32_C(65536)

@@ -4,6 +4,7 @@
 
 #include "firmware/drive/state.h"
 #include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
 
 uint16_t cia402_error_code(uint8_t fault) {
   static const uint16_t codes[AXIS_FAULT_COUNT] = {

@@ -232,12 +232,12 @@ class Chip:
     def write(self, name, value):
         """As the port itself would; returns the refusal, 0 for none."""
         number = TABLE.BY_NAME[name].number
-        return self.call("fw_object_write", self.symbols["firmware"], LOCAL, number, value)
+        return self.call("dictionary_write", self.symbols["firmware"], LOCAL, number, value)
 
     def read(self, name):
         at = RAM + RAM_BYTES - 16
         number = TABLE.BY_NAME[name].number
-        assert self.call("fw_object_read", self.symbols["firmware"], number, at) == 0
+        assert self.call("dictionary_read", self.symbols["firmware"], number, at) == 0
         return struct.unpack("<i", self.uc.mem_read(at, 4))[0]
 
     def text(self, index):
