@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.quick
 TABLE = "firmware/objects/axis_objects.toml"
 GENERATED = (
     "firmware/objects/generated/axis_objects.h",
@@ -281,7 +282,7 @@ def test_a_violation_is_found(gate, tree, name):
         "<firmware/core/axis.h>",
         '"sim/../firmware/core/axis.h"',
         '"../firmware/core/axis.h"',
-        '"host/link/run.hpp"',
+        '"host/run/run.hpp"',
         '\\\n"firmware/core/axis.h"',
     ],
 )

@@ -1,9 +1,10 @@
 #pragma once
-// A raw SocketCAN interface that never blocks: frames in, frames out, and what was lost.
-#include <array>
+// A raw SocketCAN socket, the one that gateway, axis_node and lock-step link are built on.
+#include <linux/can.h>
+
+#include <chrono>
 #include <cstdint>
-#include <deque>
-#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 
@@ -14,45 +15,48 @@ struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// A data frame with an 11-bit identifier.
-struct Frame {
-  std::uint32_t id = 0;
-  std::uint8_t length = 0;
-  std::array<std::uint8_t, 8> data{};
-};
-
 class CanSocket {
  public:
-  explicit CanSocket(const std::string &interface);
+  struct Options {
+    can_filter filter;          // of frames that the kernel passes on
+    can_err_mask_t errors = 0;  // classes of error frames that it passes on, whatever the filter
+    bool blocking = false;      // receive() waits, see set_wait()
+    bool deep = false;          // room for thousands of frames, and take_lost() counts
+  };
+  // Frames of one call that share one system call.
+  static constexpr std::size_t kBatch = 16;
+
+  // Throws CanError.
+  CanSocket(const std::string &interface, const Options &options);
   ~CanSocket();
   CanSocket(const CanSocket &) = delete;
   CanSocket &operator=(const CanSocket &) = delete;
 
+  const std::string &interface() const { return interface_; }
   int fd() const { return fd_; }
+  bool is_up() const;
 
-  // Sends at once, or when there is room again: see flush().
-  void send(const Frame &frame);
-  bool waits_for_room() const { return !waiting_.empty(); }
-  void flush();
+  // Hands over the first of the frames, at most kBatch. Returns how many the interface took, at
+  // least 1, or -errno: ENOBUFS and EAGAIN if it has no room now.
+  int send(std::span<const can_frame> frames);
 
-  // The next data frame; nothing when there is none. Remote and extended frames are passed over.
-  std::optional<Frame> receive();
+  // Takes what has come, at most kBatch. Returns how many frames, or -errno: EAGAIN if there is
+  // none, in a blocking socket none within the wait.
+  int receive(std::span<can_frame> frames);
 
-  // What went wrong since the last call, in words; empty: nothing. `lost` counts frames.
-  struct Trouble {
-    std::string text;
-    std::uint64_t lost = 0;
-  };
-  Trouble take_trouble();
+  // How long receive() of a blocking socket waits for its first frame; without it for ever.
+  void set_wait(std::chrono::milliseconds wait);
+
+  // Frames that the kernel had to drop since the last call, known from the next frame received.
+  std::uint32_t take_lost();
 
  private:
-  void note(const std::string &text);
-
   std::string interface_;
-  int fd_ = -1;
-  std::deque<Frame> waiting_;
-  std::uint32_t dropped_ = 0;  // as the kernel counts them, wraps
-  Trouble trouble_;
+  int fd_;
+  bool deep_;
+  std::chrono::milliseconds wait_{-1};
+  std::uint32_t dropped_ = 0;  // as the kernel counts, wraps
+  std::uint32_t lost_ = 0;     // not taken yet
 };
 
 }  // namespace forceaxis::canopen

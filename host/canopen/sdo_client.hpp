@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "host/canopen/can_socket.hpp"
+#include "host/canopen/frame.hpp"
 
 namespace forceaxis::canopen {
 

@@ -6,8 +6,8 @@
 #include <cerrno>
 #include <cstring>
 
-#include "host/link/plant_side.hpp"
 #include "host/link/transport.hpp"
+#include "host/run/plant_side.hpp"
 
 namespace forceaxis::host {
 namespace {

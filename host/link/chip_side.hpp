@@ -17,10 +17,10 @@
 #include <string>
 #include <vector>
 
-#include "host/link/experiment_writes.hpp"
-#include "host/link/records.hpp"
-#include "host/link/run.hpp"
-#include "host/link/trace_hash.hpp"
+#include "host/run/experiment_writes.hpp"
+#include "host/run/records.hpp"
+#include "host/run/result.hpp"
+#include "host/run/trace_hash.hpp"
 
 namespace forceaxis::host {
 

@@ -5,9 +5,9 @@
 #include <array>
 #include <utility>
 
+#include "host/link/can_transport.hpp"
 #include "host/link/lcm_transport.hpp"
-#include "host/link/plant_side.hpp"
-#include "host/link/socketcan.hpp"
+#include "host/run/plant_side.hpp"
 
 namespace forceaxis::host {
 namespace {

@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "host/link/claim.hpp"
 #include "host/link/exchange.hpp"
 #include "host/link/inject.hpp"
-#include "host/link/run.hpp"
-#include "host/link/socketcan.hpp"
+#include "host/run/result.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace forceaxis::host {

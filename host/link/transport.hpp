@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "host/link/records.hpp"
+#include "host/run/records.hpp"
 
 namespace forceaxis::host {
 

@@ -241,7 +241,7 @@ class Chip:
         return struct.unpack("<i", self.uc.mem_read(at, 4))[0]
 
     def text(self, index):
-        at = self.call("fw_text", self.symbols["firmware"], index) & 0xFFFFFFFF
+        at = self.call("dictionary_text", self.symbols["firmware"], index) & 0xFFFFFFFF
         return bytes(self.uc.mem_read(at, 64)).split(b"\0")[0].decode()
 
     # --- the board

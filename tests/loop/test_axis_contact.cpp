@@ -6,7 +6,7 @@
 #include <cmath>
 #include <string>
 
-#include "host/link/run.hpp"
+#include "host/run/run.hpp"
 #include "tests/loop/axis_contact_reference.hpp"
 
 namespace forceaxis::host {

@@ -6,7 +6,7 @@
 #include <fstream>
 
 #include "firmware/objects/generated/axis_objects.h"
-#include "host/link/experiment.hpp"
+#include "host/run/experiment.hpp"
 
 namespace forceaxis::host {
 namespace {

@@ -5,13 +5,15 @@
 #include <deque>
 #include <random>
 
+#include "host/link/can_transport.hpp"
 #include "host/link/exchange.hpp"
 #include "host/link/inject.hpp"
 #include "host/link/late_ticks.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
-#include "host/link/plant_side.hpp"
-#include "host/link/socketcan.hpp"
+#include "host/run/firmware_side.hpp"
+#include "host/run/plant_side.hpp"
+#include "host/run/run.hpp"
 
 namespace forceaxis::host {
 namespace {

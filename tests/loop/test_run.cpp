@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include "firmware/objects/generated/axis_objects.h"
-#include "host/link/objects.hpp"
-#include "host/link/run.hpp"
-#include "host/link/sha256.hpp"
+#include "host/run/objects.hpp"
+#include "host/run/run.hpp"
+#include "host/run/sha256.hpp"
 
 namespace forceaxis::host {
 namespace {

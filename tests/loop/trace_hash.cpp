@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "host/link/run.hpp"
-#include "host/link/sha256.hpp"
+#include "host/run/run.hpp"
+#include "host/run/sha256.hpp"
 
 int main(int argc, char **argv) {
   if (argc < 2) return 2;

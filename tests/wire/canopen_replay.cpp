@@ -13,9 +13,9 @@
 #include <variant>
 
 #include "firmware/port/host/firmware.hpp"
-#include "host/link/firmware_side.hpp"
-#include "host/link/journal.hpp"
-#include "host/link/plant_side.hpp"
+#include "host/run/firmware_side.hpp"
+#include "host/run/plant_side.hpp"
+#include "host/run/replay.hpp"
 
 namespace {
 
@@ -165,12 +165,12 @@ int replay(const char *file) {
   auto entry = journal.entries.begin();
   const auto end = journal.entries.end();
   for (; entry != end && std::holds_alternative<host::ObjectWrite>(entry->what); ++entry) {
-    entry->give(firmware.axis());
+    apply(*entry, firmware.axis());
   }
   Log log(firmware.axis());
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != end && entry->tick <= plant.tick(); ++entry) {
-      entry->give(firmware.axis());
+      apply(*entry, firmware.axis());
       if (const auto *frame = std::get_if<can_frame_t>(&entry->what)) {
         log.refused();
         log.add(kFrameIn, static_cast<uint8_t>(frame->length | frame->remote << 7), frame->id, 0,

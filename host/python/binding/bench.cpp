@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
-#include "host/link/experiment.hpp"
+#include "host/run/experiment.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace py = pybind11;

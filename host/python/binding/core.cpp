@@ -11,9 +11,9 @@
 #include <mutex>
 #include <thread>
 
-#include "host/link/experiment.hpp"
-#include "host/link/run.hpp"
 #include "host/python/binding/result.hpp"
+#include "host/run/experiment.hpp"
+#include "host/run/run.hpp"
 
 namespace py = pybind11;
 

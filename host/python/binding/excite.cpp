@@ -16,8 +16,8 @@
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
-#include "host/link/objects.hpp"
 #include "host/python/binding/model.hpp"
+#include "host/run/objects.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace py = pybind11;

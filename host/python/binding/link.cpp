@@ -4,10 +4,10 @@
 #include <pybind11/stl/filesystem.h>
 
 #include "host/link/chip_side.hpp"
-#include "host/link/journal.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
 #include "host/python/binding/result.hpp"
+#include "host/run/replay.hpp"
 
 namespace py = pybind11;
 

@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "host/link/experiment.hpp"
-#include "host/link/run.hpp"
+#include "host/run/experiment.hpp"
+#include "host/run/result.hpp"
 
 template <class T, class Rows, class Get>
 pybind11::array_t<T> column(const Rows &rows, Get get) {

@@ -1,0 +1,63 @@
+#pragma once
+// The buses of axis_node: sockets and devices on one side, the firmware's passive protocols on the
+// other. Everything here is without waiting: what has come is taken before a tick, what the
+// firmware wants to say is passed on after it.
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "host/canopen/can_socket.hpp"
+
+namespace forceaxis::nodes {
+
+// One axis's own socket on a CAN interface, so that axes of one process hear each other as nodes of
+// a bus do. Only classic frames with 11-bit identifiers are passed on.
+class CanPort {
+ public:
+  // Throws canopen::CanError.
+  explicit CanPort(const std::string &interface);
+
+  struct Ears {
+    std::function<void(const can_frame_t &)> frame;
+    std::function<void(std::uint16_t)> lost;  // frames that the kernel had to drop
+    std::function<void(std::uint8_t)> state;  // CAN_BUS_, at a change
+  };
+  void receive(const Ears &ears);
+
+  // Whether the bus is lost.
+  bool is_off() const { return state_ == CAN_BUS_OFF; }
+
+  // False: the interface takes nothing now.
+  bool send(const can_frame_t &frame);
+
+ private:
+  void set_state(std::uint8_t state, const Ears &ears);
+
+  canopen::CanSocket socket_;
+  std::uint8_t state_ = CAN_BUS_ACTIVE;
+  unsigned calls_ = 0;
+};
+
+// The serial line, one for all axes of the process: 8 data bits, even parity.
+class ModbusPort {
+ public:
+  // Throws TransportError.
+  ModbusPort(const std::string &device, int baud);
+  ModbusPort(const ModbusPort &) = delete;
+  ModbusPort &operator=(const ModbusPort &) = delete;
+  ~ModbusPort();
+
+  // What has come, possibly nothing.
+  std::span<const std::uint8_t> receive();
+  void send(std::span<const std::uint8_t> bytes);
+
+ private:
+  int device_;
+  std::vector<std::uint8_t> buffer_;
+};
+
+}  // namespace forceaxis::nodes

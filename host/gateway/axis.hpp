@@ -1,0 +1,130 @@
+#pragma once
+// One axis as its gateway sees it: set up, watched and polled as CANopen master, published over
+// LCM.
+//
+// The default SDO channel is the master's own: set-up, polling, uploads of the recorder. It counts
+// as CANopen. The channels of LCM and Modbus carry nothing but what their clients asked for: the
+// watchdog of the axis is fed by what a client writes, and by nothing of the gateway's own.
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "host/gateway/object_port.hpp"
+#include "host/lcm/axis_channels.hpp"
+
+extern "C" {
+#include "firmware/objects/generated/axis_objects.h"
+}
+
+namespace forceaxis::nodes {
+
+struct AxisSettings {
+  int number = 1;                            // node id, unit id, channel
+  int master = 127;                          // node id of the gateway
+  std::chrono::milliseconds heartbeat{100};  // of axis and gateway
+  std::chrono::milliseconds watch{300};      // how long the axis waits for the gateway's
+  std::chrono::milliseconds sdo_timeout{500};
+  std::chrono::milliseconds poll{10};  // from one polled object to the next
+  struct Parameter {
+    std::uint16_t object;
+    std::int64_t raw;
+  };
+  std::vector<Parameter> parameters;  // written at each set-up
+};
+
+class GatewayAxis {
+ public:
+  GatewayAxis(EventLoop &loop, lcm_bus::AxisChannels &lcm, SdoChannel::Send send,
+              const AxisSettings &settings);
+
+  int number() const { return settings_.number; }
+  // Set-up, polling and watching go on until the loop is abandoned.
+  void start();
+
+  // A frame from the bus; those of other nodes are passed over.
+  void receive(const canopen::Frame &frame);
+  // A SYNC is about to be sent: publishes the state that the last one brought.
+  void before_sync();
+  // To be called once a period, with all received frames given: says when the heartbeat is lost.
+  void watch_heartbeat(std::chrono::milliseconds period);
+
+  // Stops the axis if it is CANopen's, and ends its watch for the gateway.
+  Task<void> shut_down();
+
+  // The axis has this program's object table, and is not silent.
+  bool writes_allowed() const { return table_known_ && !mismatch_; }
+  bool mismatch() const { return mismatch_; }
+  std::int64_t table_hash() const { return table_hash_; }
+  bool present() const { return present_; }
+
+  ObjectPort master_port() { return ObjectPort(master_); }
+  SdoChannel &master_channel() { return master_; }
+  ObjectPort modbus_port() { return ObjectPort(modbus_); }
+  ObjectPort lcm_port() { return ObjectPort(lcm_channel_); }
+
+  // The last value that was heard or read; lcm_bus::kNotAvailable where there is none.
+  std::int64_t value(std::uint16_t object) const;
+  // A value that was read or written: what changed becomes an event.
+  void update(std::uint16_t object, std::int64_t value);
+
+  // Firmware time of the last tick that was heard of, or not available.
+  std::int64_t utime() const;
+
+  // Publishes an event; `loud` also says it on standard error.
+  void event(std::int64_t kind, std::int64_t code, const std::string &text,
+             const std::vector<lcm_bus::Item> &items = {}, lcm_bus::CommandId command = {});
+  void loud_event(std::int64_t kind, std::int64_t code, const std::string &text);
+
+ private:
+  using Time = EventLoop::Time;
+  struct Value {
+    std::int64_t value = lcm_bus::kNotAvailable;
+    Time at;
+  };
+
+  Task<void> supervise();
+  Task<bool> find();
+  Task<bool> set_up();
+  Task<bool> identify();
+  Task<bool> watch_each_other();
+  Task<bool> set_up_pdo(int pdo);
+  Task<bool> set_parameters();
+  // Writes unless it is there already. False: the set-up ends here, and begins again.
+  Task<bool> ensure(ObjectAddress address, std::int64_t value, std::string_view what);
+  Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
+  bool failed(const ObjectResult &result, std::string_view what);
+  Task<void> poll_next();
+
+  void heard_state(std::uint8_t state);
+  void lose(const std::string &why, std::int64_t milliseconds);
+  void receive_emergency(const canopen::Frame &frame);
+  void receive_pdo(int pdo, const canopen::Frame &frame);
+  void changed(std::uint16_t object, std::int64_t before, std::int64_t now);
+  void publish_state();
+
+  EventLoop &loop_;
+  lcm_bus::AxisChannels &lcm_;
+  SdoChannel::Send send_;
+  AxisSettings settings_;
+  SdoChannel master_, modbus_, lcm_channel_;
+
+  bool present_ = false;       // it is heard
+  bool told_waiting_ = false;  // that it is not there was said
+  bool told_locked_ = false;
+  bool heartbeats_ = false;  // it sends them
+  bool table_known_ = false;
+  bool mismatch_ = false;
+  bool published_ = true;  // since the last SYNC
+  std::int64_t table_hash_ = lcm_bus::kNotAvailable;
+  std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
+  std::uint64_t boots_ = 1, set_up_boots_ = 0;
+  std::chrono::milliseconds silence_{0};  // since the last heartbeat
+  std::size_t next_poll_ = 0;
+  std::uint64_t tick_ = 0;  // unwrapped
+  std::array<Value, AXIS_OBJ_COUNT> values_{};
+};
+
+}  // namespace forceaxis::nodes

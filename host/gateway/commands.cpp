@@ -1,0 +1,385 @@
+#include "host/gateway/commands.hpp"
+
+#include <algorithm>
+#include <charconv>
+
+#include "host/gateway/words.hpp"
+#include "host/run/objects.hpp"
+
+extern "C" {
+#include "firmware/core/recorder.h"
+}
+
+namespace forceaxis::nodes {
+namespace {
+
+using namespace std::chrono_literals;
+using lcm_bus::kNotAvailable;
+
+constexpr std::size_t kKeptAnswers = 2000;
+constexpr std::size_t kMostWaiting = 200;
+constexpr std::uint16_t kRecorderData = 0x2120;
+// 32 samples each 16 ms: 2000 a second, which UDP loses nothing of.
+constexpr std::size_t kBlock = 32;
+constexpr auto kBlockTime = 16ms;
+constexpr auto kRecorderPoll = 20ms;
+
+std::string hex(unsigned value) {
+  char text[16];
+  std::snprintf(text, sizeof text, "%04Xh", value);
+  return text;
+}
+
+// Whether the client has given up. Its numbers may be any: the sum of the two could overflow.
+bool late(const axis_command_t &command) {
+  return command.wall_utime < 0 || command.timeout_us < 0 ||
+         lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
+}
+
+}  // namespace
+
+void GatewayCommands::say(Id id, const Answer &answer) {
+  axis_.event(answer.kind, answer.code, answer.text, answer.items, {id.first, id.second});
+}
+
+void GatewayCommands::receive(const axis_command_t &command) {
+  const Id id{command.run_id, command.command_id};
+  const auto known = answers_.find(id);
+  if (known != answers_.end()) {
+    if (known->second.kind != 0) say(id, known->second);
+    return;
+  }
+  // What is late stays undone: the client has given up by now, and nothing is to move late.
+  if (late(command)) return;
+  if (waiting_.size() >= kMostWaiting) return;  // the client asks again
+  answers_[id] = {};
+  order_.push_back(id);
+  while (order_.size() > kKeptAnswers) {
+    answers_.erase(order_.front());
+    order_.pop_front();
+  }
+  waiting_.push(command);
+}
+
+Task<void> GatewayCommands::serve() {
+  while (loop_.running()) {
+    const axis_command_t command = co_await waiting_;
+    const Id id{command.run_id, command.command_id};
+    if (late(command)) {
+      answers_.erase(id);
+      std::erase(order_, id);
+      continue;
+    }
+    const Answer answer = co_await carry_out(command);
+    const auto place = answers_.find(id);
+    if (place != answers_.end()) place->second = answer;
+    say(id, answer);
+  }
+}
+
+// Why the command as a whole is not carried out.
+std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &command) const {
+  const bool by_address = command.kind == axis_command_t::KIND_READ &&
+                          std::ranges::all_of(command.object, [](const std::string &name) {
+                            return name.starts_with("0x");
+                          });
+  if (command.axis != axis_.number()) {
+    return "expected axis " + std::to_string(axis_.number()) + " on its channel, got axis " +
+           std::to_string(command.axis);
+  }
+  if (command.kind < axis_command_t::KIND_WRITE || command.kind > axis_command_t::KIND_RELEASE) {
+    return "unknown kind of command, " + std::to_string(command.kind);
+  }
+  if (!axis_.present()) return std::string("the axis is silent");
+  if (by_address) return std::nullopt;
+  if (axis_.mismatch()) {
+    return "the axis has object table " + hash_text(axis_.table_hash()) + ", this gateway " +
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+  }
+  if (!axis_.writes_allowed()) return std::string("the axis is not set up yet");
+  if (command.objects_hash != static_cast<std::int64_t>(AXIS_OBJECTS_HASH32)) {
+    return "the client has object table " + hash_text(command.objects_hash) + ", the axis " +
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+  }
+  return std::nullopt;
+}
+
+Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &command) {
+  const auto refusal = refusal_of(command);
+  Answer answer;
+  if (refusal) {
+    answer.kind = axis_event_t::EVENT_REFUSED;
+    answer.text = *refusal;
+    co_return answer;
+  }
+  switch (command.kind) {
+    case axis_command_t::KIND_WRITE:
+      co_return co_await write_items(command);
+    case axis_command_t::KIND_READ:
+      co_return co_await read_items(command);
+    case axis_command_t::KIND_CAPTURE:
+      co_return co_await capture(command);
+    case axis_command_t::KIND_TAKE:
+      co_return co_await lock(AXIS_COMMAND_SOURCE_LCM);
+    default:
+      co_return co_await lock(AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+}
+
+// --- items
+// ---------------------------------------------------------------------------------------------
+
+std::optional<GatewayCommands::Target> GatewayCommands::target_of(const std::string &name) {
+  const auto object = host::find_object(name);
+  if (object) return Target{address_of(*object), *object};
+  // "0x6040" or "0x2010:3"
+  if (!name.starts_with("0x")) return std::nullopt;
+  const char *const end = name.data() + name.size();
+  unsigned index = 0, sub = 0;
+  auto [at, error] = std::from_chars(name.data() + 2, end, index, 16);
+  if (error != std::errc() || index > 0xFFFF) return std::nullopt;
+  if (at != end) {
+    if (*at != ':') return std::nullopt;
+    const auto parsed = std::from_chars(at + 1, end, sub, 10);
+    if (parsed.ec != std::errc() || parsed.ptr != end || sub > 255) return std::nullopt;
+  }
+  for (const axis_address_t &a : axis_addresses) {
+    if (a.index == index && a.sub == sub && a.what == AXIS_ADDRESS_OBJECT) {
+      return Target{address_of(a.value), a.value};
+    }
+  }
+  return Target{{static_cast<std::uint16_t>(index), static_cast<std::uint8_t>(sub), 0, false},
+                AXIS_OBJ_NONE};
+}
+
+GatewayCommands::Answer GatewayCommands::refused(Answer answer, const std::string &name,
+                                                 std::int64_t value, std::int64_t code,
+                                                 const std::string &reason) const {
+  answer.kind = axis_event_t::EVENT_REFUSED;
+  answer.code = code;
+  answer.text = name + ": " + reason;
+  answer.items.push_back({name, value});
+  return answer;
+}
+
+namespace {
+
+// Why an object was not written or read.
+std::string reason_of(const ObjectResult &result, std::uint16_t object, const GatewayAxis &axis) {
+  if (result.silent) return "the axis did not answer in time";
+  if (result.abort == canopen::kAbortLocked) {
+    const std::int64_t owner = axis.value(AXIS_OBJ_COMMAND_SOURCE);
+    return (owner == kNotAvailable
+                ? std::string("another source owns the axis")
+                : "the axis belongs to " +
+                      host::enum_text(AXIS_OBJ_COMMAND_SOURCE, static_cast<std::int32_t>(owner))) +
+           ", take it first (abort 08000021h)";
+  }
+  if (object != AXIS_OBJ_NONE) {
+    const axis_object_meta_t &meta = host::object_meta(object);
+    if (result.abort == 0x06090031 || result.abort == 0x06090032) {
+      return canopen::abort_text(result.abort) + ", raw values go from " +
+             std::to_string(meta.min) + " to " + std::to_string(meta.max);
+    }
+    if (result.abort == canopen::kAbortState && std::string_view(meta.writable) != "any") {
+      return canopen::abort_text(result.abort) + ", it is written with the " +
+             (std::string_view(meta.writable) == "disabled" ? "axis disabled" : "recorder idle");
+    }
+  }
+  return canopen::abort_text(result.abort);
+}
+
+}  // namespace
+
+Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t &command) {
+  Answer answer;
+  for (std::size_t i = 0; i < command.object.size(); ++i) {
+    const std::string &name = command.object[i];
+    const std::int64_t value = command.value[i];
+    const auto target = target_of(name);
+    if (!target || target->object == AXIS_OBJ_NONE) {
+      co_return refused(std::move(answer), name, value, 0, "no such object");
+    }
+    if (!fits(value, target->address)) {
+      co_return refused(
+          std::move(answer), name, value, 0,
+          std::to_string(value) + " is no value of type " + host::object_meta(target->object).type);
+    }
+    const ObjectResult result = co_await axis_.lcm_port().write(target->address, value);
+    if (result.abort == canopen::kAbortLocked) {
+      const ObjectResult owner = co_await axis_.master_port().read(AXIS_OBJ_COMMAND_SOURCE);
+      if (owner.ok()) axis_.update(AXIS_OBJ_COMMAND_SOURCE, owner.value);
+    }
+    if (!result.ok()) {
+      co_return refused(std::move(answer), name, value, result.abort,
+                        reason_of(result, target->object, axis_));
+    }
+    answer.items.push_back({name, value});
+    if (host::object_meta(target->object).access[0] == 'r') axis_.update(target->object, value);
+  }
+  answer.kind = axis_event_t::EVENT_DONE;
+  answer.code = kNotAvailable;
+  answer.text = answer.items.empty() ? "nothing to write" : "written";
+  if (answer.items.size() == 1) answer.text = answer.items[0].object + " written";
+  co_return answer;
+}
+
+Task<GatewayCommands::Answer> GatewayCommands::read_items(const axis_command_t &command) {
+  Answer answer;
+  for (const std::string &name : command.object) {
+    const auto target = target_of(name);
+    if (!target) co_return refused(std::move(answer), name, 0, 0, "no such object");
+    const ObjectResult result = co_await axis_.lcm_port().read(target->address);
+    if (!result.ok()) {
+      co_return refused(std::move(answer), name, 0, result.abort,
+                        reason_of(result, target->object, axis_));
+    }
+    answer.items.push_back({name, result.value});
+  }
+  answer.kind = axis_event_t::EVENT_DONE;
+  answer.code = kNotAvailable;
+  answer.text = "read";
+  co_return answer;
+}
+
+Task<GatewayCommands::Answer> GatewayCommands::lock(std::int64_t source) {
+  const ObjectResult result = co_await axis_.lcm_port().write(AXIS_OBJ_COMMAND_SOURCE, source);
+  Answer answer;
+  if (!result.ok()) {
+    co_return refused(std::move(answer), "command_source", source, result.abort,
+                      reason_of(result, AXIS_OBJ_COMMAND_SOURCE, axis_));
+  }
+  axis_.update(AXIS_OBJ_COMMAND_SOURCE, source);
+  answer.kind = axis_event_t::EVENT_DONE;
+  answer.code = kNotAvailable;
+  answer.text = "the axis belongs to " +
+                host::enum_text(AXIS_OBJ_COMMAND_SOURCE, static_cast<std::int32_t>(source));
+  answer.items = {{"command_source", source}};
+  co_return answer;
+}
+
+// --- captures
+// --------------------------------------------------------------------------------------------
+
+Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &command) {
+  Answer answer;
+  answer.kind = axis_event_t::EVENT_REFUSED;
+  if (command.signal.empty() || command.signal.size() > RECORDER_CHANNELS) {
+    answer.text = "expected 1 to " + std::to_string(RECORDER_CHANNELS) + " signals, got " +
+                  std::to_string(command.signal.size());
+    co_return answer;
+  }
+  if (capturing_) {
+    answer.text = "another capture is under way; stop it by writing 0 to recorder_arm";
+    co_return answer;
+  }
+  for (const std::string &name : command.object) {
+    if (!name.starts_with("recorder_")) {
+      answer.text = name + ": expected a setting of the recorder";
+      co_return answer;
+    }
+  }
+  axis_command_t settings = command;
+  for (std::size_t i = 0; i < RECORDER_CHANNELS; ++i) {
+    std::int64_t where = 0;
+    if (i < command.signal.size()) {
+      const auto object = host::find_object(command.signal[i]);
+      if (!object) {
+        answer.text = command.signal[i] + ": no such object";
+        co_return answer;
+      }
+      const ObjectAddress address = address_of(*object);
+      where = std::int64_t{address.index} << 8 | address.sub;
+    }
+    settings.object.push_back("recorder_signal_" + std::to_string(i + 1));
+    settings.value.push_back(where);
+  }
+  settings.object.push_back("recorder_arm");
+  settings.value.push_back(1);
+  answer = co_await write_items(settings);
+  if (answer.kind != axis_event_t::EVENT_DONE) co_return answer;
+  answer.text = "recorder armed";
+  capturing_ = true;
+  loop_.spawn(follow_capture(command));
+  co_return answer;
+}
+
+void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
+                                  const std::string &text) {
+  capturing_ = false;
+  axis_.event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
+}
+
+// Waits for the recorder and fetches what it holds. It is watched and read on the master's channel:
+// the client's own goes on carrying its commands, a long upload or not.
+Task<void> GatewayCommands::follow_capture(axis_command_t command) {
+  const lcm_bus::CommandId id{command.run_id, command.command_id};
+  while (loop_.running()) {
+    co_await loop_.sleep(kRecorderPoll);
+    const ObjectResult state = co_await axis_.master_port().read(AXIS_OBJ_RECORDER_STATE);
+    if (!state.ok()) {
+      end_capture(id, -1, "capture failed: " + reason_of(state, AXIS_OBJ_RECORDER_STATE, axis_));
+      co_return;
+    }
+    if (state.value == AXIS_RECORDER_STATE_DONE) break;
+    if (state.value == AXIS_RECORDER_STATE_IDLE) {
+      end_capture(id, -1, "capture failed: the recorder was stopped");
+      co_return;
+    }
+  }
+  co_await publish_capture(command, id);
+}
+
+Task<void> GatewayCommands::publish_capture(const axis_command_t &command, lcm_bus::CommandId id) {
+  ObjectPort port = axis_.master_port();
+  const ObjectResult trigger = co_await port.read(AXIS_OBJ_RECORDER_TRIGGER_INDEX);
+  const ObjectResult decimation = co_await port.read(AXIS_OBJ_RECORDER_DECIMATION);
+  const canopen::SdoResult got = co_await axis_.master_channel().upload(kRecorderData, 0);
+  if (!trigger.ok() || !decimation.ok() || !got.ok()) {
+    end_capture(id, -1,
+                "capture failed: " + hex(kRecorderData) + " " +
+                    canopen::abort_text(got.ok() ? canopen::kAbortTimeout : got.abort));
+    co_return;
+  }
+  std::vector<ObjectAddress> columns;
+  std::size_t row = 0;
+  std::optional<std::size_t> tick_at;
+  for (const std::string &name : command.signal) {
+    if (name == "tick_count") tick_at = columns.size();
+    columns.push_back(address_of(*host::find_object(name)));
+    row += columns.back().bytes;
+  }
+  const std::size_t total = got.data.size() / row;
+  axis_capture_t block{};
+  block.capture_id = ++captures_;
+  block.command_run_id = id.run_id;
+  block.command_id = id.command_id;
+  block.decimation = decimation.value;
+  block.total_samples = static_cast<std::int64_t>(total);
+  block.trigger_sample = trigger.value;
+  block.num_signals = static_cast<std::int32_t>(columns.size());
+  block.signal = command.signal;
+  for (std::size_t first = 0; first < total; first += kBlock) {
+    const std::size_t end = std::min(first + kBlock, total);
+    block.value.clear();
+    for (std::size_t sample = first; sample < end; ++sample) {
+      std::span<const std::uint8_t> bytes = std::span(got.data).subspan(sample * row, row);
+      std::vector<std::int64_t> &values = block.value.emplace_back();
+      for (const ObjectAddress &column : columns) {
+        values.push_back(value_of(bytes.first(column.bytes), column.is_signed));
+        bytes = bytes.subspan(column.bytes);
+      }
+    }
+    block.first_sample = static_cast<std::int64_t>(first);
+    block.num_samples = static_cast<std::int32_t>(end - first);
+    block.first_tick = tick_at ? block.value[0][*tick_at] : kNotAvailable;
+    block.utime = tick_at ? block.first_tick * 2000 / 3 : kNotAvailable;
+    lcm_.publish(axis_.number(), block);
+    if (end < total) co_await loop_.sleep(kBlockTime);
+  }
+  end_capture(id, static_cast<std::int64_t>(total),
+              std::to_string(total) + " samples of " + std::to_string(columns.size()) +
+                  " signals captured");
+}
+
+}  // namespace forceaxis::nodes

@@ -1,0 +1,300 @@
+// gateway: the supervisor of one or several axes on a CAN bus, for clients on LCM and Modbus TCP.
+#include <signal.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include <iostream>
+#include <memory>
+#include <random>
+
+#include "host/gateway/can_queue.hpp"
+#include "host/gateway/commands.hpp"
+#include "host/gateway/modbus_axis.hpp"
+#include "host/gateway/options.hpp"
+#include "host/gateway/words.hpp"
+#include "host/modbus/tcp_server.hpp"
+
+namespace {
+
+using namespace forceaxis;
+using namespace forceaxis::nodes;
+using namespace std::chrono_literals;
+
+constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
+constexpr std::uint8_t kOperational = 5;
+constexpr auto kWatchPeriod = 20ms;
+// Taken from the bus at a time, so that a flood keeps neither SYNC and heartbeat nor LCM waiting.
+constexpr int kMostFrames = 256;
+// How long a gateway that starts listens for another one: longer than its heartbeat may be late.
+constexpr auto kClaim = 600ms;
+
+struct OtherGateway : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+class Gateway {
+ public:
+  explicit Gateway(const GatewayOptions &options)
+      : options_(options), can_(options.can), lcm_(options.lcm_url) {
+    for (const AxisSettings &settings : options.settings) {
+      axes_.push_back(std::make_unique<Axis>(*this, settings));
+    }
+    if (options.modbus_port != 0) {
+      modbus_ = std::make_unique<modbus::TcpServer>(
+          options.modbus_address, options.modbus_port,
+          [this](std::uint8_t unit) { return find(unit) != nullptr; },
+          [this](std::uint64_t client, std::uint8_t unit, const modbus::Request &request) {
+            find(unit)->requests.push({client, request});
+          });
+    }
+  }
+  ~Gateway() { loop_.abandon(); }
+  Gateway(const Gateway &) = delete;
+  Gateway &operator=(const Gateway &) = delete;
+
+  // Until a signal comes on this descriptor, and the axes stand still or a second one comes. Gives
+  // the exit status.
+  int run(int signals) {
+    loop_.watch(
+        can_.fd(),
+        [this] { return static_cast<short>(can_.waits_for_room() ? POLLIN | POLLOUT : POLLIN); },
+        [this](short) { serve_can(); });
+    loop_.watch(
+        signals, [] { return short{POLLIN}; },
+        [this, signals](short) {
+          signalfd_siginfo signal;
+          if (read(signals, &signal, sizeof signal) <= 0) return;
+          if (ending_) {
+            status_ = 128 + static_cast<int>(signal.ssi_signo);
+            loop_.stop();
+          } else {
+            end();
+          }
+        });
+    loop_.spawn(begin());
+    loop_.run();
+    return status_;
+  }
+
+ private:
+  struct ModbusRequest {
+    std::uint64_t client;
+    modbus::Request request;
+  };
+  struct Axis {
+    Axis(Gateway &g, const AxisSettings &settings)
+        : node(
+              g.loop_, g.lcm_, [&g](const canopen::Frame &frame) { g.can_.send(frame); }, settings),
+          commands(g.loop_, g.lcm_, node),
+          modbus(node.modbus_port()),
+          requests(g.loop_) {}
+    GatewayAxis node;
+    GatewayCommands commands;
+    ModbusAxis modbus;
+    Mailbox<ModbusRequest> requests;
+  };
+
+  Axis *find(int number) {
+    for (const auto &axis : axes_) {
+      if (axis->node.number() == number) return axis.get();
+    }
+    return nullptr;
+  }
+
+  // Nobody else is to have this node id: first it is listened for, then claimed by a boot-up
+  // message. Two that start together wait for different times, so that one of them hears the other.
+  Task<void> begin() {
+    std::random_device device;
+    const auto jitter = std::chrono::milliseconds(std::uniform_int_distribution(0, 300)(device));
+    co_await loop_.sleep(kClaim + jitter);
+    claimed_ = true;
+    send_heartbeat(0);
+    beat();
+    sync();
+    watch();
+    for (const auto &axis : axes_) {
+      axis->node.start();
+      axis->commands.start();
+      lcm_.listen(axis->node.number(), [this](int n, const axis_command_t &command) {
+        find(n)->commands.receive(command);
+      });
+      loop_.spawn(serve_modbus(*axis));
+    }
+    loop_.watch(
+        lcm_.fd(), [] { return short{POLLIN}; }, [this](short) { lcm_.handle(); });
+    if (modbus_) {
+      loop_.watch(
+          modbus_->listening(), [] { return short{POLLIN}; }, [this](short) { accept(); });
+    }
+    std::cout << "gateway ready pid " << getpid() << ", " << options_.can << " axes "
+              << options_.axes << ", node id " << options_.node_id << ", LCM " << options_.lcm_url
+              << ", "
+              << (modbus_ ? "Modbus TCP " + options_.modbus_address + ":" +
+                                std::to_string(options_.modbus_port)
+                          : std::string("no Modbus"))
+              << std::endl;
+  }
+
+  // All axes at once: none goes on moving while another one is waited for.
+  void end() {
+    ending_ = true;
+    if (!claimed_) return loop_.stop();
+    unstopped_ = axes_.size();
+    for (const auto &axis : axes_) loop_.spawn(end(*axis));
+  }
+
+  Task<void> end(Axis &axis) {
+    co_await axis.node.shut_down();
+    if (--unstopped_ == 0) loop_.stop();
+  }
+
+  void send_heartbeat(std::uint8_t state) {
+    can_.send({kHeartbeat + static_cast<std::uint32_t>(options_.node_id), 1, {state}});
+  }
+
+  // Calls `what` now and then once a period; a late one does not move the others.
+  void every(EventLoop::Time at, EventLoop::Clock::duration period, EventLoop::Call what) {
+    what();
+    EventLoop::Time next = at + period;
+    if (next < EventLoop::Clock::now()) next = EventLoop::Clock::now() + period;
+    loop_.at(next, [this, next, period, what = std::move(what)] { every(next, period, what); });
+  }
+
+  void beat() {
+    every(EventLoop::Clock::now(), std::chrono::milliseconds(options_.heartbeat_ms),
+          [this] { send_heartbeat(kOperational); });
+  }
+
+  void sync() {
+    const auto period = std::chrono::duration_cast<EventLoop::Clock::duration>(
+        std::chrono::duration<double>(1 / options_.sync_hz));
+    every(EventLoop::Clock::now(), period, [this] {
+      for (const auto &axis : axes_) axis->node.before_sync();
+      can_.send({kSync, 0, {}});
+    });
+  }
+
+  void watch() {
+    every(EventLoop::Clock::now(), kWatchPeriod, [this] {
+      serve_can();  // what came is not late because this program was
+      for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
+      tell_trouble();
+    });
+  }
+
+  void tell_trouble() {
+    const CanQueue::Trouble trouble = can_.take_trouble();
+    if (trouble.text.empty() || (trouble.text == told_ && trouble.lost == 0)) return;
+    told_ = trouble.text;
+    std::cerr << "gateway: " << options_.can << ": " << trouble.text;
+    if (trouble.lost != 0) std::cerr << " (" << trouble.lost << " frames)";
+    std::cerr << std::endl;
+    for (const auto &axis : axes_) {
+      axis->node.event(axis_event_t::EVENT_BUS, static_cast<std::int64_t>(trouble.lost),
+                       options_.can + ": " + trouble.text);
+    }
+  }
+
+  void serve_can() {
+    if (can_.waits_for_room()) can_.flush();
+    for (int n = 0; n < kMostFrames; ++n) {
+      const auto frame = can_.receive();
+      if (!frame) return;
+      if (frame->id == kHeartbeat + static_cast<std::uint32_t>(options_.node_id)) {
+        meet_other();
+        continue;
+      }
+      for (const auto &axis : axes_) axis->node.receive(*frame);
+    }
+  }
+
+  void meet_other() {
+    const std::string text =
+        options_.can + ": another gateway has node id " + std::to_string(options_.node_id);
+    if (!claimed_) throw OtherGateway(text + "; stop it, or give this one another --node-id");
+    if (met_other_) return;
+    met_other_ = true;
+    for (const auto &axis : axes_) axis->node.loud_event(axis_event_t::EVENT_BUS, 0, text);
+  }
+
+  // --- Modbus
+  // --------------------------------------------------------------------------------------
+
+  void accept() {
+    const auto [client, socket] = modbus_->accept();
+    if (socket < 0) return;
+    sockets_[client] = socket;
+    loop_.watch(
+        socket, [] { return short{POLLIN}; },
+        [this, client = client](short) {
+          if (!modbus_->receive(client)) forget(client);
+        });
+  }
+
+  void forget(std::uint64_t client) {
+    const auto found = sockets_.find(client);
+    if (found == sockets_.end()) return;
+    loop_.unwatch(found->second);
+    sockets_.erase(found);
+  }
+
+  Task<void> serve_modbus(Axis &axis) {
+    while (loop_.running()) {
+      ModbusRequest next = co_await axis.requests;
+      modbus::Answer answer;
+      if (axis.node.present()) {
+        answer = co_await axis.modbus.serve(next.request, axis.node.writes_allowed());
+      } else {
+        answer.exception = modbus::kExceptionTarget;
+      }
+      if (!modbus_->answer(next.client, answer)) forget(next.client);
+    }
+  }
+
+  GatewayOptions options_;
+  EventLoop loop_;
+  CanQueue can_;
+  lcm_bus::AxisChannels lcm_;
+  std::vector<std::unique_ptr<Axis>> axes_;
+  std::unique_ptr<modbus::TcpServer> modbus_;
+  std::map<std::uint64_t, int> sockets_;  // of Modbus clients
+  std::string told_;
+  bool claimed_ = false, ending_ = false, met_other_ = false;
+  std::size_t unstopped_ = 0;  // axes, when ending
+  int status_ = 0;
+};
+
+}  // namespace
+
+int main(int argc, char **argv) {
+  GatewayOptions options;
+  CLI::App app(
+      "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes\n"
+      "their state, events and captures over LCM and takes commands there, and serves Modbus TCP,\n"
+      "unit id = axis. Prints one line when ready.\n"
+      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first, for which a\n"
+      "second signal does not wait. If it is killed, the axes miss its heartbeat and are\n"
+      "disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another gateway is there, 2 wrong\n"
+      "usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
+  add_gateway_options(app, options);
+  app.footer(
+      "Example:\n"
+      "  gateway --can vcan0 --axes 1,2 --set force_gain=5 --modbus-port 1502");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError &error) {
+    return refuse("gateway", app, error);
+  }
+  // Before LCM starts a thread of its own, which would take the signals.
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGTERM);
+  sigaddset(&set, SIGINT);
+  sigprocmask(SIG_BLOCK, &set, nullptr);
+  signal(SIGPIPE, SIG_IGN);
+  const int signals = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
+  return guarded("gateway", [&options, signals] {
+    finish_gateway_options(options);
+    return Gateway(options).run(signals);
+  });
+}

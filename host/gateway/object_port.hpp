@@ -1,0 +1,49 @@
+#pragma once
+// The objects of one axis through one SDO channel: raw values by object number.
+#include <cstdint>
+#include <string>
+
+#include "host/gateway/sdo_channel.hpp"
+
+namespace forceaxis::nodes {
+
+struct ObjectResult {
+  std::uint32_t abort = 0;  // 0: done
+  bool silent = false;      // no answer came
+  std::int64_t value = 0;   // read
+
+  bool ok() const { return abort == 0; }
+};
+
+// Where an object lies, and what of it there is.
+struct ObjectAddress {
+  std::uint16_t index = 0;
+  std::uint8_t sub = 0;
+  std::uint8_t bytes = 0;  // 0: not known
+  bool is_signed = false;
+};
+
+ObjectAddress address_of(std::uint16_t object);
+
+// Least significant byte first; nothing beyond 8 bytes is read.
+std::int64_t value_of(std::span<const std::uint8_t> bytes, bool is_signed);
+std::vector<std::uint8_t> bytes_of(std::int64_t value, std::uint8_t bytes);
+// Whether a value is one of the object's type.
+bool fits(std::int64_t value, const ObjectAddress &address);
+
+class ObjectPort {
+ public:
+  explicit ObjectPort(SdoChannel &channel) : channel_(channel) {}
+
+  Task<ObjectResult> read(std::uint16_t object) { return read(address_of(object)); }
+  Task<ObjectResult> write(std::uint16_t object, std::int64_t value) {
+    return write(address_of(object), value);
+  }
+  Task<ObjectResult> read(ObjectAddress address);
+  Task<ObjectResult> write(ObjectAddress address, std::int64_t value);
+
+ private:
+  SdoChannel &channel_;
+};
+
+}  // namespace forceaxis::nodes

@@ -1,0 +1,168 @@
+#include "host/gateway/options.hpp"
+
+#include <arpa/inet.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "host/lcm/url.hpp"
+#include "host/program/number_range.hpp"
+#include "host/run/objects.hpp"
+
+namespace forceaxis::nodes {
+namespace {
+
+constexpr int kMostNodes = 31;
+
+// "1,2" or "1-6".
+std::vector<int> axes_of(const std::string &text) {
+  const auto fail = [&text] {
+    throw UsageError("--axes " + text + ": expected numbers from 1 to 31 such as 1,2 or 1-6");
+  };
+  std::vector<int> axes;
+  const char *at = text.data();
+  const char *const end = at + text.size();
+  const auto number = [&] {
+    int n = 0;
+    const auto [next, error] = std::from_chars(at, end, n);
+    if (error != std::errc() || n < 1 || n > kMostNodes) fail();
+    at = next;
+    return n;
+  };
+  for (;;) {
+    const int first = number();
+    int last = first;
+    if (at != end && *at == '-') {
+      ++at;
+      last = number();
+    }
+    if (last < first) fail();
+    for (int n = first; n <= last; ++n) {
+      if (std::ranges::find(axes, n) != axes.end()) fail();
+      axes.push_back(n);
+    }
+    if (at == end) return axes;
+    if (*at++ != ',') fail();
+  }
+}
+
+// "NAME=VALUE" in engineering units or an enum's text.
+AxisSettings::Parameter parameter_of(const std::string &set, const std::string &assignment) {
+  const auto fail = [&set](const std::string &what) {
+    throw UsageError("--set " + set + ": " + what);
+  };
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string::npos) fail("expected NAME=VALUE or N:NAME=VALUE");
+  const std::string name = assignment.substr(0, equals), text = assignment.substr(equals + 1);
+  const auto object = host::find_object(name);
+  if (!object) fail("expected the name of a firmware object; see `forceaxis objects`");
+  const axis_object_meta_t &meta = host::object_meta(*object);
+  if (std::string_view(meta.kind) != "parameter" || !host::object_writable(*object)) {
+    fail("expected a parameter, it is a " + std::string(meta.kind));
+  }
+  if (const auto value = host::enum_value(*object, text)) return {*object, *value};
+  char *end = nullptr;
+  const double value = std::strtod(text.c_str(), &end);
+  const double raw = std::round(value / meta.scale);
+  if (text.empty() || *end != 0 || !(raw >= static_cast<double>(meta.min)) ||
+      !(raw <= static_cast<double>(meta.max))) {
+    char range[96];
+    std::snprintf(range, sizeof range, "%g to %g", static_cast<double>(meta.min) * meta.scale,
+                  static_cast<double>(meta.max) * meta.scale);
+    fail("expected " + (*meta.enum_texts ? "one of " + std::string(meta.enum_texts)
+                                         : std::string(range) + " " + meta.unit));
+  }
+  return {*object, static_cast<std::int64_t>(raw)};
+}
+
+}  // namespace
+
+void add_gateway_options(CLI::App &app, GatewayOptions &o) {
+  app.get_formatter()->column_width(34);
+  app.add_option("--can", o.can, "CAN interface of the axes.")->capture_default_str();
+  app.add_option("--axes", o.axes,
+                 "Node ids, which are Modbus units and LCM channels too: 1,2 or 1-6.")
+      ->capture_default_str();
+  app.add_option("--lcm-url", o.lcm_url,
+                 "LCM bus, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
+                 "udpm://239.255.76.67:7667?ttl=0, this machine.");
+  app.add_option("--modbus-port", o.modbus_port, "TCP port of the Modbus server; 0: none.")
+      ->check(CLI::Range(0, 65535))
+      ->capture_default_str();
+  app.add_option("--modbus-bind", o.modbus_address,
+                 "Address it listens on; 0.0.0.0 lets other machines in, and Modbus knows no "
+                 "passwords.")
+      ->capture_default_str();
+  app.add_option("--node-id", o.node_id, "The gateway's own node id, for its heartbeat.")
+      ->check(CLI::Range(kMostNodes + 1, 127))
+      ->capture_default_str();
+  app.add_option("--sync-hz", o.sync_hz, "SYNCs and states published a second.")
+      ->check(real_range(1, 200))
+      ->capture_default_str();
+  app.add_option("--heartbeat-ms", o.heartbeat_ms, "From one heartbeat to the next, both ways.")
+      ->check(CLI::Range(10, 10000))
+      ->capture_default_str();
+  app.add_option("--watch-ms", o.watch_ms,
+                 "Without a heartbeat of the gateway for that long an axis is disabled; default: "
+                 "three heartbeats.")
+      ->check(CLI::Range(20, 65535));
+  app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms, "How long an axis may take to answer.")
+      ->check(CLI::Range(10, 10000))
+      ->capture_default_str();
+  app.add_option("--set", o.sets,
+                 "NAME=VALUE: a parameter that the gateway writes whenever it sets up an axis, in "
+                 "engineering units; N:NAME=VALUE for axis N alone. Repeatable.")
+      ->take_all()
+      ->expected(1)
+      ->type_name("NAME=VALUE");
+}
+
+void finish_gateway_options(GatewayOptions &o) {
+  std::string from = "--lcm-url ";
+  if (o.lcm_url.empty()) {
+    o.lcm_url = lcm_bus::default_url();
+    from = "LCM_DEFAULT_URL ";
+  }
+  const std::string wrong = lcm_bus::url_trouble(o.lcm_url);
+  if (!wrong.empty()) throw UsageError(from + wrong);
+  // libmodbus listens everywhere when an address begins with 0, and checks none.
+  in_addr bind{};
+  if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
+      (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {
+    throw UsageError("--modbus-bind " + o.modbus_address +
+                     ": expected an IPv4 address such as 127.0.0.1, or 0.0.0.0");
+  }
+  if (o.watch_ms == 0) o.watch_ms = 3 * o.heartbeat_ms;
+  if (o.watch_ms <= o.heartbeat_ms) {
+    throw UsageError("--watch-ms: expected more than one heartbeat, " +
+                     std::to_string(o.heartbeat_ms) + " ms");
+  }
+  if (o.watch_ms > 65535) throw UsageError("--heartbeat-ms: expected at most 21845");
+  for (const int axis : axes_of(o.axes)) {
+    AxisSettings s;
+    s.number = axis;
+    s.master = o.node_id;
+    s.heartbeat = std::chrono::milliseconds(o.heartbeat_ms);
+    s.watch = std::chrono::milliseconds(o.watch_ms);
+    s.sdo_timeout = std::chrono::milliseconds(o.sdo_timeout_ms);
+    o.settings.push_back(s);
+  }
+  for (const std::string &set : o.sets) {
+    int only = 0;
+    const char *const begin = set.data();
+    const auto [at, error] = std::from_chars(begin, begin + set.size(), only);
+    const bool prefixed = error == std::errc() && at != begin + set.size() && *at == ':';
+    const auto parameter =
+        parameter_of(set, prefixed ? std::string(at + 1, begin + set.size()) : set);
+    bool found = false;
+    for (AxisSettings &s : o.settings) {
+      if (prefixed && s.number != only) continue;
+      s.parameters.push_back(parameter);
+      found = true;
+    }
+    if (!found) throw UsageError("--set " + set + ": expected an axis of --axes " + o.axes);
+  }
+}
+
+}  // namespace forceaxis::nodes

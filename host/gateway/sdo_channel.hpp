@@ -1,0 +1,58 @@
+#pragma once
+// An SDO client that coroutines share: transfers wait for their turn and end by answer or time.
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <vector>
+
+#include "host/canopen/sdo_client.hpp"
+#include "host/gateway/event_loop.hpp"
+
+namespace forceaxis::nodes {
+
+class SdoChannel {
+ public:
+  using Send = std::function<void(const canopen::Frame &)>;
+
+  // Requests go to request_id + node, answers come on answer_id + node.
+  SdoChannel(EventLoop &loop, Send send, std::uint32_t request_id, std::uint32_t answer_id,
+             std::chrono::milliseconds timeout)
+      : loop_(loop),
+        send_(std::move(send)),
+        client_(request_id),
+        answer_id_(answer_id),
+        timeout_(timeout) {}
+
+  std::uint32_t answer_id() const { return answer_id_; }
+  void receive(const canopen::Frame &answer);
+
+  Task<canopen::SdoResult> upload(std::uint16_t index, std::uint8_t sub);
+  Task<canopen::SdoResult> download(std::uint16_t index, std::uint8_t sub,
+                                    const std::vector<std::uint8_t> &data);
+
+ private:
+  struct Waiting {
+    std::uint16_t index;
+    std::uint8_t sub;
+    bool is_upload;
+    std::vector<std::uint8_t> data;
+    Completion<canopen::SdoResult> *done;
+  };
+
+  Task<canopen::SdoResult> transfer(std::uint16_t index, std::uint8_t sub, bool is_upload,
+                                    std::vector<std::uint8_t> data);
+  void begin_next();
+  void expect_answer();
+  void end();
+
+  EventLoop &loop_;
+  Send send_;
+  canopen::SdoClient client_;
+  std::uint32_t answer_id_;
+  std::chrono::milliseconds timeout_;
+  std::deque<Waiting> waiting_;  // the first one is under way
+  std::uint64_t timer_ = 0;
+};
+
+}  // namespace forceaxis::nodes

@@ -1,0 +1,83 @@
+#include "host/gateway/words.hpp"
+
+#include <algorithm>
+#include <cstdio>
+
+#include "host/run/objects.hpp"
+
+extern "C" {
+#include "firmware/objects/generated/axis_objects.h"
+}
+
+namespace forceaxis::nodes {
+namespace {
+
+struct StateText {
+  int mask, value;
+  const char *text;
+};
+
+constexpr StateText kStates[] = {
+    {0x4F, 0x00, "not ready to switch on"}, {0x4F, 0x40, "switch on disabled"},
+    {0x6F, 0x21, "ready to switch on"},     {0x6F, 0x23, "switched on"},
+    {0x6F, 0x27, "operation enabled"},      {0x6F, 0x07, "quick stop active"},
+    {0x4F, 0x0F, "fault reaction active"},  {0x4F, 0x08, "fault"},
+};
+
+std::string hex(unsigned long long value, int digits) {
+  char text[24];
+  std::snprintf(text, sizeof text, "%0*llXh", digits, value);
+  return text;
+}
+
+// What the table of objects calls a value, empty if it has no name for it.
+std::string name_in_words(std::uint16_t object, std::int32_t value) {
+  std::string text(host::value_name(object, value));
+  std::ranges::replace(text, '_', ' ');
+  return text;
+}
+
+}  // namespace
+
+std::string drive_state_text(std::int64_t statusword) {
+  for (const StateText &state : kStates) {
+    if ((statusword & state.mask) == state.value) return state.text;
+  }
+  return "statusword " + hex(static_cast<unsigned long long>(statusword), 4);
+}
+
+std::string mode_text(std::int64_t mode) {
+  const std::string text =
+      name_in_words(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY, static_cast<std::int32_t>(mode));
+  return text.empty() ? "mode " + std::to_string(mode) : text;
+}
+
+std::string nmt_text(std::int64_t state) {
+  switch (state) {
+    case 0:
+      return "booting";
+    case 4:
+      return "stopped";
+    case 5:
+      return "operational";
+    case 127:
+      return "pre-operational";
+    case -1:
+      return "silent";
+    default:
+      return "NMT state " + std::to_string(state);
+  }
+}
+
+std::string emergency_text(std::uint16_t code) {
+  const std::string text = code == 0 ? "error reset" : name_in_words(AXIS_OBJ_ERROR_CODE, code);
+  return "EMCY " + hex(code, 4) + (text.empty() ? "" : " " + text);
+}
+
+std::string hash_text(std::int64_t hash) {
+  char text[24];
+  std::snprintf(text, sizeof text, "%08llx", static_cast<unsigned long long>(hash));
+  return text;
+}
+
+}  // namespace forceaxis::nodes

@@ -1,0 +1,59 @@
+#include "host/link/claim.hpp"
+
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstddef>
+#include <cstring>
+#include <thread>
+
+#include "host/link/transport.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+// An axis_node answers repeats for a quarter of a second after its run.
+constexpr int kClaimTries = 50;
+constexpr std::chrono::milliseconds kClaimWait{10};
+
+std::string why(int error) { return std::strerror(error); }
+
+}  // namespace
+
+LinkClaim::LinkClaim(const std::string &where, const std::string &role)
+    : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+  if (socket_ < 0) {
+    throw TransportError(where + ": expected to be able to claim it as " + role + ", " +
+                         why(errno));
+  }
+  // A name in the abstract space belongs to one socket of a network namespace.
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  const std::string text = "forceaxis-link/" + role + "/" + where;
+  text.copy(name.sun_path + 1, sizeof name.sun_path - 2);
+  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 +
+                                             std::min(text.size(), sizeof name.sun_path - 2));
+  for (int tries = 0; bind(socket_, reinterpret_cast<sockaddr *>(&name), length) != 0; ++tries) {
+    const int error = errno;
+    if (error == EADDRINUSE && tries < kClaimTries) {
+      std::this_thread::sleep_for(kClaimWait);
+      continue;
+    }
+    close(socket_);
+    if (error != EADDRINUSE) {
+      throw TransportError(where + ": expected to be able to claim it as " + role + ", " +
+                           why(error));
+    }
+    throw TransportError(where + ": expected to be the only " + role +
+                         " here, another run holds it; wait for it, or take another interface, run "
+                         "number or network namespace (tools/vcan)");
+  }
+}
+
+LinkClaim::~LinkClaim() { close(socket_); }
+
+}  // namespace forceaxis::host

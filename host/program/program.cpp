@@ -1,0 +1,35 @@
+#include "host/program/program.hpp"
+
+#include <iostream>
+
+#include "sim/model/model.hpp"
+
+namespace forceaxis::nodes {
+
+int guarded(const char *name, const std::function<int()> &program) {
+  const auto tell = [name](const std::string &what, int status) {
+    std::cerr << name << ": " << what << '\n';
+    return status;
+  };
+  try {
+    return program();
+  } catch (const UsageError &error) {
+    return tell(error.what(), 2);
+  } catch (const sim::InputError &error) {
+    return tell(error.what(), 2);
+  } catch (const std::exception &error) {
+    return tell(error.what(), 1);
+  }
+}
+
+int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error) {
+  if (error.get_exit_code() == 0) return app.exit(error);
+  std::string what = error.what();
+  for (char &c : what) {
+    if (c == '\n') c = ' ';
+  }
+  std::cerr << name << ": " << what << "; see --help\n";
+  return 2;
+}
+
+}  // namespace forceaxis::nodes

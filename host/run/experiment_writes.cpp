@@ -1,0 +1,51 @@
+#include "host/run/experiment_writes.hpp"
+
+#include "firmware/port/host/axis_host.h"
+#include "host/run/objects.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+const char *refusal_text(int error) {
+  switch (error) {
+    case FW_ERROR_RANGE:
+      return "outside its range or at odds with another object";
+    case FW_ERROR_STATE:
+      return "not in this state of the axis: a fault is latched, or it must be disabled or idle";
+    default:
+      return "cannot be written";
+  }
+}
+
+}  // namespace
+
+void ExperimentWrites::give_initial(const Write &write) const {
+  std::vector<ObjectWrite> left = experiment_->initial;
+  while (!left.empty()) {
+    std::vector<ObjectWrite> refused;
+    for (const ObjectWrite &w : left) {
+      if (write(0, w) != FW_OK) refused.push_back(w);
+    }
+    if (refused.size() == left.size()) {
+      const ObjectWrite &w = refused.front();
+      throw sim::InputError(
+          experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
+          "expected a value that the firmware takes beside the others, it refused " +
+              std::to_string(w.raw) + " (raw): " + refusal_text(write(0, w)));
+    }
+    left = refused;
+  }
+}
+
+void ExperimentWrites::give_due(std::int64_t tick, const Write &write) {
+  for (; due(tick); ++action_) {
+    for (const ObjectWrite &w : action_->writes) {
+      const int error = write(tick, w);
+      if (error != FW_OK) {
+        refused_.push_back({tick, object_meta(w.object).name, refusal_text(error)});
+      }
+    }
+  }
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,91 @@
+#pragma once
+// The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
+// trace hash. It knows nothing of the plant but the records. What happens every tick is inline: in
+// process the records then need not pass through memory.
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "host/run/experiment_writes.hpp"
+#include "host/run/records.hpp"
+#include "host/run/trace_hash.hpp"
+
+namespace forceaxis::host {
+
+struct FirmwareOptions {
+  bool hash = false;                    // whether hash() will be asked for
+  const fw_config_t *config = nullptr;  // NULL: an axis on no bus
+  // Told of every write of the experiment, before it is given, with its tick; initial ones have 0.
+  std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
+};
+
+class FirmwareSide {
+ public:
+  // Powers up and gives the initial writes; objects that bound each other are taken in whatever
+  // order works. Throws sim::InputError if the firmware refuses one. The experiment must outlive
+  // the side.
+  FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
+
+  // The coming tick: the writes due, then the firmware's own tick.
+  LinkOutputs tick(const LinkInputs &in) {
+    if (writes_.due(in.tick)) write_due(in.tick);
+    axis_inputs_t inputs{};
+    inputs.encoder_cnt = in.encoder_cnt;
+    inputs.adc_code[0] = in.adc0_code;
+    inputs.adc_code[1] = in.adc1_code;
+    inputs.din = in.din;
+    inputs.sensor_valid = in.sensor_valid;
+    const LinkOutputs out = run_tick(inputs, in.tick, in.axis);
+    if (options_.hash) hash_.add(tick_record(in, out));
+    last_ = inputs;
+    next_tick_ = in.tick + 1;
+    return out;
+  }
+
+  // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
+  // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
+  LinkOutputs lose_sensors(std::uint8_t axis) {
+    axis_inputs_t inputs = last_;
+    inputs.sensor_valid = 0;
+    return run_tick(inputs, next_tick_, axis);
+  }
+
+  // Takes what the firmware wants to say on its buses, where nobody listens.
+  void discard_output();
+
+  // Ends the trace hash.
+  std::string hash() { return hash_.hex(); }
+
+  std::int64_t next_tick() const { return next_tick_; }
+  std::int32_t read(std::uint16_t object) const;
+  const std::vector<Refusal> &refused() const { return writes_.refused(); }
+  axis_host_t *axis() { return axis_.get(); }
+
+ private:
+  struct Deleter {
+    void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+  };
+
+  ExperimentWrites::Write writer();
+  void write_due(std::int64_t tick) { writes_.give_due(tick, writer()); }
+  LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
+    axis_outputs_t outputs{};
+    axis_host_tick(axis_.get(), &inputs, &outputs);
+    const auto out =
+        static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
+    return {tick, outputs.dac_code, out, signals_->fault, signals_->limit_reason, axis};
+  }
+
+  FirmwareOptions options_;
+  const axis_signals_t *signals_;
+  std::unique_ptr<axis_host_t, Deleter> axis_;
+  ExperimentWrites writes_;
+  axis_inputs_t last_{};  // of the last tick
+  std::int64_t next_tick_ = 0;
+  TraceHash hash_;
+};
+
+}  // namespace forceaxis::host

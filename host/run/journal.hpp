@@ -1,0 +1,104 @@
+#pragma once
+// A journal is everything that a firmware on buses took in, with the tick that was to see it: the
+// stored parameters at power-up, frames, bytes, the experiment's writes, in their order. Buses live
+// in wall time; with its journal a run can be had again in process, to the last bit.
+//
+// One axis, text, one entry a line:
+//   forceaxis-journal 1
+//   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
+//   config NODE BUSES / store HEX                          what the firmware was given at power-up
+//   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
+//   bus TICK STATE | modbus TICK HEX | overrun TICK
+//   end TICKS HASH                                         how long it ran, and its trace hash
+// Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-". A journal that breaks off has
+// no end; a line that breaks off does not count.
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "host/run/experiment.hpp"
+
+namespace forceaxis::host {
+
+class JournalWriter {
+ public:
+  // Creates the file or replaces a journal. Throws sim::InputError: it is something else, it cannot
+  // be written, or another process writes it.
+  JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
+                std::span<const std::string> overrides);
+  ~JournalWriter();
+  JournalWriter(const JournalWriter &) = delete;
+  JournalWriter &operator=(const JournalWriter &) = delete;
+
+  // Whether all that was flushed is in the file: on a full disk the run goes on, the journal ends.
+  bool good() const { return out_.good(); }
+  // What the firmware is powered up with, its store included. It is in the file from then on.
+  void power_up(const fw_config_t &config);
+  void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
+  void can(std::int64_t tick, const can_frame_t &frame);
+  void lost(std::int64_t tick, std::uint16_t frames);
+  void bus(std::int64_t tick, std::uint8_t state);
+  void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
+  void overrun(std::int64_t tick);
+  void end(std::int64_t ticks, const std::string &hash);
+  // To be called now and then, so that a process that is killed leaves most of it.
+  void flush();
+
+ private:
+  void write_store(const store_memory_t &memory);
+
+  int lock_;
+  std::ofstream out_;
+};
+
+// Throws what a JournalWriter of the file would, and leaves everything as it is.
+void expect_journal(const std::filesystem::path &file);
+
+// Throws sim::InputError unless a file can be written here, that one or a new one in its folder.
+void expect_writable(const std::filesystem::path &file, const char *option);
+
+struct Journal {
+  // What an entry gives the firmware, besides writes and frames.
+  struct FramesLost {
+    std::uint16_t count;
+  };
+  struct BusState {
+    std::uint8_t state;
+  };
+  struct ModbusBytes {
+    std::vector<std::uint8_t> bytes;
+  };
+  struct Overrun {};
+  struct Entry {
+    std::int64_t tick;
+    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes, Overrun> what;
+  };
+
+  std::filesystem::path file;
+  std::filesystem::path experiment;
+  std::vector<std::string> overrides;
+  std::string inputs_hash;
+  std::uint8_t node_id = 0;
+  std::uint8_t buses = 0;
+  std::uint32_t modbus_baud = 0;
+  std::vector<std::uint8_t> store;  // empty: there was none
+  bool has_store = false;
+  std::vector<Entry> entries;
+  std::int64_t ticks = -1;  // -1: the journal has no end
+  std::string trace_hash;
+
+  // How many ticks it tells of: without an end up to the last entry.
+  std::int64_t known_ticks() const;
+};
+
+// Throws sim::InputError naming file and line.
+Journal read_journal(const std::filesystem::path &file);
+
+}  // namespace forceaxis::host

@@ -1,0 +1,93 @@
+#include "host/run/plant_side.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/axis_host.h"
+#include "host/run/objects.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+constexpr std::size_t kListedEvents = 100000;
+}  // namespace
+
+PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
+    : experiment_(&experiment),
+      options_(options),
+      plant_(experiment.modes, {.audit = options.audit,
+                                .listed_events = options.trace ? kListedEvents : 0,
+                                .seed = experiment.seed}),
+      action_(experiment.actions.begin()),
+      width_(plant_.signal_names().size()) {
+  in_.din = AXIS_DIN_ENABLE;
+  in_.sensor_valid = 1;
+  in_.axis = 1;
+  static_assert(kNoFault == AXIS_FAULT_NONE);
+  const std::vector<std::string> &names = plant_.signal_names();
+  if (options.trace) {
+    const std::size_t rows = static_cast<std::size_t>(experiment.ticks) + 1;
+    result_.signal_names = names;
+    result_.records.reserve(rows);
+    result_.firmware.reserve(rows);
+    result_.signals.resize(rows * width_);
+  }
+  for (const sim::Contact &contact : experiment.model->contacts) {
+    contact_forces_.push_back(static_cast<std::size_t>(
+        std::find(names.begin(), names.end(), contact.name + ".force") - names.begin()));
+  }
+  const Criterion criterion = experiment.criterion.value_or(Criterion{});
+  window_start_ = std::max<std::int64_t>(
+      0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
+}
+
+std::int64_t PlantSide::contact_losses() const {
+  const auto &contacts = plant_.model().contacts;
+  std::int64_t losses = 0;
+  for (const auto &kind : plant_.event_counts()) {
+    const bool of_contact =
+        std::any_of(contacts.begin(), contacts.end(),
+                    [&kind](const sim::Contact &c) { return c.name == kind.element; });
+    if (of_contact && kind.from == "pressed") losses += kind.count;
+  }
+  return losses;
+}
+
+void PlantSide::strike_due() {
+  for (; due(); ++action_) {
+    for (const Impulse &j : action_->impulses) plant_.apply_impulse(j.body, j.impulse_N_s);
+  }
+}
+
+void PlantSide::keep(const TickRecord &record, const LinkOutputs &out) {
+  result_.records.push_back(record);
+  result_.firmware.push_back({out.fault, out.limit_reason});
+  plant_.signals({&result_.signals[static_cast<std::size_t>(tick_) * width_], width_});
+}
+
+RunResult PlantSide::finish() {
+  const auto &adc = plant_.model().adc[0];
+  const int adc_bits = adc ? adc->bits : 8;
+  metrics_.force_ripple_count = force_.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
+  metrics_.position_ripple_count = position_.peak_to_peak();
+  metrics_.contact_losses = contact_losses() - losses_before_window_;
+  metrics_.in_contact = !contact_forces_.empty() &&
+                        std::all_of(contact_forces_.begin(), contact_forces_.end(),
+                                    [this](std::size_t i) { return plant_.signal_at(i) > 0; });
+  if (!contact_forces_.empty()) metrics_.final_force_N = plant_.signal_at(contact_forces_.front());
+
+  result_.fault = enum_text(AXIS_OBJ_FAULT, first_fault_);
+  result_.metrics = metrics_;
+  result_.events = plant_.events();
+  result_.event_count = plant_.crossings() + plant_.jumps();
+  if (options_.audit) result_.energy = plant_.energy();
+  result_.edge_margin = plant_.edge_margin();
+  result_.trace_hash = hash_.hex();
+  if (experiment_->criterion) {
+    result_.verdict = judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
+  }
+  return std::move(result_);
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,113 @@
+#pragma once
+// The plant's side of a run: plant, impulses, trace, metrics and verdict. It knows nothing of the
+// firmware but the records. What happens every tick is inline, as in firmware_side.hpp.
+//
+//   PlantSide plant(experiment, options);
+//   while (plant.running()) plant.act(answer(plant.sense()));
+//   RunResult result = plant.finish();
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "host/run/experiment.hpp"
+#include "host/run/records.hpp"
+#include "host/run/result.hpp"
+#include "host/run/trace_hash.hpp"
+#include "sim/hybrid/plant.hpp"
+
+namespace forceaxis::host {
+
+class PlantSide {
+ public:
+  // The experiment must outlive the side.
+  PlantSide(const Experiment &experiment, const RunOptions &options);
+
+  // Whether a tick is left; the controller is evaluated at both ends, ticks + 1 times.
+  bool running() const { return tick_ <= experiment_->ticks; }
+  std::int64_t tick() const { return tick_; }
+  const sim::Plant &plant() const { return plant_; }
+
+  // What the sensors say in the coming tick, after the impulses due. Once a tick; stays until the
+  // next.
+  const LinkInputs &sense() {
+    if (due()) strike_due();
+    const sim::SensorCodes codes = plant_.codes();
+    in_.tick = tick_;
+    in_.encoder_cnt = codes.encoder;
+    in_.adc0_code = codes.adc[0];
+    in_.adc1_code = codes.adc[1];
+    return in_;
+  }
+
+  // What the firmware answered to it: recorded, then the plant steps to the next tick. Throws
+  // sim::SimulationError if it cannot be stepped on, RunStopped if options.stop says so.
+  void act(const LinkOutputs &out) {
+    if (tick_ % kTicksBetweenAsking == 0 && options_.stop && options_.stop()) throw RunStopped();
+    const TickRecord record = tick_record(in_, out);
+    hash_.add(record);
+    if (first_fault_ == kNoFault) first_fault_ = out.fault;
+    for (const std::size_t i : contact_forces_) {
+      metrics_.peak_force_N = std::max(metrics_.peak_force_N, plant_.signal_at(i));
+    }
+    if (tick_ > 0 && record.adc0_code != adc0_before_) metrics_.last_adc_change_tick = tick_;
+    adc0_before_ = record.adc0_code;
+    if (tick_ == window_start_) losses_before_window_ = contact_losses();
+    if (tick_ >= window_start_) {
+      force_.add(record.adc0_code);
+      position_.add(record.encoder_cnt);
+      metrics_.saturated_ticks += record.dac_code == 2047 || record.dac_code == -2048;
+    }
+    if (options_.trace) keep(record, out);
+    if (tick_ < experiment_->ticks) plant_.step(out.dac_code, (out.out & 1) != 0);
+    ++tick_;
+  }
+
+  // After the last tick. `refused` is left empty.
+  RunResult finish();
+
+ private:
+  // Peak to peak over the ticks of the window.
+  template <class T>
+  class Ripple {
+   public:
+    void add(T value) {
+      low_ = empty_ || value < low_ ? value : low_;
+      high_ = empty_ || value > high_ ? value : high_;
+      empty_ = false;
+    }
+    double peak_to_peak() const { return static_cast<double>(high_) - static_cast<double>(low_); }
+
+   private:
+    bool empty_ = true;
+    T low_{}, high_{};
+  };
+
+  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // options.stop
+  static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
+
+  bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
+  void strike_due();
+  void keep(const TickRecord &record, const LinkOutputs &out);
+  // Contacts that let go so far; the flanks of a backlash or stop do not count.
+  std::int64_t contact_losses() const;
+
+  const Experiment *experiment_;
+  RunOptions options_;
+  sim::Plant plant_;
+  RunResult result_;
+  std::vector<Action>::const_iterator action_;
+  std::vector<std::size_t> contact_forces_;  // places of their signals
+  std::size_t width_;
+  std::int64_t window_start_;
+  std::int64_t losses_before_window_ = 0;
+  std::int64_t tick_ = 0;
+  LinkInputs in_{};
+  std::uint16_t adc0_before_ = 0;
+  std::uint8_t first_fault_ = kNoFault;
+  Ripple<int> force_;
+  Ripple<std::int64_t> position_;
+  Metrics metrics_;
+  TraceHash hash_;
+};
+
+}  // namespace forceaxis::host

@@ -1,0 +1,94 @@
+#include "host/run/replay.hpp"
+
+#include <algorithm>
+#include <variant>
+#include <vector>
+
+#include "firmware/port/host/store_file.h"
+#include "host/run/firmware_side.hpp"
+#include "host/run/plant_side.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
+
+// The store of a replay: the image that the journal begins with, in memory.
+class RamStore {
+ public:
+  explicit RamStore(std::span<const std::uint8_t> image)
+      : bytes_(2 * std::size_t{kSectorBytes}, 0xFF) {
+    std::copy_n(image.begin(), std::min(image.size(), bytes_.size()), bytes_.begin());
+    memory_.context = this;
+    memory_.sector_bytes = kSectorBytes;
+    memory_.read = [](void *context, std::uint32_t address, std::uint8_t *bytes,
+                      std::uint32_t count) {
+      std::copy_n(&static_cast<RamStore *>(context)->bytes_[address], count, bytes);
+    };
+    memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
+                         std::uint32_t count) {
+      // As flash does: bits only go from 1 to 0.
+      std::uint8_t *to = &static_cast<RamStore *>(context)->bytes_[address];
+      for (std::uint32_t i = 0; i < count; ++i) to[i] &= bytes[i];
+      return true;
+    };
+    memory_.erase = [](void *context, std::uint8_t sector) {
+      std::fill_n(&static_cast<RamStore *>(context)->bytes_[sector * kSectorBytes], kSectorBytes,
+                  std::uint8_t{0xFF});
+      return true;
+    };
+  }
+  RamStore(const RamStore &) = delete;
+  RamStore &operator=(const RamStore &) = delete;
+
+  const store_memory_t *memory() const { return &memory_; }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  store_memory_t memory_{};
+};
+
+// What each kind of entry does to the firmware.
+struct Giver {
+  axis_host_t *axis;
+  void operator()(const ObjectWrite &w) const { axis_host_write(axis, w.object, w.raw); }
+  void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
+  void operator()(const Journal::FramesLost &l) const { axis_host_can_lost(axis, l.count); }
+  void operator()(const Journal::BusState &b) const { axis_host_can_bus(axis, b.state); }
+  void operator()(const Journal::Overrun &) const { axis_host_overrun(axis); }
+  void operator()(const Journal::ModbusBytes &m) const {
+    axis_host_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
+  }
+};
+
+}  // namespace
+
+void apply(const Journal::Entry &entry, axis_host_t *axis) { std::visit(Giver{axis}, entry.what); }
+
+RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
+  Experiment silent = experiment;  // its writes come from the journal
+  silent.initial.clear();
+  for (Action &action : silent.actions) action.writes.clear();
+  RamStore store(journal.store);
+  fw_config_t config{};
+  config.hardware = "host";
+  config.node_id = journal.node_id;
+  config.buses = journal.buses;
+  config.modbus_baud = journal.modbus_baud;
+  if (journal.has_store) config.memory = store.memory();
+  FirmwareSide firmware(silent, {.hash = true, .config = &config});
+  PlantSide plant(silent, options);
+  auto entry = journal.entries.begin();
+  while (plant.running() && plant.tick() < journal.known_ticks()) {
+    for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
+      apply(*entry, firmware.axis());
+    }
+    plant.act(firmware.tick(plant.sense()));
+    firmware.discard_output();
+  }
+  RunResult result = plant.finish();
+  result.firmware_hash = firmware.hash();
+  return result;
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,76 @@
+#pragma once
+// What a run gives, wherever its firmware runs: trace, metrics, energy audit, verdict.
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "host/run/experiment.hpp"
+#include "host/run/experiment_writes.hpp"
+#include "host/run/records.hpp"
+#include "sim/hybrid/plant.hpp"
+
+namespace forceaxis::host {
+
+// What the firmware says of itself after each tick.
+struct FirmwareRecord {
+  std::uint8_t fault;
+  std::uint8_t limit_reason;
+};
+
+struct RunOptions {
+  bool trace = true;  // keep records and signals; without, only metrics, hash and verdict
+  bool audit = true;  // energy audit
+  // The firmware's side hashes as well, which a run over a link does anyway; in process the two
+  // can only agree.
+  bool firmware_hash = false;
+  // Asked every 1024 ticks; true ends the run with RunStopped.
+  std::function<bool()> stop = {};
+};
+
+struct RunStopped : std::runtime_error {
+  RunStopped() : std::runtime_error("the run was stopped") {}
+};
+
+// Over the criterion's window, or the last second without a criterion.
+struct Metrics {
+  double force_ripple_count = 0;          // peak to peak of adc0, scaled to 8-bit counts
+  double position_ripple_count = 0;       // peak to peak of the encoder
+  std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
+  bool in_contact = false;                // every contact pressed at the end of the run
+  double peak_force_N = 0;                // over the whole run, of all contacts, at ticks
+  double final_force_N = 0;               // at the last tick, of the first contact
+  int saturated_ticks = 0;                // in the window, DAC at a rail
+  std::int64_t last_adc_change_tick = 0;  // of adc0's code, over the whole run; 0: it never changed
+};
+
+struct RunResult {
+  std::vector<TickRecord> records;
+  std::vector<FirmwareRecord> firmware;
+  std::vector<std::string> signal_names;
+  std::vector<double> signals;     // row-major, one row a record
+  std::vector<sim::Event> events;  // the first 100,000
+  std::int64_t event_count = 0;
+  sim::EnergyAudit energy;
+  double edge_margin = 0;     // LSB
+  std::string trace_hash;     // hex, the plant's side
+  std::string firmware_hash;  // the firmware's side, if RunOptions asks for it
+  Metrics metrics;
+  std::string fault;  // name of the first fault of the run, "none"
+  std::vector<Refusal> refused;
+  std::string verdict;  // "stable", "unstable", or "" without a criterion
+};
+
+// "stable" or "unstable" from metrics alone, so that thresholds can be varied without a run.
+inline std::string judge(const Criterion &criterion, const Metrics &metrics, bool faulted) {
+  const bool held = !criterion.contact_held || (metrics.in_contact && metrics.contact_losses == 0);
+  const bool calm = metrics.force_ripple_count <=
+                        criterion.force_ripple_max_count.value_or(metrics.force_ripple_count) &&
+                    metrics.position_ripple_count <=
+                        criterion.position_ripple_max_count.value_or(metrics.position_ripple_count);
+  return held && calm && !faulted ? "stable" : "unstable";
+}
+
+}  // namespace forceaxis::host

@@ -1,0 +1,19 @@
+#include "host/run/run.hpp"
+
+#include "host/run/firmware_side.hpp"
+#include "host/run/plant_side.hpp"
+
+namespace forceaxis::host {
+
+// Flat: both sides in one loop.
+[[gnu::flatten]] RunResult run(const Experiment &experiment, const RunOptions &options) {
+  PlantSide plant(experiment, options);
+  FirmwareSide firmware(experiment, {.hash = options.firmware_hash});
+  while (plant.running()) plant.act(firmware.tick(plant.sense()));
+  RunResult result = plant.finish();
+  result.refused = firmware.refused();
+  if (options.firmware_hash) result.firmware_hash = firmware.hash();
+  return result;
+}
+
+}  // namespace forceaxis::host
