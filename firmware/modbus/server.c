@@ -17,12 +17,6 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-void modbus_clear_counters(modbus_t *modbus) {
-  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
-    modbus->counters[i] = 0;
-  }
-}
-
 /* Ticks of 1/1500 s that last at least as long as the silence that ends a frame: 3.5 characters of
  * 11 bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1). */
 static uint32_t ticks_of_silence(uint32_t baud) {

@@ -50,7 +50,11 @@ typedef struct {
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
 
 /* Function 8, sub-function 10. */
-void modbus_clear_counters(modbus_t *modbus);
+static inline void modbus_clear_counters(modbus_t *modbus) {
+  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
+    modbus->counters[i] = 0;
+  }
+}
 
 /* Bytes as they came, before the tick they came in. Cost: those bytes, and at most one request and
  * any number of broadcasts that are whole with them. */
