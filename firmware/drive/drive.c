@@ -1,6 +1,8 @@
 #include "firmware/drive/drive.h"
 
 #include "firmware/drive/modes.h"
+#include "firmware/drive/motion.h"
+#include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/status.h"
 #include "firmware/drive/units.h"
@@ -89,7 +91,7 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
-  drive->lent = (cia402_lent_t){0};
+  drive->overridden = (cia402_overridden_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
   drive->stopping_tick = 0;
@@ -123,8 +125,6 @@ void cia402_wake(cia402_t *drive, const axis_t *axis) {
   }
   cia402_show(drive, axis);
 }
-
-/* --- before the tick -------------------------------------------------------------------------- */
 
 static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
@@ -172,14 +172,14 @@ static bool wants_other_mode(const cia402_t *drive) {
 
 static void operate(cia402_t *drive, axis_t *axis) {
   if (drive->leaving != 0) {
-    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+    if (motion_slow_down(drive, axis, rate_of(drive, false))) {
       enter(drive, drive->leaving_to);
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
     }
     return;
   }
   if (wants_other_mode(drive)) {
-    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+    if (motion_slow_down(drive, axis, rate_of(drive, false))) {
       change_mode(drive);
     }
     return;
@@ -192,7 +192,7 @@ static void operate(cia402_t *drive, axis_t *axis) {
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
-  const bool stands = cia402_slow_down(drive, axis, rate_of(drive, quick));
+  const bool stands = motion_slow_down(drive, axis, rate_of(drive, quick));
   if (drive->stopping_tick < CIA402_STOPPING_TICKS) {
     drive->stopping_tick = (uint16_t)(drive->stopping_tick + 1);
   }
@@ -205,7 +205,7 @@ static void stop_quickly(cia402_t *drive, axis_t *axis) {
   if (option == QUICK_STOP_DISABLE ||
       (has_stopped(drive, axis, quick) && option < QUICK_STOP_STAY)) {
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
-    cia402_rest(drive, axis);
+    motion_rest(drive, axis);
   }
 }
 
@@ -214,7 +214,7 @@ static void react(cia402_t *drive, axis_t *axis) {
   if (option == STOP_AT_ONCE || has_stopped(drive, axis, option == STOP_QUICK)) {
     axis_fault(axis, drive->fault);
     enter(drive, AXIS_DRIVE_STATE_FAULT);
-    cia402_rest(drive, axis);
+    motion_rest(drive, axis);
   }
 }
 
@@ -238,19 +238,17 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
       break;
     case AXIS_DRIVE_STATE_NOT_READY:
       enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
       break;
     default:
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
       break;
   }
 }
 
-/* --- after the tick --------------------------------------------------------------------------- */
-
 void cia402_after(cia402_t *drive, axis_t *axis) {
   const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-                             cia402_controls_force(drive->signals.modes_of_operation_display);
+                             cia402_mode(drive)->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
@@ -263,10 +261,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     drive->homing = CIA402_HOMING_BEGUN;
   }
   cia402_observe(drive, axis);
-  cia402_take_back(drive, axis);
+  motion_restore(drive, axis);
 }
-
-/* --- between ticks ---------------------------------------------------------------------------- */
 
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
   bool right = true;
@@ -297,7 +293,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
 
 /* Out of operation, at once or after slowing down (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
-  if (option == STOP_AT_ONCE || cia402_stands(drive) ||
+  if (option == STOP_AT_ONCE || motion_stands(drive) ||
       axis->signals.active_mode == AXIS_MODE_DISABLED) {
     enter(drive, to);
     return;
@@ -356,7 +352,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   switch (drive->signals.modes_of_operation_display) {
     case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
     case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
-      cia402_take_setpoint(drive);
+      position_take_setpoint(drive);
       break;
     case AXIS_MODES_OF_OPERATION_HOMING:
       drive->homing = CIA402_HOMING_ASKED;
@@ -380,7 +376,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
       if (wants_other_mode(drive) &&
-          (!cia402_is_powered(state_of(drive)) || cia402_stands(drive))) {
+          (!cia402_is_powered(state_of(drive)) || motion_stands(drive))) {
         change_mode(drive);
       }
       break;
