@@ -20,21 +20,21 @@ static void wake(fw_t *fw) {
   }
 }
 
-/* What a contact that comes and goes, or a late port, could repeat every tick. */
-static void tell_held(fw_t *fw, uint16_t code) {
+/* An emergency that could otherwise be repeated in every tick. */
+static void report_limited(fw_t *fw, uint16_t code) {
   const uint8_t i = (uint8_t)(code - FW_HELD_FIRST);
   const uint32_t now = fw->axis.signals.tick_count;
-  if (fw->told[i] != 0 && now - fw->told_tick[i] < FW_HOLD_TICKS) {
+  if (fw->reported[i] != 0 && now - fw->reported_tick[i] < FW_HOLD_TICKS) {
     return;
   }
-  fw->told[i] = 1;
-  fw->told_tick[i] = now;
+  fw->reported[i] = 1;
+  fw->reported_tick[i] = now;
   canopen_emergency(&fw->canopen, code, 0);
 }
 
 enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
 
-/* What the drive watches, SEEN_ bits. */
+/* The state of the contact, SEEN_ bits. */
 static uint8_t watched_contact(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
   /* Each of them is 0 or 1. */
@@ -42,7 +42,7 @@ static uint8_t watched_contact(const fw_t *fw) {
                    signals->limit_cycle * SEEN_LIMIT_CYCLE);
 }
 
-/* Edges of it. A contact is lost only while force is controlled. */
+/* Reports changes of the contact. A contact is lost only while force is controlled. */
 static void watch_contact(fw_t *fw) {
   const uint8_t before = fw->contact_seen;
   const uint8_t now = watched_contact(fw);
@@ -53,13 +53,13 @@ static void watch_contact(fw_t *fw) {
   const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
   const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
   if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_CONTACT_LOST);
+    report_limited(fw, AXIS_ERROR_CODE_CONTACT_LOST);
   }
   if ((risen & SEEN_SATURATED) != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
+    report_limited(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
   }
   if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
+    report_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
@@ -164,7 +164,7 @@ static int arm_recorder(fw_t *fw) {
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* Who asks from now on sees that the store is at work. */
+/* store_state shows at once that the store is at work. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
@@ -262,14 +262,14 @@ static void power_up(fw_t *fw) {
   fw->canopen.signals.serial_number = fw->config.serial_number;
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
-    fw->told[i] = 0;
+    fw->reported[i] = 0;
   }
   fw->ticks_alone = 0;
   fw->contact_seen = 0;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
 }
 
-/* The node boots up; what was to be loaded and could not be is told as soon as it may be. */
+/* The node boots up, and reports parameters that could not be loaded. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
@@ -300,7 +300,7 @@ static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-/* What the node asked for in the call before. */
+/* Requests of the node that its last call led to. */
 static void take_requests(fw_t *fw) {
   if (!canopen_has_requests(&fw->canopen)) {
     return;
@@ -312,15 +312,15 @@ static void take_requests(fw_t *fw) {
   }
 }
 
-static void carry_out_reset(fw_t *fw) {
+static void execute_reset(fw_t *fw) {
   if (fw->canopen.reset == CANOPEN_RESET_NONE) {
     return;
   }
-  /* Who saves and resets at once means the reset to find what was saved. */
+  /* A reset that follows a save at once must load what was saved. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
     return;
   }
-  /* Loading takes longer than a tick on a chip: nothing may stand at the output meanwhile. */
+  /* Loading takes longer than a tick on a chip: the output must be off meanwhile. */
   if (fw->canopen.reset == CANOPEN_RESET_NODE &&
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
@@ -400,7 +400,7 @@ void fw_between(fw_t *fw) {
   if (fw->config.buses != 0) {
     serve_node(fw);
     modbus_tick(&fw->modbus, &fw->objects);
-    carry_out_reset(fw);
+    execute_reset(fw);
   }
   serve_store(fw);
 }
@@ -438,7 +438,7 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
 void fw_overrun(fw_t *fw) {
   count_up(&fw->device_signals.overruns, 1);
   if (fw->config.buses != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
+    report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 

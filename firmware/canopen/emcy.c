@@ -39,7 +39,7 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* The latest first; the oldest falls out. */
+/* The latest first; the oldest is dropped. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -60,7 +60,7 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The history has it, and the latest says what is. */
+    /* The history keeps the oldest; the latest shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -125,7 +125,7 @@ void emcy_tick(canopen_t *canopen) {
   }
 }
 
-void emcy_forget(canopen_t *canopen) {
+void emcy_clear_history(canopen_t *canopen) {
   canopen->params.error_history_count = 0;
   for (uint8_t i = 0; i < EMCY_HISTORY; i++) {
     canopen->signals.error_history[i] = 0;

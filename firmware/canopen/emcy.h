@@ -7,27 +7,27 @@
  * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
  * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
  * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes
- * are AXIS_ERROR_CODE_. Code 0 says that something has gone; the register in the frame tells
- * whether anything is left. */
+ * are AXIS_ERROR_CODE_. Code 0 says that a condition has ended; the register in the frame
+ * shows whether another one lasts. */
 
 #include <stdint.h>
 
 #include "firmware/canopen/state.h"
 
-/* Notes an emergency; it is sent at the end of a tick. If too many wait, the
- * oldest falls out: the history keeps it, and the latest says what is. */
+/* Notes an emergency; it is sent at the end of a tick. If too many are pending, the
+ * oldest is dropped: the history keeps it, and the latest shows the present state. */
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
 
-/* A lasting condition has come or gone: gives 1001h its value. */
+/* Sets 1001h when a lasting condition begins or ends. */
 void emcy_update(canopen_t *canopen);
 
-/* The drive's error code has changed. */
+/* Reports that the drive's error code has changed. */
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault);
 
 /* Sends what may be sent. */
 void emcy_tick(canopen_t *canopen);
 
 /* 1003h was written 0. */
-void emcy_forget(canopen_t *canopen);
+void emcy_clear_history(canopen_t *canopen);
 
 #endif

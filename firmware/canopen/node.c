@@ -4,14 +4,15 @@
 
 #include "firmware/canopen/cob_id.h"
 #include "firmware/canopen/emcy.h"
+#include "firmware/canopen/heartbeat.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Identifiers and commands of network management. */
-enum { ID_NMT = 0x000, ID_HEARTBEAT = 0x700, ID_HEARTBEAT_LAST = 0x77F };
+/* Identifier and commands of network management. */
+enum { ID_NMT = 0x000 };
 enum {
   NMT_START = 1,
   NMT_STOP = 2,
@@ -25,8 +26,6 @@ enum { DEFERRED_NOTHING = 0, DEFERRED_OUTPUT = 1, DEFERRED_ALL = 2 };
 
 /* 1029h: what a communication error does to the state. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
-
-/* --- power-up --------------------------------------------------------------------------------- */
 
 /* Adds the node id to the COB-IDs of one block whose defaults depend on it. */
 static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
@@ -86,7 +85,7 @@ static void start_heartbeat(canopen_t *canopen) {
 }
 
 static void send_state(canopen_t *canopen, uint8_t state) {
-  can_frame_t *frame = can_output_add(&canopen->output, (uint16_t)(ID_HEARTBEAT + canopen->node_id),
+  can_frame_t *frame = can_output_add(&canopen->output, (uint16_t)(HEARTBEAT_ID + canopen->node_id),
                                       1, CAN_OUTPUT_KEEP_NMT);
   if (frame != NULL) {
     frame->data[0] = state;
@@ -94,14 +93,12 @@ static void send_state(canopen_t *canopen, uint8_t state) {
 }
 
 void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
-  /* The boot-up message is a heartbeat of the state that is left with it. */
+  /* The boot-up message is the heartbeat of the state that ends with it. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
   pdo_start(canopen, objects);
 }
-
-/* --- states ----------------------------------------------------------------------------------- */
 
 static void enter(canopen_t *canopen, uint8_t state) {
   const uint8_t previous = canopen->signals.nmt_state;
@@ -164,8 +161,6 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
   return reset;
 }
 
-/* --- what comes in ---------------------------------------------------------------------------- */
-
 static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   const uint8_t node = frame->data[1];
   if (frame->length != 2 || (node != 0 && node != canopen->node_id)) {
@@ -208,38 +203,6 @@ static void receive_sync(canopen_t *canopen, dictionary_t *objects, const can_fr
   }
 }
 
-/* An entry of 1016h, taken apart; the node is 0 if it watches none. */
-static uint8_t watched_node(uint32_t entry) {
-  const uint32_t node = fx_field(entry, 16, 8);
-  return (uint8_t)((fx_field(entry, 0, 16) != 0 && node <= 127) ? node : 0);
-}
-
-static void heartbeat_found(canopen_t *canopen, uint8_t i) {
-  if (canopen_has(canopen->heartbeats_lost, i)) {
-    canopen_drop(&canopen->heartbeats_lost, i);
-    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
-  }
-}
-
-static void receive_heartbeat(canopen_t *canopen, const can_frame_t *frame) {
-  const uint32_t node = (uint32_t)frame->id - ID_HEARTBEAT;
-  if (frame->length != 1 || node == 0) {
-    return;
-  }
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    const uint32_t entry = canopen->params.consumer_heartbeat[i];
-    if (watched_node(entry) == node) {
-      heartbeat_found(canopen, i);
-      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
-                          fx_ticks_from_ms(fx_field(entry, 0, 16)));
-      /* A boot-up message: who enabled the axis knows nothing of it any more. */
-      if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
-        canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
-      }
-    }
-  }
-}
-
 /* Whether the frame was a request to an SDO server. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const canopen_signals_t *signals = &canopen->signals;
@@ -263,8 +226,8 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
     receive_nmt(canopen, frame);
     return;
   }
-  if (frame->id >= ID_HEARTBEAT && frame->id <= ID_HEARTBEAT_LAST) {
-    receive_heartbeat(canopen, frame);
+  if (frame->id >= HEARTBEAT_ID && frame->id <= HEARTBEAT_ID_LAST) {
+    heartbeat_receive(canopen, frame);
     return;
   }
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_STOPPED) {
@@ -278,17 +241,6 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
   }
 }
 
-/* --- the tick --------------------------------------------------------------------------------- */
-
-static void heartbeat_missed(canopen_t *canopen, uint8_t i) {
-  /* It was not lost before: what runs out was started by a heartbeat. */
-  canopen_put(&canopen->heartbeats_lost, i);
-  emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
-             watched_node(canopen->params.consumer_heartbeat[i]));
-  canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
-  communication_error(canopen);
-}
-
 static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   if (timer == CANOPEN_TIMER_HEARTBEAT) {
     send_state(canopen, canopen->signals.nmt_state);
@@ -299,6 +251,7 @@ static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
     pdo_late(canopen, active, (uint8_t)(timer - CANOPEN_TIMER_RPDO));
   } else if (timer >= CANOPEN_TIMER_CONSUMER) {
     heartbeat_missed(canopen, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
+    communication_error(canopen);
   } /* That the inhibit time of emergencies no longer runs is enough. */
 }
 
@@ -311,7 +264,7 @@ static void serve_timers(canopen_t *canopen, bool active) {
   }
 }
 
-/* Once until all frames have gone out again: a full output must not fill itself. */
+/* Once until all frames are sent: a full output must not fill itself. */
 static void report_overrun(canopen_t *canopen) {
   if (canopen->emcy.overrun_reported == 0) {
     canopen->emcy.overrun_reported = 1;
@@ -395,17 +348,10 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
   return false;
 }
 
-/* --- the lock --------------------------------------------------------------------------------- */
-
 void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
 
 bool canopen_is_watched(const canopen_t *canopen) {
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    if (canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_CONSUMER + i)) {
-      return true;
-    }
-  }
-  return pdo_has_deadline(canopen);
+  return heartbeat_runs(canopen) || pdo_has_deadline(canopen);
 }
 
 uint8_t canopen_lost_for(const canopen_t *canopen) {
@@ -419,15 +365,13 @@ uint8_t canopen_lost_for(const canopen_t *canopen) {
                                                                 : AXIS_FAULT_NONE;
 }
 
-/* --- what the port tells ---------------------------------------------------------------------- */
-
 void canopen_lost(canopen_t *canopen, uint16_t frames) {
   lose_frames(canopen, frames);
   report_overrun(canopen);
 }
 
 static void bus_off(canopen_t *canopen) {
-  /* What waits would come too late, and nothing more gets in until the bus is back. */
+  /* Pending frames would come too late; none is accepted until the bus is back. */
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
@@ -459,26 +403,10 @@ void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
-/* --- parameters ------------------------------------------------------------------------------- */
-
 /* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
 static int check_sync(uint32_t wanted) {
   const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
-/* One consumer for each node. */
-static int check_consumer(const canopen_t *canopen, uint8_t i, uint32_t wanted) {
-  if (fx_field(wanted, 24, 8) != 0) {
-    return FW_ERROR_RANGE;
-  }
-  const uint8_t node = watched_node(wanted);
-  for (uint8_t k = 0; k < CANOPEN_HEARTBEATS; k++) {
-    if (k != i && node != 0 && watched_node(canopen->params.consumer_heartbeat[k]) == node) {
-      return FW_ERROR_MAPPING;
-    }
-  }
-  return FW_OK;
 }
 
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
@@ -493,7 +421,7 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   }
   const int consumer = canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS);
   if (consumer >= 0) {
-    return check_consumer(canopen, (uint8_t)consumer, (uint32_t)value);
+    return heartbeat_check(canopen, (uint8_t)consumer, (uint32_t)value);
   }
   const int result = pdo_check(canopen, object, value);
   return (result == PDO_NOT_MINE) ? FW_OK : result;
@@ -506,14 +434,12 @@ void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t o
   }
   const int consumer = canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS);
   if (consumer >= 0) {
-    /* It is watched from its next heartbeat on. */
-    heartbeat_found(canopen, (uint8_t)consumer);
-    canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)consumer);
+    heartbeat_restart(canopen, (uint8_t)consumer);
     return;
   }
   switch (object) {
     case AXIS_OBJ_ERROR_HISTORY_COUNT:
-      emcy_forget(canopen);
+      emcy_clear_history(canopen);
       break;
     case AXIS_OBJ_PRODUCER_HEARTBEAT_TIME:
       start_heartbeat(canopen);

@@ -98,7 +98,7 @@ uint8_t canopen_lost_for(const canopen_t *canopen);
  */
 bool canopen_is_watched(const canopen_t *canopen);
 
-/* The recorder was stopped or armed: what is being uploaded is gone. */
+/* The recorder was stopped or armed: an upload of the recording ends with an abort. */
 void canopen_recording_replaced(canopen_t *canopen);
 
 #endif

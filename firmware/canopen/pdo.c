@@ -9,8 +9,6 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* --- state ------------------------------------------------------------------------------------ */
-
 static bool rpdo_valid(const canopen_t *canopen, uint8_t i) {
   return canopen_cob_valid(canopen->params.rpdo_cob_id[i]);
 }
@@ -102,8 +100,6 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   update_watched(canopen);
 }
 
-/* --- transmit --------------------------------------------------------------------------------- */
-
 /* What a TPDO would carry now. */
 typedef struct {
   uint32_t low;
@@ -163,8 +159,8 @@ void pdo_tick(canopen_t *canopen, const dictionary_t *objects) {
   const uint32_t now = canopen->timers.now;
   const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;
   const uint8_t watched = canopen->tpdos_watched;
-  for (uint32_t left = with_times | watched; left != 0; left &= left - 1) {
-    const uint32_t i = fx_lowest_bit(left);
+  for (uint32_t remaining = with_times | watched; remaining != 0; remaining &= remaining - 1) {
+    const uint32_t i = fx_lowest_bit(remaining);
     pdo_t *pdo = &canopen->tpdo[i];
     if ((canopen_has(with_times, i) && is_inhibited(canopen, pdo, i, now)) ||
         !canopen_has(watched, i)) {
@@ -192,8 +188,6 @@ static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i
   }
 }
 
-/* --- receive ---------------------------------------------------------------------------------- */
-
 /* An emergency that is not repeated until the PDO was all right again. */
 static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   pdo_t *pdo = &canopen->rpdo[i];
@@ -216,7 +210,7 @@ static bool write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i, boo
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
-      /* That another source owns the axis is no error of the one who sends. */
+      /* A sender that does not own the axis makes no error. */
       refused = refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -224,11 +218,12 @@ static bool write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i, boo
   return refused;
 }
 
-/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
+/* Writes the received values. An object that refuses its value keeps the old one; the others
+ * change. */
 static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
-  /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
+  /* The deadline is met by values that act, not by frames that wait for a SYNC in vain. */
   rpdo_in_time(canopen, i);
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
@@ -286,12 +281,13 @@ void pdo_sync(canopen_t *canopen, dictionary_t *objects) {
 }
 
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
-  /* It begins anew with the axis being active, also for who enables again without the RPDO. */
+  /* The deadline starts again when the axis is active, also if it is enabled again without the
+   * RPDO. */
   canopen_put(&canopen->rpdos_waiting, rpdo);
   if (!active) {
     return;
   }
-  canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
+  canopen->rpdo[rpdo].pending = 0; /* a value that waits for a SYNC is too old to act */
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
     emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
@@ -328,8 +324,6 @@ void pdo_axis_active(canopen_t *canopen) {
   }
   canopen->rpdos_waiting = 0;
 }
-
-/* --- parameters ------------------------------------------------------------------------------- */
 
 /* Both directions keep the same rules; `transmit` and the number say which PDO is meant. */
 typedef struct {

@@ -27,7 +27,7 @@ enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, P
 /* Takes up the parameters of all PDOs, and starts or stops their timers. */
 void pdo_start(canopen_t *canopen, const dictionary_t *objects);
 
-/* The node became operational, or left it. */
+/* The node entered or left the operational state. */
 void pdo_operational(canopen_t *canopen, bool operational);
 
 /* A data frame with an identifier that no other service took. */

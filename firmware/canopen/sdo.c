@@ -313,9 +313,9 @@ static void upload_segment(const request_t *request) {
     abort_segment(request, code);
     return;
   }
-  const uint32_t left = server->size - server->offset;
-  const uint32_t count = (left < SEGMENT_BYTES) ? left : SEGMENT_BYTES;
-  const bool last = left <= SEGMENT_BYTES;
+  const uint32_t remaining = server->size - server->offset;
+  const uint32_t count = (remaining < SEGMENT_BYTES) ? remaining : SEGMENT_BYTES;
+  const bool last = remaining <= SEGMENT_BYTES;
   const uint32_t command = SERVER_UPLOAD_SEGMENT + ((server->toggle != 0) ? TOGGLE : 0u) +
                            (SEGMENT_BYTES - count) * 2 + (last ? LAST : 0u);
   can_frame_t *frame = answer(request->canopen, request->number, (uint8_t)command, 0, 0);

@@ -2,7 +2,7 @@
 #define FIRMWARE_CANOPEN_SDO_H_
 
 /* SDO servers of a CANopen node: expedited and segmented transfers in both directions, no blocks.
- * Each server writes on behalf of one source: the lock of the axis tells them apart. Requests that
+ * Each server writes on behalf of one source: the source lock distinguishes them. Requests that
  * do not have 8 bytes get no answer, as CiA 301 asks for. */
 
 #include <stdint.h>

@@ -138,7 +138,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* Unlimited, so that a late code still tells of its saturation: |law| < 2050, |bias| < 4098. */
+  /* Unlimited, so that a late code still shows its saturation: |law| < 2050, |bias| < 4098. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
     signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,

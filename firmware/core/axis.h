@@ -51,7 +51,7 @@ typedef struct {
   excitation_t excitation;
   uint8_t primed;       /* signals.position is the count of the last tick */
   uint8_t rebase;       /* the next code continues from the one put out before it */
-  uint8_t bias_shift;   /* bump_decay_shift at the change that left signals.bump_bias */
+  uint8_t bias_shift;   /* bump_decay_shift at the change that set signals.bump_bias */
   uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
 } axis_t;
 

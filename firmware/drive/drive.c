@@ -35,7 +35,7 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->force_written = 0;
 }
 
-/* The same of the native modes, whose set-points have no flag but 0. */
+/* The set-points of the native modes have no such flag: 0 is none. */
 static void forget_setpoints(axis_t *axis) {
   axis->params.open_loop_code = 0;
   axis->params.excitation_amplitude = 0;
@@ -53,7 +53,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    /* What was asked for before a fault must be asked for again. */
+    /* Targets from before a fault must be written again. */
     cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
@@ -308,7 +308,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
   if (to == from) {
     if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
-      drive->leaving = 0; /* changed its mind while slowing down */
+      drive->leaving = 0; /* enabled again while slowing down */
     }
     return;
   }
@@ -343,7 +343,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
-    drive->position_written = 0; /* go on to where the next target says */
+    drive->position_written = 0; /* continues with the next target */
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
       wants_other_mode(drive)) {
@@ -382,8 +382,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_TARGET_POSITION:
       drive->position_written = 1;
-      drive->interpolation_left = fx_ticks_from_period(drive->params.interpolation_period,
-                                                       drive->params.interpolation_exponent);
+      drive->interpolation_remaining = fx_ticks_from_period(drive->params.interpolation_period,
+                                                            drive->params.interpolation_exponent);
       break;
     case AXIS_OBJ_TARGET_VELOCITY:
       drive->velocity_written = 1;
@@ -393,7 +393,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_POLARITY:
       if (value != previous) {
-        cia402_forget_targets(drive); /* they were meant the other way round */
+        cia402_forget_targets(drive); /* they were meant in the other direction */
       }
       break;
     case AXIS_OBJ_RATED_FORCE:

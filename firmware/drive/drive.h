@@ -69,16 +69,16 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
-  fx_ratio_t force_of_reading; /* and back */
-  int32_t force_demand_q16;    /* per mille, Q16 */
-  cia402_setpoint_t setpoint;  /* being pursued, or pursued last */
-  cia402_setpoint_t buffered;  /* the one after it */
-  uint32_t interpolation_left; /* ticks until the cyclic target is to be reached */
-  uint32_t outside_tick;       /* ticks that the following error was outside its window */
-  uint32_t reached_tick;       /* ticks that the target has been reached */
-  uint32_t standing_tick;      /* ticks that the axis has stood */
-  int32_t velocity_sum;        /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
+  fx_ratio_t reading_of_force;      /* 1/256 count of the reading per per mille */
+  fx_ratio_t force_of_reading;      /* and back */
+  int32_t force_demand_q16;         /* per mille, Q16 */
+  cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
+  cia402_setpoint_t buffered;       /* the one after it */
+  uint32_t interpolation_remaining; /* ticks until the cyclic target is to be reached */
+  uint32_t outside_tick;            /* ticks that the following error was outside its window */
+  uint32_t reached_tick;            /* ticks that the target has been reached */
+  uint32_t standing_tick;           /* ticks that the axis has stood */
+  int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
   cia402_overridden_t overridden;
@@ -130,8 +130,8 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 /* What was written for the modes of the drive acts no more until it is written again. */
 void cia402_forget_targets(cia402_t *drive);
 
-/* The owner of the axis has gone: what abort_connection_option says, with this fault, if the axis
- * is enabled. What it asked for is forgotten, unless the axis is to go on. */
+/* The owner of the axis is lost: does what abort_connection_option says, with this fault, if the
+ * axis is enabled. What it asked for is forgotten, unless the axis is to go on. */
 void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 /* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */

@@ -130,7 +130,7 @@ void cia402_leave_mode(cia402_t *drive) {
   drive->acknowledged = 0;
   drive->stopped_by_contact = 0;
   drive->homing = CIA402_HOMING_IDLE;
-  drive->interpolation_left = 0;
+  drive->interpolation_remaining = 0;
   drive->force_demand_q16 = 0;
   drive->pressing = 0;
   drive->reached_tick = 0;

@@ -41,7 +41,7 @@ bool cia402_mode_exists(int32_t mode);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* Whatever was begun in a mode is forgotten: it was left, or the axis disabled. */
+/* Resets what was begun in a mode: it was left, or the axis disabled. */
 void cia402_leave_mode(cia402_t *drive);
 
 #endif

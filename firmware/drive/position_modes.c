@@ -109,8 +109,8 @@ void position_cyclic(cia402_t *drive, axis_t *axis) {
   }
   const motion_way_t way =
       motion_way_to(drive, motion_within_limits(drive, drive->params.target_position));
-  const uint32_t ticks = (drive->interpolation_left == 0) ? 1 : drive->interpolation_left;
-  drive->interpolation_left = ticks - 1;
+  const uint32_t ticks = (drive->interpolation_remaining == 0) ? 1 : drive->interpolation_remaining;
+  drive->interpolation_remaining = ticks - 1;
   const int32_t step = fx_part_q16(way.distance_q16, ticks, most);
   drive->limited |= (uint8_t)(step == most);
   trajectory_step(&drive->trajectory, way.negative ? -step : step);

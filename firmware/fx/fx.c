@@ -9,21 +9,21 @@ uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
 }
 
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
-  uint64_t left = a;
+  uint64_t remaining = a;
   uint64_t by = b;
   int32_t shift = 31 - (int32_t)e;
-  for (; left < by; left <<= 1) {
+  for (; remaining < by; remaining <<= 1) {
     shift += 1;
   }
-  for (; left >= by << 1; by <<= 1) {
+  for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* by <= left < 2 by: long division, the first bit is a one. */
+  /* by <= remaining < 2 by: long division, the first bit is a one. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
-    const bool one = left >= by;
+    const bool one = remaining >= by;
     mantissa = (mantissa << 1) | (uint32_t)one;
-    left = (one ? left - by : left) << 1;
+    remaining = (one ? remaining - by : remaining) << 1;
   }
   if (shift < 0) {
     return (fx_ratio_t){.mantissa = UINT32_MAX, .shift = 0};

@@ -95,8 +95,8 @@ static inline int32_t fx_sine_q15(uint32_t phase_q32) {
 static inline int32_t fx_decay(int32_t x, uint32_t n) {
   const uint32_t size = fx_magnitude(x);
   const uint32_t step = size >> n;
-  const uint32_t left = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
-  return (x < 0) ? fx_s32_from_u32((uint32_t)0 - left) : (int32_t)left;
+  const uint32_t remaining = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
+  return (x < 0) ? fx_s32_from_u32((uint32_t)0 - remaining) : (int32_t)remaining;
 }
 
 /* A count as Q32. Exact. */
@@ -112,7 +112,7 @@ static inline uint64_t fx_q32_advance(uint64_t x_q32, int32_t v_q16) {
   return x_q32 + (uint64_t)((int64_t)v_q16 * 65536);
 }
 
-/* Distances of this many counts and more are not told apart: 2^21. */
+/* Larger distances count as this one: 2^21 counts. */
 #define FX_DISTANCE_MAX_CNT ((uint32_t)1 << 21)
 #define FX_DISTANCE_MAX_Q16 (((uint64_t)1 << 37) - 1)
 
