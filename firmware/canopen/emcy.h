@@ -6,8 +6,10 @@
  * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
  * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
  * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
- * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes
- * are AXIS_ERROR_CODE_. Code 0 says that a condition has ended; the register in the frame
+ * refused by an object, the owner that is lost, store_state of a store that failed, else 0. The
+ * other four are 0, but at power-up those of store_failed: index (two bytes, the lower first) and
+ * sub-index of the first parameter that is not as stored, and how many there are, at most 255.
+ * Codes are AXIS_ERROR_CODE_. Code 0 says that a condition has ended; the register in the frame
  * shows whether another one lasts. */
 
 #include <stdint.h>
@@ -17,6 +19,7 @@
 /* Notes an emergency; it is sent at the end of a tick. If too many are pending, the
  * oldest is dropped: the history keeps it, and the latest shows the present state. */
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
+void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* Sets 1001h when a lasting condition begins or ends. */
 void emcy_update(canopen_t *canopen);

@@ -340,6 +340,11 @@ void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_a
   canopen->timers.now += 1;
 }
 
+void canopen_missed(canopen_t *canopen, uint32_t ticks) {
+  pdo_missed(canopen, ticks);
+  canopen_timers_missed(&canopen->timers, ticks);
+}
+
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
   if (can_output_take(&canopen->output, frame)) {
     return true;
@@ -399,6 +404,10 @@ void canopen_bus(canopen_t *canopen, uint8_t state) {
 
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise(canopen, code, info);
+}
+
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
+  emcy_raise_detailed(canopen, code, info, detail);
 }
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }

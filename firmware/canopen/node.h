@@ -61,6 +61,11 @@ static inline bool canopen_has_reported(const canopen_t *canopen, uint16_t error
   return canopen->emcy.drive_code == error_code;
 }
 
+/* So many ticks did not come, because the processor was at a standstill; not while
+ * canopen_is_behind(). What was to be sent meanwhile is due in the coming tick, once. Deadlines of
+ * what is received are put off by as much: nothing could be received. */
+void canopen_missed(canopen_t *canopen, uint32_t ticks);
+
 /* The next frame to be sent; false: none. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 
@@ -77,6 +82,7 @@ void canopen_bus(canopen_t *canopen, uint8_t state);
 /* An emergency that is no fault of the axis: CiA code, and what is put in its manufacturer bytes.
  */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* Whether a value within its range may be written now to an object of the node: FW_OK,
  * FW_ERROR_RANGE, FW_ERROR_STATE, FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT for an entry of a mapping

@@ -19,6 +19,7 @@ typedef struct {
   uint16_t code;
   uint8_t error_register;
   uint8_t info;
+  uint32_t detail; /* the last four bytes, the lowest first */
 } emergency_t;
 
 typedef struct {
