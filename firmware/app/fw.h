@@ -15,7 +15,7 @@
 #include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
-#include "firmware/objects/access.h"
+#include "firmware/objects/dictionary.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
@@ -25,29 +25,30 @@
 
 /* Emergencies that are no fault of the axis: store_failed (at power-up: what is kept is not in
  * force, or not the newest of it; its first manufacturer byte is store_state), source_lost (where
- * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are given when it
+ * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are sent when it
  * happens, and then not again for FW_HOLD_TICKS: contact_losses, force_saturated, limit_cycle and
- * overruns tell the rest. FF07h, watchdog_reset: at a power-up by the watchdog. */
+ * overruns count on. FF07h, watchdog_reset: at a power-up by the watchdog. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* Ticks that fw_between() may stay away for, 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
-/* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
+/* What a port gives the firmware. All 0 is an axis on no bus. */
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
   uint32_t recorder_bytes;
   const store_memory_t *memory; /* NULL: parameters are not kept */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint32_t modbus_baud;   /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;        /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
   uint8_t buses;          /* 1: CANopen and Modbus are served */
-  uint8_t watchdog_fired; /* 1: that is why the chip starts; told as an emergency */
+  uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
-struct fw {
+typedef struct {
+  dictionary_t objects; /* the first member: dictionary.h */
   axis_t axis;
   recorder_t recorder;
   cia402_t drive;
@@ -57,14 +58,13 @@ struct fw {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence;     /* ticks since the owner last wrote */
-  uint32_t ticks_alone;        /* since fw_between() last ran */
-  uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
-  uint8_t told[FW_HELD];       /* 1: was given since power-up */
-  uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
-  uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
-  uint8_t live;                /* drive and protocols are served; see fw_tick() */
-};
+  uint32_t source_silence;         /* ticks since the owner last wrote */
+  uint32_t ticks_alone;            /* since fw_between() last ran */
+  uint32_t reported_tick[FW_HELD]; /* when each limited emergency was last sent */
+  uint8_t reported[FW_HELD];       /* 1: was sent since power-up */
+  uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
+  uint8_t live;                    /* drive and protocols are served; see fw_tick() */
+} fw_t;
 
 /* Power-up: stored parameters, else defaults; axis disabled, recorder idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
@@ -122,13 +122,13 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
  * which canopen_missed() says more. After fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* Stored parameters, for the store. Whether a value may be put into an object at power-up; and
- * putting it there, without telling anyone: whoever depends on it starts afterwards. */
-bool fw_object_restorable(uint16_t object, int32_t value);
-void fw_object_restore(fw_t *fw, uint16_t object, int32_t value);
+/* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a
+ * firmware on no bus where the object is beyond axis and recorder. */
+int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
- * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or
+ * of recorder_signal_1.., without channels set to 0. Returns how many values, or
  * FW_ERROR_NO_DATA. */
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 

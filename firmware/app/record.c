@@ -1,6 +1,6 @@
 #include "firmware/app/record.h"
 
-#include "firmware/fx/fx.h"
+#include "firmware/fx/bytes.h"
 
 enum { PIECE_BYTES = 16 };
 

@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 
-#include "firmware/app/fw.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_SET_BYTES, "a sector holds a set");
@@ -42,7 +42,7 @@ void store_init(store_t *store, const store_memory_t *memory) {
 /* The object at an address, or AXIS_OBJ_NONE. */
 static uint16_t object_at(uint32_t address) {
   const axis_address_t *found =
-      fw_address((uint16_t)fx_field(address, 8, 16), (uint8_t)fx_field(address, 0, 8));
+      dictionary_address((uint16_t)fx_field(address, 8, 16), (uint8_t)fx_field(address, 0, 8));
   return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
 }
 
@@ -56,23 +56,24 @@ static const axis_change_t *change_at(uint32_t address) {
 }
 
 /* The node id where an object's default follows it, else 0. */
-static uint32_t node_id_of(const fw_t *fw, uint16_t object) {
+static uint32_t node_id_of(const dictionary_t *objects, uint16_t object) {
   int32_t node_id = 0;
   if (axis_objects[object].node_id != 0) {
-    (void)fw_object_read(fw, AXIS_OBJ_NODE_ID, &node_id);
+    (void)dictionary_read(objects, AXIS_OBJ_NODE_ID, &node_id);
   }
   return (uint32_t)node_id;
 }
 
 /* A default of the set's table, which need not be today's. */
-static void judge_default(const fw_t *fw, entry_t *entry) {
+static void judge_default(const dictionary_t *objects, entry_t *entry) {
   if (entry->value != axis_objects[entry->object].initial) {
     entry->verdict = ENTRY_OLD_DEFAULT;
   }
-  entry->value = fx_s32_from_u32((uint32_t)entry->value + node_id_of(fw, entry->object));
+  entry->value = fx_s32_from_u32((uint32_t)entry->value + node_id_of(objects, entry->object));
 }
 
-static entry_t read_entry(const store_t *store, const fw_t *fw, uint32_t magic, uint32_t at) {
+static entry_t read_entry(const store_t *store, const dictionary_t *objects, uint32_t magic,
+                          uint32_t at) {
   uint8_t words[STORE_ENTRY_BYTES];
   store->memory->read(store->memory->context, at, words, record_entry_bytes(magic));
   const uint32_t first = fx_load_le32(&words[0]);
@@ -81,7 +82,7 @@ static entry_t read_entry(const store_t *store, const fw_t *fw, uint32_t magic, 
   entry.object = object_at(entry.address);
   entry.value = fx_s32_from_u32(fx_load_le32(&words[4]));
   const uint32_t flags = first - entry.address;
-  bool fits = fw_object_restorable(entry.object, entry.value);
+  bool fits = dictionary_restorable(entry.object, entry.value);
   if (magic == RECORD_SET) {
     fits = fits && (flags == 0 || flags == AT_DEFAULT) &&
            fx_load_le32(&words[8]) == axis_objects[entry.object].signature;
@@ -91,7 +92,7 @@ static entry_t read_entry(const store_t *store, const fw_t *fw, uint32_t magic, 
   }
   entry.verdict = fits ? ENTRY_FITS : ENTRY_DROPPED;
   if (fits && flags == AT_DEFAULT) {
-    judge_default(fw, &entry);
+    judge_default(objects, &entry);
   }
   return entry;
 }
@@ -121,7 +122,8 @@ static bool has_entry(const store_t *store, const record_t *record, uint32_t add
 }
 
 /* A parameter that a set of version 0.1.0 omits, since it was at its default. */
-static bool next_omitted(const store_t *store, const fw_t *fw, cursor_t *cursor, entry_t *entry) {
+static bool next_omitted(const store_t *store, const dictionary_t *objects, cursor_t *cursor,
+                         entry_t *entry) {
   const axis_change_t *change = cursor->change;
   while (change->address != 0 && has_entry(store, &cursor->record, change->address)) {
     change++;
@@ -135,30 +137,31 @@ static bool next_omitted(const store_t *store, const fw_t *fw, cursor_t *cursor,
                      .value = change->initial,
                      .verdict = (change->fits != 0) ? ENTRY_FITS : ENTRY_DROPPED};
   if (change->fits != 0) {
-    judge_default(fw, entry);
+    judge_default(objects, entry);
   }
   return true;
 }
 
-static bool next_entry(const store_t *store, const fw_t *fw, cursor_t *cursor, entry_t *entry) {
+static bool next_entry(const store_t *store, const dictionary_t *objects, cursor_t *cursor,
+                       entry_t *entry) {
   const record_t *record = &cursor->record;
   if (cursor->next < record->entries) {
-    *entry = read_entry(store, fw, record->magic, entry_at(record, cursor->next));
+    *entry = read_entry(store, objects, record->magic, entry_at(record, cursor->next));
     cursor->next += record_entry_bytes(record->magic);
     return true;
   }
-  return record->magic == RECORD_SET_0_1_0 && next_omitted(store, fw, cursor, entry);
+  return record->magic == RECORD_SET_0_1_0 && next_omitted(store, objects, cursor, entry);
 }
 
 /* Whether a record can be loaded: every entry of this table must fit, those of another one are
  * judged one by one. */
-static bool is_usable(const store_t *store, const fw_t *fw, const record_t *record) {
+static bool is_usable(const store_t *store, const dictionary_t *objects, const record_t *record) {
   bool usable = record->magic == RECORD_SET || record->magic == RECORD_FORGOTTEN ||
                 (record->magic == RECORD_SET_0_1_0 && record->hash == AXIS_OBJECTS_HASH32_0_1_0);
   if (record->magic == RECORD_SET && record->hash == AXIS_OBJECTS_HASH32) {
     cursor_t cursor = cursor_of(record);
     entry_t entry;
-    while (usable && next_entry(store, fw, &cursor, &entry)) {
+    while (usable && next_entry(store, objects, &cursor, &entry)) {
       usable = entry.verdict != ENTRY_DROPPED;
     }
   }
@@ -177,10 +180,10 @@ static void note_change(store_t *store, const entry_t *entry) {
 }
 
 /* Puts a value of the set into its object, if that is of the block; AXIS_BLOCK_NONE: of any. */
-static void restore(fw_t *fw, const entry_t *entry, uint8_t block) {
+static void restore(dictionary_t *objects, const entry_t *entry, uint8_t block) {
   if (entry->verdict != ENTRY_DROPPED &&
       (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
-    fw_object_restore(fw, entry->object, entry->value);
+    dictionary_restore(objects, entry->object, entry->value);
   }
 }
 
@@ -228,7 +231,7 @@ static uint8_t state_of_loaded(const store_t *store, bool older) {
                                     : AXIS_STORE_STATE_LOADED;
 }
 
-uint8_t store_load(store_t *store, fw_t *fw) {
+uint8_t store_load(store_t *store, dictionary_t *objects) {
   store_init(store, store->memory);
   if (store->memory == NULL) {
     return AXIS_STORE_STATE_EMPTY;
@@ -243,12 +246,12 @@ uint8_t store_load(store_t *store, fw_t *fw) {
   settle(store, record);
   store->sequence = record->sequence;
   bool older = has_remains(store, record);
-  if (!is_usable(store, fw, record)) {
+  if (!is_usable(store, objects, record)) {
     if (record->magic == RECORD_SET_0_1_0) {
       return AXIS_STORE_STATE_OTHER_TABLE;
     }
     record = &newest[1];
-    if (!is_usable(store, fw, record)) {
+    if (!is_usable(store, objects, record)) {
       return AXIS_STORE_STATE_FAILED;
     }
     settle(store, record);
@@ -260,8 +263,8 @@ uint8_t store_load(store_t *store, fw_t *fw) {
   store->set = record->begin;
   cursor_t cursor = cursor_of(record);
   entry_t entry;
-  while (next_entry(store, fw, &cursor, &entry)) {
-    restore(fw, &entry, AXIS_BLOCK_NONE);
+  while (next_entry(store, objects, &cursor, &entry)) {
+    restore(objects, &entry, AXIS_BLOCK_NONE);
     if (entry.verdict != ENTRY_FITS) {
       note_change(store, &entry);
     }
@@ -269,7 +272,7 @@ uint8_t store_load(store_t *store, fw_t *fw) {
   return state_of_loaded(store, older);
 }
 
-bool store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
+bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block) {
   if (store->set == STORE_NOWHERE) {
     return true;
   }
@@ -280,8 +283,8 @@ bool store_load_block(const store_t *store, fw_t *fw, uint8_t block) {
   }
   cursor_t cursor = cursor_of(&record);
   entry_t entry;
-  while (next_entry(store, fw, &cursor, &entry)) {
-    restore(fw, &entry, block);
+  while (next_entry(store, objects, &cursor, &entry)) {
+    restore(objects, &entry, block);
   }
   return true;
 }
@@ -395,15 +398,15 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-static bool step_entry(store_t *store, const fw_t *fw) {
+static bool step_entry(store_t *store, const dictionary_t *objects) {
   while (axis_objects[store->object].stored == 0) {
     store->object = (uint16_t)(store->object + 1);
   }
   const axis_object_t *object = &axis_objects[store->object];
   int32_t value = 0;
-  (void)fw_object_read(fw, store->object, &value);
+  (void)dictionary_read(objects, store->object, &value);
   const bool is_default =
-      (uint32_t)value == (uint32_t)object->initial + node_id_of(fw, store->object);
+      (uint32_t)value == (uint32_t)object->initial + node_id_of(objects, store->object);
   uint8_t entry[STORE_ENTRY_BYTES];
   fx_store_le(&entry[0], address_of(store->object) | (is_default ? AT_DEFAULT : 0), 4);
   fx_store_le(&entry[4], (uint32_t)(is_default ? object->initial : value), 4);
@@ -441,7 +444,7 @@ static bool step_read_back(store_t *store) {
   return true;
 }
 
-static bool take_step(store_t *store, const fw_t *fw) {
+static bool take_step(store_t *store, const dictionary_t *objects) {
   switch (store->step) {
     case STEP_ERASE:
       store->step = STEP_BLANK;
@@ -451,7 +454,7 @@ static bool take_step(store_t *store, const fw_t *fw) {
     case STEP_HEAD:
       return step_head(store);
     case STEP_ENTRIES:
-      return step_entry(store, fw);
+      return step_entry(store, objects);
     case STEP_CRC:
       return step_crc(store);
     default:
@@ -459,11 +462,11 @@ static bool take_step(store_t *store, const fw_t *fw) {
   }
 }
 
-uint8_t store_tick(store_t *store, const fw_t *fw) {
+uint8_t store_tick(store_t *store, const dictionary_t *objects) {
   if (store->step == STEP_IDLE) {
     return AXIS_STORE_STATE_COUNT;
   }
-  if (!take_step(store, fw)) {
+  if (!take_step(store, objects)) {
     return give_up(store);
   }
   if (store->step != STEP_IDLE) {

@@ -36,7 +36,7 @@
 #include <stdint.h>
 
 #include "firmware/app/record.h"
-#include "firmware/objects/access.h"
+#include "firmware/objects/dictionary.h"
 
 enum {
   STORE_ENTRY_BYTES = 12,
@@ -74,7 +74,7 @@ typedef struct {
 
 void store_init(store_t *store, const store_memory_t *memory);
 
-/* Reads the newest whole set into the parameters of fw, which are at their defaults; work in
+/* Reads the newest whole set into the parameters of objects, which are at their defaults; work in
  * progress is given up, as by a cut. A set of this very table that has an entry which does not fit
  * is damaged: the set before it counts, whole. Returns AXIS_STORE_STATE_
  *   LOADED               every value as stored;
@@ -88,12 +88,13 @@ void store_init(store_t *store, const store_memory_t *memory);
  *   FAILED               something is there, but no set that fits.
  * Cost: reads both sectors once, and what is blank of them twice; of the set in force each entry
  * twice, and finds its object by bisection. On a Cortex-M4 with two sectors of 16 KiB that are full
- * of sets some 300,000 instructions more than with blank ones, 1.2 million for the whole power-up. */
-uint8_t store_load(store_t *store, fw_t *fw);
+ * of sets some 300,000 instructions more than with blank ones, 1.2 million for the whole power-up.
+ */
+uint8_t store_load(store_t *store, dictionary_t *objects);
 
 /* Gives one block (AXIS_BLOCK_) its stored values again, from the set that store_load() took or was
  * saved since. False: that set is damaged by now, and the block is as it was. */
-bool store_load_block(const store_t *store, fw_t *fw, uint8_t block);
+bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block);
 
 /* Starts to keep the present parameters, or to forget them: FW_OK, FW_ERROR_BUSY, or
  * FW_ERROR_NO_MEMORY. Until the end the parameters must not change. */
@@ -107,6 +108,6 @@ static inline bool store_is_busy(const store_t *store) { return store->step != 0
  * save takes one tick for each stored parameter and some 40 others, and 1 for each 64 bytes of a
  * sector that has to be erased. Returns AXIS_STORE_STATE_SAVING, _SAVED, _RESTORED or _FAILED, or
  * AXIS_STORE_STATE_COUNT when there was nothing to do. */
-uint8_t store_tick(store_t *store, const fw_t *fw);
+uint8_t store_tick(store_t *store, const dictionary_t *objects);
 
 #endif

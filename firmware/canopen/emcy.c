@@ -1,9 +1,11 @@
 #include "firmware/canopen/emcy.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/canopen/cob_id.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/canopen/node.h"
 
 /* Bits of the error register. */
 enum {
@@ -37,7 +39,7 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* The latest first; the oldest falls out. */
+/* The latest first; the oldest is dropped. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -62,7 +64,7 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The history has it, and the latest says what is. */
+    /* The history keeps the oldest; the latest shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -76,8 +78,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
                     .detail = detail};
 }
 
-/* What the node has told by itself, when it took the owner away. */
-static bool is_told(const canopen_t *canopen, uint16_t code) {
+/* Whether the node has reported it already, when the owner was lost. */
+static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:
       return canopen->heartbeats_lost != 0;
@@ -92,7 +94,7 @@ static bool is_told(const canopen_t *canopen, uint16_t code) {
 
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
   canopen->emcy.drive_code = code;
-  if (is_told(canopen, code)) {
+  if (is_reported(canopen, code)) {
     emcy_update(canopen);
   } else {
     emcy_raise(canopen, code, (code == AXIS_ERROR_CODE_NONE) ? 0 : fault);
@@ -129,7 +131,7 @@ void emcy_tick(canopen_t *canopen) {
   }
 }
 
-void emcy_forget(canopen_t *canopen) {
+void emcy_clear_history(canopen_t *canopen) {
   canopen->params.error_history_count = 0;
   for (uint8_t i = 0; i < EMCY_HISTORY; i++) {
     canopen->signals.error_history[i] = 0;

@@ -2,13 +2,14 @@
 #define FIRMWARE_CANOPEN_TIMERS_H_
 
 /* Timers of the node, in ticks; those of the TPDOs are in pdo.h. Each is kept in the slot of a
- * tick, modulo CANOPEN_TIMER_SLOTS, not after the one in which it runs out, so a tick looks at
+ * tick, modulo CANOPEN_TIMER_SLOTS, not after the one in which it runs out, so a tick checks
  * those of its slot only; none of them costs one comparison. One that is started again before it
- * ran out, as most are, stays in its slot and moves on when that is looked at. */
+ * ran out, as most are, stays in its slot and moves on when that is checked. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 enum {

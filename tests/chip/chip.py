@@ -235,16 +235,16 @@ class Chip:
     def write(self, name, value):
         """As the port itself would; returns the refusal, 0 for none."""
         number = objects.BY_NAME[name].number
-        return self.call("fw_object_write", self.symbols["firmware"], LOCAL, number, value)
+        return self.call("dictionary_write", self.symbols["firmware"], LOCAL, number, value)
 
     def read(self, name):
         at = RAM + RAM_BYTES - 16
         number = objects.BY_NAME[name].number
-        assert self.call("fw_object_read", self.symbols["firmware"], number, at) == 0
+        assert self.call("dictionary_read", self.symbols["firmware"], number, at) == 0
         return struct.unpack("<i", self.uc.mem_read(at, 4))[0]
 
     def text(self, index):
-        at = self.call("fw_text", self.symbols["firmware"], index) & 0xFFFFFFFF
+        at = self.call("dictionary_text", self.symbols["firmware"], index) & 0xFFFFFFFF
         return bytes(self.uc.mem_read(at, 64)).split(b"\0")[0].decode()
 
     # The board.

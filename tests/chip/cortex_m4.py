@@ -257,7 +257,7 @@ class Chip:
     def byte(self, number):
         """The value of an object of 8 bits."""
         if number not in self.places:
-            self.places[number] = FW + self.call("fw_object_place", number)
+            self.places[number] = FW + self.call("dictionary_place", FW, number)
         return self.uc.mem_read(self.places[number], 1)[0]
 
     def receive(self, can_id, data):

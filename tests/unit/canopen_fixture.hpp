@@ -90,8 +90,14 @@ class Canopen : public BusFixture {
   // Runs the node's tick alone: the drive's signals stay as the test has set them.
   void NodeTick(int ticks = 1) {
     for (int i = 0; i < ticks; ++i) {
-      canopen_tick_begin(&fw_.canopen, &fw_, false);
-      canopen_tick_end(&fw_.canopen, &fw_);
+      const canopen_axis_t axis{fw_.drive.signals.error_code, fw_.axis.signals.fault,
+                                fw_.axis.signals.active_mode != AXIS_MODE_DISABLED};
+      canopen_tick_begin(&fw_.canopen, &fw_.objects, axis.active != 0,
+                         !canopen_has_reported(&fw_.canopen, axis.error_code));
+      while (canopen_is_behind(&fw_.canopen)) {
+        canopen_tick_timers(&fw_.canopen, axis.active != 0);
+        canopen_tick_end(&fw_.canopen, &fw_.objects, axis);
+      }
     }
   }
 

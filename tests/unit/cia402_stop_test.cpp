@@ -115,7 +115,7 @@ TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
   Tick(200);
   cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
-  EXPECT_EQ(fw_object_check(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
+  EXPECT_EQ(dictionary_check(&fw_.objects, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
             FW_ERROR_STATE);
   Tick(14999);
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);

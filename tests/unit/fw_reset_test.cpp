@@ -69,7 +69,7 @@ class Node {
       const uint8_t bytes[3] = {kNode, 3, static_cast<uint8_t>(below(256))};
       fw_modbus_receive(&fw_, bytes, static_cast<uint16_t>(below(4)));
     }
-    if (below(30) == 0) fw_overrun(&fw_);
+    if (below(30) == 0) fw_overrun(&fw_, 0);
     inputs_.encoder_cnt += static_cast<int32_t>(below(41)) - 20;
     inputs_.adc_code[0] = static_cast<uint16_t>(below(20) != 0 ? 30 * below(2) : 255);
     inputs_.sensor_valid = below(200) != 0;

@@ -82,7 +82,7 @@ TEST_F(StoreFile, AKilledProcessLeavesAWholeSet) {
       if (store_file_open(&file, path_.c_str()) != nullptr) _exit(1);
       Axis axis(&file.memory);
       for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
-        if (axis_objects[i].stored != 0) fw_object_restore(&axis.fw(), i, made.Read(i));
+        if (axis_objects[i].stored != 0) dictionary_restore(&axis.fw().objects, i, made.Read(i));
       }
       if (axis.Stored() != made.Stored()) _exit(2);
       if (axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1) != FW_OK) _exit(3);

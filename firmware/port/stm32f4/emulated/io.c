@@ -5,6 +5,8 @@
 
 #include <stddef.h>
 
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/emulated/semihosting.h"
