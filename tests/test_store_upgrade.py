@@ -222,7 +222,7 @@ def test_the_set_of_0_1_0_loads(today, tmp_path):
 
 
 def test_the_set_of_0_1_0_under_a_table_that_has_changed(today, tmp_path):
-    """What it has and what it omits, since it was at its default: each kept, or told."""
+    """What it has and what it omits, since it was at its default: each kept, or reported."""
     other = Axis(
         tmp_path / "other",
         planted("force_tare", "index = 0x200E", "index = 0x23F0"),  # in the set

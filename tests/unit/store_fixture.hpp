@@ -99,7 +99,7 @@ class Axis {
     EXPECT_EQ(outputs.dac_code, 0);
   }
 
-  // Until the store is at rest; how many ticks that took.
+  // Until the store is idle; how many ticks that took.
   int Run() {
     int ticks = 0;
     while (State() == AXIS_STORE_STATE_SAVING && ticks < 2000) {

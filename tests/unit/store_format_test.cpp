@@ -1,4 +1,4 @@
-// What another program or a broken record left.
+// The format of sets, and records that another program or damage made.
 
 #include <gtest/gtest.h>
 
@@ -259,7 +259,7 @@ TEST(Store, AFlippedBitAnywhereLeavesTheOlderSet) {
   }
 }
 
-// A damaged sector: the other one counts, and it is told that it is not the newest set.
+// A damaged sector: the other one counts, and that it is not the newest set is reported.
 TEST(Store, ADamagedSectorLeavesTheOther) {
   Flash flash;
   Axis axis(flash.memory());
