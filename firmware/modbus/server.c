@@ -4,6 +4,7 @@
 #include "firmware/modbus/request.h"
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
+enum { UNIT = 0, PDU = 1 }; /* where they lie in a frame */
 enum { TOO_LONG = 0xFFFF }; /* as a length: nothing of it counts */
 
 static void begin_frame(modbus_t *modbus) {
@@ -16,19 +17,15 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-void modbus_clear_counters(modbus_t *modbus) {
-  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
-    modbus->counters[i] = 0;
-  }
-}
-
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud) {
   modbus->unit = unit;
   modbus->silence_ticks = fx_ticks_of_silence((baud == 0) ? MODBUS_BAUD_DEFAULT : baud);
   modbus->heard = 0;
   modbus->answer_length = 0;
   modbus->answer_sent = 0;
-  modbus_clear_counters(modbus);
+  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
+    modbus->counters[i] = 0;
+  }
   begin_frame(modbus);
 }
 
@@ -45,19 +42,53 @@ static bool writes(uint8_t function) {
   return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
 }
 
+static void access_object(fw_t *fw, modbus_access_t *access) {
+  switch (access->kind) {
+    case MODBUS_READ:
+      access->refusal = fw_object_read(fw, access->object, &access->value);
+      break;
+    case MODBUS_READ_TEXT:
+      access->text = fw_text(fw, access->object);
+      access->refusal = FW_OK;
+      break;
+    case MODBUS_CHECK:
+      access->refusal = fw_object_check(fw, FW_SOURCE_MODBUS, access->object, access->value);
+      break;
+    case MODBUS_CHECK_OWNER:
+      access->refusal = fw_object_check(fw, FW_SOURCE_LOCAL, access->object, access->value);
+      break;
+    default:
+      access->refusal = fw_object_write(fw, FW_SOURCE_MODBUS, access->object, access->value);
+      break;
+  }
+}
+
+/* Carries out the request in the frame, with a PDU of `length` bytes; returns that of the answer.
+ */
+static uint16_t serve(modbus_t *modbus, fw_t *fw, uint16_t length) {
+  modbus_request_t request;
+  modbus_request_begin(&request, modbus->frame[UNIT], &modbus->frame[PDU], length,
+                       modbus->counters);
+  while (!modbus_request_ended(&request)) {
+    access_object(fw, &request.access);
+    modbus_request_resume(&request);
+  }
+  return request.length;
+}
+
 /* The frame so far is a whole one. */
 static void take_frame(modbus_t *modbus, fw_t *fw) {
-  const uint8_t unit = modbus->frame[0];
+  const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;
   begin_frame(modbus);
   count(modbus, MODBUS_COUNT_MESSAGES);
   if (unit != BROADCAST && unit != modbus->unit) {
     return;
   }
-  if (unit == BROADCAST && !writes(modbus->frame[1])) {
+  if (unit == BROADCAST && !writes(modbus->frame[PDU])) {
     return;
   }
-  const uint16_t answer = modbus_request_serve(modbus, fw, (uint16_t)(length - BYTES_CRC));
+  const uint16_t answer = (uint16_t)(PDU + serve(modbus, fw, (uint16_t)(length - PDU - BYTES_CRC)));
   if (unit == BROADCAST) {
     count(modbus, MODBUS_COUNT_UNANSWERED);
     return;
@@ -78,9 +109,10 @@ static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
   }
-  const bool foreign = modbus->frame[0] != BROADCAST && modbus->frame[0] != modbus->unit;
-  const uint16_t bytes = modbus_request_bytes(modbus->frame, modbus->length);
-  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == modbus->length;
+  const bool foreign = modbus->frame[UNIT] != BROADCAST && modbus->frame[UNIT] != modbus->unit;
+  const uint16_t pdu = (uint16_t)(modbus->length - PDU - BYTES_CRC);
+  const uint16_t bytes = modbus_request_bytes(&modbus->frame[PDU], pdu);
+  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == pdu;
 }
 
 void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t number) {

@@ -43,7 +43,7 @@ class Gateway {
       modbus_ = std::make_unique<modbus::TcpServer>(
           options.modbus_address, options.modbus_port,
           [this](std::uint8_t unit) { return find(unit) != nullptr; },
-          [this](std::uint64_t client, std::uint8_t unit, const modbus::Request &request) {
+          [this](std::uint64_t client, std::uint8_t unit, const modbus::Pdu &request) {
             find(unit)->requests.push({client, request});
           });
     }
@@ -79,14 +79,14 @@ class Gateway {
  private:
   struct ModbusRequest {
     std::uint64_t client;
-    modbus::Request request;
+    modbus::Pdu pdu;
   };
   struct Axis {
     Axis(Gateway &g, const AxisSettings &settings)
         : node(
               g.loop_, g.lcm_, [&g](const canopen::Frame &frame) { g.can_.send(frame); }, settings),
           commands(g.loop_, g.lcm_, node),
-          modbus(node.modbus_port()),
+          modbus(node),
           requests(g.loop_) {}
     GatewayAxis node;
     GatewayCommands commands;
@@ -241,13 +241,8 @@ class Gateway {
   Task<void> serve_modbus(Axis &axis) {
     while (loop_.running()) {
       ModbusRequest next = co_await axis.requests;
-      modbus::Answer answer;
-      if (axis.node.present()) {
-        answer = co_await axis.modbus.serve(next.request, axis.node.writes_allowed());
-      } else {
-        answer.exception = modbus::kExceptionTarget;
-      }
-      if (!modbus_->answer(next.client, answer)) forget(next.client);
+      co_await axis.modbus.serve(next.pdu);
+      if (!modbus_->answer(next.client, next.pdu)) forget(next.client);
     }
   }
 

@@ -11,7 +11,7 @@
 
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
-#include "firmware/modbus/map.h"
+#include "firmware/modbus/server.h"
 #include "tests/unit/bus_fixture.hpp"
 
 namespace {
