@@ -173,7 +173,9 @@ ObjectWrite read_object(const Section &section, const std::string &name, const t
                            plain(low) + " to " + plain(high) + " " + meta.unit + ", got " +
                            plain(value));
   }
-  return {*object, static_cast<std::int32_t>(std::floor(value / meta.scale + 0.5))};
+  // Up to 2^32 - 1, which travels as the same 32 bits.
+  const auto raw = static_cast<std::int64_t>(std::floor(value / meta.scale + 0.5));
+  return {*object, static_cast<std::int32_t>(static_cast<std::uint32_t>(raw))};
 }
 
 // An axis is set up before commands are given, and switched on last.

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <fstream>
 #include <map>
 #include <random>
 #include <string>
@@ -11,7 +12,6 @@
 
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
-#include "firmware/modbus/server.h"
 #include "tests/unit/bus_fixture.hpp"
 
 namespace {
@@ -74,6 +74,44 @@ class Modbus : public BusFixture {
     return answer.size() == 5 ? 256u * answer[3] + answer[4] : 0xFFFFFFFFu;
   }
 };
+
+// The table that the gateway is held to as well.
+TEST_F(Modbus, EveryRequestOfTheTableHasItsAnswer) {
+  std::ifstream file(MODBUS_REQUESTS);
+  ASSERT_TRUE(file) << MODBUS_REQUESTS;
+  const auto bytes_of = [](const std::string &text) {
+    std::string digits;
+    for (size_t i = 0; i < text.size(); ++i) {
+      if (text.compare(i, 2, "UU") == 0) {
+        digits += "0123456789abcdef"[kUnit >> 4];
+        digits += "0123456789abcdef"[kUnit & 15];
+        ++i;
+      } else if (text[i] != ' ') {
+        digits += text[i];
+      }
+    }
+    Bytes bytes;
+    for (size_t i = 0; i < digits.size(); i += 2) {
+      bytes.push_back(static_cast<uint8_t>(std::stoul(digits.substr(i, 2), nullptr, 16)));
+    }
+    return bytes;
+  };
+  int number = 0, requests = 0;
+  for (std::string line; std::getline(file, line);) {
+    ++number;
+    line = line.substr(0, line.find('#'));
+    const size_t equals = line.find('=');
+    if (equals == std::string::npos) continue;
+    Send(RtuFrame(kUnit, bytes_of(line.substr(0, equals))));
+    Tick(kSilence);  // those of a wrong length end with it
+    const Bytes answer = Fetch();
+    ASSERT_GE(answer.size(), 5u) << "line " << number << ": " << line;
+    EXPECT_EQ(Bytes(answer.begin() + 1, answer.end() - 2), bytes_of(line.substr(equals + 1)))
+        << "line " << number << ": " << line;
+    ++requests;
+  }
+  EXPECT_GT(requests, 80);
+}
 
 TEST_F(Modbus, StateIsSmall) { EXPECT_LE(sizeof(modbus_t), 600u); }
 

@@ -76,6 +76,19 @@ class Can:
                 return frame[1][0]
         return None
 
+    def read(self, node, index, sub):
+        """An expedited upload on the default channel: the number, unsigned."""
+        request = struct.pack("<BHBI", 0x40, index, sub, 0)
+        self.send(0x600 + node, request)
+        end = time.monotonic() + 1
+        while time.monotonic() < end:
+            frame = self.receive(0.2)
+            # Of the gateway's polls another object, as above.
+            if frame and frame[0] == 0x580 + node and frame[1][1:4] == request[1:4]:
+                assert frame[1][0] & 0xE3 == 0x43, frame[1].hex()
+                return int.from_bytes(frame[1][4 : 8 - (frame[1][0] >> 2 & 3)], "little")
+        return None
+
 
 class Tcp:
     """Modbus TCP by hand."""
@@ -467,6 +480,51 @@ def map_refuses(modbus):
     return found
 
 
+def wide_values(axis, modbus):
+    """An u32 beyond 2^31 - 1: written over each bus, read over all of them."""
+    window, can = BY_NAME["following_error_window"], Can()
+
+    def written(write, value):
+        write(value)
+        high, low = registers(modbus, window.modbus, 2)
+        return [value, can.read(1, window.index, 0), high << 16 | low, axis.read(window.name)]
+
+    def over_canopen(value):
+        assert can.write(1, window.index, 0, value, 4) == 0x60
+
+    def over_modbus(value):
+        words = [value >> 16, value & 0xFFFF]
+        assert not modbus.write_registers(window.modbus, words, device_id=1).isError()
+
+    values, found = (3_000_000_000, 0xFFFFFFFF), {}
+    axis.take()
+    axis.release()
+    found["canopen"] = [written(over_canopen, value) for value in values]
+    modbus.write_registers(BY_NAME["command_source"].modbus, [1, 60_000], device_id=1)
+    found["modbus"] = [written(over_modbus, value) for value in values]
+    axis.take()
+    found["lcm"] = [written(lambda value: axis.write(window.name, value), v) for v in values]
+    axis.release()
+    return found
+
+
+def request_table():
+    """How many requests, and [number, line, answer] of those that are answered otherwise."""
+    differ, count, wire = [], 0, Tcp()
+    wire.ask(1, bytes.fromhex("0600070000"))  # to CANopen, should Modbus own the axis
+    text = Path(__file__).with_name("modbus_requests.txt").read_text()
+    for number, line in enumerate(text.splitlines(), 1):
+        request, equals, answer = line.partition("#")[0].partition("=")
+        if not equals:
+            continue
+        count += 1
+        asked, expected = (bytes.fromhex(t.replace("UU", "01")) for t in (request, answer))
+        got = wire.ask(1, asked)
+        if got != expected:
+            differ.append([number, line, got.hex() if got is not None else None])
+    return {"requests": count, "differ": differ}
+
+
 def streams():
     """Foreign units, pieces, several requests at once, what is no Modbus, many clients."""
     request = struct.pack(">BHH", 4, 0, 2)
@@ -830,6 +888,8 @@ def main():
             keep("captures", captures, axis)
             keep("map_reads", map_reads, axis, modbus)
             keep("map_refuses", map_refuses, modbus)
+            keep("request_table", request_table)
+            keep("wide_values", wide_values, axis, modbus)
             keep("streams", streams)
             keep("second_gateway", second_gateway)
             modbus.close()
