@@ -190,8 +190,8 @@ class Gateway {
     if (trouble.lost != 0) std::cerr << " (" << trouble.lost << " frames)";
     std::cerr << std::endl;
     for (const auto &axis : axes_) {
-      axis->node.event(axis_event_t::EVENT_BUS, static_cast<std::int64_t>(trouble.lost),
-                       options_.can + ": " + trouble.text);
+      axis->node.publisher().event(axis_event_t::EVENT_BUS, static_cast<std::int64_t>(trouble.lost),
+                                   options_.can + ": " + trouble.text);
     }
   }
 
@@ -214,7 +214,8 @@ class Gateway {
     if (!claimed_) throw OtherGateway(text + "; stop it, or give this one another --node-id");
     if (met_other_) return;
     met_other_ = true;
-    for (const auto &axis : axes_) axis->node.loud_event(axis_event_t::EVENT_BUS, 0, text);
+    for (const auto &axis : axes_)
+      axis->node.publisher().loud_event(axis_event_t::EVENT_BUS, 0, text);
   }
 
   // --- Modbus

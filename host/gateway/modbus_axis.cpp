@@ -25,9 +25,11 @@ int refusal_of(const ObjectResult &result) {
   return result.silent ? int{MODBUS_NO_ANSWER} : refusal_of(result.abort);
 }
 
-// Bits of a raw value as the object's number.
-std::int64_t number_of(std::uint16_t object, std::int32_t value) {
-  return axis_objects[object].type == AXIS_TYPE_U32 ? static_cast<std::uint32_t>(value) : value;
+bool in_range(std::uint16_t object, std::int32_t bits) {
+  const axis_object_meta_t &meta = host::object_meta(object);
+  std::int64_t number = bits;
+  if (axis_objects[object].type == AXIS_TYPE_U32) number = static_cast<std::uint32_t>(bits);
+  return number >= meta.min && number <= meta.max;
 }
 
 // What a store at work refuses.
@@ -45,6 +47,8 @@ Task<int> ModbusAxis::read(std::uint16_t object, std::int32_t &value) {
 }
 
 Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
+  // SDO carries an object's own bytes: of 511 for 8 bits it would carry -1.
+  if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   const ObjectResult result = co_await port_.write(object, value);
   if (result.abort == canopen::kAbortState && touches_store(object)) {
     // SDO has one code for a state and for a store that is still at work.
@@ -57,9 +61,7 @@ Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
 
 // As the firmware checks: range, lock, state.
 Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_owner) {
-  const axis_object_meta_t &meta = host::object_meta(object);
-  const std::int64_t number = number_of(object, value);
-  if (number < meta.min || number > meta.max) co_return FW_ERROR_RANGE;
+  if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   std::int32_t owner = AXIS_COMMAND_SOURCE_MODBUS;
   if (!as_owner) {
     const int refusal = co_await read(AXIS_OBJ_COMMAND_SOURCE, owner);
