@@ -151,8 +151,6 @@ TEST(FxSerial, CrcsSilenceAndBits) {
   }
 }
 
-// --- registers ----------------------------------------------------------------------------------
-
 // Each object of the map reads as it is, alone, in both word orders.
 TEST_F(Modbus, EveryRegisterReadsItsObject) {
   Tick(3);
@@ -306,8 +304,6 @@ TEST_F(Modbus, CountsAreChecked) {
   EXPECT_EQ(Ask(Bytes{23, 0, 0, 0, 1, 0, 0, 0, 0, 0}), Exception(23, 3));
 }
 
-// --- the lock -----------------------------------------------------------------------------------
-
 TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
   EXPECT_EQ(Ask(6, {0x010C, 5}), Exception(6, 4));
   EXPECT_EQ(Ask(5, {0, 0xFF00}), Exception(5, 4));
@@ -343,8 +339,6 @@ TEST_F(Modbus, TheWatchdogIsFedByWritesThatAreAccepted) {
   Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }
-
-// --- coils and discrete inputs ------------------------------------------------------------------
 
 TEST_F(Modbus, CoilsDriveTheStateMachine) {
   Own();
@@ -427,8 +421,6 @@ TEST_F(Modbus, DiscreteInputsAreTheStatusword) {
   EXPECT_EQ(Ask(2, {19, 1}), Exception(2, 2));
 }
 
-// --- store --------------------------------------------------------------------------------------
-
 struct Memory {
   Bytes bytes = Bytes(2 * STORE_SECTOR_MIN, 0xFF);
   store_memory_t memory{this, STORE_SECTOR_MIN,
@@ -467,7 +459,28 @@ TEST_F(Modbus, BusyWhileTheStoreIsAtWork) {
   EXPECT_EQ(Ask(6, {0x010C, 1}).size(), 5u);
 }
 
-// --- who it is ----------------------------------------------------------------------------------
+// A store at work refuses the old word, which would enable; halt must come with the new one.
+TEST_F(Modbus, HaltIsNotLostBesideStore) {
+  Memory memory;
+  fw_config_t config{};
+  config.memory = &memory.memory;
+  config.node_id = kUnit;
+  config.buses = 1;
+  fw_init(&fw_, &config);
+  Own();
+  Set(AXIS_OBJ_MODES_OF_OPERATION, 8);
+  Tick();
+  ASSERT_EQ(Ask(5, {0, 0xFF00}).size(), 5u);
+  const axis_inputs_t broken{0, {0, 0}, AXIS_DIN_ENABLE, 0};
+  fw_tick(&fw_, &broken, &outputs_);
+  Tick(3);
+  ASSERT_EQ(Read(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_FAULT);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTROLWORD), 0x000F);
+  // Not enable, no fault reset, halt, store.
+  EXPECT_EQ(Ask(Bytes{15, 0, 0, 0, 4, 1, 0b1100}), (Bytes{15, 0, 0, 0, 4}));
+  EXPECT_EQ(Read(AXIS_OBJ_CONTROLWORD), 0x0106);
+  EXPECT_EQ(Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVING);
+}
 
 std::string TextOf(const Bytes &answer, size_t at) {
   return {answer.begin() + static_cast<std::ptrdiff_t>(at) + 2,
@@ -504,8 +517,6 @@ TEST_F(Modbus, UnknownFunctions) {
   EXPECT_EQ(Ask(8, {1, 0}), Exception(8, 1));
   EXPECT_EQ(Ask(8, {19, 0}), Exception(8, 1));
 }
-
-// --- frames -------------------------------------------------------------------------------------
 
 const Bytes kRequest = Closed({kUnit, 4, 0, 0, 0, 1});
 
