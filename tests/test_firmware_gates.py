@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+pytestmark = pytest.mark.quick
 TABLE = "firmware/objects/axis_objects.toml"
 GENERATED = (
     "firmware/objects/generated/axis_objects.h",

@@ -3,7 +3,6 @@
 import json
 import math
 import re
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+import verbs
 from forceaxis import _core, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
@@ -19,7 +19,6 @@ from forceaxis.linear import system as linear
 from scipy import optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 TICK = 1 / 1500
 SAMPLED = ("zoh", "zoh+1")
 
@@ -563,9 +562,7 @@ def test_runs_of_the_firmware_at_half_and_twice_the_limit():
 
 
 def forceaxis(*arguments):
-    return subprocess.run(
-        [FORCEAXIS, *arguments], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis(*arguments, cwd=ROOT)
 
 
 def printed(*arguments):

@@ -2,13 +2,13 @@
 
 import csv
 import json
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import verbs
 from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
@@ -19,7 +19,6 @@ from scipy import stats
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ROOT / "sim/measurements"
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 SEEDS = range(20)
 
 VOLTS = ("fig3_9", {"resolution_hz": 2.0, "band_hz": [2, 300]}, {"rotor_mass": 1.1 * 79.53})
@@ -328,9 +327,7 @@ def test_preamplifier_is_flat():
 
 
 def forceaxis(*arguments, cwd=ROOT):
-    return subprocess.run(
-        [FORCEAXIS, "measure", *map(str, arguments)], cwd=cwd, capture_output=True, text=True
-    )
+    return verbs.forceaxis("measure", *arguments, cwd=cwd)
 
 
 def test_files_and_summary(tmp_path):

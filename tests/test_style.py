@@ -1,11 +1,15 @@
 """Formatters and linters agree with every tracked file."""
 
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.quick
 
 
 def tracked(*patterns):
@@ -43,3 +47,28 @@ def test_cppcheck_finds_nothing_in_the_firmware():
         )
         == ""
     )  # fmt: skip
+
+
+def functions(header):
+    """The functions that the text of a header of firmware/fx declares."""
+    code = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
+    return set(re.findall(r"^(?:static inline )?\w+ \**(fx_\w+)\(", code, flags=re.M))
+
+
+def uncalled(names, test):
+    """Those of the names that the text of a test never calls."""
+    code = re.sub(r"//.*", "", test)
+    return sorted(name for name in names if not re.search(rf"\b{name}\(", code))
+
+
+def test_every_function_of_fx_has_a_direct_test():
+    names = {n for f in tracked("firmware/fx/*.h") for n in functions((ROOT / f).read_text())}
+    tests = ["fx_test.cpp", "fx_rates_test.cpp", "bytes_test.cpp"]
+    assert len(names) > 40
+    assert uncalled(names, "".join((ROOT / "tests/unit" / t).read_text() for t in tests)) == []
+
+
+def test_a_function_of_fx_without_a_test_is_found():
+    header = "static inline int32_t fx_new(int32_t x) {\n/* fx_old(x) */\nuint8_t *fx_far(void);\n"
+    assert functions(header) == {"fx_new", "fx_far"}
+    assert uncalled({"fx_new", "fx_far"}, "fx_far(); // fx_new(1)\nfx_newer(1);") == ["fx_new"]

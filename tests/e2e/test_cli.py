@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import verbs
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"
@@ -17,9 +18,19 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
 def forceaxis(*arguments):
-    return subprocess.run(
-        [FORCEAXIS, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis(*arguments, cwd=ROOT)
+
+
+@pytest.mark.parametrize("arguments", [["objects", "force", "--json"], ["run", "nowhere.toml"]])
+def test_the_program_is_what_the_tests_call(arguments):
+    """The other tests call the verbs in their own process."""
+    words = [FORCEAXIS, *arguments]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    called = forceaxis(*arguments)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        called.returncode, called.stdout, called.stderr,
+    )  # fmt: skip
+    assert done.returncode == (2 if "run" in arguments else 0)
 
 
 @pytest.fixture(scope="module")

@@ -1,25 +1,21 @@
 """The verbs linearise, step and beam on the command line, and one-line refusals of all."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import control
 import numpy as np
 import pytest
+import verbs
 from forceaxis.linear import system as linear
 from scipy import io
 
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(*arguments):
     """Standard output of a verb."""
-    done = subprocess.run(
-        [FORCEAXIS, *map(str, arguments)], capture_output=True, text=True, timeout=120
-    )
+    done = verbs.forceaxis(*arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -124,9 +120,7 @@ def test_beam_has_the_classical_constants():
     ],
 )
 def test_refusals_are_one_line(arguments, words):
-    done = subprocess.run(
-        [FORCEAXIS, *arguments.split()], cwd=ROOT, capture_output=True, text=True, timeout=120
-    )
+    done = verbs.forceaxis(*arguments.split(), cwd=ROOT)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1 and done.stderr.startswith("forceaxis: ")

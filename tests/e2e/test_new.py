@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import verbs
 from forceaxis.experiments import files as experiments
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -44,9 +45,7 @@ SHEETS = {
 
 
 def forceaxis(folder, *arguments):
-    return subprocess.run(
-        [FORCEAXIS, *map(str, arguments)], cwd=folder, capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis(*arguments, cwd=folder)
 
 
 def made(folder, options):

@@ -2,17 +2,15 @@
 
 import json
 import math
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+import verbs
 from forceaxis import judge, run_many
 from forceaxis.thesis import tables
 
 ROOT = Path(__file__).resolve().parents[2]
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 # Figures 4.4 and 4.26, typed from the print.
 PRINTED = {
@@ -28,9 +26,8 @@ PRINTED = {
 
 @pytest.fixture(scope="module")
 def result():
-    done = subprocess.run(
-        [FORCEAXIS, "tables", "--json"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    done = verbs.forceaxis("tables", "--json", cwd=ROOT)
+    assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 

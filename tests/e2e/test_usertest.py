@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import verbs
 import yaml
 from forceaxis import SimulationError
 from forceaxis.experiments import regression as usertests
 
 ROOT = Path(__file__).resolve().parents[2]
-FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 # A mass that rolls out against viscous friction: x(t) = (J/b) (1 - exp(-b t / m)), J the impulse.
 # With J = 2 N s, b = 4 N s/m, m = 1 kg it comes to rest at 0.5 m.
@@ -68,9 +68,7 @@ overshoot = {{ max = 0.001 }}"""
 
 
 def forceaxis(*arguments, cwd=ROOT):
-    return subprocess.run(
-        [FORCEAXIS, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis(*arguments, cwd=cwd)
 
 
 def axes(folder, **files):

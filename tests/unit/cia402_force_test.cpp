@@ -113,27 +113,6 @@ TEST_F(Drive, TheForceLimitBoundsTheTarget) {
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 500, 26);
 }
 
-TEST_F(Drive, RatiosOfForcesAreExactEnough) {
-  const struct {
-    uint32_t a, b;
-    int8_t e;
-    int32_t x, value;
-  } rows[] = {{100000, 2500000, 8, 1000, 10240},
-              {2500000, 100000, -8, 10240, 1000},
-              {1, 2147483647, -8, INT32_MAX, 0},
-              {2147483647, 1, 8, 1, INT32_MAX},
-              {1, 1, 0, -12345, -12345},
-              {3, 1, 0, 7, 21},
-              {1, 3, 0, 300000000, 100000000},
-              {1, 2, 0, 3, 2},
-              {1, 2, 0, -3, -2},
-              {7, 5, 2, 100, 560}};
-  for (const auto &row : rows) {
-    EXPECT_EQ(fx_ratio_apply(row.x, fx_ratio(row.a, row.b, row.e), 0), row.value)
-        << row.a << " / " << row.b;
-  }
-}
-
 TEST_F(Drive, TheGuardedMoveStopsAtTheWorkpiece) {
   wall_ = 1000;
   Enable(-5);

@@ -228,16 +228,66 @@ TEST_F(Drive, ATakenSetpointIsNoCyclicTarget) {
   }
 }
 
-TEST_F(Drive, PeriodsRoundUpToTicks) {
-  EXPECT_EQ(fx_ticks_from_period(1, -3), 2u);
-  EXPECT_EQ(fx_ticks_from_period(2, -3), 3u);
-  EXPECT_EQ(fx_ticks_from_period(20, -4), 3u);
-  EXPECT_EQ(fx_ticks_from_period(200, -5), 3u);
-  EXPECT_EQ(fx_ticks_from_period(255, -6), 1u);
-  EXPECT_EQ(fx_ticks_from_period(0, -6), 0u);
-  EXPECT_EQ(fx_ticks_from_period(3, -2), 45u);
-  EXPECT_EQ(fx_ticks_from_period(3, -1), 450u);
-  EXPECT_EQ(fx_ticks_from_period(255, 0), 382500u);
+// A target from before a halt moves nothing after it; the next one does.
+TEST_F(Drive, AHaltDropsTheCyclicTarget) {
+  Enable(kCsp);
+  Set(AXIS_OBJ_VELOCITY_MAX, 3000);  // 2 counts a tick
+  Set(AXIS_OBJ_TARGET_POSITION, 10000);
+  Tick(100);
+  ASSERT_EQ(Demand(), 200);
+  Control(kOperate | kHalt);
+  Tick(300);
+  const int32_t stopped = Demand();
+  EXPECT_GT(stopped, 200);
+  EXPECT_LT(stopped, 300);
+  Control(kOperate);
+  Tick(300);
+  EXPECT_EQ(Demand(), stopped) << "the target from before the halt";
+  Set(AXIS_OBJ_TARGET_POSITION, 10000);
+  Tick(100);
+  EXPECT_EQ(Demand(), stopped + 200);
+}
+
+// So does the target of a mode that measures the axis against it, once the mode was left.
+TEST_F(Drive, TheTargetOfALeftModeActsNoMore) {
+  for (const int from : {-6, -8, kCsp}) {
+    for (const int to : {kCsp, -6, -8}) {
+      PowerUp();
+      Set(AXIS_OBJ_STIFFNESS, 32768);
+      Set(AXIS_OBJ_DAMPING, 5 * 256);
+      Enable(from);
+      Set(AXIS_OBJ_TARGET_POSITION, 400);
+      Tick(2000);
+      ASSERT_NEAR(place_, 400, 11) << from;
+      Control(0x07);
+      Tick(200);
+      place_ = 5000;  // moved by hand
+      Tick(30);
+      Enable(to);
+      Tick(500);
+      EXPECT_EQ(Demand(), 5000) << from << " to " << to;
+      EXPECT_NEAR(place_, 5000, 1) << from << " to " << to;
+    }
+  }
+}
+
+// The same from mode to mode without switching off.
+TEST_F(Drive, AnEnabledAxisLeavesTheTargetOfImpedanceBehind) {
+  for (const int from : {-6, -8}) {
+    PowerUp();
+    Set(AXIS_OBJ_STIFFNESS, 32768);
+    Set(AXIS_OBJ_DAMPING, 5 * 256);
+    stuck_ = true;  // a spring under tension
+    Enable(from);
+    Set(AXIS_OBJ_TARGET_POSITION, 400);
+    Tick(500);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kCsp);
+    Tick(200);
+    ASSERT_EQ(Mode(), kCsp);
+    stuck_ = false;
+    Tick(500);
+    EXPECT_NEAR(place_, 0, 1) << from;
+  }
 }
 
 // --- homing --------------------------------------------------------------------------------------
@@ -288,6 +338,27 @@ TEST_F(Drive, HomingWaitsUntilTheAxisStands) {
   ASSERT_GE(TicksUntil(0x3400, 0x1400, 500), 0);
   EXPECT_LE(std::abs(Read(AXIS_OBJ_VELOCITY_ACTUAL)), Read(AXIS_OBJ_VELOCITY_THRESHOLD));
   EXPECT_NEAR(Read(AXIS_OBJ_POSITION_ACTUAL), 70, 2);
+}
+
+// A target from before homing was meant from another origin. One from after it is not.
+TEST_F(Drive, HomingDropsTheCyclicTarget) {
+  for (const bool again : {false, true}) {
+    PowerUp();
+    place_ = 1234;
+    Set(AXIS_OBJ_HOMING_METHOD, 35);
+    Set(AXIS_OBJ_HOME_OFFSET, 50);
+    Enable(kHm);
+    Set(AXIS_OBJ_TARGET_POSITION, 300);
+    Tick(3);
+    Control(kNew);
+    Tick(5);
+    ASSERT_EQ(Status() & 0x3400, 0x1400) << "homed";
+    if (again) Set(AXIS_OBJ_TARGET_POSITION, 300);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kCsp);
+    Tick(300);
+    ASSERT_EQ(Mode(), kCsp);
+    EXPECT_EQ(Demand(), again ? 300 : 50);
+  }
 }
 
 TEST_F(Drive, HomingWithoutAMethodIsAnError) {

@@ -114,6 +114,46 @@ TEST_F(Drive, AFaultReactionEnds) {
   EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
 }
 
+// Each quick stop has its own 10 s: 15000 ticks of 1/1500 s, whatever an earlier one has used up.
+TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
+  Set(AXIS_OBJ_QUICK_STOP_OPTION, 1);
+  Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);  // 15000 count/s would take 375 s
+  for (int stop = 0; stop < 2; ++stop) {
+    Enable(kPv);
+    Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+    Tick(200);
+    Control(0x02);
+    Tick(14999);
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) << "stop " << stop;
+    Tick();
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED) << "stop " << stop;
+    stuck_ = true;  // nothing coasts into the next one
+    Tick(50);
+    stuck_ = false;
+  }
+}
+
+// Two that follow each other without a stand between them, by options that resume.
+TEST_F(Drive, AQuickStopThatIsResumedDoesNotShortenTheNext) {
+  Set(AXIS_OBJ_QUICK_STOP_OPTION, 5);
+  Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
+  Enable(kPv);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+  Tick(200);
+  Control(0x02);
+  Tick(14000);
+  Control(kOperate);
+  Tick();
+  ASSERT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+  Set(AXIS_OBJ_QUICK_STOP_OPTION, 1);
+  Tick(200);
+  Control(0x02);
+  Tick(14999);
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
+  Tick();
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+}
+
 TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
   for (const int option : {0, 1, 2}) {
     PowerUp();

@@ -33,15 +33,6 @@ TEST_F(Drive, ProfileVelocityRamps) {
   EXPECT_EQ(Read(AXIS_OBJ_VELOCITY_DEMAND), -30000);
 }
 
-TEST_F(Drive, EverySpeedReadsBackAsWritten) {
-  Enable(kCsv);
-  for (int32_t speed = 0; speed <= 3072000; speed += (speed < 3000) ? 1 : 997) {
-    EXPECT_EQ(fx_per_s_from_q16(fx_q16_from_per_s(static_cast<uint32_t>(speed))), speed);
-    EXPECT_EQ(fx_per_s_from_q16(-fx_q16_from_per_s(static_cast<uint32_t>(speed))), -speed);
-  }
-  EXPECT_EQ(fx_q16_from_per_s(3072000), 1 << 27);
-}
-
 TEST_F(Drive, VelocityModesStopAtPositionLimits) {
   for (const int mode : {kPv, kCsv}) {
     PowerUp();

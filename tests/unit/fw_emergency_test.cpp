@@ -107,6 +107,56 @@ TEST_F(Fw, OverrunsAreToldOnceASecond) {
   EXPECT_EQ(Inner(AXIS_OBJ_ERROR_HISTORY_COUNT), 2);
 }
 
+// Held back for 1500 ticks, a second, from the one that was given: 1499 ticks later it is still
+// held.
+TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
+  std::vector<int> given;
+  for (int i = 0; i < 4600; ++i) {
+    fw_overrun(&fw_);
+    Tick();
+    if (CountTold(0xFF04) != 0) given.push_back(i);
+  }
+  EXPECT_EQ(given, (std::vector<int>{0, 1500, 3000, 4500}));
+  PowerUp();
+  for (const int wait : {1499, 1500}) {
+    PowerUp();
+    fw_overrun(&fw_);
+    Tick();
+    EXPECT_EQ(CountTold(0xFF04), 1);
+    Tick(wait - 1);
+    fw_overrun(&fw_);
+    Tick();
+    EXPECT_EQ(CountTold(0xFF04), wait == 1500 ? 1 : 0) << wait;
+  }
+}
+
+// Each of them has a second of its own.
+TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
+  fw_overrun(&fw_);
+  inputs_.adc_code[0] = 255;
+  Tick();
+  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+}
+
+// At a reset of the node everything is at its power-up value: what happens then is told, however
+// recently it was told before.
+TEST_F(Fw, AResetOfTheNodeTellsAnew) {
+  inputs_.adc_code[0] = 255;
+  fw_overrun(&fw_);
+  Tick(2);
+  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+  inputs_.adc_code[0] = 0;
+  Tick(2);
+  Send(0, {129, kNode});
+  Tick(3);
+  ASSERT_EQ(Inner(AXIS_OBJ_NMT_STATE), AXIS_NMT_STATE_PRE_OPERATIONAL);
+  Told();
+  inputs_.adc_code[0] = 255;
+  fw_overrun(&fw_);
+  Tick(2);
+  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+}
+
 // A set is there, but of another object table: the axis runs on defaults.
 TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
   Flash flash;

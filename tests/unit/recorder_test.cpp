@@ -1,6 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "tests/unit/axis_fixture.hpp"
@@ -200,6 +203,79 @@ TEST_F(Recorder, LastByteOfTheBufferAndNoFurther) {
   EXPECT_EQ(Column(0), Range(0, 3));
   EXPECT_EQ(small.front(), 0xEE);
   EXPECT_EQ(small.back(), 0xEE);
+}
+
+// A recording is the samples from `pretrigger` before the trigger on, wherever in the ring the
+// oldest lies; a byte is read by its offset in it. Five samples of six bytes in a buffer of thirty,
+// of its own on the heap: the address sanitizer sees every byte beside it.
+TEST_F(Recorder, EveryTurnOfTheRingReadsBackWhole) {
+  constexpr int kSamples = 5, kBytes = 6;
+  const auto heap = std::make_unique<uint8_t[]>(kSamples * kBytes);
+  std::array<uint8_t, kSamples * kBytes + 2> guarded;
+  guarded.fill(0xEE);
+  for (uint8_t *buffer : {heap.get(), &guarded[1]}) {
+    for (int pretrigger = 0; pretrigger < kSamples; ++pretrigger) {
+      for (int trigger = 1; trigger <= 3 * kSamples; ++trigger) {
+        PowerUp(buffer, kSamples * kBytes);
+        Set(AXIS_OBJ_RECORDER_SIGNAL_1, Address(AXIS_OBJ_POSITION));
+        Set(AXIS_OBJ_RECORDER_SIGNAL_2, Address(AXIS_OBJ_FORCE_RAW));
+        Set(AXIS_OBJ_RECORDER_PRETRIGGER, pretrigger);
+        Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, Address(AXIS_OBJ_POSITION));
+        Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_RISING);
+        Set(AXIS_OBJ_RECORDER_TRIGGER_LEVEL, 1000 + trigger);
+        Set(AXIS_OBJ_RECORDER_ARM, 1);
+        for (int t = 0; t < trigger + kSamples; ++t) {
+          inputs_.adc_code[0] = static_cast<uint16_t>(200 - t);
+          TickPosition(1000 + t);
+        }
+        const int before = std::min(pretrigger, trigger);
+        const int first = trigger - before;
+        ASSERT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_DONE);
+        ASSERT_EQ(Read(AXIS_OBJ_RECORDER_COUNT), kSamples);
+        ASSERT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), before);
+        ASSERT_EQ(Column(0), Range(1000 + first, kSamples)) << pretrigger << " " << trigger;
+        ASSERT_EQ(Column(1), Range(200 - first, kSamples, -1)) << pretrigger << " " << trigger;
+        std::vector<uint8_t> expected;
+        for (int t = first; t < first + kSamples; ++t) {
+          const int place = 1000 + t;
+          expected.insert(expected.end(),
+                          {static_cast<uint8_t>(place), static_cast<uint8_t>(place >> 8), 0, 0,
+                           static_cast<uint8_t>(200 - t), 0});
+        }
+        ASSERT_EQ(fw_recording_size(&fw_), expected.size());
+        for (uint32_t offset = 0; offset <= expected.size(); ++offset) {
+          std::vector<uint8_t> bytes(expected.size() + 1, 0xEE);
+          bytes.resize(fw_recording_bytes(&fw_, offset, bytes.data(), kSamples * kBytes + 1));
+          ASSERT_EQ(bytes, std::vector<uint8_t>(expected.begin() + offset, expected.end()))
+              << "from byte " << offset << ", " << pretrigger << " " << trigger;
+        }
+      }
+    }
+  }
+  EXPECT_EQ(guarded.front(), 0xEE);
+  EXPECT_EQ(guarded.back(), 0xEE);
+}
+
+TEST_F(Recorder, BytesAreHandedOverInPieces) {
+  std::array<uint8_t, 6> buffer{};
+  PowerUp(buffer.data(), buffer.size());
+  Set(AXIS_OBJ_RECORDER_SIGNAL_1, Address(AXIS_OBJ_DAC_CODE));
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  Set(AXIS_OBJ_OPEN_LOOP_CODE, 0x123);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
+  Set(AXIS_OBJ_RECORDER_ARM, 1);
+  std::array<uint8_t, 4> piece{};
+  TickTo(2);
+  EXPECT_EQ(fw_recording_size(&fw_), 0u) << "not done";
+  EXPECT_EQ(fw_recording_bytes(&fw_, 0, piece.data(), 4), 0u) << "not done";
+  TickTo(1);
+  EXPECT_EQ(fw_recording_size(&fw_), 6u);
+  EXPECT_EQ(fw_recording_bytes(&fw_, 1, piece.data(), 3), 3u) << "no more than asked for";
+  EXPECT_EQ(piece, (std::array<uint8_t, 4>{0x01, 0x23, 0x01, 0}));
+  EXPECT_EQ(fw_recording_bytes(&fw_, 5, piece.data(), 4), 1u) << "no more than there are";
+  EXPECT_EQ(fw_recording_bytes(&fw_, 6, piece.data(), 4), 0u);
+  Set(AXIS_OBJ_RECORDER_ARM, 0);
+  EXPECT_EQ(fw_recording_bytes(&fw_, 0, piece.data(), 4), 0u) << "stopped";
 }
 
 TEST_F(Recorder, RefusesWhatItCannotDo) {

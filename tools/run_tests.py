@@ -1,0 +1,155 @@
+"""Build and test, the cheapest and sharpest tests first. The last line is "N passed, M failed".
+
+usage: tools/test [--quick | --all]
+
+  --quick  format, style, gates, unit tests, a quarter of the million frames: after every change
+           (90 s at most)
+           all that decides whether a change is good (10 minutes)
+  --all    that, and what needs longer: more seeds, whole sweeps, fuzzers (40 minutes)
+
+A skipped test is a failed test here, and so is a program that ends without its result.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = ROOT / "build"
+PYTHON = ROOT / ".venv/bin/python"
+# Two workers with two threads of OpenBLAS each, which wait in loops for one another, cost half as
+# much again.
+ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+NICE = ("nice", "-n", "19")
+FUZZ_S, FUZZ_ALL_S = 20, 240
+
+
+class Tally:
+    """What passed and failed, and how long each test took."""
+
+    def __init__(self):
+        self.passed = self.failed = 0
+        self.seconds = []  # (seconds, name)
+        self.begin = time.monotonic()
+
+    def count(self, stage, begin, passed, failed):
+        self.passed += passed
+        self.failed += failed
+        seconds = time.monotonic() - begin
+        print(f"{stage}: {passed} passed, {failed} failed, {seconds:.0f} s", flush=True)
+
+    def read(self, stage, begin, xml, status):
+        """Counts the tests of a JUnit file; a program's bad end that no failed test explains is
+        one more."""
+        passed = failed = 0
+        if xml.exists():
+            for case in ET.parse(xml).iter("testcase"):
+                bad = any(case.find(tag) is not None for tag in ("failure", "error", "skipped"))
+                bad = bad or case.get("status") in ("fail", "disabled", "notrun")
+                failed += bad
+                passed += not bad
+                where = case.get("classname", "").replace(".", "/")
+                self.seconds.append((float(case.get("time", 0)), f"{where} {case.get('name')}"))
+        if passed + failed == 0 or (status != 0 and failed == 0):
+            print(f"{stage}: ended with status {status} after {passed} tests", flush=True)
+            failed += 1
+        self.count(stage, begin, passed, failed)
+
+    def end(self):
+        print("slowest")
+        for seconds, name in sorted(self.seconds, reverse=True)[:10]:
+            print(f"  {seconds:6.1f} s  {name}")
+        minutes, seconds = divmod(round(time.monotonic() - self.begin), 60)
+        print(f"{minutes} min {seconds} s")
+        print(f"{self.passed} passed, {self.failed} failed")
+        return 1 if self.failed else 0
+
+
+def build(tally, preset, target="all", prefix=()):
+    """Configures and builds; one that fails is one failed test."""
+    begin = time.monotonic()
+    for command in (
+        ["cmake", "--preset", preset],
+        [*prefix, "cmake", "--build", "--preset", preset, "--target", target, "--", "--quiet"],
+    ):
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        if done.returncode:
+            print(done.stdout + done.stderr)
+            tally.count(f"build {preset}", begin, 0, 1)
+            return False
+    return True
+
+
+def ctest(tally, preset, *selection, prefix=()):
+    begin, xml = time.monotonic(), BUILD / f"ctest-{preset}.xml"
+    xml.unlink(missing_ok=True)
+    command = [*prefix, "ctest", "--preset", preset, "--output-junit", xml, *selection]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        print("\n".join(x for x in done.stdout.splitlines() if not re.search(r" Passed ", x)))
+    tally.read(f"ctest {preset}", begin, xml, done.returncode)
+
+
+def pytest(tally, stage, expression, *options):
+    begin, xml = time.monotonic(), BUILD / f"pytest-{stage.replace(' ', '-')}.xml"
+    xml.unlink(missing_ok=True)
+    command = [PYTHON, "-m", "pytest", f"--junitxml={xml}", "-m", expression, *options]
+    status = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT).returncode
+    tally.read(f"pytest {stage}", begin, xml, status)
+
+
+# Files in the order of their names: the longest ones are not left to the end.
+PARALLEL = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+
+
+def fuzz(tally, seconds, prefix=()):
+    begin = time.monotonic()
+    done = subprocess.run(
+        [*prefix, ROOT / "tests/fuzz/run.sh", str(seconds)], capture_output=True, text=True
+    )
+    print(done.stdout + done.stderr, end="")
+    fuzzers = [f.stem for f in sorted((ROOT / "tests/fuzz").glob("*_fuzz.c"))]
+    clean = sum(
+        bool(re.search(rf"^fuzz {f}: .*nothing found$", done.stdout, re.M)) for f in fuzzers
+    )
+    tally.count("fuzz", begin, clean, len(fuzzers) - clean)
+
+
+def sanitized(tally):
+    """What runs beside the tests of real buses, in the time that those leave."""
+    if build(tally, "debug", "ctest_programs", NICE):
+        ctest(tally, "debug", prefix=NICE)
+    fuzz(tally, FUZZ_S, NICE)
+
+
+def main(arguments):
+    if arguments not in ([], ["--quick"], ["--all"]):
+        print(__doc__)
+        return 0 if arguments in (["-h"], ["--help"]) else 2
+    tally = Tally()
+    if arguments == ["--quick"]:
+        ctest(tally, "release", "-L", "quick", "-j2")
+        pytest(tally, "quick", "quick", *PARALLEL)
+        return tally.end()
+    ctest(tally, "release", "-j2")
+    # Their traces are compared with those of the release build.
+    build(tally, "debug-plain", "trace_hash")
+    build(tally, "debug", "trace_hash")
+    pytest(tally, "parallel", "not alone and not long", *PARALLEL)
+    beside = threading.Thread(target=sanitized, args=[tally])
+    beside.start()
+    pytest(tally, "alone", "alone and not long")
+    beside.join()
+    if arguments == ["--all"]:
+        pytest(tally, "long", "long", *PARALLEL)
+        fuzz(tally, FUZZ_ALL_S)
+    return tally.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
