@@ -81,9 +81,6 @@ void GatewayAxis::before_sync() {
   published_ = false;
 }
 
-// --- what comes
-// --------------------------------------------------------------------------------------
-
 void GatewayAxis::receive(const canopen::Frame &frame) {
   const std::uint32_t node = static_cast<std::uint32_t>(number());
   for (SdoChannel *channel : {&master_, &modbus_, &lcm_channel_}) {
@@ -93,7 +90,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
     }
   }
   if (frame.id == kHeartbeat + node && frame.length == 1) {
-    heard_state(frame.data[0] & 0x7F);
+    receive_heartbeat(frame.data[0] & 0x7F);
   } else if (frame.id == kEmergency + node && frame.length == 8) {
     receive_emergency(frame);
   } else {
@@ -103,7 +100,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
   }
 }
 
-void GatewayAxis::heard_state(std::uint8_t state) {
+void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   silence_ = 0ms;
   heartbeats_ = true;
   const bool booted = state == 0;
@@ -116,12 +113,11 @@ void GatewayAxis::heard_state(std::uint8_t state) {
   }
 }
 
-// Silence is counted in the gateway's own periods: while this machine stands still as a whole, time
-// passes but nobody could have sent anything.
+// Silence is counted in the gateway's own periods, so that a pause of the whole machine is none.
 void GatewayAxis::watch_heartbeat(std::chrono::milliseconds period) {
   if (!present_ || !heartbeats_) return;
   silence_ += period;
-  // At first with the period that the node itself has, which is 200 ms by default.
+  // Before the set-up the node has its own period, 200 ms by default.
   const auto beat = set_up_boots_ == boots_ && !mismatch_ ? settings_.heartbeat
                                                           : std::max(settings_.heartbeat, 1000ms);
   if (silence_ > kLateHeartbeats * beat) lose("heartbeat lost", silence_.count());
@@ -145,7 +141,7 @@ void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
 }
 
 void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
-  // Until the set-up has made sure of it, a PDO may carry anything.
+  // Before the set-up a PDO may be mapped to anything.
   if (set_up_boots_ != boots_ || mismatch_) return;
   std::size_t at = 0;
   for (const std::uint16_t object : kPlans[static_cast<std::size_t>(pdo)].objects) {
@@ -158,9 +154,6 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
   }
   if (pdo == kLastPdo && !published_) publish_state();
 }
-
-// --- set-up and polling
-// --------------------------------------------------------------------------------
 
 Task<void> GatewayAxis::supervise() {
   while (loop_.running()) {
@@ -177,7 +170,7 @@ Task<void> GatewayAxis::supervise() {
   }
 }
 
-// A node that sends no heartbeat is asked.
+// Polls a node that sends no heartbeat.
 Task<bool> GatewayAxis::find() {
   const ObjectResult type = co_await master_port().read(AXIS_OBJ_DEVICE_TYPE);
   if (!type.silent) {
@@ -186,8 +179,8 @@ Task<bool> GatewayAxis::find() {
     silence_ = 0ms;
     co_return true;
   }
-  if (!told_waiting_) {
-    told_waiting_ = true;
+  if (!reported_waiting_) {
+    reported_waiting_ = true;
     publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
                           "waiting for the node, it does not answer");
   }
@@ -201,8 +194,8 @@ bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
     return true;
   }
   if (result.abort == canopen::kAbortLocked) {
-    if (!told_locked_) {
-      told_locked_ = true;
+    if (!reported_locked_) {
+      reported_locked_ = true;
       publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
                             "set-up waits: another source owns the axis");
     }
@@ -235,13 +228,13 @@ Task<bool> GatewayAxis::set_up() {
       if (!co_await set_up_pdo(pdo)) co_return false;
     }
     if (!co_await set_parameters()) co_return false;
-    // A node that another master has stopped, or that reset itself, is started too.
+    // Also starts a node that another master has stopped, or that was reset.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
   }
   if (boots != boots_) co_return false;
   set_up_boots_ = boots;
-  told_locked_ = false;
-  told_waiting_ = false;
+  reported_locked_ = false;
+  reported_waiting_ = false;
   publisher_.event(
       axis_event_t::EVENT_NODE, nmt_state_,
       mismatch_ ? "watched only: its object table is another one" : "set up and started");
@@ -269,7 +262,7 @@ Task<bool> GatewayAxis::identify() {
   co_return true;
 }
 
-// The axis heeds the gateway's heartbeat, the gateway the axis's.
+// Heartbeats both ways: the axis consumes the gateway's, the gateway the axis's.
 Task<bool> GatewayAxis::watch_each_other() {
   const ObjectAddress period = address_of(AXIS_OBJ_PRODUCER_HEARTBEAT_TIME);
   if (!co_await ensure(period, settings_.heartbeat.count(), "heartbeat")) co_return false;
@@ -348,7 +341,7 @@ Task<bool> GatewayAxis::set_parameters() {
   for (const AxisSettings::Parameter &p : settings_.parameters) {
     const ObjectResult written = co_await master_port().write(p.object, p.raw);
     if (!failed(written, name_of(p.object))) continue;
-    // A value that the axis refuses is said, and does not keep it from being watched.
+    // A refused value is reported; the axis is watched nevertheless.
     if (written.silent || written.abort == canopen::kAbortLocked) co_return false;
   }
   co_return true;
@@ -373,9 +366,6 @@ Task<void> GatewayAxis::poll_next() {
   }
 }
 
-// --- the end
-// ---------------------------------------------------------------------------------------------
-
 Task<void> GatewayAxis::shut_down() {
   constexpr std::int64_t kQuickStop = 0x0002;
   if (!present_ || !writes_allowed()) co_return;
@@ -392,7 +382,7 @@ Task<void> GatewayAxis::shut_down() {
       state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
     }
   }
-  // An axis that is still active keeps its watch: the end of the heartbeat disables it.
+  // An axis that is still active keeps its watch: the lost heartbeat disables it.
   if (!state.ok() || state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state.value == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     co_return;

@@ -44,14 +44,14 @@ class GatewayAxis {
   // Set-up, polling and watching go on until the loop is abandoned.
   void start();
 
-  // A frame from the bus; those of other nodes are passed over.
+  // A frame from the bus; those of other nodes are ignored.
   void receive(const canopen::Frame &frame);
   // A SYNC is about to be sent: publishes the state that the last one brought.
   void before_sync();
-  // To be called once a period, with all received frames given: says when the heartbeat is lost.
+  // To be called once a period, after all received frames: reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // Stops the axis if it is CANopen's, and ends its watch for the gateway.
+  // Stops the axis if CANopen owns it, and ends its watch for the gateway's heartbeat.
   Task<void> shut_down();
 
   // The axis has this program's object table, and is not silent.
@@ -84,7 +84,7 @@ class GatewayAxis {
   bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
 
-  void heard_state(std::uint8_t state);
+  void receive_heartbeat(std::uint8_t state);
   void lose(const std::string &why, std::int64_t milliseconds);
   void receive_emergency(const canopen::Frame &frame);
   void receive_pdo(int pdo, const canopen::Frame &frame);
@@ -96,9 +96,9 @@ class GatewayAxis {
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;       // it is heard
-  bool told_waiting_ = false;  // that it is not there was said
-  bool told_locked_ = false;
+  bool present_ = false;  // it answers or sends heartbeats
+  bool reported_waiting_ = false;
+  bool reported_locked_ = false;
   bool heartbeats_ = false;  // it sends them
   bool table_known_ = false;
   bool mismatch_ = false;

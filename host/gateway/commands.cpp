@@ -38,7 +38,7 @@ bool late(const axis_command_t &command) {
 
 }  // namespace
 
-void GatewayCommands::say(Id id, const Answer &answer) {
+void GatewayCommands::publish_answer(Id id, const Answer &answer) {
   axis_.publisher().event(answer.kind, answer.code, answer.text, answer.items,
                           {id.first, id.second});
 }
@@ -47,7 +47,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
   const Id id{command.run_id, command.command_id};
   const auto known = answers_.find(id);
   if (known != answers_.end()) {
-    if (known->second.kind != 0) say(id, known->second);
+    if (known->second.kind != 0) publish_answer(id, known->second);
     return;
   }
   // What is late stays undone: the client has given up by now, and nothing is to move late.
@@ -74,7 +74,7 @@ Task<void> GatewayCommands::serve() {
     const Answer answer = co_await carry_out(command);
     const auto place = answers_.find(id);
     if (place != answers_.end()) place->second = answer;
-    say(id, answer);
+    publish_answer(id, answer);
   }
 }
 
@@ -126,9 +126,6 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
       co_return co_await lock(AXIS_COMMAND_SOURCE_CANOPEN);
   }
 }
-
-// --- items
-// ---------------------------------------------------------------------------------------------
 
 std::optional<GatewayCommands::Target> GatewayCommands::target_of(const std::string &name) {
   const auto object = host::find_object(name);
@@ -259,9 +256,6 @@ Task<GatewayCommands::Answer> GatewayCommands::lock(std::int64_t source) {
   answer.items = {{"command_source", source}};
   co_return answer;
 }
-
-// --- captures
-// --------------------------------------------------------------------------------------------
 
 Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &command) {
   Answer answer;

@@ -40,7 +40,7 @@ void AxisPublisher::update(std::uint16_t object, std::int64_t value) {
 void AxisPublisher::changed(std::uint16_t object, std::int64_t before, std::int64_t now) {
   const auto value = static_cast<std::int32_t>(now);
   const std::string text = host::enum_text(object, value);
-  // What is found at the first look did not change, but a fault is worth being told.
+  // The first value known is no change, but a fault is reported.
   const bool first = before == kNotAvailable;
   switch (object) {
     case AXIS_OBJ_FAULT:

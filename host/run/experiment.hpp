@@ -18,7 +18,7 @@
 //              firmware = { force_setpoint = 10.0 }
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     rows = [["sensor.force"], ...], from_s, to_s: for the Python side, not read here
-//   [expect]   for `forceaxis test`, not read here either (host/python/forceaxis/usertests.py)
+//   [expect]   for `forceaxis test`, not read here either (host/python/forceaxis/experiments)
 // clang-format on
 //
 // Overrides come as text, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2"

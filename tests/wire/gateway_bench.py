@@ -31,9 +31,6 @@ PORT = 1502
 CAN_FRAME = "=IB3x8s"
 
 
-# --- raw ends ------------------------------------------------------------------------------------
-
-
 class Can:
     """A raw socket on vcan0."""
 
@@ -152,9 +149,6 @@ def until(holds, timeout_s=5.0):
             return value
         time.sleep(0.02)
     return None
-
-
-# --- scenarios, in this order --------------------------------------------------------------------
 
 
 def states(axis):
@@ -434,7 +428,7 @@ def map_refuses(modbus):
         "counts": [wire.ask(1, struct.pack(">BHH", 3, 0, n)).hex() for n in (0, 126)],
         "short": wire.ask(1, b"\x03\x00").hex(),
         "device_id": wire.ask(1, b"\x2b\x0e\x01\x00").hex(),
-        # After functions that libmodbus cannot measure the stream is still in step.
+        # After functions of unknown length the stream is still in step.
         "in_step": wire.ask(1, struct.pack(">BHH", 3, gain, 1)).hex(),
     }
     before = registers(modbus, gain, 2)

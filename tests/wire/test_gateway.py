@@ -341,7 +341,6 @@ def gateway(*args):
                 ["--modbus-bind", bind],
                 f"--modbus-bind {bind}: expected an IPv4 address such as 127.0.0.1, or 0.0.0.0",
             )
-            # libmodbus would listen everywhere for the first two, nowhere for the others.
             for bind in ("0127.0.0.1", "0.1.2.3", "localhost", "999.1.1.1", "")
         ),
         (["--watch-ms", "100"], "--watch-ms: expected more than one heartbeat, 100 ms"),
