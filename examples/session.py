@@ -13,7 +13,7 @@ Needs a running gateway (`forceaxis gateway`) with an axis behind it, real or si
 """
 
 import numpy as np
-from forceaxis.bus.gateway import Session, trigger_on
+from forceaxis.gateway import Session, trigger_on
 
 with Session(1) as axis:  # waits for the axis, takes the command source, keeps it
     # Gains in the units of the object table; what the axis refuses raises, with the reason.

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from forceaxis import linear
 from forceaxis.identify import result as measure_result
-from forceaxis.linear import system as linear
 
 SPREAD = 0.45  # of the logarithm: 0.64 to 1.57 times nominal
 # The model as the laboratory has it, what is unknown of it, and how it is measured.

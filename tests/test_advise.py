@@ -6,11 +6,10 @@ import sys
 import control
 import numpy as np
 import pytest
-from forceaxis import _core, paths
+from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
 from forceaxis.linear import advise, loops
-from forceaxis.linear import system as linear
 from scipy import optimize
 
 

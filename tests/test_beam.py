@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from forceaxis._core import InputError
-from forceaxis.thesis import beam
+from forceaxis.linear import beam
 
 # Classical roots, from the literature (Blevins): tan y = -tanh y and cos y cosh y = -1.
 SLIDING_FREE = [2.365020372431352, 5.497803919000836, 8.639379828699741, 11.78097245102023]

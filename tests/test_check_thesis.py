@@ -5,8 +5,8 @@ import math
 
 import pytest
 from click.testing import CliRunner
+from forceaxis import linear
 from forceaxis.cli import main as cli
-from forceaxis.linear import system as linear
 from forceaxis.thesis import claims as thesis
 
 

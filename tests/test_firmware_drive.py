@@ -6,6 +6,7 @@ Run with `pytest -s` to see the instruction counts by mode.
 
 import random
 
+from forceaxis.objects import BY_NAME
 from test_firmware_targets import (  # noqa: F401 (built is a fixture)
     CORTEX_M4,
     Emulator,
@@ -14,7 +15,6 @@ from test_firmware_targets import (  # noqa: F401 (built is a fixture)
     built,
     ctypes,
     each_target,
-    load_objects,
     run,
 )
 
@@ -98,22 +98,21 @@ def drive_ranges(objects, image, target):
 class Master:
     """Writes that a master might do in any tick; the same ones to both."""
 
-    def __init__(self, objects, *sides):
-        self.objects, self.sides = objects, sides
+    def __init__(self, *sides):
+        self.sides = sides
 
     def write(self, name, value):
-        results = {side.write(self.objects[name].number, value) for side in self.sides}
+        results = {side.write(BY_NAME[name].number, value) for side in self.sides}
         assert len(results) == 1, f"{name} {value}: {results}"
 
 
 @each_target
 def test_targets_run_the_drive_as_the_host_does(built, target, tmp_path):  # noqa: F811
     compiled, image = built(target)
-    objects = load_objects()
     host = Host(tmp_path)
     chip = CountingEmulator(image, target, drive_ranges(compiled, image, target))
-    master = Master(objects, host, chip)
-    signals = [o for o in objects.values() if o.part == "drive" and o.kind == "signal"]
+    master = Master(host, chip)
+    signals = [o for o in BY_NAME.values() if o.part == "drive" and o.kind == "signal"]
     rng = random.Random(SEED)
     master.write("position_gain", 1280)
     master.write("force_gain", 640)
@@ -149,8 +148,8 @@ def test_targets_run_the_drive_as_the_host_does(built, target, tmp_path):  # noq
         replay = f"seed {SEED}, tick {tick}"
         assert got == bytes(host.outputs), replay
         counted, total = chip.drive, chip.count
-        state = host.read(objects["drive_state"].number)
-        mode = host.read(objects["modes_of_operation_display"].number) if state == 4 else None
+        state = host.read(BY_NAME["drive_state"].number)
+        mode = host.read(BY_NAME["modes_of_operation_display"].number) if state == 4 else None
         worst[mode] = max(worst.get(mode, 0), counted)
         whole = max(whole, total)
         if tick % 16 == 0:

@@ -6,7 +6,6 @@ Run with `pytest -s` to see the sizes and instruction counts. A missing tool is 
 
 import ctypes
 import functools
-import importlib.util
 import random
 import shutil
 import struct
@@ -16,6 +15,7 @@ from typing import NamedTuple
 
 import pytest
 import unicorn
+from forceaxis.objects import BY_NAME
 from unicorn import arm_const, riscv_const
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -278,15 +278,6 @@ class Outputs(ctypes.Structure):
     ]
 
 
-def load_objects():
-    spec = importlib.util.spec_from_file_location(
-        "forceaxis_objects", ROOT / "host/python/forceaxis/objects.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.BY_NAME
-
-
 class Host:
     """The firmware compiled for this machine."""
 
@@ -436,14 +427,14 @@ def tick_instructions(image, target=CORTEX_M4):
     return found
 
 
-def random_write(rng, objects, position):
+def random_write(rng, position):
     """A plausible write: (number, value)."""
     if rng.random() < 0.15:
         near = rng.choice([0, 1, 3, 100, 5000, 40000, 30000000, 0x7FFFFFFF])
         value = position + rng.randint(-near, near)
-        return objects["position_setpoint"].number, (value + (1 << 31)) % (1 << 32) - (1 << 31)
+        return BY_NAME["position_setpoint"].number, (value + (1 << 31)) % (1 << 32) - (1 << 31)
     name = rng.choice(PROFILE if rng.random() < 0.3 else list(RANGES))
-    o = objects[name]
+    o = BY_NAME[name]
     value = rng.choice(RANGES[name])
     if rng.random() < 0.2:
         value = rng.randint(o.min, o.max)
@@ -453,12 +444,11 @@ def random_write(rng, objects, position):
 @each_target
 def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_path):
     _, image = built(target)
-    objects = load_objects()
     host, chip = Host(tmp_path), Emulator(image, target)
     (state_bytes,) = struct.unpack_from("<I", chip.code, chip.symbols["probe_sizes"] - CODE_BASE)
     assert state_bytes <= STATE_BYTES_MAX
     rng = random.Random(SEED)
-    names = objects["mode"].enum
+    names = BY_NAME["mode"].enum
     worst = dict.fromkeys(names, 0)
     ticks = dict.fromkeys(names, 0)
     faults, reasons = set(), set()
@@ -466,15 +456,15 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
     position, speed = 0.0, 0.0
     for tick in range(FUZZED_TICKS):
         writes = []
-        fault = host.read(objects["fault"].number)
+        fault = host.read(BY_NAME["fault"].number)
         if fault and rng.random() < 0.5:
-            writes.append((objects["fault_reset"].number, 1))
-        elif not host.read(objects["active_mode"].number) and rng.random() < 0.3:
+            writes.append((BY_NAME["fault_reset"].number, 1))
+        elif not host.read(BY_NAME["active_mode"].number) and rng.random() < 0.3:
             for _ in range(6):
-                writes.append(random_write(rng, objects, inputs.encoder_cnt))
-            writes.append((objects["mode"].number, rng.choice(RANGES["mode"])))
+                writes.append(random_write(rng, inputs.encoder_cnt))
+            writes.append((BY_NAME["mode"].number, rng.choice(RANGES["mode"])))
         elif rng.random() < 0.08:
-            writes.append(random_write(rng, objects, inputs.encoder_cnt))
+            writes.append(random_write(rng, inputs.encoder_cnt))
         for number, value in writes:
             expected = host.write(number, value)
             assert chip.write(number, value) == expected, (SEED, tick, number, value)
@@ -487,7 +477,7 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
             position = rng.choice([0, 2**31 - 20, -(2**31) + 5, rng.randint(-(2**31), 2**31 - 1)])
         count = int(position)
         inputs.encoder_cnt = (count + (1 << 31)) % (1 << 32) - (1 << 31)
-        top = (1 << host.read(objects["adc_bits"].number)) - 1
+        top = (1 << host.read(BY_NAME["adc_bits"].number)) - 1
         inputs.adc_code[0] = max(0, min(top, int(abs(speed) * 4) + rng.randint(0, 3)))
         if rng.random() < 0.1:
             inputs.adc_code[0] = rng.choice([0, top, rng.randint(0, top)])
@@ -505,11 +495,11 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
         replay = f"seed {SEED}, tick {tick}"
         assert got == expected, replay
         assert chip.state(state_bytes) == host.state(state_bytes), replay
-        mode = names[host.read(objects["active_mode"].number)]
+        mode = names[host.read(BY_NAME["active_mode"].number)]
         worst[mode] = max(worst[mode], chip.count)
         ticks[mode] += 1
-        faults.add(host.read(objects["fault"].number))
-        reasons.add(host.read(objects["limit_reason"].number))
+        faults.add(host.read(BY_NAME["fault"].number))
+        reasons.add(host.read(BY_NAME["limit_reason"].number))
 
     code = tick_instructions(image, target)
     missed = sorted(code - chip.visited)
@@ -523,6 +513,6 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
     assert target.instructions_max is None or max(worst.values()) <= target.instructions_max
     assert len(missed) <= len(code) // 50
     assert min(ticks.values()) > FUZZED_TICKS // 50
-    texts = objects["fault"].enum
+    texts = BY_NAME["fault"].enum
     assert faults == set(range(texts.index("following_error") + 1)), "all that the tick finds"
-    assert reasons == set(range(len(objects["limit_reason"].enum)))
+    assert reasons == set(range(len(BY_NAME["limit_reason"].enum)))

@@ -7,10 +7,9 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from forceaxis import drawing, linear
 from forceaxis.cli import main as cli
-from forceaxis.linear import loops, modes, plots
-from forceaxis.linear import system as linear
-from forceaxis.thesis import beam
+from forceaxis.linear import beam, curves, locus, loops, modes, plots
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -78,7 +77,7 @@ def test_a_figure_of_the_thesis_draws_and_is_readable(figure):
     texts = [drawn._suptitle] if drawn._suptitle else [ax._left_title for ax in drawn.axes]
     assert any(f"Fig {figure}: " in text.get_text() for text in texts)
     assert f.see and not overlapping(drawn)
-    kind = {"bode": plots.Curve, "rlocus": plots.Locus, "poles": plots.Array}[f.kind]
+    kind = {"bode": curves.Curve, "rlocus": locus.Locus, "poles": locus.Array}[f.kind]
     assert data and all(isinstance(one, kind) for one in data)
     for one in data:
         json.dumps(one.summary(), allow_nan=False)
@@ -92,7 +91,7 @@ def test_a_figure_of_the_thesis_draws_and_is_readable(figure):
                 wanted += f" {one.unit}"
                 assert "beyond" in shown
             assert wanted in shown, (wanted, shown)
-    picture = plots.small_png(drawn)
+    picture = drawing.small_png(drawn)
     assert picture[:4] == b"\x89PNG" and len(picture) < 30_000
 
 
@@ -112,7 +111,7 @@ def test_phase_starts_where_the_slope_says(num, den, first, last):
     own = linear.System(
         system.A, system.B, system.C, system.D, ("x",) * len(system.A), ("u",), ("y",)
     )
-    curve = plots.curve(own, "", (1e-4, 1e4))
+    curve = curves.curve(own, "", (1e-4, 1e4))
     assert curve.phase_deg[0] == pytest.approx(first, abs=1)
     assert curve.phase_deg[-1] == pytest.approx(last, abs=1)
     assert np.allclose(curve.response, np.polyval(num, (s := 2j * np.pi * curve.frequency_hz))
@@ -120,7 +119,7 @@ def test_phase_starts_where_the_slope_says(num, den, first, last):
 
 
 def test_bode_is_the_models_response_and_its_peak_is_on_the_grid():
-    curve = plots.model_curve("fig4_19", "")
+    curve = curves.model_curve("fig4_19", "")
     system = linear.linearise("fig4_19")
     points = [int(np.argmin(np.abs(curve.frequency_hz - hz))) for hz in (1, 10, 46, 200)]
     direct = [
@@ -142,7 +141,7 @@ def test_bode_is_the_models_response_and_its_peak_is_on_the_grid():
 def test_a_locus_has_the_closed_loops_poles_and_the_limit():
     for model, timing in (("fig4_15", "continuous"), ("laboratory", "zoh"), ("fig4_19", "zoh+1")):
         loop = loops.force_loop(model, timing=timing)
-        one = plots.locus(loop)
+        one = locus.locus(loop)
         assert one.limit.gain == loop.limit().gain > 0
         for i in (0, len(one.gains) // 2, -1):
             poles = np.nan_to_num(np.exp(one.branches[i] / 1500))
@@ -217,10 +216,10 @@ def test_what_the_arrays_are_there_to_show():
 @np.errstate(divide="ignore", invalid="ignore")
 def test_a_zero_at_infinity_and_a_sampled_delay_are_drawn_too():
     loop = loops.force_loop("fig4_11", timing="zoh+1")
-    one = plots.locus(loop)
+    one = locus.locus(loop)
     assert not overlapping(plots.rlocus([one]))
     json.dumps(one.summary(), allow_nan=False)
-    assert not overlapping(plots.pole_zero([plots.array(loop.open)]))
+    assert not overlapping(plots.pole_zero([locus.array(loop.open)]))
 
 
 def test_mode_shapes_name_bodies_and_labels():

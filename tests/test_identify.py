@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import _core
+from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import run as runs
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import measure
 from forceaxis.identify import procedures as identify
 from forceaxis.identify import result as measure_result
 from forceaxis.identify.procedures import Estimate
-from forceaxis.linear import system as linear
 
 HERE = Path(__file__).resolve().parent
 EXPERIMENTS = HERE.parent / "sim/experiments"
@@ -58,12 +57,12 @@ def inside(estimate, true):
     return low <= true <= high
 
 
-# --- ring-down ----------------------------------------------------------------------------------
+# Ring-down.
 
 
 def recorded(tmp_path, experiment, signal, *overrides):
     """A column of a run as a CSV file."""
-    columns = experiments.run(EXPERIMENTS / f"{experiment}.toml", overrides).columns
+    columns = runs.run(EXPERIMENTS / f"{experiment}.toml", overrides).columns
     return save(tmp_path / "down.csv", time_s=columns["time_s"], signal=columns[signal])
 
 
@@ -189,7 +188,7 @@ def test_too_short_a_ring_down_is_refused(tmp_path):
     assert "time_s" in refusal("decrement", file)
 
 
-# --- two masses ---------------------------------------------------------------------------------
+# Two masses.
 
 
 def test_the_arm_of_4_4_2_free_and_locked(tmp_path):
@@ -224,7 +223,7 @@ def test_the_split_carries_errors_and_refuses_what_has_no_solution():
     assert tiny == pytest.approx(665000 / (2 * math.pi * 1e10) ** 2)
 
 
-# --- motor --------------------------------------------------------------------------------------
+# Motor.
 
 
 def steady(tmp_path, rng):
@@ -288,7 +287,7 @@ def test_too_few_speeds_are_refused(tmp_path):
     assert f"{file}: expected a CSV file in UTF-8" in refusal("tach", file)
 
 
-# --- fit ----------------------------------------------------------------------------------------
+# Fit.
 
 TRUTH = {"m_r": 110.0, "k_w": 520000.0}
 OPTIONS = {"output": "sensor.spring_force", "band_hz": [2, 120], "bias": 1.0, "averages": 8}
@@ -427,7 +426,7 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
     assert "hard to tell apart" in warned
 
 
-# --- blind --------------------------------------------------------------------------------------
+# Blind.
 
 
 def test_blind_axes_are_identified(tmp_path):

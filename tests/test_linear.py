@@ -3,9 +3,8 @@
 import control
 import numpy as np
 import pytest
-from forceaxis import paths
+from forceaxis import linear, paths
 from forceaxis._core import InputError
-from forceaxis.linear import system as linear
 from scipy import signal
 
 MODELS = sorted(p.stem for p in paths.MODELS.glob("*.toml") if p.stem != "thesis")

@@ -11,11 +11,10 @@ import control
 import numpy as np
 import pytest
 import verbs
-from forceaxis import _core, paths
+from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 from scipy import optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,7 +33,7 @@ NO_PATH = {
 MODELS = sorted(STEMS - NO_READING - {*NO_PATH})
 
 
-# --- Independent computations -------------------------------------------------------------------
+# Independent computations.
 
 
 def exported(plant, timing):
@@ -121,7 +120,7 @@ def agrees(loop, system):
     return max(worst, abs(limit.gain / found - 1))
 
 
-# --- Critical gains -----------------------------------------------------------------------------
+# Critical gains.
 
 
 @pytest.mark.parametrize("timing", loops.TIMINGS)
@@ -262,7 +261,7 @@ def test_a_position_that_drifts_unseen_does_not_count():
     assert loop.limit().reason == "stable at every gain"
 
 
-# --- The laws -----------------------------------------------------------------------------------
+# The laws.
 
 PARAMETERS = {
     "p": {"velocity_gain_Vs_per_m": 0.3},
@@ -349,7 +348,7 @@ def test_law_parameters_are_required_and_refused():
         loops.force_loop("fig4_19", "derivative", derivative_s=1.0, output="robot.velocity")
 
 
-# --- Margins, steps, loci -----------------------------------------------------------------------
+# Margins, steps, loci.
 
 
 @pytest.mark.filterwarnings("ignore:overflow")  # in python-control's polynomials
@@ -408,7 +407,7 @@ def test_locus_follows_each_branch(name, timing):
     assert np.mean(pairs) > 0.95
 
 
-# --- The stepper --------------------------------------------------------------------------------
+# The stepper.
 
 
 LIMITS = (
@@ -558,7 +557,7 @@ def test_runs_of_the_firmware_at_half_and_twice_the_limit():
         assert run["verdict"] == verdict, case
 
 
-# --- The verbs ----------------------------------------------------------------------------------
+# The verbs.
 
 
 def forceaxis(*arguments):

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
-from forceaxis import _core
+from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.identify import measure
 from forceaxis.identify import result as measure_result
-from forceaxis.linear import system as linear
+from forceaxis.identify.setup import read_setup
 from scipy import stats
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,7 +29,7 @@ CODES = (
 )
 
 
-# --- the player ------------------------------------------------------------------------------
+# The player.
 
 
 def replayed(system, volts):
@@ -77,7 +77,7 @@ def test_tachometer_input_of_the_drive_is_the_linear_input():
     assert np.allclose(ours[:, 0, 0], expected, rtol=1e-12)
 
 
-# --- statistics ------------------------------------------------------------------------------
+# Statistics.
 
 
 @pytest.mark.parametrize(("target", "options", "heavier"), [VOLTS, CODES], ids=["volts", "codes"])
@@ -275,7 +275,7 @@ def test_same_seed_same_measurement():
     assert (a.response != c.response).any()
 
 
-# --- the seven measurements of 3.2 -------------------------------------------------------------
+# The seven measurements of 3.2.
 
 # What our parameters give: gain at the lowest line, corner and first phase crossing, Hz.
 READINGS = {
@@ -323,7 +323,7 @@ def test_preamplifier_is_flat():
     assert abs(m.response / 3.9 - 1).max() < 0.005
 
 
-# --- the verb ----------------------------------------------------------------------------------
+# The verb.
 
 
 def forceaxis(*arguments, cwd=ROOT):
@@ -446,16 +446,16 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
 def test_file_is_checked(tmp_path, text, words):
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
-    assert measure.read_setup(path)[0].level == 0.1
+    assert read_setup(path)[0].level == 0.1
     path.write_text(GOOD + text)
     with pytest.raises(InputError) as error:
-        measure.read_setup(path)
+        read_setup(path)
     assert words in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
     path.write_text('output = "drive.current"\n')
     with pytest.raises(InputError, match="model: expected the path"):
-        measure.read_setup(path)
+        read_setup(path)
 
 
 # Tachometer feedback a hundred times too strong: growth 60 1/s at 57 Hz.

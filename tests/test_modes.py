@@ -5,11 +5,10 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from forceaxis import paths
+from forceaxis import linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.linear import modes
-from forceaxis.linear import system as linear
 
 
 def leading(mode, without=()):

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.identify import resonance
 from forceaxis.linear import modes
-from forceaxis.linear import system as linear
 
 # Peak Hz, damping; trough Hz, damping: five modes as 4.2 describes them, troughs some 10 % above.
 KNOWN = [

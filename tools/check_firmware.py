@@ -39,6 +39,7 @@ PORTS = "port"  # includes anything in firmware, may use the compiler's library 
 OTHER_FILES = {
     "CMakeLists.txt",
     "objects/axis_objects.toml",
+    "objects/released/0.1.0.csv",
     # Generated for other programs.
     "objects/generated/forceaxis.eds",
     "objects/generated/forceaxis.dbc",

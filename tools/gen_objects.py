@@ -3,14 +3,13 @@
 
 usage: gen_objects.py [--check] [--root DIR]
 
-Reads firmware/objects/axis_objects.toml and writes
+Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ beside it, and writes
   firmware/objects/generated/axis_objects.h        object numbers, structures, enums
   firmware/objects/generated/axis_objects.c        descriptor tables: no strings, no float
-  firmware/objects/generated/axis_objects_meta.h   host only: names, units, scales, texts, hash
+  firmware/objects/generated/axis_objects_meta.h   host, Python: names, units, scales, texts, hash
   firmware/objects/generated/forceaxis.eds         for CANopen masters, CiA 306
   firmware/objects/generated/forceaxis.dbc         the default PDOs of nodes 1 to 6
   firmware/objects/generated/forceaxis-modbus.csv  registers and bits
-  host/python/forceaxis/objects.py                 the same for Python
   docs/objects/                                    the manual's pages
 
 --check writes nothing and ends with status 1 when a file is not what the table gives.
@@ -21,7 +20,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from objects import c, dbc, eds, manual, modbus, python
+from objects import c, dbc, eds, manual, modbus
 from objects.table import TABLE, TableError, load_table
 
 
@@ -29,7 +28,7 @@ def generate(root):
     """{path below the root: text} of every generated file."""
     table = load_table(root / TABLE)
     files = {}
-    for output in (c, python, eds, dbc, modbus, manual):
+    for output in (c, eds, dbc, modbus, manual):
         files |= output.generate(table)
     return files
 

@@ -2,9 +2,9 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
-#include "firmware/fx/fx.h"
 #include "firmware/drive/state.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 /* TPDOs gather their bytes from where the values lie. */
@@ -130,15 +130,29 @@ static void power_up(fw_t *fw) {
   fw->ticks_alone = 0;
   fw->contact_seen = 0;
   fw->device_signals.store_state = store_load(&fw->store, fw);
+  fw->device_signals.store_change_count = fw->store.change_count;
+  for (uint8_t i = 0; i < STORE_CHANGES; i++) {
+    fw->device_signals.store_change[i] = fw->store.changes[i];
+  }
 }
 
-/* The node boots up; what was to be loaded and could not be is told as soon as it may be. */
+/* Emergency store_failed: store_state, the address of the first change and how many there are. */
+static void report_store(fw_t *fw) {
+  const device_signals_t *signals = &fw->device_signals;
+  const uint32_t change = signals->store_change[0];
+  const uint32_t count =
+      (signals->store_change_count < UINT8_MAX) ? signals->store_change_count : UINT8_MAX;
+  canopen_emergency_detailed(
+      &fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, signals->store_state,
+      fx_field(change, 8, 16) + fx_field(change, 0, 8) * 65536 + count * 16777216);
+}
+
+/* The node boots up; whatever is not in force as it was stored is reported. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen);
   const uint8_t state = fw->device_signals.store_state;
-  if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE ||
-      state == AXIS_STORE_STATE_LOADED_OLDER) {
-    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
+  if (state != AXIS_STORE_STATE_EMPTY && state != AXIS_STORE_STATE_LOADED) {
+    report_store(fw);
   }
 }
 
@@ -183,8 +197,12 @@ static void carry_out_reset(fw_t *fw) {
   } else {
     canopen_init(&fw->canopen, fw->device_signals.node_id);
     fw->canopen.signals.serial_number = fw->config.serial_number;
-    store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
+    const bool loaded = store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
     canopen_start(&fw->canopen);
+    if (!loaded) {
+      fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
+    }
   }
   /* A port tells changes only. */
   canopen_bus(&fw->canopen, fw, bus);
@@ -247,11 +265,9 @@ static void serve_node(fw_t *fw) {
   canopen_tick_end(&fw->canopen, fw);
 }
 
-bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+void fw_prepare(fw_t *fw) {
   if (fw->live == 0) {
-    axis_tick(&fw->axis, inputs, outputs);
-    recorder_tick(&fw->recorder, fw);
-    return true;
+    return;
   }
   watch_source(fw);
   cia402_before(&fw->drive, &fw->axis);
@@ -259,7 +275,17 @@ bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs
   if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
     axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
   }
+}
+
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
+}
+
+bool fw_report(fw_t *fw) {
+  if (fw->live == 0) {
+    recorder_tick(&fw->recorder, fw);
+    return true;
+  }
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, fw);
   if (fw->config.buses != 0) {
@@ -282,7 +308,9 @@ void fw_between(fw_t *fw) {
 }
 
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
-  (void)fw_interrupt(fw, inputs, outputs);
+  fw_prepare(fw);
+  fw_control(fw, inputs, outputs);
+  (void)fw_report(fw);
   fw_between(fw);
 }
 
@@ -304,14 +332,19 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
   return modbus_transmit(&fw->modbus, bytes, room);
 }
 
-/* One more, up to the largest number it can hold. */
+/* More by a number, up to the largest it can hold. */
 static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-void fw_overrun(fw_t *fw) {
-  count_up(&fw->device_signals.overruns, 1);
+void fw_overrun(fw_t *fw, uint32_t missed) {
+  const uint32_t count = (missed == 0) ? 1 : missed;
+  count_up(&fw->device_signals.overruns, (count > UINT16_MAX) ? UINT16_MAX : (uint16_t)count);
+  fw->axis.signals.tick_count += missed;
   if (fw->config.buses != 0) {
+    if (missed != 0) {
+      canopen_missed(&fw->canopen, missed);
+    }
     tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
@@ -529,7 +562,7 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
       return FW_OK;
     case AXIS_OBJ_STORE_PARAMETERS:
     case AXIS_OBJ_STORE_ALL:
-      return begin_store(fw, store_save(&fw->store, fw));
+      return begin_store(fw, store_save(&fw->store));
     case AXIS_OBJ_RESTORE_DEFAULTS:
     case AXIS_OBJ_RESTORE_ALL:
       return begin_store(fw, store_forget(&fw->store));

@@ -9,13 +9,13 @@
 #include <stdint.h>
 
 #include "firmware/app/store.h"
-#include "firmware/core/axis.h"
-#include "firmware/core/recorder.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
+#include "firmware/core/axis.h"
+#include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
+#include "firmware/objects/access.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
@@ -89,16 +89,21 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in two, for a port whose ticks are an interrupt: the first in the interrupt, the second
- * after it, before anything else is done with fw, and not interrupted by the first. In fw_between()
- * is what is seldom due and long, none of which the outputs of this tick depend on: emergencies,
- * timers of the node that run out, the silence of Modbus, resets (they last longer than a tick),
- * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md.
+/* fw_tick() in four, for a port whose ticks are an interrupt. In the interrupt fw_prepare() has the
+ * drive set the targets of this tick, which needs no inputs: they may still be converted.
+ * fw_control() turns inputs into outputs, which the port puts out at once; then fw_report() does
+ * what is due in most ticks: status of the drive, recorder, one event-driven TPDO. After the
+ * interrupt, before anything else is done with fw, and not interrupted by a tick, fw_between() does
+ * what is seldom due and long: emergencies, timers of the node that run out, the silence of Modbus,
+ * resets (they last longer than a tick), a step of the store (so does an erase). Cost on a
+ * Cortex-M4: docs/chip/instructions.md.
  *
  * Nobody would see a heartbeat end, or NMT, while fw_between() does not run. When it has not for
- * more than FW_BETWEEN_TICKS_MAX ticks, fw_interrupt() has the axis off, with the fault
- * main_loop_lost, and returns false: the caller must not feed its watchdog then. */
-bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+ * more than FW_BETWEEN_TICKS_MAX ticks, fw_prepare() has the axis off, with the fault
+ * main_loop_lost, and fw_report() returns false: the caller must not feed its watchdog then. */
+void fw_prepare(fw_t *fw);
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
 /* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
@@ -112,8 +117,10 @@ void fw_can_bus(fw_t *fw, uint8_t state);
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
-/* The port missed the time of a tick. */
-void fw_overrun(fw_t *fw);
+/* A tick of the port came late (missed 0), or `missed` ticks did not come at all. Each counts as
+ * one of `overruns`, and time goes on by those missed: tick_count, and the timers of the node, of
+ * which canopen_missed() says more. After fw_between(), not in the interrupt. */
+void fw_overrun(fw_t *fw, uint32_t missed);
 
 /* Stored parameters, for the store. Whether a value may be put into an object at power-up; and
  * putting it there, without telling anyone: whoever depends on it starts afterwards. */

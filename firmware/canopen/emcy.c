@@ -49,6 +49,10 @@ static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
 }
 
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
+  emcy_raise_detailed(canopen, code, info, 0);
+}
+
+void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
   emcy_t *emcy = &canopen->emcy;
   emcy_update(canopen);
   if (code != AXIS_ERROR_CODE_NONE) {
@@ -68,7 +72,8 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy->waiting[emcy->count - 1] =
       (emergency_t){.code = code,
                     .error_register = (uint8_t)(canopen->signals.error_register | class_of(code)),
-                    .info = info};
+                    .info = info,
+                    .detail = detail};
 }
 
 /* What the node has told by itself, when it took the owner away. */
@@ -114,6 +119,7 @@ void emcy_tick(canopen_t *canopen) {
     fx_store_le(frame->data, emergency->code, 2);
     frame->data[2] = emergency->error_register;
     frame->data[3] = emergency->info;
+    fx_store_le(&frame->data[4], emergency->detail, 4);
     sent += 1;
     canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY, inhibit);
   }

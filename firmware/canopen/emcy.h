@@ -6,7 +6,9 @@
  * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
  * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
  * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
- * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes
+ * refused by an object, the owner that is lost, store_state of a store that failed, else 0. The
+ * other four are 0, but at power-up those of store_failed: index (two bytes, the lower first) and
+ * sub-index of the first parameter that is not as stored, and how many there are, at most 255. Codes
  * are AXIS_ERROR_CODE_. Code 0 says that something has gone; the register in the frame tells
  * whether anything is left. */
 
@@ -21,6 +23,7 @@ typedef struct {
   uint16_t code;
   uint8_t error_register;
   uint8_t info;
+  uint32_t detail; /* the last four bytes, the lowest first */
 } emergency_t;
 
 typedef struct {
@@ -33,6 +36,7 @@ typedef struct {
 /* Notes an emergency; it is sent at the end of a tick. If too many wait, the
  * oldest falls out: the history keeps it, and the latest says what is. */
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
+void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* A lasting condition has come or gone: gives 1001h its value. */
 void emcy_update(canopen_t *canopen);

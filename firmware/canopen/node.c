@@ -2,8 +2,8 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 /* Identifiers and commands of network management. */
 enum { ID_NMT = 0x000, ID_HEARTBEAT = 0x700, ID_HEARTBEAT_LAST = 0x77F };
@@ -380,6 +380,11 @@ void canopen_tick_end(canopen_t *canopen, fw_t *fw) {
   }
 }
 
+void canopen_missed(canopen_t *canopen, uint32_t ticks) {
+  pdo_missed(canopen, ticks);
+  canopen_timers_missed(&canopen->timers, ticks);
+}
+
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
   if (can_output_take(&canopen->output, frame)) {
     return true;
@@ -448,6 +453,10 @@ void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state) {
 
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise(canopen, code, info);
+}
+
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
+  emcy_raise_detailed(canopen, code, info, detail);
 }
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }

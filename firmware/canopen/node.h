@@ -14,14 +14,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/fx/fx.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
-#include "firmware/canopen/output.h"
-#include "firmware/canopen/timers.h"
 #include "firmware/canopen/emcy.h"
+#include "firmware/canopen/output.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
+#include "firmware/canopen/timers.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
@@ -65,6 +65,11 @@ void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame);
 void canopen_tick_begin(canopen_t *canopen, fw_t *fw, bool leave);
 void canopen_tick_end(canopen_t *canopen, fw_t *fw);
 
+/* So many ticks did not come, because the processor was at a standstill; not between the two calls
+ * above. What was to be sent meanwhile is due in the coming tick, once. Deadlines of what is
+ * received are put off by as much: nothing could be heard. */
+void canopen_missed(canopen_t *canopen, uint32_t ticks);
+
 /* The next frame to be sent; false: none. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 
@@ -81,6 +86,7 @@ void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state);
 /* An emergency that is no fault of the axis: CiA code, and what is put in its manufacturer bytes.
  */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* Whether a value within its range may be written now to an object of the node: FW_OK,
  * FW_ERROR_RANGE, FW_ERROR_STATE, FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT for an entry of a mapping

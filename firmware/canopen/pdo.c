@@ -224,6 +224,15 @@ static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint
   return canopen_has(canopen->tpdos_inhibited, i);
 }
 
+void pdo_missed(canopen_t *canopen, uint32_t ticks) {
+  const uint32_t now = canopen->timers.now;
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    pdo_t *pdo = &canopen->tpdo[i];
+    pdo->event_tick = canopen_timer_caught_up(pdo->event_tick, now, ticks);
+    pdo->inhibit_tick = canopen_timer_caught_up(pdo->inhibit_tick, now, ticks);
+  }
+}
+
 void pdo_tick(canopen_t *canopen, fw_t *fw) {
   const uint32_t now = canopen->timers.now;
   const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;

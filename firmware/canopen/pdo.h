@@ -58,6 +58,9 @@ void pdo_sync(canopen_t *canopen, fw_t *fw);
 /* Event-driven TPDOs; to be called while any is watched or inhibited. */
 void pdo_tick(canopen_t *canopen, fw_t *fw);
 
+/* Ticks that did not come, as canopen_timers_missed(), for the times of TPDOs; before that. */
+void pdo_missed(canopen_t *canopen, uint32_t ticks);
+
 /* An RPDO did not come in time. */
 void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo);
 /* Deadlines that are not running, or were missed, begin anew, as soon as the axis is active. */

@@ -98,7 +98,7 @@ static const uint32_t abort_of_refusal[] = {
     [-FW_ERROR_WRITE_ONLY] = SDO_ABORT_WRITE_ONLY, [-FW_ERROR_RANGE] = SDO_ABORT_VALUE,
     [-FW_ERROR_STATE] = SDO_ABORT_STATE,           [-FW_ERROR_NO_DATA] = SDO_ABORT_NO_DATA,
     [-FW_ERROR_LOCKED] = SDO_ABORT_LOCKED,         [-FW_ERROR_BUSY] = SDO_ABORT_STATE,
-    [-FW_ERROR_MAPPING] = SDO_ABORT_MAPPING,
+    [-FW_ERROR_MAPPING] = SDO_ABORT_MAPPING,       [-FW_ERROR_NO_MEMORY] = SDO_ABORT_HARDWARE,
 };
 
 static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {

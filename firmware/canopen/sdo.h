@@ -22,6 +22,7 @@ typedef struct canopen canopen_t;
 #define SDO_ABORT_MAPPING UINT32_C(0x06040041)    /* cannot be mapped into this PDO */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042) /* the objects mapped do not fit */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)  /* two heartbeat consumers for one node */
+#define SDO_ABORT_HARDWARE UINT32_C(0x06060000)   /* no memory for parameters */
 #define SDO_ABORT_LENGTH UINT32_C(0x06070010)     /* other than the length that was announced */
 #define SDO_ABORT_TOO_LONG UINT32_C(0x06070012)
 #define SDO_ABORT_TOO_SHORT UINT32_C(0x06070013)

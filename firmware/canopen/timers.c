@@ -29,3 +29,17 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
   }
   return due;
 }
+
+void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks) {
+  for (uint8_t i = 0; i < CANOPEN_TIMER_SLOTS; i++) {
+    timers->slots[i] = 0;
+  }
+  for (uint32_t running = timers->running; running != 0; running &= running - 1) {
+    const uint8_t timer = fx_lowest_bit(running);
+    uint32_t *at = &timers->at[timer];
+    *at = (timer >= CANOPEN_TIMER_CONSUMER) ? *at + ticks
+                                            : canopen_timer_caught_up(*at, timers->now, ticks);
+    *canopen_timer_slot(timers, *at) |= fx_bit(timer);
+  }
+  timers->now += ticks;
+}

@@ -70,6 +70,17 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
  * To be asked for once in each tick: a timer that was passed over would never be found. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
 
+/* `ticks` ticks go by in which nothing was served: timers of what is sent run out in the coming
+ * tick if they would have run out meanwhile, those of what is received (CONSUMER and up) that much
+ * later.
+ */
+void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
+
+/* A time to come, or the present one if it passes within `ticks` ticks that were missed. */
+static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
+  return (at - now < ticks) ? now + ticks : at;
+}
+
 /* Whether one of them still runs out; if so, it is stopped by this. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {
   const bool due = canopen_timer_runs(timers, timer) && timers->at[timer] == timers->now;

@@ -100,6 +100,7 @@ static inline uint8_t modbus_exception_of(int refusal) {
     case FW_ERROR_STATE:
     case FW_ERROR_NO_DATA:
     case FW_ERROR_LOCKED:
+    case FW_ERROR_NO_MEMORY:
       return MODBUS_EXCEPTION_STATE;
     case FW_ERROR_BUSY:
       return MODBUS_EXCEPTION_BUSY;

@@ -30,8 +30,9 @@ typedef enum {
   FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
   FW_ERROR_LOCKED = -7,     /* another source owns the axis */
   FW_ERROR_BUSY = -8,       /* the store is still at work */
-  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits; a
+  FW_ERROR_MAPPING = -9,    /* the object cannot be mapped into this PDO, or no longer fits; a
                                heartbeat that is watched already */
+  FW_ERROR_NO_MEMORY = -10  /* there is no memory for parameters, or one too small */
 } fw_error_t;
 
 /* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Anyone may read.
@@ -60,6 +61,7 @@ bool fw_is_active(const fw_t *fw);
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
  *   the store is at work.
  * FW_ERROR_MAPPING: as above.
+ * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
  * A write that is accepted feeds the owner's watchdog, and nothing else does: a client that only
  * reads on would keep an axis moving that nobody commands any more. Writing what is there already
  * is enough.

@@ -13,6 +13,8 @@ int refusal_of(std::uint32_t abort) {
     case 0x0604:
     case 0x0607:
       return FW_ERROR_RANGE;
+    case 0x0606:
+      return FW_ERROR_NO_MEMORY;
     case 0x0800:
       return abort == 0x08000020 ? FW_ERROR_RANGE : FW_ERROR_STATE;
     default:

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis import _core
-from forceaxis.experiments import files as experiments
+from forceaxis import _core, linear
+from forceaxis.experiments import run as runs
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "sim/models"
@@ -204,20 +203,20 @@ RINGING = [
 
 @pytest.mark.parametrize(("name", "column", "start", "stop", "hz", "tolerance"), RINGING)
 def test_frequency_is_what_the_text_says(name, column, start, stop, hz, tolerance):
-    run = experiments.run(EXPERIMENTS / f"{name}.toml")
+    run = runs.run(EXPERIMENTS / f"{name}.toml")
     assert frequency(run, column, start, stop) == pytest.approx(hz, abs=tolerance)
 
 
 def test_push_on_the_base_disturbs_a_workpiece_on_it_ten_times_as_much():
     swing = {}
     for name in ("fig2_16a", "fig2_16b"):
-        columns = experiments.run(EXPERIMENTS / f"{name}.toml").columns
+        columns = runs.run(EXPERIMENTS / f"{name}.toml").columns
         swing[name] = np.ptp(columns["sensor.force"][columns["time_s"] > 4])
     assert swing["fig2_16b"] / swing["fig2_16a"] == pytest.approx(10, rel=0.1)
 
 
 def test_damping_of_the_struck_workpiece():
-    run = experiments.run(EXPERIMENTS / "fig4_19_free.toml")
+    run = runs.run(EXPERIMENTS / "fig4_19_free.toml")
     x, t = run.columns["workpiece.position"], run.columns["time_s"]
     early, late = np.abs(x[(t > 0.2) & (t < 0.3)]).max(), np.abs(x[(t > 0.8) & (t < 0.9)]).max()
     zeta = np.log(early / late) / (2 * np.pi * 39.8 * 0.6)
@@ -226,7 +225,7 @@ def test_damping_of_the_struck_workpiece():
 
 @pytest.mark.parametrize(("name", "ratio"), [("fig4_5", 0.68), ("fig4_5_measured", 0.85)])
 def test_no_load_response(name, ratio):
-    columns = experiments.run(EXPERIMENTS / f"{name}.toml").columns
+    columns = runs.run(EXPERIMENTS / f"{name}.toml").columns
     assert columns["drive.tach"][-1] / columns["drive.command"][-1] == pytest.approx(
         ratio, abs=5e-3
     )
@@ -243,7 +242,7 @@ def test_every_model_has_an_experiment_and_each_verdict_is_its_text():
         assert text["figure"], path.stem
         assert text["shows"], path.stem
         used.add(Path(text["model"]).stem)
-        run = experiments.run(path)
+        run = runs.run(path)
         assert run.summary["fault"] == "none"
         if "verdict" not in text:
             continue

@@ -7,7 +7,7 @@ import control
 import numpy as np
 import pytest
 import verbs
-from forceaxis.linear import system as linear
+from forceaxis import linear
 from scipy import io
 
 ROOT = Path(__file__).resolve().parents[2]

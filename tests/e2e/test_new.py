@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import run as runs
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 FILES = ["contact.toml", "model.toml", "step.toml"]
@@ -55,7 +55,7 @@ def made(folder, options):
 
 
 def ran(folder, experiment, *options):
-    return experiments.run(folder / "mine" / experiment, options).summary
+    return runs.run(folder / "mine" / experiment, options).summary
 
 
 @pytest.mark.parametrize("sheet", SHEETS)

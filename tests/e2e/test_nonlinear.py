@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import run as runs
 from forceaxis.thesis import nonlinear
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -13,7 +13,7 @@ EXPERIMENTS = ROOT / "sim/experiments"
 
 
 def columns(name, *overrides):
-    return experiments.run(EXPERIMENTS / f"{name}.toml", overrides).columns
+    return runs.run(EXPERIMENTS / f"{name}.toml", overrides).columns
 
 
 def at(trace, column, time_s):
@@ -32,7 +32,7 @@ def test_every_verdict_is_its_text():
     for path in paths:
         text = tomllib.loads(path.read_text())
         assert text["shows"]
-        run = experiments.run(path)
+        run = runs.run(path)
         assert run.summary["fault"] == "none"
         if "verdict" in text:
             expected = "unstable" if path.stem.endswith("_unstable") else "stable"
@@ -61,7 +61,7 @@ def test_coulomb_friction_widens_the_stable_region():
 
 
 def test_stiction_sticks_and_slips_for_ever_and_coulomb_friction_slides():
-    run = experiments.run(EXPERIMENTS / "nl_stick_slip.toml")
+    run = runs.run(EXPERIMENTS / "nl_stick_slip.toml")
     loose = [t for t, name, old, new in run.events if (name, old) == ("rail", "stuck")]
     periods = np.diff(loose)[2:]
     assert len(periods) > 10
@@ -151,7 +151,7 @@ def test_velocity_sensing_force_sensor_and_accelerometers():
 
 def test_stiction_cycles_in_the_force_loop_where_friction_alone_settles():
     file = EXPERIMENTS / "nl_stiction_unstable.toml"
-    sticking = experiments.run(file)
+    sticking = runs.run(file)
     assert sticking.summary["verdict"] == "unstable"
     # It goes on: the last second has the ripple of the five before, and both ends are stuck.
     force = sticking.columns["sensor.force"]
@@ -159,4 +159,4 @@ def test_stiction_cycles_in_the_force_loop_where_friction_alone_settles():
     assert np.ptp(force[-1500:]) > 40
     pulls = np.abs(sticking.columns["rail.force"][-1500:])
     assert 55 < pulls.max() <= 60
-    assert experiments.run(file, ["stiction=20"]).summary["verdict"] == "stable"
+    assert runs.run(file, ["stiction=20"]).summary["verdict"] == "stable"

@@ -67,7 +67,7 @@ def test_plant_firmware_and_replay_agree(held):
 def test_the_example_holds_the_session_too(tmp_path):
     script = (
         "import pathlib, subprocess, sys\n"
-        "from forceaxis import thesis_session\n"
+        "from forceaxis.thesis import session as thesis_session\n"
         "with thesis_session.machine(pathlib.Path(sys.argv[1])):\n"
         "    sys.exit(subprocess.run([sys.executable, 'examples/session.py']).returncode)\n"
     )

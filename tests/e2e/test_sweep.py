@@ -16,8 +16,10 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from forceaxis import InputError
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import points as points_of
+from forceaxis.experiments import run as runs
 from forceaxis.experiments import sweep as sweeps
+from forceaxis.experiments import sweep_runs
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"
@@ -86,23 +88,23 @@ def journal(out):
     return (out / "journal.jsonl").read_bytes().splitlines(keepends=True)
 
 
-# --- which points ---------------------------------------------------------------------------------
+# Which points.
 
 
 def test_a_grid_is_every_combination_with_both_ends():
-    axes = sweeps.grid_axes({"a": "1:3:5", "b": "1:100:3:log", "c": [4, 2]})
+    axes = points_of.grid_axes({"a": "1:3:5", "b": "1:100:3:log", "c": [4, 2]})
     assert [a.values for a in axes] == [(1, 1.5, 2, 2.5, 3), (1, 10, 100), (4, 2)]
-    points = sweeps.grid_points(axes)
+    points = points_of.grid_points(axes)
     assert len(points) == 30
     assert points[:3] == [(1, 1, 4), (1, 1, 2), (1, 10, 4)]
-    assert sweeps.grid_axes({"a": "4,0.5,3"})[0].values == (4, 0.5, 3)
-    assert sweeps.grid_axes({"a": "0:0.3:4"})[0].values == (0, 0.1, 0.2, 0.3)
+    assert points_of.grid_axes({"a": "4,0.5,3"})[0].values == (4, 0.5, 3)
+    assert points_of.grid_axes({"a": "0:0.3:4"})[0].values == (0, 0.1, 0.2, 0.3)
 
 
 def test_a_random_point_depends_on_seed_name_and_index_alone():
     def draw(count, seed, **ranges):
-        axes = sweeps.random_axes(ranges)
-        columns = np.transpose(sweeps.random_points(axes, count, seed))
+        axes = points_of.random_axes(ranges)
+        columns = np.transpose(points_of.random_points(axes, count, seed))
         return dict(zip(ranges, columns.tolist(), strict=True))
 
     many = draw(400, 7, k="2:6", b="1:1e4:log")
@@ -117,7 +119,7 @@ def test_a_random_point_depends_on_seed_name_and_index_alone():
     assert abs(sum(b < 100 for b in many["b"]) - 200) < 50
 
 
-# --- what a sweep gives ---------------------------------------------------------------------------
+# What a sweep gives.
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +136,7 @@ def test_every_row_is_the_run_that_run_would_give(small):
     assert pairs == [(g, b) for g in ("2.0", "7.0", "12.0") for b in ("8.25", "363.0")]
     sets = [text for text in BRIEF if text != "--set"]
     for row, (gain, damping) in zip(rows, pairs, strict=True):
-        alone = experiments.run(
+        alone = runs.run(
             ROOT / CONTACT, [*sets, f"firmware.force_gain={gain}", f"b_w={damping}"]
         ).summary
         assert row["trace_hash"] == alone["trace_hash"]
@@ -184,7 +186,7 @@ def test_threads_change_nothing(tmp_path):
     assert len(set(columns[0]["trace_hash"])) == 27
 
 
-# --- boundaries -----------------------------------------------------------------------------------
+# Boundaries.
 
 
 def test_a_boundary_is_where_it_is_by_hand(swing):
@@ -221,7 +223,7 @@ def test_a_bracket_without_a_change_says_so(swing, tmp_path):
     assert row["runs"] == "2.0"
 
 
-# --- a kill ---------------------------------------------------------------------------------------
+# A kill.
 
 LONG = [
     CASE_B, "--grid", "firmware.force_gain=2:16:30", "--grid", "firmware.force_setpoint=10:60:30",
@@ -303,7 +305,7 @@ def test_two_sweeps_in_one_folder_are_refused(small):
         refused(forceaxis_sweep(*summary["command"].split()[2:]), "journal.jsonl", "no other sweep")
 
 
-# --- failing runs ---------------------------------------------------------------------------------
+# Failing runs.
 
 
 def test_one_percent_of_failing_runs_is_reported_and_the_rest_is_run(swing, tmp_path):
@@ -342,7 +344,7 @@ def test_status_1_only_if_all_runs_fail(swing, tmp_path):
     assert all("at reach" in row["error"] for row in rows_of(tmp_path / "b"))
 
 
-# --- mistakes in the command ----------------------------------------------------------------------
+# Mistakes in the command.
 
 GAIN = "firmware.force_gain"
 
@@ -402,7 +404,7 @@ def refused(finished, *words):
         assert word in finished.stderr
 
 
-# --- a cluster ------------------------------------------------------------------------------------
+# A cluster.
 
 
 @pytest.fixture
@@ -452,17 +454,17 @@ def test_a_cluster_that_loses_a_worker_loses_no_run(cluster, tmp_path):
 
 
 def test_a_worker_with_other_files_or_firmware_says_so(swing):
-    identity = sweeps.identity_of(swing, [])
-    assert len(sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
+    identity = sweep_runs.identity_of(swing, [])
+    assert len(sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
     for name in identity:
-        with pytest.raises(sweeps.Refused, match=name):
-            sweeps.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
+        with pytest.raises(sweep_runs.Refused, match=name):
+            sweep_runs.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
     swing.write_text(SWING.replace("100.0", "101.0"))
-    with pytest.raises(sweeps.Refused, match="inputs_hash"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(sweep_runs.Refused, match="inputs_hash"):
+        sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
     swing.unlink()
-    with pytest.raises(sweeps.Refused, match="there is none"):
-        sweeps.run_chunk(str(swing), [], identity, [["reach=0.02"]])
+    with pytest.raises(sweep_runs.Refused, match="there is none"):
+        sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
 
 
 def test_the_python_side_refuses_as_the_command_does():

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis.experiments import files as experiments
+from forceaxis.experiments import run as runs
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "## A stability verdict for your own axis in ten minutes\n"
@@ -76,7 +76,7 @@ def test_the_boundary_and_the_safe_gain_are_as_the_text_says(typed):
     contact = typed[0] / "press/contact.toml"
 
     def verdict(gain):
-        return experiments.run(contact, [f"firmware.force_gain={gain}"]).summary["verdict"]
+        return runs.run(contact, [f"firmware.force_gain={gain}"]).summary["verdict"]
 
     assert [verdict(boundary), verdict(boundary + 0.1)] == ["stable", "unstable"]
     assert f"force_gain = {safe}\n" in contact.read_text()

@@ -17,7 +17,8 @@ import pytest
 import verbs
 import yaml
 from forceaxis import SimulationError
-from forceaxis.experiments import regression as usertests
+from forceaxis.experiments import expect as expectations
+from forceaxis.experiments import regression
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -105,11 +106,11 @@ def test_values_worked_out_by_hand_pass(tmp_path):
 
 def response(values, **how):
     """measure() on a made-up response, one value a tick."""
-    expect = usertests.read("e.toml", {"expect": {"signal": "x", **how}})
+    expect = expectations.read("e.toml", {"expect": {"signal": "x", **how}})
     columns = {"x": np.asarray(values, float), "time_s": np.arange(len(values)) / 1500}
     summary = {"verdict": None, "fault": "none", "metrics": {}, "trace_hash": "0"}
     done = SimpleNamespace(experiment="e.toml", columns=columns, summary=summary)
-    return usertests.measure(done, expect, []).values
+    return expectations.measure(done, expect, []).values
 
 
 def test_the_definitions_on_responses_made_by_hand():
@@ -363,9 +364,9 @@ def test_a_bad_table_is_one_line(bad, index):
         ("signal", "expect.signal: expected a column"),
         ("late", "expect.from_s: expected a time before the end"),
         ("table", "expect: expected a table"),
-        ("cut", "file: expected valid TOML"),
-        ("binary", "file: "),
-        ("deep", "file: "),
+        ("cut", "line 1, column 9: expected valid TOML"),
+        ("binary", "line 1, column 1: expected valid TOML"),
+        ("deep", "line 1"),
         ("nomodel", "model: expected"),
     ],
 )
@@ -427,11 +428,11 @@ def test_a_run_that_cannot_go_on_is_a_failure(tmp_path, monkeypatch):
     def stop(file):
         raise SimulationError("contact: chatters at 0.1 s")
 
-    monkeypatch.setattr(usertests, "examine", stop)
+    monkeypatch.setattr(expectations, "examine", stop)
     here = axes(tmp_path, axis=GOOD)
-    (outcome,) = usertests.run([here])
-    assert usertests.status([outcome]) == 1
-    usertests.write_junit([outcome], here / "r.xml")
+    (outcome,) = regression.run([here])
+    assert regression.status([outcome]) == 1
+    regression.write_junit([outcome], here / "r.xml")
     message = ET.parse(here / "r.xml").find(".//failure").get("message")
     assert message == "contact: chatters at 0.1 s"
 
@@ -471,7 +472,7 @@ def test_the_pytest_fixture(tmp_path):
     done = user_pytest(tmp_path)
     assert "1 failed, 2 passed" in done.stdout, done.stdout
     assert re.search(r"^E .*final_value: expected 7 \+-0.07, got 0.5$", done.stdout, re.M)
-    assert "usertests.py" not in done.stdout
+    assert "expect.py" not in done.stdout
 
 
 @pytest.mark.parametrize("testpaths", ["", 'testpaths = ["tests"]\n'])

@@ -48,6 +48,7 @@ TEST_F(Recorder, ImmediateFillsTheLength) {
   TickTo(1);
   EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_DONE);
   TickTo(10);
+  EXPECT_EQ(fw_.live, 0) << "a recording of the axis alone wakes no drive";
   EXPECT_EQ(Column(0), Range(5, 10));
   EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 0);
 }

@@ -20,9 +20,9 @@ from pathlib import Path
 from forceaxis import objects
 from forceaxis.bus import gateway as sessions
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
-from forceaxis.bus.drive_words import BY_NAME
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.state_names import BY_NAME
 from forceaxis.experiments import link
 from forceaxis.thesis import session as thesis_session
 from pymodbus.client import ModbusTcpClient

@@ -27,15 +27,15 @@ import numpy as np
 import pytest
 from forceaxis import objects
 from forceaxis._core import InputError
-from forceaxis.bus import drive_words, log_tables
 from forceaxis.bus import log as logs
+from forceaxis.bus import log_tables, state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
 from forceaxis.bus.gateway import MODES, Session
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
 from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.monitor import AxisPanel, Monitor
+from forceaxis.bus.monitor_state import Watch
 from forceaxis.bus.sources import Live, Replay
-from forceaxis.bus.watch import Watch
 from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, Gateway, sample, state_of, truth
 from own_network import OWN_NETWORK
 
@@ -178,27 +178,27 @@ def test_every_statusword_is_named_as_cia_402_names_it():
         ]
         assert len(named) <= 1
         expected = named[0] if named else f"statusword {word:04X}h"
-        assert drive_words.drive_state(word) == expected
+        assert state_names.drive_state(word) == expected
 
 
 def test_words_for_numbers_that_nobody_knows():
-    assert drive_words.mode(10) == "cyclic force"
-    assert drive_words.mode(-77) == "mode -77"
+    assert state_names.mode(10) == "cyclic force"
+    assert state_names.mode(-77) == "mode -77"
     # The table names them, and nothing beside it.
-    named = dict(drive_words.BY_NAME["modes_of_operation"].values)
-    assert named == dict(drive_words.BY_NAME["modes_of_operation_display"].values)
-    assert set(MODES) == {drive_words.mode(n) for n in named}
+    named = dict(state_names.BY_NAME["modes_of_operation"].values)
+    assert named == dict(state_names.BY_NAME["modes_of_operation_display"].values)
+    assert set(MODES) == {state_names.mode(n) for n in named}
     assert all(MODES[text.replace("_", " ")] == n for n, text in named.items())
-    assert drive_words.emergency(0) == "EMCY 0000h error reset"
-    for code, text in drive_words.BY_NAME["error_code"].values[1:]:
-        assert drive_words.emergency(code) == f"EMCY {code:04X}h {text.replace('_', ' ')}"
-    assert drive_words.enum("fault", 6) == "force_max"
-    assert drive_words.enum("fault", 200) == "200"
-    assert drive_words.enum("no_such_object", 3) == "3"
-    assert drive_words.emergency(0x8130) == "EMCY 8130h heartbeat lost"
-    assert drive_words.emergency(0x1234) == "EMCY 1234h"
-    assert "target reached" in drive_words.status_bits(0x1637, 10)
-    assert "homing error" in drive_words.status_bits(0x2000, 6)
+    assert state_names.emergency(0) == "EMCY 0000h error reset"
+    for code, text in state_names.BY_NAME["error_code"].values[1:]:
+        assert state_names.emergency(code) == f"EMCY {code:04X}h {text.replace('_', ' ')}"
+    assert state_names.enum("fault", 6) == "force_max"
+    assert state_names.enum("fault", 200) == "200"
+    assert state_names.enum("no_such_object", 3) == "3"
+    assert state_names.emergency(0x8130) == "EMCY 8130h heartbeat lost"
+    assert state_names.emergency(0x1234) == "EMCY 1234h"
+    assert "target reached" in state_names.status_bits(0x1637, 10)
+    assert "homing error" in state_names.status_bits(0x2000, 6)
 
 
 def test_engineering_values_and_enum_texts_become_raw_ones_and_back():

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-import click
 import jinja2
 import numpy as np
 
@@ -192,7 +191,7 @@ BY_NAME = {f.name: f for f in FIELDS}
 
 
 def collect(given, ask=None):
-    """Every value and where it is from. `given`: texts by name; `ask(field, default)` -> text.
+    """Every value and its origin. `given`: texts by name; `ask(field, default)` -> text.
 
     Returns (values, sources). Raises InputError for a value that is out of range or without effect.
     """
@@ -229,36 +228,9 @@ def shown(field, default):
     return field.word if default is None else f"{default:.6g}"
 
 
-def options(command):
-    """One command-line option per field."""
-    for field in reversed(FIELDS):
-        default = field.why if callable(field.default) else shown(field, field.default)
-        help_text = f"{field.part}: {field.ask} [default: {default}]"
-        command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
-            command
-        )
-    return command
-
-
-def prompt(field, default):
-    """Ask for one value on the terminal until it is one; None: the default was taken."""
-    click.echo(f"\n{field.part}: {field.ask}")
-    proposed = shown(field, default)
-    while True:
-        text = click.prompt(f"  {field.option[2:]}", default=proposed)
-        if text == proposed:
-            return None
-        try:
-            field.parse(text)
-        except InputError as error:
-            click.echo(f"  {error}")
-            continue
-        return text
-
-
 @dataclass
 class Axis:
-    """What follows from the data sheet."""
+    """Constants derived from the data sheet."""
 
     v: dict  # data-sheet values by name
     r_trans: float
@@ -335,9 +307,6 @@ def fail(name, expected, remedy):
     raise InputError(f"{BY_NAME[name].option}: expected {expected}; {remedy}")
 
 
-# --- first gains: the linear sampled loop of the model as written ---------------------------------
-
-
 @dataclass
 class First:
     """The first gains and what they promise."""
@@ -364,13 +333,13 @@ def highest_gain(loop, volts_per_code):
 
 def first_gains(axis, model):
     """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
+    from forceaxis import linear
     from forceaxis.linear import loops
-    from forceaxis.linear import system as linear
 
     v = axis.v
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
     if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
-        sliding["transmission.high"] = "pressed"  # the play taken up
+        sliding["transmission.high"] = "pressed"  # the backlash closed
     plant = linear.linearise(model, outputs=("adc0",), modes=sliding)
     free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
     poles = np.concatenate([plant.poles().real, free.poles().real])
@@ -409,9 +378,6 @@ def first_gains(axis, model):
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
                  position_gain, distance, speed, acceleration, min(step, 600.0))  # fmt: skip
-
-
-# --- files ---------------------------------------------------------------------------------------
 
 
 def render(name, title, axis, sources, first=None):

@@ -43,3 +43,16 @@ def replacing(folder, *names):
     finally:
         for path in new:
             path.unlink(missing_ok=True)
+
+
+def replace_text(file, text):
+    """Write a file whole or not at all; its mode stays, a link stays a link. Raises OSError."""
+    file = Path(file).resolve()
+    temporary = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="")
+        if file.exists():
+            temporary.chmod(file.stat().st_mode & 0o7777)
+        temporary.replace(file)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,1 +1,1 @@
-"""Speed beside peers."""
+"""Benchmarks: the simulator beside peers, the lock-step beside a bare ping-pong."""

@@ -8,7 +8,7 @@ scenario's own in integers, or the firmware's fw_tick ("forceaxis+firmware").
 
 real_time_factor is 2.0 s over the CPU seconds of one thread for one run, models read and modes
 built before. Tools take turns of some runs each (a single run of 0.1 ms would mostly meet caches
-that the tool before it left behind); the best run counts. force_error_N is the largest difference
+filled by the tool before it); the best run counts. force_error_N is the largest difference
 from an independent integration in extended precision at any tick. Peers and that reference are
 built in a checkout only (tests/bench): odeint is dopri5 at 1e-4 with located events, mujoco RK4
 with one step a tick (four in full, where one is unstable) and no events, scipy RK45 at 1e-4 with
@@ -257,8 +257,8 @@ def linear_analysis(repeat, progress):
     crossings; the other is a halving on control.feedback's poles (stability_margins falls back to a
     grid for these loops and misses it).
     """
+    from forceaxis import linear
     from forceaxis.linear import advise, loops
-    from forceaxis.linear import system as linear
 
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)

@@ -1,1 +1,1 @@
-"""Axes on buses: the gateway, LCM, the monitor, logs."""
+"""Axes on buses: LCM, sessions through the gateway, the monitor, logs."""

@@ -41,7 +41,7 @@ def _pixels(x, y, x_span, y_span, columns, rows):
     fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
     fy = (y_span[1] - y) / (y_span[1] - y_span[0]) * (rows - 1)
     good = np.isfinite(fx) & np.isfinite(fy)
-    # Far outside is outside: it must not ask for millions of dots.
+    # Clipped before rasterising: a value far outside would need millions of dots.
     fx, fy = np.clip(fx, -columns, 2 * columns), np.clip(fy, -rows, 2 * rows)
     px = np.rint(np.where(good, fx, 0)).astype(int)
     py = np.rint(np.where(good, fy, 0)).astype(int)

@@ -1,17 +1,17 @@
-"""Command an axis over LCM and wait for what comes of it, through its gateway.
+"""Command an axis over LCM through its gateway, and wait for the acknowledgement.
 
     from forceaxis.bus.client import AxisClient
 
     with AxisClient(1) as axis:
-        axis.take()                            # own the axis: other buses are refused from now on
+        axis.take()                            # acquire it: other buses are refused from now on
         axis.write("force_gain", 7.0)          # engineering units, enum texts as text
         axis.read("force_gain")                # 7.0
         held = axis.capture(["force", "dac_code"], samples=1500)
         axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=60)
         axis.release()
 
-A command that is refused raises Refused with the reason, one that nobody answers NoAnswer; a name
-or value that the object table does not know is an InputError before anything is sent.
+A refused command raises Refused with the reason, an unacknowledged one NoAnswer. A name
+or value that is not in the object table raises InputError before anything is sent.
 """
 
 import re
@@ -20,8 +20,7 @@ import time
 from collections import deque
 
 from forceaxis._core import InputError
-from forceaxis.bus.captures import Assembly
-from forceaxis.bus.drive_words import BY_NAME, texts
+from forceaxis.bus.capture_assembly import Assembly
 from forceaxis.bus.lcm import (
     AXES,
     NOT_AVAILABLE,
@@ -32,6 +31,7 @@ from forceaxis.bus.lcm import (
     decode,
 )
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.state_names import BY_NAME, texts
 
 STRAGGLERS_S = 1.0
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
@@ -46,7 +46,7 @@ class Refused(Exception):
 
 
 class NoAnswer(TimeoutError):
-    """Nobody answered a command in time, or an awaited event did not come."""
+    """A command or an awaited event timed out."""
 
 
 def object_named(name):
@@ -94,7 +94,7 @@ def from_raw(name, raw):
 
 
 class AxisClient:
-    """Commands one axis through its gateway and waits for what comes of it."""
+    """Commands one axis through its gateway and waits for the acknowledgements."""
 
     def __init__(self, axis, url=None, timeout_s=2.0, retry_s=0.25):
         if axis not in AXES:
@@ -114,8 +114,6 @@ class AxisClient:
 
     def __exit__(self, *_):
         self.close()
-
-    # --- commands ------------------------------------------------------------------------------
 
     def write(self, name, value):
         """Writes one object: engineering value or enum text; an address takes the raw value."""
@@ -143,12 +141,12 @@ class AxisClient:
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self):
-        """Gives the command source back to CANopen."""
+        """Releases the axis: its command source is CANopen again."""
         return self._command(axis_command_t.KIND_RELEASE)
 
     def capture(self, signals, samples=0, timeout_s=30.0, **settings):
-        """Records `signals` tick by tick and waits for the samples: a captures.Assembly, whose
-        `missing` counts samples that were lost on the way.
+        """Records `signals` tick by tick and waits for the samples: a capture_assembly.Assembly,
+        whose `missing` counts the samples lost in transit.
 
         samples 0: as many as the recorder holds. `settings` are further recorder objects without
         the prefix: decimation=3, pretrigger=100, trigger_edge="rising", trigger_level=5120.
@@ -170,7 +168,7 @@ class AxisClient:
         with self._news:
             found = self._await(lambda: complete() or self._ended(command_id), timeout_s)
             if found is not None:
-                # Blocks may come after the event that ends it; those that are lost never do.
+                # Blocks may be received after the final event; lost ones never are.
                 self._await(complete, STRAGGLERS_S)
             held, ended = self._captures.pop(command_id, None), self._ended(command_id)
         if ended and ended.code < 0:
@@ -188,7 +186,7 @@ class AxisClient:
         return None
 
     def _command(self, kind, items=(), signals=()):
-        """Sends until it is answered: the answering event; Refused or NoAnswer."""
+        """Repeats a command until it is acknowledged: that event. Raises Refused or NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
         command.utime = NOT_AVAILABLE
@@ -220,8 +218,6 @@ class AxisClient:
                 return event
         return None
 
-    # --- what comes ----------------------------------------------------------------------------
-
     def state(self, timeout_s=None):
         """The next axis_state_t."""
         with self._news:
@@ -239,8 +235,8 @@ class AxisClient:
         was sent: what the command itself causes is not missed."""
 
         def ready():
-            for heard, event in self._events:
-                if heard >= self._since and kind in (None, event.kind) and where(event):
+            for received, event in self._events:
+                if received >= self._since and kind in (None, event.kind) and where(event):
                     return event
             return None
 
@@ -271,7 +267,7 @@ class AxisClient:
             self._news.notify_all()
 
     def _await(self, ready, timeout_s):
-        """What `ready` gives once it is not None, else None; the caller holds the lock."""
+        """First result of `ready` that is not None, or None at the time-out; the caller locks."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (left := end - time.monotonic()) > 0:
             self._news.wait(left)

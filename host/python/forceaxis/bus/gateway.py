@@ -1,8 +1,8 @@
-"""A session at an axis through its gateway alone: own it, drive it, record it.
+"""A session at an axis through its gateway alone: acquire, move, record, release.
 
-    from forceaxis.bus.gateway import Session
+    from forceaxis.gateway import Session
 
-    with Session(1) as axis:                       # waits for the axis, takes it, keeps it
+    with Session(1) as axis:                       # waits for the axis and acquires it
         axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
         axis.home()                                # here is position 0
         axis.enable("profile position")
@@ -10,10 +10,10 @@
         axis.enable("force counts", force_setpoint=30.0)
         axis.wait_contact()
         held = axis.capture(["force", "dac_code"], samples=1500)
-                                                   # at the end: disabled, given back
+                                                   # at the end: disabled and released
 
-Everything that AxisClient has (read, write, capture, wait_event, state) is there too. A command
-that is refused raises live.Refused with the reason, a wait without success live.NoAnswer.
+It has all of AxisClient too (read, write, capture, wait_event, state). A refused command raises
+Refused with the reason, a wait that times out NoAnswer.
 """
 
 import threading
@@ -21,12 +21,11 @@ import time
 from collections import deque
 
 from forceaxis._core import InputError
-from forceaxis.bus import client as live
-from forceaxis.bus import drive_words
-from forceaxis.bus.client import AxisClient, NoAnswer, Refused
+from forceaxis.bus import state_names
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused, object_named
 from forceaxis.bus.messages import axis_state_t
 
-MODES = {text: number for number, text in drive_words.MODES.items()}
+MODES = {text: number for number, text in state_names.MODES.items()}
 
 # CiA 402 controlwords.
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
@@ -37,10 +36,10 @@ STATES_KEPT = 30_000  # ten minutes of 50 a second
 
 
 class Session(AxisClient):
-    """An axis that is this program's own until the session is closed."""
+    """An axis, acquired until the session is closed."""
 
     def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
-        # Before the bus's thread begins to bring them.
+        # Before the bus's thread delivers the first.
         self._states = deque(maxlen=STATES_KEPT)
         self._keeper = None
         super().__init__(axis, url, timeout_s)
@@ -57,27 +56,27 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values):
-        """As AxisClient's; a new watchdog is not overtaken by the one that keeps the axis."""
+        """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one."""
         if self._keeper is None or not {"watchdog", "0x2302"} & values.keys():
             return super().write_all(values)
         with self._keeper.unchanged:
             return super().write_all(values)
 
     def close(self):
-        """Leaves the axis disabled and to CANopen, as far as it still answers."""
+        """Disables and releases the axis, as far as it still answers."""
         if self._keeper:
             try:
                 self.disable()
                 self.release()
             except (Refused, NoAnswer):
-                pass  # somebody else has it, or nobody does: nothing is left to give back
+                pass  # another client has acquired it, or it is gone: nothing to release
             self._keeper.close()
             self._keeper = None
         super().close()
 
     @property
     def states(self):
-        """The states that were heard, in order: axis_state_t, of the latest STATES_KEPT."""
+        """The received states in order, axis_state_t, the latest STATES_KEPT of them."""
         with self._news:
             return list(self._states)
 
@@ -102,17 +101,15 @@ class Session(AxisClient):
         heard = self._bus.trouble or f"nothing was heard on {self._bus.url}"
         if state is not None:
             heard = (
-                f"it is {drive_words.drive_state(state.statusword)}, "
-                f"{drive_words.mode(state.mode_display)}, "
-                f"fault {drive_words.enum('fault', state.fault)}, "
+                f"it is {state_names.drive_state(state.statusword)}, "
+                f"{state_names.mode(state.mode_display)}, "
+                f"fault {state_names.enum('fault', state.fault)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {heard}")
 
-    # --- the drive -----------------------------------------------------------------------------
-
     def enable(self, mode, **parameters):
-        """Operation enabled in a mode of operation, by its name (drive_words.MODES) or number;
+        """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
         `parameters` are written before the mode changes."""
         number = MODES.get(mode, mode)
         self.write_all({**parameters, "modes_of_operation": number})
@@ -121,7 +118,7 @@ class Session(AxisClient):
                 self.write("controlword", word)
         self.wait_for(
             lambda s: (
-                drive_words.drive_state(s.statusword) == "operation enabled"
+                state_names.drive_state(s.statusword) == "operation enabled"
                 and s.mode_display == number
             ),
             f"operation enabled in mode {mode}",
@@ -135,7 +132,7 @@ class Session(AxisClient):
         self.write("controlword", FAULT_RESET)
 
     def home(self, position=0):
-        """The place where the axis stands becomes `position`; it does not move."""
+        """Homing in place: the present position becomes `position`."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -144,7 +141,7 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position, timeout_s=20.0):
-        """Profile position: goes there and waits until the target is reached."""
+        """Profile position mode: moves and waits until the target is reached."""
         self.write_all({"target_position": position, "controlword": NEW_SETPOINT})
         self.wait_for(lambda s: s.statusword & BIT_12, "the set-point to be taken")
         self.write("controlword", ENABLE)
@@ -171,15 +168,15 @@ class Session(AxisClient):
 
 
 class _Keeper:
-    """Keeps the axis: writes its watchdog as it is, several times within it, because only writes of
-    the owner feed it. Whoever else has taken the axis keeps it: then the write is refused. A client
-    of its own, so that a session that waits in a capture is kept as well."""
+    """Feeds the watchdog by writing its own value several times within it; only writes of the owner
+    count, so an axis that another client acquired is not taken back. It has a client of its own, so
+    that it also runs while the session waits for a capture."""
 
     PERIOD_S = 0.2
 
     def __init__(self, axis, url):
         self._client = AxisClient(axis, url)
-        self.unchanged = threading.Lock()  # held from reading the watchdog to writing it again
+        self.unchanged = threading.Lock()  # locked from reading the watchdog to writing it again
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -190,7 +187,7 @@ class _Keeper:
                 with self.unchanged:
                     self._client.write("watchdog", self._client.read("watchdog"))
             except (Refused, NoAnswer):
-                continue  # a state or a refusal tells the session
+                continue  # the session notices by a state or a refusal
 
     def close(self):
         self._stop.set()
@@ -200,7 +197,7 @@ class _Keeper:
 
 def trigger_on(name, level, edge="rising"):
     """Settings of `capture`: begin when an object passes a level, in engineering units."""
-    known = live.object_named(name)
+    known = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object, to trigger on it")
     return {

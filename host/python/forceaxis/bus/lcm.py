@@ -39,7 +39,7 @@ _TYPES = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# The link's records too, which a monitor does not show but a log may hold.
+# The lock-step's records too: logs may hold them, the monitor ignores them.
 _BY_FINGERPRINT = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -156,7 +156,7 @@ class Gaps:
             self.received += 1
             return True
         if run_id != self._latest:
-            # One that was thought replaced still sends.
+            # The publisher that was considered replaced still sends.
             self.rivals, self._latest = True, run_id
         expected, missing = run
         if seq >= expected:
@@ -213,7 +213,7 @@ class Bus:
         while self._run:
             try:
                 self._lcm.handle_timeout(100)
-            except Exception as error:  # told by whoever shows this connection
+            except Exception as error:  # reported by the user of this connection
                 self.trouble = f"{self.url}: {error}"
                 return
 

@@ -1,7 +1,7 @@
 """LCM logs: write while receiving, read past damage, say what a log holds.
 
-The format is that of lcm-logger. Reading is done here and not by liblcm, which ends at the first
-damaged byte without a word: this reader goes on at the next event and says what it passed over.
+The format is that of lcm-logger. liblcm's reader stops silently at the first damaged byte; this one
+continues at the next event and reports what it skipped.
 """
 
 import struct
@@ -68,7 +68,7 @@ class LogReader:
                 start = at + HEADER.size
                 stop = start + name_size + data_size
                 sane = mark == SYNC and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
-                # A length that lies would swallow the events that follow.
+                # A corrupted length would swallow the events that follow.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1
                     at, middle = stop, start + name_size
@@ -89,7 +89,7 @@ class LogReader:
 
     @property
     def damage(self):
-        """What was passed over, in one line; None if nothing was."""
+        """What was skipped, in one line; None if nothing was."""
         if not self.skipped:
             return None
         what = "is cut off" if self.cut else "is damaged"
@@ -115,12 +115,9 @@ def _why(error):
 
 
 def expect_messages(reader):
-    """Refuses what turned out to hold no message at all."""
+    """Refuses a log without a single message."""
     if not reader.count:
         raise InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
-
-
-# --- what a log holds ---------------------------------------------------------------------------
 
 
 def info(path):

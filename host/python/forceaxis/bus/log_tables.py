@@ -1,4 +1,4 @@
-"""Tables of what an LCM log says, as CSV and NPZ."""
+"""Tables of the messages of an LCM log, as CSV and NPZ."""
 
 import csv
 from array import array
@@ -6,12 +6,12 @@ from array import array
 import numpy as np
 
 from forceaxis import paths
-from forceaxis.bus import drive_words
-from forceaxis.bus.captures import Assembly, unit_of
-from forceaxis.bus.drive_words import BY_NAME
+from forceaxis.bus import state_names
+from forceaxis.bus.capture_assembly import Assembly, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.bus.log import LogReader, expect_messages
 from forceaxis.bus.messages import axis_event_t, axis_state_t
+from forceaxis.bus.state_names import BY_NAME
 
 
 class Columns:
@@ -81,7 +81,7 @@ def export(path, out, kinds=("csv", "npz")):
             undecodable += 1
             continue
         if not gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
-            continue  # a datagram that came twice
+            continue  # a duplicated datagram
         if kind == "CAPTURE":
             key = (entry.channel, message.run_id, message.capture_id)
             captures.setdefault(key, Assembly()).take(message)
@@ -152,11 +152,11 @@ def event_word(kind):
 def state_words(state):
     """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
     say = {
-        "drive_state": (state.statusword, drive_words.drive_state),
-        "mode_text": (state.mode_display, drive_words.mode),
-        "native_mode_text": (state.native_mode, lambda n: drive_words.enum("active_mode", n)),
-        "fault_text": (state.fault, lambda n: drive_words.enum("fault", n)),
-        "limit_text": (state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
+        "drive_state": (state.statusword, state_names.drive_state),
+        "mode_text": (state.mode_display, state_names.mode),
+        "native_mode_text": (state.native_mode, lambda n: state_names.enum("active_mode", n)),
+        "fault_text": (state.fault, lambda n: state_names.enum("fault", n)),
+        "limit_text": (state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
     }
     return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in say.items()}
 

@@ -5,7 +5,6 @@ import math
 import time
 from pathlib import Path
 
-import numpy as np
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding
@@ -15,198 +14,25 @@ from textual.widgets import Footer, Static
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.bus import charts, drive_words
-from forceaxis.bus.captures import unit_of
-from forceaxis.bus.watch import STALE_S, clock_word, known
+from forceaxis.bus.monitor_state import clock_word, known
+from forceaxis.bus.monitor_view import (
+    BAD,
+    COMPACT,
+    FULL,
+    IS,
+    QUIET,
+    SLIM,
+    WARN,
+    AxisPanel,
+    capture_chart,
+    spread,
+    strip_charts,
+)
 
 SMALLEST = (60, 16)
-FULL, COMPACT, SLIM = 8, 4, 3  # heights of a panel, with its border
 PANEL_WIDTH = 38
 SPANS_S = (2, 5, 10, 20, 40, 80)
 REFRESH_S = 0.2
-
-GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
-IS, WANTED = "#5fafff", "#d78700"
-VALUE = "bold #e4e4e4"
-
-STATE_COLOURS = {
-    "operation enabled": GOOD,
-    "fault": BAD,
-    "fault reaction active": BAD,
-    "quick stop active": WARN,
-}
-
-
-def signed(value, unit="", digits=None):
-    """A number with thin groups of three, "-" where there is none."""
-    if value is None:
-        return "-"
-    text = f"{value:,.{digits}f}" if digits is not None else f"{value:,}"
-    return f"{text.replace(',', ' ')} {unit}".rstrip()
-
-
-def spread(width, left, right):
-    """One line with `left` at the left and `right` at the right, cut to `width`."""
-    room = width - left.cell_len - right.cell_len
-    if room < 1:
-        left = left.copy()
-        left.truncate(max(0, width - right.cell_len - 1), overflow="ellipsis")
-        room = max(1, width - left.cell_len - right.cell_len)
-    return Text.assemble(left, " " * room, right)
-
-
-class AxisPanel(Static):
-    """One axis: state, mode and fault in words, its values, what limits it."""
-
-    def __init__(self, number):
-        super().__init__(classes="panel", id=f"axis-{number}")
-        self.number = number
-
-    def on_click(self):
-        self.app.choose(self.number)
-
-    def show(self, words, heard_age_s, height, chosen):
-        """Draws `words` (AxisWatch.words, None: only other messages were heard)."""
-        width = max(10, self.content_size.width)
-        silent = words is None or heard_age_s > STALE_S
-        state = (words or {}).get("drive_state") or "no state yet"
-        colour = QUIET if silent else STATE_COLOURS.get(state, WARN)
-        if words and words["objects_mismatch"]:
-            colour = BAD
-        self.styles.border = ("heavy" if chosen else "round", colour)
-        head = f"axis {self.number} · {state}"
-        if words and words["node"] == "silent":
-            head = f"axis {self.number} · NODE SILENT"
-        elif words and silent:
-            head = f"axis {self.number} · SILENT, was {state}"
-        self.border_title = head
-        if words is None:
-            self.border_subtitle = ""
-            self.update(Text("no state heard yet", style=QUIET))
-            return
-        lost = f" · [bold {BAD}]lost {words['lost']}[/]" if words["lost"] else ""
-        self.border_subtitle = f"{age(words['age_s'])} · {words['rate_per_s']:.0f}/s{lost}"
-        lines = {FULL: full, COMPACT: compact, SLIM: slim}[height](words, width)
-        if words["objects_mismatch"]:
-            lines[-1] = Text(words["objects_mismatch"], style=f"bold {BAD}")
-            if len(words["objects_mismatch"]) > width:
-                theirs, ours = (words["objects_mismatch"].split()[i] for i in (2, 6))
-                lines[-1] = Text(f"table {theirs}, here {ours}", style=f"bold {BAD}")
-        for line in lines:
-            line.truncate(width, overflow="ellipsis")
-        self.update(Text("\n").join(lines))
-
-
-def age(seconds):
-    if seconds is None:
-        return "-"
-    if seconds < 1:
-        return f"{seconds * 1e3:.0f} ms"
-    return f"{seconds:.1f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def mode_text(words):
-    mode, native = words["mode"], words["native_mode"]
-    text = Text(mode or "mode -", style=VALUE)
-    if native:
-        text.append(" · no law" if native == "disabled" else f" · {native} law", style=QUIET)
-    return text
-
-
-def fault_text(words):
-    fault, code = words["fault"], words["error_code"]
-    if fault in (None, "none") and not code:
-        return Text("fault -" if fault is None else "no fault", style=QUIET)
-    if fault in (None, "none"):  # what only the drive profile or a bus calls an error
-        return Text(f"FAULT {drive_words.emergency(code)}", f"bold {BAD}")
-    return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
-
-
-def limit_text(words):
-    limit = words["limit_reason"]
-    if limit in (None, "none"):
-        return Text("limit -" if limit is None else "no limit", style=QUIET)
-    return Text(f"limit {limit}", style=WARN)
-
-
-def contact_text(words):
-    text = Text()
-    if words["contact"] is not None:
-        text.append(
-            "in contact" if words["contact"] else "apart", GOOD if words["contact"] else QUIET
-        )
-    if words["limit_cycle"]:
-        text.append(" · " if text else "")
-        text.append("LIMIT CYCLE", f"bold {BAD}")
-    return text
-
-
-def force_value(words):
-    if words["force_N"] is not None:
-        return signed(words["force_N"], "N", 2)
-    if words["force_cnt"] is not None:
-        return signed(words["force_cnt"], "count", 2)
-    if words["force_permille"] is not None:
-        return signed(words["force_permille"] / 10, "%", 1)
-    return "-"
-
-
-def row(name, value, note=""):
-    return Text.assemble((f"{name:9}", QUIET), (f"{value:>13}", VALUE), (f" {note}", QUIET))
-
-
-def full(words, width):
-    owner = words["command_source"]
-    count = "" if words["force_cnt"] is None else f"{words['force_cnt']:.2f} count"
-    if words["target_force_N"] is not None:
-        count = f"target {words['target_force_N']:.1f}"
-    speed = signed(words["velocity_cnt_per_s"])
-    flags = contact_text(words)
-    for bit in words["status"] or ():
-        flags.append(" · " if flags else "")
-        flags.append(bit, WARN if bit in ("warning", "following error", "homing error") else QUIET)
-    return [
-        spread(width, mode_text(words), Text(owner or "", style=QUIET)),
-        row("force", force_value(words), count if words["force_N"] is not None else ""),
-        row("position", signed(words["position_cnt"], "cnt"), f"{speed} cnt/s"),
-        row("command", signed(words["command_code"], "code"), f"out {signed(words['dac_code'])}"),
-        flags,
-        spread(width, fault_text(words), limit_text(words)),
-    ]
-
-
-def trouble_text(words):
-    """The worst of fault, limit cycle and limit; contact where all is well."""
-    if words["fault"] not in (None, "none") or words["error_code"]:
-        return fault_text(words)
-    if words["limit_reason"] not in (None, "none") and not words["limit_cycle"]:
-        return limit_text(words)
-    return contact_text(words)
-
-
-def compact(words, width):
-    values = Text.assemble(
-        (force_value(words), VALUE),
-        (f"  {signed(words['position_cnt'], 'cnt')}", VALUE),
-        (f"  {signed(words['dac_code'])} code", QUIET),
-    )
-    return [
-        spread(width, Text(words["mode"] or "mode -", style=VALUE), trouble_text(words)),
-        values,
-    ]
-
-
-def slim(words, width):
-    values = Text.assemble(
-        (force_value(words), VALUE),
-        (f" {signed(words['position_cnt'])}", VALUE),
-        (f" {signed(words['dac_code'])}", QUIET),
-    )
-    trouble = trouble_text(words)
-    if words["limit_cycle"]:
-        trouble = Text("LIMIT CYCLE", style=f"bold {BAD}")
-    trouble.truncate(16, overflow="ellipsis")
-    return [spread(width, values, trouble)]
 
 
 class Monitor(App):
@@ -264,8 +90,6 @@ class Monitor(App):
     def on_resize(self):
         self.call_after_refresh(self.draw)
 
-    # --- keys ----------------------------------------------------------------------------------
-
     def action_freeze(self):
         self.frozen = None if self.frozen else time.strftime("%H:%M:%S")
         if self.source.replayed:
@@ -319,8 +143,6 @@ class Monitor(App):
         self.draw()
         for panel in self.query(f"#axis-{number}"):
             panel.scroll_visible(animate=False)
-
-    # --- drawing -------------------------------------------------------------------------------
 
     def refresh_view(self):
         if not self.frozen:
@@ -465,70 +287,3 @@ class Monitor(App):
             else:
                 drawn = strip_charts(axis, width, height, now, self.span_s)
         chart.update(drawn)
-
-
-def strip_charts(axis, width, height, now_us, span_s):
-    """Force, position and codes over the last span_s, as many of them as fit."""
-    now = now_us / 1e6
-    data = axis.trace.since(now - span_s)
-    time_s = data["time"] - now
-    unit = axis.forces()[2] if axis.state else ""
-    plots = [
-        ("force", unit, data["force"], data["force_target"], ("is", "target"), 1.0),
-        ("position", "cnt", data["position"], data["position_target"], ("is", "target"), 10.0),
-        ("code", "", data["code"], data["command"], ("out", "before limits"), 10.0),
-    ]
-    room = height - 1
-    count = 3 if room >= 9 else 2 if room >= 6 else 1
-    heights = [room // count + (1 if i < room % count else 0) for i in range(count)]
-    parts = []
-    for (name, measure, is_, wanted, legend, least), rows in zip(plots, heights, strict=False):
-        title = Text.assemble((f"axis {axis.number} " if not parts else "", QUIET), (name, "bold"))
-        lines = []
-        for values, colour, word in ((is_, IS, legend[0]), (wanted, WANTED, legend[1])):
-            finite = np.flatnonzero(np.isfinite(values))
-            if finite.size:
-                last = charts.number(values[finite[-1]])
-                title.append(f"   ━ {word} {last} {measure}".rstrip(), style=colour)
-                lines.append((*broken(time_s, values), colour))
-        parts.append(charts.panel(width, rows, title, lines, (-span_s, 0), least=least))
-    parts.append(charts.time_axis(width, span_s))
-    return Text("\n").join(parts)
-
-
-def broken(time_s, values):
-    """The line, interrupted where messages are missing for longer than a few of them take."""
-    if len(time_s) < 3:
-        return time_s, values
-    steps = np.diff(time_s)
-    holes = np.flatnonzero(steps > max(0.25, 5 * float(np.median(steps)))) + 1
-    return np.insert(time_s, holes, np.nan), np.insert(values, holes, np.nan)
-
-
-def capture_chart(axis, width, height):
-    """The latest capture: each signal a strip over ms from the trigger, as many as fit."""
-    (_, number), held = axis.capture
-    if not held.signals:
-        return Text("capture: no samples yet", style=QUIET)
-    names = held.signals[: max(1, (height - 2) // 3)]
-    ms = (np.arange(held.total) - held.trigger_sample) * held.decimation / 1.5
-    span = (float(ms[0]), float(ms[-1]) if len(ms) > 1 else float(ms[0]) + 1)
-    missing = f", {held.missing} not here" if held.missing else ""
-    hidden = len(held.signals) - len(names)
-    more = f", {hidden} more signals in the log" if hidden else ""
-    seconds = held.total * held.decimation / 1500
-    head = Text.assemble(
-        (f"axis {axis.number} capture {number}", "bold"),
-        (f"   {held.total} samples, {seconds:.3f} s{missing}{more}   c: back", QUIET),
-    )
-    room = height - 2
-    parts = [head]
-    for i, name in enumerate(names):
-        rows = room // len(names) + (1 if i < room % len(names) else 0)
-        values = held.values(name).astype(float)
-        title = Text.assemble((name, "bold"), (f" {unit_of(name)}", QUIET))
-        parts.append(charts.panel(width, rows, title, [(ms, values, IS)], span, least=1e-6))
-    ends = f"{span[0]:.1f} ms", f"{span[1]:.1f} ms"
-    gap = max(1, width - charts.GUTTER - sum(map(len, ends)))
-    parts.append(Text(" " * charts.GUTTER + ends[0] + " " * gap + ends[1], style="dim"))
-    return Text("\n").join(parts)

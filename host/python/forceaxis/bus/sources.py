@@ -1,4 +1,4 @@
-"""Where a monitor's messages come from: a live bus, which can be recorded, or a log, replayed."""
+"""Sources of a monitor's messages: a live bus, which can be recorded, or a replayed log."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ class Live:
 
     def __init__(self, watch, url=None, axis=None):
         self.watch, self.url, self.writer = watch, url or default_url(), None
-        self.unwritten = None  # why a recording ended of itself
+        self.unwritten = None  # why a recording ended by itself
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
         channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"

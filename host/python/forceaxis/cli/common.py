@@ -1,8 +1,11 @@
-"""What verbs share: how their help looks, options, output."""
+"""Shared by verbs: the form of their help, options, errors."""
 
+import sys
 from pathlib import Path
 
 import click
+
+from forceaxis.experiments import link
 
 
 class Verb(click.Command):
@@ -24,7 +27,7 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """A folder to write to; whoever writes makes it."""
+    """A folder to write to; the writer creates it."""
 
     def __init__(self):
         super().__init__(file_okay=False, path_type=Path)
@@ -65,3 +68,37 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON o
 threads = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
 )
+
+
+def linked(command):
+    """The options of a verb that can run the firmware as another process."""
+    for option in (
+        click.option("--inject", default="", hidden=True, help="For tests: faults of the link."),
+        click.option("--link-can", default="vcan1", show_default=True, help="CAN interface."),
+        click.option("--lcm-url", default="", help="Default: a port of the run's own."),
+        click.option(
+            "--link",
+            "kind",
+            type=click.Choice(link.KINDS),
+            help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
+            "usual, but both sides hash the trace; pil-stm32: the image on an emulated chip. Where "
+            "the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def link_of(kind, lcm_url, link_can, inject):
+    """The Link of the options, or None; may restart the command in a guest that has CAN."""
+    if kind is None:
+        return None
+    over = link.Link(kind, lcm_url, link_can, inject)
+    link.under_vcan(over)
+    return over
+
+
+def fail(message, status=2):
+    """Print one line on standard error and leave."""
+    click.echo("forceaxis: " + " ".join(message.split()), err=True)
+    sys.exit(status)

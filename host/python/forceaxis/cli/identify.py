@@ -1,4 +1,4 @@
-"""`forceaxis identify`: the procedures of 4.4 and the fit to a measured response."""
+"""Verbs of identification: a measured response, the procedures of 4.4, the fit of parameters."""
 
 import json
 
@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verbs, as_json
+from forceaxis.cli.common import Folder, Verb, Verbs, as_json
 
 
 class Known(click.ParamType):
@@ -15,13 +15,13 @@ class Known(click.ParamType):
     name = "VALUE[+-ERROR]"
 
     def convert(self, value, param, ctx):
-        from forceaxis.identify import procedures as identify
+        from forceaxis.identify import procedures
 
         number, _, error = str(value).replace("±", "+-").partition("+-")
         try:
-            known = identify.Estimate(float(number), float(error or 0.0))
+            known = procedures.Estimate(float(number), float(error or 0.0))
         except ValueError:
-            known = identify.Estimate(0.0, 0.0)
+            known = procedures.Estimate(0.0, 0.0)
         if not (1e-30 < known.value < 1e30 and 0 <= known.half < known.value):
             self.fail(
                 f"expected VALUE or VALUE+-ERROR, above 0 (1e-30 to 1e30), got {value}", param, ctx
@@ -78,18 +78,18 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
     DATA.csv has a column time_s and a signal of any unit and offset. At least 3 cycles. A damped
     sine is fitted to the record; what is not one vibration that dies out is refused.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
     if mass and stiffness:
         raise click.UsageError("expected --mass or --stiffness, not both; the other one follows")
-    found, derived = identify.decrement(
+    found, derived = procedures.decrement(
         data, column, (from_s, to_s), floor, mass=mass, stiffness=stiffness
     )
     plain = ("cycles", "decrement_of_ratio", "explained", "noise", "warnings")
     estimates = {k: v for k, v in vars(found).items() if k not in plain} | derived
     show(
         {name: getattr(found, name) for name in plain}
-        | {"decrement_of_ratio": identify.finite(found.decrement_of_ratio)}
+        | {"decrement_of_ratio": procedures.finite(found.decrement_of_ratio)}
         | {name: e.json() for name, e in estimates.items()},
         as_json,
         [
@@ -126,9 +126,9 @@ def split(total_mass, stiffness, frequency_hz, as_json):
     equations are those of both masses free. With the motor's shaft locked, as the thesis describes
     its measurement, the frequency would be that of m_r2 alone: what follows then is said, too.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    found = identify.split(total_mass, stiffness, frequency_hz)
+    found = procedures.split(total_mass, stiffness, frequency_hz)
     result = {
         "solutions": [{"m_r1": m_r1.json(), "m_r2": m_r2.json()} for m_r1, m_r2 in found.solutions],
         "rule": "m_r1 > m_r2",
@@ -164,9 +164,9 @@ def with_offset(verb):
 @as_json
 def tach(data, speed, tach, offset, as_json):
     """Tachometer constant: slope of its voltage over the measured speed (4.1.2)."""
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    found = identify.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
+    found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
     names = ("k_tach", "offset") if offset else ("k_tach",)
     rows = list(zip(names, found, strict=True))
     show({name: e.json() for name, e in rows}, as_json, rows)
@@ -190,10 +190,10 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 
     V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at DC. Errors of the constants count.
     """
-    from forceaxis.identify import procedures as identify
+    from forceaxis.identify import procedures
 
-    ratio = identify.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
-    damping = identify.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
+    ratio = procedures.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
+    damping = procedures.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
     rows = [("ratio", ratio), ("b_m", damping)]
     warnings = []
     if damping.value <= 0:
@@ -239,8 +239,8 @@ def fit(model, response, names, overrides, out, as_json, **given):
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
     and what is poorly determined or hard to tell apart.
     """
+    from forceaxis import linear
     from forceaxis.identify import fit as fit_response
-    from forceaxis.linear import system as linear
 
     held = linear.overrides(overrides)
     measured = fit_response.read_response(response, model, held, **given)
@@ -249,7 +249,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
         if name in held:
             raise InputError(
                 f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
-                f"to start as --fit {name}={held[name]:g}"
+                f"to start as --fit {name}={linear.shown(held[name])}"
             )
     found = fit_response.fit(measured, starts)
     summary = fit_response.summarise(found, measured, units)
@@ -287,10 +287,90 @@ def resonances(model, response, rigid, modes, prominence_db, refine, overrides, 
     are of a minimum-phase system. JSON: resonances (peak_hz, peak_damping, trough_hz and
     trough_damping or null), rms_db, max_db, phase_error_deg, and zeros, poles (1/s) of the cascade.
     """
+    from forceaxis import linear
     from forceaxis.identify import resonance
-    from forceaxis.linear import system as linear
 
     result = resonance.of_measurement(
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
     click.echo(json.dumps(result, allow_nan=False) if as_json else resonance.describe(result))
+
+
+def band(context, option, text):
+    """LOW:HIGH in Hz."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(f"--band: {text}: expected LOW:HIGH, two frequencies in Hz") from None
+    return [low, high]
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis measure fig3_9 --out out/fig3_9
+    forceaxis measure fig3_12 --inject codes --output adc0 --level 60
+    forceaxis measure fig4_19 --output sensor.force --clamped --band 1:100 --plant-set m_r=146""",
+)
+@click.argument("target")
+@click.option("--output", help="Signal, or adc0, adc1, encoder with --inject codes.")
+@click.option("--input", help="Signal, or dac_code. Default: what is injected.")
+@click.option("--inject", type=click.Choice(["volts", "codes"]), help="Default: volts.")
+@click.option("--excitation", type=click.Choice(["noise", "sine", "chirp"]), help="Default: noise.")
+@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:200.")
+@click.option("--resolution", "resolution_hz", type=float, help="Hz. Default: the lowest.")
+@click.option("--level", type=float, help="V rms (noise), V amplitude, or codes of amplitude.")
+@click.option("--bias", type=float, help="V or code about which it swings.")
+@click.option("--averages", type=int, help="Default: 16.")
+@click.option(
+    "--window",
+    type=click.Choice(["none", "hann"]),
+    help="Default: none, periodic excitation. hann begins at the third line.",
+)
+@click.option(
+    "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
+)
+@click.option(
+    "--free", is_flag=True, default=None,
+    help="The model has its contacts apart; see that the plant has, too (--set approach=0.5).",
+)  # fmt: skip
+@click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Parameter of plant and model."
+)
+@click.option(
+    "--plant-set", multiple=True, metavar="NAME=VALUE",
+    help="Parameter of the plant alone, behind the analyzer's back.",
+)  # fmt: skip
+@click.option(
+    "--out", type=Folder(), help="Folder for response.csv, .npz, plot.png and result.json."
+)
+@as_json
+def measure(target, overrides, plant_set, out, as_json, **options):
+    """Measure a frequency response with a virtual signal analyzer, beside the linear model.
+
+    TARGET is a measurement file (or the stem of one in sim/measurements: fig3_6 to fig3_12), or a
+    model (path, or stem in sim/models) with at least --output. Options replace keys of the file.
+    The excitation goes into the drive as volts, or runs through the firmware's excitation mode as
+    codes. Prints the gain at the lowest line, the corner if the first octave is flat, phase
+    crossings, how long contacts were pressed, coherence and error, how many points have the model
+    inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
+    """
+    from forceaxis import linear
+    from forceaxis.identify import result as analyzer
+
+    if overrides:
+        options["set"] = linear.overrides(overrides)
+    done = analyzer.run(target, options, linear.overrides(plant_set))
+    if out:
+        analyzer.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(analyzer.describe(done.summary))
+        if out:
+            click.echo(f"files        {paths.display(out)}")
+
+
+VERBS = (identify, measure)

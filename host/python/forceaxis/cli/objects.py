@@ -1,4 +1,4 @@
-"""`forceaxis objects`: the firmware's objects, and the files that tell other programs of them."""
+"""`forceaxis objects`: the firmware's objects, and files about them for other programs."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ FILES = {
 
 
 def addresses(o):
-    """(CANopen, Modbus) as one reads them."""
+    """(CANopen address, Modbus register) as texts."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -39,7 +39,7 @@ def line(o):
 
 
 def details(o):
-    """All that is known of one object."""
+    """Every property of one object."""
     yield f"{o.name}: {o.meaning}"
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
@@ -75,7 +75,10 @@ def details(o):
 def objects_(pattern, as_json, **files):
     """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept, with CANopen
     index:sub-index and Modbus register (h holding, i input) in hexadecimal. With an object's full
-    name, everything about it. Or write the files that describe them to other programs."""
+    name, everything about it. Or write the files that describe them to other programs.
+
+    A value is a number in the object's unit, or a quantity that the model's converters turn into
+    it: "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m"; prefixes n u m c k M."""
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
         raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")
@@ -103,3 +106,6 @@ def objects_(pattern, as_json, **files):
         rows.remove(exact)
     for o in rows:
         click.echo(line(o))
+
+
+VERBS = (objects_,)

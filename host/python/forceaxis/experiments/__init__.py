@@ -1,1 +1,1 @@
-"""Experiments: their files, runs, sweeps, regression tests and plots."""
+"""Experiments: runs in process or over a link, their traces, sweeps, regression tests."""

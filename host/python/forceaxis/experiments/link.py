@@ -1,7 +1,7 @@
-"""Runs whose firmware is another process: the plant here, an axis_node there, in lock-step.
+"""Runs with the firmware in another process: the plant here, an axis_node there, in lock-step.
 
-The trace is bit for bit that of the run in process, whatever carries the records. Both sides hash
-it apart; where the two differ, records were changed on the way.
+The trace is bit for bit that of a run in process, over every transport. Both sides hash it;
+different hashes mean that records were changed in transit.
 """
 
 import contextlib
@@ -21,8 +21,8 @@ from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
 from forceaxis.chip import emulator as chip
 
-CHIP = "pil-stm32"
-KINDS = ("inproc", "lcm", "socketcan", CHIP)
+CHIPS = chip.links()
+KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
 _CHECKOUT = Path(__file__).resolve().parents[4]
 _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
@@ -43,7 +43,7 @@ class Link:
     timeout_s: float = 1.0
 
     def words(self):
-        """The options that say so again."""
+        """The same as command-line options."""
         words = ["--link", self.kind]
         for option, value, default in (
             ("--lcm-url", self.lcm_url, ""),
@@ -72,7 +72,7 @@ def program(name):
 def under_vcan(link):
     """Run this very command again under tools/vcan if there is no CAN interface to use here.
 
-    Returns where there is one, or where the interface was named: then it is the caller's.
+    Returns where there is one, or where the caller named an interface.
     """
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
@@ -128,7 +128,7 @@ class AxisNode:
         self.process.stdout.close()
 
     def _line(self, timeout_s):
-        """Its next line. Raises LinkError if it ends or says nothing in time."""
+        """Its next line of output. Raises LinkError if it ends or times out."""
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
             left = until - time.monotonic()
@@ -156,7 +156,7 @@ class AxisNode:
         return report
 
     def begin(self, run_id, experiment, overrides):
-        """Have it ready for a run. Raises InputError, LinkError."""
+        """Prepares it for a run. Raises InputError, LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
             raise InputError(f"{experiment}: expected no tabs and line breaks in names and --set")
@@ -167,22 +167,22 @@ class AxisNode:
             self._report(0)
 
     def end(self):
-        """The plant has done: its report of the run."""
+        """Ends the run; returns the node's report of it."""
         self._tell("\n")
         return self._report(self.link.timeout_s + 5)
 
 
 def new_run_id():
-    """A number that no other run has."""
+    """A unique identifier of a run."""
     return secrets.randbelow(2**53)
 
 
 def run_with(node, experiment, overrides, trace=True):
-    """One run with the firmware in `node`. Returns (the result, what the link has to tell)."""
+    """One run with the firmware in `node`. Returns (the result, the report of the link)."""
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
-        result, told = _core.run_linked(
+        result, details = _core.run_linked(
             str(experiment),
             list(overrides),
             link.kind,
@@ -209,43 +209,44 @@ def run_with(node, experiment, overrides, trace=True):
         "pids": {"plant": os.getpid(), "axis": report["pid"]},
         "hashes": {"plant": result.trace_hash, "axis": axis["trace_hash"]},
         "same": result.trace_hash == axis["trace_hash"],
-        "ticks_per_s": told["ticks_per_s"],
-        "real_time": told["real_time"],
-        "repeated": told["statistics"]["repeated"],
-        "statistics": {"plant": told["statistics"], "axis": report["statistics"]},
+        "ticks_per_s": details["ticks_per_s"],
+        "real_time": details["real_time"],
+        "repeated": details["statistics"]["repeated"],
+        "statistics": {"plant": details["statistics"], "axis": report["statistics"]},
         "refused": axis["refused"],
     }
 
 
 def run_on_chip(link, experiment, overrides, trace=True):
     """One run with the firmware on an emulated chip. Returns (the result, what it has to tell)."""
-    with chip.Emulator(program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+    board = chip.board_of(link.kind)
+    with chip.Emulator(board) as emulator:
         try:
-            result, told = _core.run_on_chip(
+            result, details = _core.run_on_chip(
                 str(experiment), list(overrides), *emulator.pipes, timeout_s=5.0, trace=trace
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
     return result, {
         "kind": link.kind,
-        "where": "netduinoplus2 in qemu-system-arm",
+        "where": f"{board.emulator.machine} in {board.emulator.program}",
         "run_id": None,
         "pids": {"plant": os.getpid(), "axis": emulator.process.pid},
         "hashes": {"plant": result.trace_hash, "axis": result.firmware_hash},
         "same": result.trace_hash == result.firmware_hash,
-        "ticks_per_s": told["ticks_per_s"],
-        "real_time": told["ticks_per_s"] / _core.TICKS_PER_SECOND,
+        "ticks_per_s": details["ticks_per_s"],
+        "real_time": details["ticks_per_s"] / _core.TICKS_PER_SECOND,
         "repeated": 0,
         "statistics": None,
-        "interrupts": told["interrupts"],
-        "ticks": told["ticks"],
+        "interrupts": details["interrupts"],
+        "ticks": details["ticks"],
         "refused": result.refused,
     }
 
 
 def run(link, experiment, overrides):
     """One run over `link`. Returns (the result, what the link has to tell)."""
-    if link.kind == CHIP:
+    if link.kind in CHIPS:
         return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":
         with AxisNode(link) as node:
@@ -273,13 +274,13 @@ def run_many(link, jobs, progress=None):
     """(experiment, overrides) pairs one after the other, as _core.run_many; one axis_node."""
     outcomes = []
     with contextlib.ExitStack() as stack:
-        if link.kind == CHIP:  # powered up anew for each of them
+        if link.kind in CHIPS:  # powered up anew for each of them
             one = functools.partial(run_on_chip, link)
         else:
             one = functools.partial(run_with, stack.enter_context(AxisNode(link)))
         for experiment, overrides in jobs:
-            result, told = one(experiment, overrides, trace=False)
-            expect_same(told)
+            result, details = one(experiment, overrides, trace=False)
+            expect_same(details)
             outcomes.append(
                 {
                     "verdict": result.verdict,
@@ -296,30 +297,30 @@ def run_many(link, jobs, progress=None):
     return outcomes
 
 
-def expect_same(told):
+def expect_same(report):
     """Raise LinkError unless both sides of a run have the same trace."""
-    if not told["same"]:
-        plant, axis = told["hashes"]["plant"], told["hashes"]["axis"]
+    if not report["same"]:
+        plant, axis = report["hashes"]["plant"], report["hashes"]["axis"]
         raise LinkError(
-            f"link {told['kind']}: expected the same trace hash on both sides, the plant's is "
+            f"link {report['kind']}: expected the same trace hash on both sides, the plant's is "
             f"{plant}, the firmware's {axis}: a record was changed on the way"
         )
 
 
-def describe(told):
+def describe(report):
     """Lines for a terminal: [(key, text)]."""
     lines = [
-        ("link", f"{told['kind']}, {told['where']}, {told['real_time']:.1f} x real time"),
-        ("processes", f"plant {told['pids']['plant']}, axis {told['pids']['axis']}"),
-        ("axis hash", told["hashes"]["axis"] + ("" if told["same"] else ", NOT THE PLANT'S")),
+        ("link", f"{report['kind']}, {report['where']}, {report['real_time']:.1f} x real time"),
+        ("processes", f"plant {report['pids']['plant']}, axis {report['pids']['axis']}"),
+        ("axis hash", report["hashes"]["axis"] + ("" if report["same"] else ", NOT THE PLANT'S")),
     ]
-    if "interrupts" in told:
-        lines.append(("interrupts", f"{told['interrupts']} at 1500 Hz, {told['ticks']} ticks"))
-    if told["statistics"]:
-        plant, axis = told["statistics"]["plant"], told["statistics"]["axis"]
+    if "interrupts" in report:
+        lines.append(("interrupts", f"{report['interrupts']} at 1500 Hz, {report['ticks']} ticks"))
+    if report["statistics"]:
+        plant, axis = report["statistics"]["plant"], report["statistics"]["axis"]
         lost, twice = (plant[k] + axis[k] for k in ("dropped", "doubled"))
         lines.append(
-            ("records", f"{plant['sent']} sent, {told['repeated']} of them again; {lost} dropped "
+            ("records", f"{plant['sent']} sent, {report['repeated']} of them again; {lost} dropped "
             f"and {twice} doubled by --inject")
         )  # fmt: skip
     return lines

@@ -39,9 +39,9 @@ def pytest_collect_file(file_path, parent):
     folders = parent.config.getini("forceaxis_experiments")
     if file_path.suffix != ".toml" or not any(file_path.is_relative_to(f) for f in folders):
         return None
-    from forceaxis.experiments import regression as usertests
+    from forceaxis.experiments import regression
 
-    if not usertests.is_test(file_path):
+    if not regression.is_test(file_path):
         return None
     return ExperimentFile.from_parent(parent, path=file_path)
 
@@ -60,7 +60,7 @@ class ExperimentItem(pytest.Item):
         Experiment(self.path).check()
 
     def repr_failure(self, excinfo, style=None):
-        from forceaxis import InputError, SimulationError
+        from forceaxis._core import InputError, SimulationError
 
         if excinfo.errisinstance((AssertionError, InputError, SimulationError)):
             return str(excinfo.value)
@@ -74,10 +74,10 @@ class Experiment:
     """A finished run: `run` (summary, columns, events), `measured` and `checks` of its [expect]."""
 
     def __init__(self, file, overrides=()):
-        from forceaxis.experiments import regression as usertests
+        from forceaxis.experiments import expect
 
         self.file = file
-        self._examined = usertests.examine(file, overrides)
+        self._examined = expect.examine(file, overrides)
 
     @property
     def run(self):
@@ -94,7 +94,7 @@ class Experiment:
     def check(self):
         """Fail with a line for each value that is not as [expect] says."""
         __tracebackhide__ = True
-        from forceaxis import InputError
+        from forceaxis._core import InputError
 
         if not self.checks:
             raise InputError(

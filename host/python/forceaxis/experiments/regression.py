@@ -1,132 +1,16 @@
-"""Experiments as regression tests: what must come out stands in the experiment's [expect] table.
+"""Experiments as regression tests: every file with an [expect] table is run and compared."""
 
-    [expect]
-    verdict = "stable"       or "unstable": what [verdict] finds
-    fault = "none"           the first fault that the firmware latched
-    trace_hash = "08b6..."   every code of every tick
-    peak_force_N = 69.7      largest force in any contact of the model, at any tick
-    final_value = 30.2       mean of `signal` over its last final_s
-    settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
-                             after the last one outside); "never" if outside in the last final_s
-    overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
-                             from its value at from_s; "undefined" when there is no step
-
-    signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
-    from_s = 0.0             `signal` is looked at from here on, for instance from a disturbance
-    final_s = 0.3            default: a tenth of what follows from_s
-    band = 0.05              fraction of the step, or { absolute = 1.5 } in the unit of `signal`
-
-A number is 69.7, { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.01 } or a limit
-{ min = 60, max = 80 }, one or both. A bare number is met within TOLERANCES; 1 % of 0 is 0, so a
-final_value below 1e-9 of the largest value counts as 0.
-"""
-
-import difflib
-import json
-import math
 import os
-import re
 import time
-import tomllib
 import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
 
-import numpy as np
-
-from forceaxis import _core, objects, paths
+from forceaxis import _core, paths, toml
 from forceaxis._core import InputError, SimulationError
-from forceaxis.experiments import files as experiments
-
-TEXTS = ("verdict", "fault", "trace_hash")
-# How near a bare number must be met: 1 % of it, 10 ms, one percent of the step.
-TOLERANCES = {
-    "peak_force_N": {"relative": 0.01},
-    "final_value": {"relative": 0.01},
-    "settle_s": {"tolerance": 0.01},
-    "overshoot": {"tolerance": 0.01},
-}
-NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number can be had
-HOW = ("signal", "from_s", "final_s", "band")
-LARGEST = 1e18
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number that is expected within low .. high; `value` is None for a limit."""
-
-    low: float
-    high: float
-    value: float | None = None
-
-    def __str__(self):
-        if self.value is None:
-            low = f"at least {self.low:.6g}" if math.isfinite(self.low) else ""
-            high = f"at most {self.high:.6g}" if math.isfinite(self.high) else ""
-            return " and ".join(filter(None, (low, high)))
-        return f"{self.value:.6g} +-{self.high - self.value:.3g}"
-
-
-@dataclass(frozen=True)
-class Expectation:
-    """A checked [expect] table: key -> text or Number, and how `signal` is looked at."""
-
-    wanted: dict
-    signal: str | None
-    from_s: float
-    final_s: float | None
-    band: float
-    band_is_absolute: bool
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What a run gave: values by the keys of [expect], and the response they come from."""
-
-    values: dict
-    signal: str
-    from_s: float
-    final_s: float
-    start: float
-    final: float
-    width: float  # the settling band is final +- width
-    contacts: list
-
-
-@dataclass(frozen=True)
-class Check:
-    """One expectation beside what was obtained."""
-
-    key: str
-    expected: str | Number
-    obtained: str | float
-
-    @property
-    def passed(self):
-        """Whether the obtained is as expected."""
-        if isinstance(self.expected, Number) and isinstance(self.obtained, float):
-            return self.expected.low <= self.obtained <= self.expected.high
-        return self.expected == self.obtained
-
-    def __str__(self):
-        return f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
-
-
-@dataclass(frozen=True)
-class Examined:
-    """A finished run beside its [expect]; without one `checks` is empty and `expect` None."""
-
-    run: experiments.Run
-    expect: Expectation | None
-    measured: Measured
-    checks: list
-
-    @property
-    def differences(self):
-        """The checks that failed."""
-        return [c for c in self.checks if not c.passed]
+from forceaxis.experiments import expect, rewrite
 
 
 @dataclass
@@ -138,11 +22,11 @@ class Outcome:
     seconds: float = 0.0
     message: str = ""  # why it could not be examined
     checks: list = field(default_factory=list)
-    examined: Examined | None = None  # kept while it is needed for a plot or an update
+    examined: expect.Examined | None = None  # kept while it is needed for a plot or an update
 
     @property
     def name(self):
-        """How it is called in every output."""
+        """Its name in every output."""
         return paths.display(self.file)
 
     @property
@@ -170,255 +54,12 @@ class Outcome:
         }
 
 
-def shown(value):
-    """A value for a reader; `--json` and --update have all digits."""
-    text = f"{value:.6g}" if isinstance(value, float) else str(value)
-    return text if len(text) < 64 else text[:16] + "..."
-
-
-def load(file):
-    """The experiment as TOML. Raises InputError."""
-    try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file}: file: expected valid TOML, {error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: file: expected UTF-8") from None
-    except RecursionError:
-        raise InputError(f"{file}: file: expected fewer nested brackets") from None
-
-
-def read(file, data):
-    """The Expectation of a loaded experiment, None without [expect]. Raises InputError."""
-    if "expect" not in data:
-        return None
-    table = data["expect"]
-
-    def fail(key, message):
-        raise InputError(f"{file}: expect{key and '.'}{key}: {message}")
-
-    def number(key, value, low=-LARGEST):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            fail(key, "expected a number")
-        if not low <= value <= LARGEST:  # NaN too
-            fail(key, f"expected a number from {low:g} to {LARGEST:g}, got {value:g}")
-        return float(value)
-
-    def wanted(key, value):
-        low = -LARGEST if key == "final_value" else 0.0
-        if isinstance(value, str) and key in NOTHING:
-            if value != NOTHING[key]:
-                fail(key, f'expected a number or "{NOTHING[key]}", got "{value}"')
-            return value
-        if not isinstance(value, dict):
-            value = {"value": number(key, value, low)}
-        for name in value:
-            if name not in ("value", "tolerance", "relative", "min", "max"):
-                fail(
-                    f"{key}.{name}",
-                    "expected one of value, tolerance, relative, min, max; "
-                    "remove or rename this key",
-                )
-        given = {n: number(f"{key}.{n}", v, -LARGEST) for n, v in value.items()}
-        if "min" in given or "max" in given:
-            if len(given) != len(given.keys() & {"min", "max"}):
-                fail(key, "expected either min and max or value with its tolerance, not both")
-            limits = Number(given.get("min", -math.inf), given.get("max", math.inf))
-            if limits.low > limits.high:
-                fail(key, f"expected min below max, got {limits.low:g} and {limits.high:g}")
-            if limits.high < low:
-                fail(f"{key}.max", f"expected at least {low:g}, it is never below")
-            return limits
-        if "value" not in given:
-            fail(key, "expected value or min or max; add value = ...")
-        expected = number(f"{key}.value", given["value"], low)
-        if "tolerance" in given and "relative" in given:
-            fail(key, "expected tolerance or relative, not both")
-        if "relative" in given and expected == 0:
-            fail(f"{key}.relative", "expected tolerance beside a value of 0, a part of 0 is 0")
-        allowed = {n: v for n, v in given.items() if n != "value"} or TOLERANCES[key]
-        ((name, width),) = allowed.items()
-        width = number(f"{key}.{name}", width, 0.0)
-        if name == "relative":
-            width *= abs(expected)
-        return Number(expected - width, expected + width, expected)
-
-    if not isinstance(table, dict):
-        fail("", "expected a table, write [expect]")
-    known = (*TEXTS, *TOLERANCES, *HOW)
-    for key in table:
-        if key not in known:
-            fail(key, f"expected one of {', '.join(known)}; remove or rename this key")
-    faults = next(o.enum for o in objects.OBJECTS if o.name == "fault")
-    for key, texts in (("verdict", ("stable", "unstable")), ("fault", faults)):
-        if key in table and table[key] not in texts:
-            fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
-    if "verdict" in table and "verdict" not in data:
-        fail("verdict", "expected a [verdict] table that says when the run is stable; add it")
-    text = table.get("trace_hash", "0" * 64)
-    if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
-        fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
-    if not isinstance(table.get("signal", ""), str):
-        fail("signal", "expected the name of a column of the trace")
-    band, absolute = table.get("band", 0.05), False
-    if isinstance(band, dict):
-        if list(band) != ["absolute"]:
-            fail("band", "expected a fraction of the step or { absolute = ... }")
-        band, absolute = band["absolute"], True
-    return Expectation(
-        wanted={k: v if k in TEXTS else wanted(k, v) for k, v in table.items() if k not in HOW},
-        signal=table.get("signal"),
-        from_s=number("from_s", table.get("from_s", 0), 0.0),
-        final_s=number("final_s", table["final_s"], 0.0) if "final_s" in table else None,
-        band=number("band", band, 0.0),
-        band_is_absolute=absolute,
-    )
-
-
-def measure(done, expect, contacts):
-    """What a run gave by the definitions above. Raises InputError where [expect] is at odds."""
-
-    def fail(key, message):
-        raise InputError(f"{done.experiment}: expect.{key}: {message}")
-
-    rate = _core.TICKS_PER_SECOND
-    signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
-    if signal not in done.columns:
-        fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
-    if "peak_force_N" in expect.wanted and not contacts:
-        fail("peak_force_N", "expected a model with a contact, this one has none; remove the key")
-    first = math.ceil(expect.from_s * rate - 1e-9)
-    values = done.columns[signal][first:].astype(float)
-    if len(values) < 2:
-        fail("from_s", f"expected a time before the end, {done.columns['time_s'][-1]:g} s")
-    lasts_s = (len(values) - 1) / rate
-    final_s = lasts_s / 10 if expect.final_s is None else expect.final_s
-    if final_s > lasts_s + 1e-9:
-        fail("final_s", f"expected at most the {lasts_s:g} s that follow from_s, got {final_s:g}")
-    window = math.floor(final_s * rate + 1e-9) + 1
-    final, start = float(values[-window:].mean()), float(values[0])
-    largest = float(np.abs(values).max())
-    if abs(final) < 1e-9 * largest:  # what has died out is 0, not a number that rounding makes
-        final = 0.0
-    step, rounding = final - start, 1e-12 * largest
-    width = expect.band if expect.band_is_absolute else expect.band * abs(step)
-    outside = np.flatnonzero(np.abs(values - final) > width + rounding)
-    last = int(outside[-1]) if len(outside) else -1
-    settled = last < len(values) - window
-    beyond = float((math.copysign(1, step) * (values - final)).max())
-    got = {
-        "verdict": done.summary["verdict"],
-        "fault": done.summary["fault"],
-        "peak_force_N": done.summary["metrics"]["peak_force_N"] if contacts else None,
-        "final_value": final,
-        "settle_s": (last + 1) / rate if settled else NOTHING["settle_s"],
-        "overshoot": max(0.0, beyond) / abs(step) if abs(step) > rounding else "undefined",
-        "trace_hash": done.summary["trace_hash"],
-    }
-    return Measured(got, signal, expect.from_s, final_s, start, final, width, contacts)
-
-
-def examine(file, overrides=()):
-    """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
-    file = Path(file)
-    data = load(file) if file.is_file() else {}
-    expect = read(file, data)  # bad tables are told before the work
-    done = experiments.run(file, overrides)
-    contacts = [c["name"] for c in load(file.parent / data["model"]).get("contact", [])]
-    measured = measure(done, expect or read(file, {"expect": {}}), contacts)
-    wanted = expect.wanted if expect else {}
-    checks = [Check(key, value, measured.values[key]) for key, value in wanted.items()]
-    return Examined(done, expect, measured, checks)
-
-
-def filled(text, values):
-    """The experiment's text with all but overshoot put below the line [expect]."""
-    keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
-    lines = [
-        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
-        for key in keys
-        if values[key] is not None
-    ]
-    return re.sub(
-        r"^[ \t]*\[expect\][ \t]*(#.*)?(\n|\Z)",
-        lambda header: header[0].rstrip("\n") + "\n" + "".join(lines),
-        text,
-        count=1,
-        flags=re.M,
-    )
-
-
-def updated(text, examined):
-    """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
-    records: they stay."""
-    import tomlkit
-
-    try:
-        document = tomlkit.parse(text)
-    except tomlkit.exceptions.ParseError as error:  # two readers of TOML may differ
-        file = examined.run.experiment
-        raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
-    table = document["expect"]
-    for check in examined.differences:
-        entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
-        if isinstance(check.expected, Number) and check.expected.value is None:
-            continue
-        if isinstance(entry, dict) and isinstance(check.obtained, float):
-            own = {k: v for k, v in entry.items() if k != "value"}
-            entry["value"] = written(check.obtained, own or allowed)
-        else:
-            table[check.key] = written(check.obtained, allowed)
-    return tomlkit.dumps(document)
-
-
-def rewritten(file, text, examined):
-    """filled() or updated(), with the text's line ends.
-
-    Raises InputError rather than touch anything but [expect].
-    """
-    crlf = text.count("\r\n") == text.count("\n")
-    old = text.replace("\r\n", "\n") if crlf else text
-    new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
-    changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
-    lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
-    before, after = ({**tomllib.loads(t), "expect": None} for t in (old, new))
-    filled_nothing = new == old and not examined.checks
-    if before != after or lost > len(examined.differences) or filled_nothing:
-        raise InputError(
-            f"{file}: expect: expected a table that can be rewritten in place; write [expect] on a "
-            "line of its own, at the end of the file"
-        )
-    return new.replace("\n", "\r\n") if crlf else new
-
-
-def written(value, allowed):
-    """A value as it goes into the file: as short as a hundredth of its tolerance lets it be."""
-    if not isinstance(value, float):
-        return value
-    near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100
-    short = (round(value, decimals) for decimals in range(17))
-    return next((s for s in short if abs(s - value) <= near), value)
-
-
-def replace(file, text):
-    """Write a file whole or not at all; its mode stays, a link stays a link."""
-    file = Path(file).resolve()
-    temporary = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="")
-        if file.exists():
-            temporary.chmod(file.stat().st_mode & 0o7777)
-        temporary.replace(file)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def is_test(file):
-    """True: has [expect] (or cannot be read, which a run will tell); False: an experiment without
+    """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
     one; None: not an experiment."""
     try:
-        data = load(file)
-    except (InputError, OSError):
+        data = toml.read(file)
+    except InputError:
         return True
     if "expect" in data:
         return True
@@ -457,11 +98,11 @@ def find(targets, pattern=None):
 
 
 def run_test(file):
-    """Outcome of one file; never raises for what a user can do wrong."""
+    """Outcome of one file; a user's mistake is an Outcome, not an exception."""
     began = time.perf_counter()
     outcome = Outcome(file, "error")
     try:
-        outcome.examined = examine(file)
+        outcome.examined = expect.examine(file)
         outcome.checks = outcome.examined.checks
         if not outcome.checks:
             outcome.message = (
@@ -482,17 +123,17 @@ def run_test(file):
     return outcome
 
 
-def update(outcome):
+def write_update(outcome):
     """Rewrite the file's [expect] so that it passes, as far as limits let it."""
     file, examined = outcome.file, outcome.examined
     try:
         with file.open(encoding="utf-8", newline="") as stream:
             text = stream.read()
         mark = "\ufeff" if text.startswith("\ufeff") else ""
-        new = mark + rewritten(file, text.removeprefix("\ufeff"), examined)
+        new = mark + rewrite.rewritten(file, text.removeprefix("\ufeff"), examined)
         if new != text:
-            replace(file, new)
-        expect = read(file, load(file))
+            paths.replace_text(file, new)
+        wanted = expect.read(file, _core.inputs(str(file))).wanted
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return
@@ -500,16 +141,16 @@ def update(outcome):
         outcome.status = "error"
         outcome.message = f"{file}: expected to be able to write it, {error.strerror}"
         return
-    outcome.checks = [Check(k, v, examined.measured.values[k]) for k, v in expect.wanted.items()]
+    outcome.checks = [expect.Check(k, v, examined.measured.values[k]) for k, v in wanted.items()]
     outcome.status = "updated" if all(c.passed for c in outcome.checks) else "failed"
     outcome.message = ""
 
 
-def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None):
+def run(targets, update=False, out=None, threads=None, pattern=None, report=None):
     """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
 
-    rewrite: rewrite [expect] where it differs. out: folder for a plot and a table of each
-    difference. tell: called with each Outcome as soon as those before it are done.
+    update: rewrite [expect] where it differs. out: folder for a plot and a table of each
+    difference. report: called with each Outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
     if out:
@@ -521,12 +162,12 @@ def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None)
             for outcome in pool.map(run_test, tests):
                 if out and outcome.status == "failed" and outcome.examined:
                     write_difference(outcome, out / outcome.file.resolve().relative_to(top))
-                if rewrite and outcome.examined:
-                    update(outcome)
+                if update and outcome.examined:
+                    write_update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
-                if tell:
-                    tell(outcome)
+                if report:
+                    report(outcome)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
     return outcomes + [Outcome(p, "skipped", message="no [expect] table") for p in skipped]
@@ -534,24 +175,44 @@ def run(targets, rewrite=False, out=None, threads=None, pattern=None, tell=None)
 
 def write_difference(outcome, place):
     """place.png: expected and obtained; place.txt: the same as a table."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    figure(outcome.examined).savefig(place.with_suffix(".png"), dpi=120)
+    text = outcome.name + "\n" + expect.table(outcome.checks) + "\n"
+    paths.replace_text(place.with_suffix(".txt"), text)
+
+
+def figure(examined):
+    """Figure of what [expect] wants of peak, final value and settling over the trace."""
     from forceaxis.experiments import plots
 
-    place.parent.mkdir(parents=True, exist_ok=True)
-    plots.comparison(outcome.examined).savefig(place.with_suffix(".png"), dpi=120)
-    replace(place.with_suffix(".txt"), outcome.name + "\n" + comparison(outcome.checks) + "\n")
-
-
-def comparison(checks):
-    """Expected beside obtained, one row a key."""
-    rows = [("", "expected", "obtained", "")]
-    rows += [
-        (c.key, shown(c.expected), shown(c.obtained), "" if c.passed else "differs") for c in checks
+    measured, wanted = examined.measured, examined.expect.wanted
+    columns = examined.run.columns
+    time_s = columns["time_s"]
+    forces = [f"{name}.force" for name in measured.contacts]
+    names = [[measured.signal]]
+    if "peak_force_N" in wanted and forces != names[0]:
+        names.append(forces)
+    levels = [
+        (row, key, start, wanted[key].low, wanted[key].high, measured.values[key])
+        for row, key, start in (
+            (0, "final_value", time_s[-1] - measured.final_s),
+            (len(names) - 1, "peak_force_N", time_s[0]),
+        )
+        if key in wanted
     ]
-    widths = [max(len(row[i]) for row in rows) for i in range(3)]
-    return "\n".join(
-        "  ".join(f"{cell:{w}}" for cell, w in zip(row, [*widths, 0], strict=True)).rstrip()
-        for row in rows
-    )
+    settling = None
+    if "settle_s" in wanted:
+        band = [measured.final + side * measured.width for side in (-1, 1)]
+        due, got = wanted["settle_s"], measured.values["settle_s"]
+        settling = (
+            measured.from_s,
+            band,
+            (due.low, due.high) if isinstance(due, expect.Number) else None,
+            got if isinstance(got, float) else None,
+        )
+    rows = [{name: columns[name] for name in row} for row in names]
+    text = expect.table(examined.checks)
+    return plots.comparison(time_s, rows, levels, settling, text, examined.run.title)
 
 
 def describe(outcome):
@@ -599,12 +260,12 @@ def write_junit(outcomes, file):
         tag = {"failed": "failure", "error": "error", "skipped": "skipped"}.get(outcome.status)
         if tag:
             entry = ET.SubElement(case, tag, message=printable("; ".join(outcome.lines)))
-            entry.text = printable(comparison(outcome.checks) if outcome.checks else "")
+            entry.text = printable(expect.table(outcome.checks) if outcome.checks else "")
     suites = ET.Element("testsuites")
     suites.append(suite)
     ET.indent(suites)
     file.parent.mkdir(parents=True, exist_ok=True)
-    replace(file, ET.tostring(suites, encoding="unicode", xml_declaration=True) + "\n")
+    paths.replace_text(file, ET.tostring(suites, encoding="unicode", xml_declaration=True) + "\n")
 
 
 def printable(text):

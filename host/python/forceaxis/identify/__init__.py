@@ -1,1 +1,1 @@
-"""Measured responses, and what is identified from them."""
+"""Measured frequency responses, and parameters identified from them."""

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy import optimize, stats
 
-from forceaxis import paths
+from forceaxis import linear, paths
 from forceaxis._core import InputError
-from forceaxis.identify import measure
+from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
-from forceaxis.linear import system as linear
+from forceaxis.identify.setup import is_number
 
 CORRELATED = 0.95  # two parameters whose estimates are: a warning
 VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
@@ -67,7 +67,7 @@ class Fit:
 def fit(measured, starts, where="fit"):
     """Fit parameters of a model to a measured frequency response.
 
-    measured: a `measure.Measurement`, whose `predict` is the model. starts: {parameter: value to
+    measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
     start from, > 0}: what is searched is their logarithm. Others keep the values of
     `measured.overrides`.
 
@@ -120,7 +120,7 @@ def fit(measured, starts, where="fit"):
     start = np.log(first)
 
     def search(begin):
-        """From far away in the logarithm, then as the errors are."""
+        """First by the logarithm, which converges from afar, then by the likelihood."""
         options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
         near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
@@ -136,7 +136,7 @@ def fit(measured, starts, where="fit"):
     check_separate(names, as_real(jacobian(start)), where)
 
     relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-    trust = 1 / np.hypot(relative, 0.1)  # no point counts as known better than a tenth
+    trust = 1 / np.hypot(relative, 0.1)  # no point weighs more than an error of a tenth
     best = search(start)
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
@@ -158,6 +158,17 @@ def fit(measured, starts, where="fit"):
     single = stats.t.ppf((1 + SHARE) / 2, degrees) * spread
     joint = math.sqrt(p * stats.f.ppf(SHARE, p, degrees)) * spread
 
+    warnings = warnings_of(
+        names, chi_square, degrees, covariance / np.outer(spread, spread), single, best.x - start
+    )
+    return Fit(
+        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
+        tuple(warnings),
+    )
+
+
+def warnings_of(names, chi_square, degrees, correlation, single, moved):
+    """Warnings about a fit: [text]; moved: logarithms from the starts to the values."""
     warnings = []
     p_value = stats.chi2.sf(chi_square, degrees)
     if p_value < 1 - SHARE:
@@ -165,24 +176,20 @@ def fit(measured, starts, where="fit"):
             f"the model does not explain the data: chi-square {chi_square:.4g}, {degrees} degrees "
             f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
         )
-    together = covariance / np.outer(spread, spread)
-    for i, j in zip(*np.nonzero(abs(np.triu(together, 1)) > CORRELATED), strict=True):
+    for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > CORRELATED), strict=True):
         warnings.append(
-            f"{names[i]} and {names[j]} are hard to tell apart: correlation {together[i, j]:.3f}"
+            f"{names[i]} and {names[j]} are hard to tell apart: correlation {correlation[i, j]:.3f}"
         )
     warnings += [
         f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
     ]
-    for name, moved in zip(names, abs(best.x - start), strict=True):
-        if moved > REACH - 0.02:
+    for name, distance in zip(names, abs(moved), strict=True):
+        if distance > REACH - 0.02:
             warnings.append(
                 f"{name} stands at the edge of what was searched, {math.exp(REACH):.0f} times its "
                 "start or that part of it: its interval means nothing; give another start"
             )
-    return Fit(
-        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
-        tuple(warnings),
-    )
+    return warnings
 
 
 def check_separate(names, J, where):
@@ -196,15 +203,12 @@ def check_separate(names, J, where):
         )
 
 
-# --- the verb --------------------------------------------------------------------------------
-
-
 def read_response(path, model, held=None, **given):
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
     A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
-    `given` tells the rest: input, output, averages, dt (s), scale; it replaces what was recorded,
-    and `held`, {parameter: value}, adds to it. Raises InputError.
+    `given` has the other keys: input, output, averages, dt (s), scale; it replaces what was
+    recorded, and `held`, {parameter: value}, adds to it. Raises InputError.
     """
     path = Path(path)
     file = path / "response.npz" if path.is_dir() else path
@@ -222,7 +226,7 @@ def read_response(path, model, held=None, **given):
             about = json.loads(str(saved["about"]))
             arrays = {name: saved[name] for name in ARRAYS}
             about["overrides"] = about["overrides"] | (held or {})
-            measured = measure.Measurement(**(about | given | {"model": model}), **arrays)
+            measured = Measurement(**(about | given | {"model": model}), **arrays)
     except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         raise InputError(
             f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
@@ -239,7 +243,7 @@ def checked(measured, file):
 
     def between(key, low, high):
         value = getattr(measured, key)
-        good = measure.is_number(value) and low <= value <= high
+        good = is_number(value) and low <= value <= high
         expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
 
     for key in ("input", "output", "unit"):
@@ -248,7 +252,7 @@ def checked(measured, file):
     expect(measured.window in ("none", "hann"), "window", "none or hann")
     expect(isinstance(measured.free, bool), "free", "true or false")
     table = measured.overrides
-    good = isinstance(table, dict) and all(map(measure.is_number, table.values()))
+    good = isinstance(table, dict) and all(map(is_number, table.values()))
     expect(good, "overrides", "a table of numbers")
     between("dt", 1e-7, 1.0)
     between("dof", 1e-3, 1e9)
@@ -293,7 +297,7 @@ def response_of_csv(file, averages):
     if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
         raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
     variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
-    return measure.Measurement(
+    return Measurement(
         *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
         input="drive.command",
         output="",
@@ -380,44 +384,13 @@ def describe(summary):
 
 def write(found, measured, summary, out):
     """Write result.json and plot.png, the measured response beside the model before and after."""
-    from forceaxis.experiments import plots
+    from forceaxis.identify import plots
 
-    figure = plot(found, measured, plots.plt)
+    start, fitted = (
+        measured.predict(dict(zip(found.names, values.tolist(), strict=True)))
+        for values in (found.starts, found.values)
+    )
+    figure = plots.fitted(measured, start, fitted)
     with paths.replacing(out, "plot.png", "result.json") as (picture, result):
         figure.savefig(picture, dpi=120, format="png")
         result.write_text(json.dumps(summary, indent=2) + "\n")
-
-
-def plot(found, measured, plt):
-    """Figure: amplitude and phase, measured with 95 % band, from the start and fitted."""
-    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
-    f, size = measured.frequency_hz, abs(measured.response)
-    band = measured.radius()
-    # A point of which nothing is known shall not stretch the axis.
-    low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
-    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
-    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
-    for values, style, label in (
-        (found.starts, {"color": "C1", "linestyle": "--"}, "start"),
-        (found.values, {"color": "C0", "linestyle": "-"}, "fitted"),
-    ):
-        fitted = dict(zip(found.names, values.tolist(), strict=True))
-        rows.append((measured.predict(fitted), style, label))
-    for response, style, label in rows:
-        axes[0].loglog(f, abs(response), **style, label=label)
-        degrees = np.degrees(np.angle(response))
-        if style.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
-            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
-        axes[1].semilogx(f, degrees, **style)
-    axes[0].set_ylabel(
-        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
-        parse_math=False,
-    )
-    axes[0].legend()
-    axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
-    axes[1].set_ylabel("phase, degrees")
-    axes[1].set_xlabel("frequency, Hz")
-    for axis in axes:
-        axis.grid(alpha=0.3, which="both")
-    figure.tight_layout()
-    return figure

@@ -1,7 +1,7 @@
 """Identification: a model's parameters from what was measured, each with its interval.
 
 The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1);
-`fit_response` fits any parameters of a model to a measured frequency response.
+`fit` fits any parameters of a model to a measured frequency response.
 """
 
 import csv
@@ -113,9 +113,6 @@ def read_columns(path, names):
                     + (f"; the largest is {LARGEST:g}" if abs(column[-1]) >= LARGEST else "")
                 )
     return [np.array(column) for column in columns]
-
-
-# --- ring-down (4.4.2 to 4.4.6, 5.2.1) ---------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -248,15 +245,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     if cycles < FEWEST_CYCLES:
         raise too_short(where, cycles, floor)
 
-    white = float(np.sum(left**2) / (n - p))
-    lines = abs(np.fft.rfft(left)) ** 2 / n
-    here = omega * time[-1] / (2 * math.pi)
-    near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
-    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
-    # does not show; twice the variance of rounding, step^2 / 12, covers them.
-    levels = np.unique(values[inside])
-    rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
+    white, local, rounding, coloured = noise_of(left, n - p, omega * time[-1], values[inside], unit)
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
     t = stats.t.ppf((1 + SHARE) / 2, n - p)
 
@@ -275,7 +264,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     ends = np.array([0.0, (cycles - 1) * turn / omega])
     ratio = cycle_amplitudes(time, values[inside] - offset, omega, ends)
     warnings = []
-    if local > COLOURED * white and len(near) > 4 and explained < 1 - 1e-12:
+    if coloured and explained < 1 - 1e-12:
         warnings.append(
             "what the fit leaves is not white noise: another mode or a nonlinearity; the "
             "intervals count it as noise"
@@ -292,6 +281,25 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
         math.sqrt(white) * unit,
         tuple(warnings),
     )
+
+
+def noise_of(left, freedom, turned, values, unit):
+    """Variances of a sample, estimated from the residuals `left`: white noise, noise near the
+    vibration, rounding; and whether the second is clearly more than the first.
+
+    turned: rad that the vibration turns in the record of `values`, which `unit` made dimensionless.
+    """
+    n = len(left)
+    white = float(np.sum(left**2) / freedom)
+    lines = abs(np.fft.rfft(left)) ** 2 / n
+    here = turned / (2 * math.pi)
+    near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
+    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
+    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
+    # does not show; twice the variance of rounding, step^2 / 12, covers them.
+    levels = np.unique(values)
+    rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
+    return white, local, rounding, local > COLOURED * white and len(near) > 4
 
 
 def too_short(where, cycles, floor):
@@ -332,9 +340,6 @@ def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
         "stiffness": replace(stiffness, unit="N/m"),
         "damping": damping,
     }
-
-
-# --- two masses (4.4.2) -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -383,9 +388,6 @@ def split(total_mass, stiffness, frequency_hz):
         ),
         math.sqrt(k / small.value) / (2 * math.pi),
     )
-
-
-# --- motor (4.1.2) ------------------------------------------------------------------------------
 
 
 def regression_of(path, x, y, offset=False, units=("", "")):

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
-from forceaxis.thesis.beam import Factored
+from forceaxis.linear.beam import Factored
 
 # Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
 # none.
@@ -81,7 +81,7 @@ def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refi
     """Fit a cascade of at most `modes` resonances to a measured or simulated response: Fit.
 
     frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
-    unit; only magnitudes are fitted. What is looked at is their quotient, |G| / |G_rb|:
+    unit; only magnitudes are fitted. Analysed is their quotient, |G| / |G_rb|:
 
     1. compare: the quotient in dB, smoothed by nothing, so average noisy data first
     2. its peaks that stand out by `prominence_db` (the `modes` most prominent), lowest first
@@ -235,9 +235,6 @@ def _least_squares(f, target, start):
     guess[:, 1] = np.clip(guess[:, 1], low[:, 1] + 1e-6, high[:, 1] - 1e-6)
     done = optimize.least_squares(error, guess.ravel(), bounds=(low.ravel(), high.ravel()))
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
-
-
-# --- the verb --------------------------------------------------------------------------------
 
 
 def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):

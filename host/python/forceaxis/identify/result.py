@@ -1,31 +1,33 @@
-"""A measurement beside the linear model: what `forceaxis measure` says, writes and draws."""
+"""A measurement beside the linear model: what `forceaxis measure` prints, writes and draws."""
 
 import csv
 import json
-import math
 import shlex
 from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, linear, objects, paths
 from forceaxis.identify import measure
-from forceaxis.linear import system as linear
+from forceaxis.identify.measurement import COHERENT, Measurement
+from forceaxis.identify.setup import Setup, read_setup
+
+STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
 
 
 @dataclass
 class Result:
     """A measurement beside the linear model, and the summary that `--json` prints."""
 
-    setup: measure.Setup
-    measured: measure.Measurement
+    setup: Setup
+    measured: Measurement
     model: np.ndarray  # (n,) complex, from nominal parameters
     summary: dict
 
 
 def run(target, options=None, plant_set=None):
     """measure(), compared with the linear model of the nominal parameters. Raises InputError."""
-    setup, where = measure.read_setup(target, options)
+    setup, where = read_setup(target, options)
     measured = measure.measure_setup(setup, where, plant_set)
     model = measured.predict()
     compared = measured.compare(model)
@@ -42,7 +44,7 @@ def run(target, options=None, plant_set=None):
     contacts = {
         name: shares.get("pressed", 0.0)
         for name, shares in measured.states.items()
-        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(measure.STOPS)
+        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(STOPS)
     }
     summary = {
         "measurement": where,
@@ -79,7 +81,7 @@ def run(target, options=None, plant_set=None):
 
 
 def hints(setup, measured, contacts):
-    """What else than a wrong model may keep the linear one from fitting: [text]."""
+    """Reasons other than a wrong model why the linear one may not fit: [text]."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -137,7 +139,7 @@ def describe(summary):
         ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
         (
             "coherence",
-            f"median {summary['coherence_median']:.5g}, above {measure.COHERENT} at "
+            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
             f"{compared['coherent']} of {compared['points']} points",
         ),
         (
@@ -165,6 +167,15 @@ def describe(summary):
     return "\n".join(f"{key:12} {value}" for key, value in lines)
 
 
+def figure(done):
+    """Figure of a Result."""
+    from forceaxis.identify import plots
+
+    measured, number = done.measured, done.setup.figure
+    title = done.setup.title or f"{measured.input} to {measured.output}"
+    return plots.response(measured, done.model, f"Fig {number}: {title}" if number else title)
+
+
 def write(done, out):
     """Write response.csv, response.npz, plot.png and result.json into folder `out`."""
     measured = done.measured
@@ -179,9 +190,9 @@ def write(done, out):
         "model_magnitude": abs(done.model),
         "model_phase_deg": np.degrees(np.angle(done.model)),
     }
-    # What is not an array of the Measurement, for `identify.read_response`.
+    # The other members of the Measurement, for `fit.read_response`.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
-    figure = plot(done)
+    drawn = figure(done)
     names = ("response.csv", "response.npz", "plot.png", "result.json")
     with paths.replacing(out, *names) as (table, arrays, picture, result):
         with table.open("w", newline="") as file:
@@ -197,50 +208,5 @@ def write(done, out):
                 model=done.model,
                 about=json.dumps(about),
             )
-        figure.savefig(picture, dpi=120, format="png")
+        drawn.savefig(picture, dpi=120, format="png")
         result.write_text(json.dumps(done.summary, indent=2) + "\n")
-
-
-def plot(done, width=7.2):
-    """Figure: amplitude and phase over frequency, measured (with its 95 % band) and of the linear
-    model, coherence below."""
-    from forceaxis.experiments import plots
-
-    measured, model, f = done.measured, done.model, done.measured.frequency_hz
-    figure, (size, phase, coherence) = plots.plt.subplots(
-        3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
-    )
-    radius, magnitude = measured.radius(), abs(measured.response)
-    lines = {"marker": "."} if len(f) < 100 else {}
-    size.loglog(f, abs(model), color=plots.GOT, linewidth=2.4, alpha=0.5, label="linear model")
-    size.loglog(f, magnitude, color=plots.INK, linewidth=0.9, label="measured", **lines)
-    low, high = size.get_ylim()
-    if high < 10 * low:  # nearly flat: a decade shows that it is
-        middle = math.sqrt(low * high)
-        size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
-    bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
-    size.fill_between(
-        f, bottom, magnitude + radius, color=plots.INK, alpha=0.2, linewidth=0, label="95 % band"
-    )
-    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8, parse_math=False)
-    size.legend(fontsize=7, frameon=False, loc="best")
-    degrees = np.degrees(np.angle(measured.response))
-    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
-    phase.semilogx(f, np.degrees(np.angle(model)), ".", color=plots.GOT, markersize=4, alpha=0.4)
-    phase.semilogx(f, degrees, ".", color=plots.INK, markersize=1.5)
-    phase.vlines(f, degrees - spread, degrees + spread, color=plots.INK, alpha=0.25, linewidth=0.8)
-    phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
-    phase.set_ylabel("phase, degrees", fontsize=8)
-    coherence.semilogx(f, measured.coherence, color=plots.INK, linewidth=0.9)
-    coherence.set(ylim=(0, 1.05))
-    coherence.set_ylabel("coherence", fontsize=8)
-    coherence.set_xlabel("frequency, Hz", fontsize=8)
-    for ax in (size, phase, coherence):
-        plots.style(ax)
-        ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
-    figure_name = f"Fig {done.setup.figure}: " if done.setup.figure else ""
-    title = done.setup.title or f"{measured.input} to {measured.output}"
-    size.set_title(figure_name + title, fontsize=9, loc="left", color=plots.INK, parse_math=False)
-    figure.tight_layout()
-    plots.plt.close(figure)
-    return figure

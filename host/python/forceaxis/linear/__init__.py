@@ -1,1 +1,13 @@
-"""Linear analysis of a model: state spaces, loops, modes, what limits the bandwidth."""
+"""Linear analysis of a model: state spaces, loops, modes, beams, what limits the bandwidth."""
+
+from forceaxis.linear.system import (
+    TICK_S,
+    System,
+    facts,
+    find_model,
+    linearise,
+    overrides,
+    states,
+)
+
+__all__ = ["TICK_S", "System", "facts", "find_model", "linearise", "overrides", "states"]

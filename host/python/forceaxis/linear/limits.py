@@ -1,4 +1,4 @@
-"""What the verbs limit, poles and step take and print."""
+"""Loops from command-line options, and the results of `forceaxis limit`, `poles` and `step`."""
 
 import math
 from dataclasses import asdict
@@ -60,7 +60,7 @@ def largest_firmware_gain(loop, limit):
 
 
 def describe_loop(loop):
-    """What was analysed, as both verbs report it."""
+    """The loop that was analysed, for the summary of a verb."""
     return {
         "model": paths.display(loop.model),
         "law": loop.law,
@@ -296,3 +296,32 @@ def describe_poles(summary):
         closed = summary["closed"]
         head += f", closed with {summary['law']} at {closed['gain']:.6g} {closed['unit']}"
     return "\n".join([head, *lines("poles"), *lines("zeros")])
+
+
+def varied(overrides, vary):
+    """[(label, {parameter: value})] of --set and --vary NAME=VALUE,VALUE,..."""
+    common = linear.overrides(overrides)
+    runs = [("", common)]
+    for text in vary:
+        name, _, values = text.partition("=")
+        try:
+            settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+            texts = [v for s in settings for v in s.values() if isinstance(v, str)]
+            if any(text[:1].isalpha() for text in texts):
+                raise _core.InputError("a name")
+        except _core.InputError:
+            raise _core.InputError(f"--vary: {text}: expected NAME=NUMBER,NUMBER,...") from None
+        if name in runs[0][1] or len({s[name] for s in settings}) < len(settings):
+            raise _core.InputError(f"--vary: {text}: expected each parameter and each value once")
+        runs = [
+            (f"{label}, {name} = {linear.shown(s[name])}".removeprefix(", "), given | s)
+            for label, given in runs
+            for s in settings
+        ]
+    return runs
+
+
+def loop_of(model, settings, modes, law, timing, output, free, given):
+    """The loop of the options that `forceaxis limit` has, with `settings` for its --set."""
+    texts = [f"{name}={value!r}" for name, value in settings.items()]
+    return from_options(model, texts, modes, law, timing, output, free, **given)

@@ -1,6 +1,6 @@
 """Modes of vibration of a model, and which of them are dynamically colocated (2.4-2.6, 6.1.4).
 
-The labels come from the undamped mechanics, M x'' + K x = force, with the drive taken off. Between
+The labels come from the undamped mechanics, M x'' + K x = force, with the drive removed. Between
 the drive's pair of forces and an output that is a function of positions (the sensed force, or the
 endpoint's position while apart) the response is sum r_i / (s^2 + w_i^2), and the sign of the
 residue r_i says whether actuator and sensor move together in mode i:
@@ -15,7 +15,6 @@ dampers still couple it to input and output, poles and zeros lie side by side, a
 in Figure 2.16a: colocated. If nothing does, it is neither: the loop does not see it.
 """
 
-import tomllib
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +40,7 @@ class Mechanics:
     """Undamped modes of a model, drive removed; columns of `shapes` have unit modal mass.
 
     masses (b,) kg; w (n,) rad/s ascending; shapes (b, n) of `bodies`; damping_ratio (n,), nan for
-    w = 0; drive (n,) and output (n,): what input and output have to do with each mode.
+    w = 0; drive (n,) and output (n,): gains of input and output of each mode.
     """
 
     bodies: tuple[str, ...]
@@ -98,9 +97,9 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
 
 
 def default_output(facts, apart):
-    """What the force loop sees: the reading's signal, or the position of the body that would touch.
+    """Output of the force loop: the reading's signal, or the position of the body that would touch.
 
-    facts: as of linear.facts; apart: the model's [[contact]] tables if none of them is pressed.
+    facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
     """
     for contact in apart:
         return next(end for end in contact["between"] if end != "ground") + ".position"
@@ -135,12 +134,12 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
     states = states or {}
-    contacts = tomllib.loads(path.read_text("utf-8")).get("contact", [])
+    contacts = facts["contacts"]
     otherwise = "apart" if free else "pressed"
     pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
-        input = "drive.force"  # which is what the command comes to
+        input = "drive.force"  # the force that a command becomes
     if output in ("reading", "adc0") and facts["reading"]:
         output = facts["reading"]["signal"]  # before any filter
     if output is None:

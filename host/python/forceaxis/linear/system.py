@@ -1,7 +1,7 @@
 """The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
 
 Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
-control loops around it, `modes` looks at the mechanics alone.
+control loops around it, `modes` analyses the mechanics alone.
 """
 
 from dataclasses import dataclass, replace
@@ -61,11 +61,7 @@ class System:
 
     def poles_s(self):
         """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
-        poles = self.poles().astype(complex)
-        if self.dt is None:
-            return poles
-        with np.errstate(divide="ignore"):
-            return np.log(poles) / self.dt
+        return self._per_second(self.poles())
 
     def stable(self):
         """All poles inside the stable region."""
@@ -113,6 +109,16 @@ class System:
             basis = linalg.qr(rows.T)[0][:, degree:]
             held = basis.T @ held @ basis
         return linalg.eigvals(held) if len(held) else np.zeros(0, complex)
+
+    def zeros_s(self):
+        """Zeros in 1/s, as `poles_s`."""
+        return self._per_second(self.zeros())
+
+    def _per_second(self, roots):
+        if self.dt is None:
+            return roots.astype(complex)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(roots.astype(complex)) / self.dt
 
     def gain(self):
         """What multiplies the product of (s - zeros) / (s - poles)."""
@@ -208,17 +214,31 @@ def find_model(text):
 
 
 def overrides(texts):
-    """NAME=VALUE texts of `--set` as {name: value}."""
+    """NAME=VALUE texts of `--set` as {name: number, or a quantity's or a parameter's text}."""
     values = {}
     for text in texts:
         name, _, value = text.partition("=")
+        if not name or not value:
+            raise _core.InputError(f"--set: {text}: expected NAME=VALUE, a number or a quantity")
+        if name in values:
+            raise _core.InputError(
+                f"--set: {name}: expected one value, got {values[name]} and {value}; remove one"
+            )
         try:
             values[name] = float(value)
         except ValueError:
-            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER") from None
-        if not name or not np.isfinite(values[name]):
-            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER, a finite one")
+            values[name] = value
     return values
+
+
+def shown(value):
+    """An override's value for a reader."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def override_texts(values):
+    """{name: number or text} as `--set` says it."""
+    return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
 def states(texts):
@@ -270,9 +290,6 @@ def linearise(
     return System(
         m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
     )  # fmt: skip
-
-
-# --- the verb --------------------------------------------------------------------------------
 
 
 def once(option, names):

@@ -1,1 +1,1 @@
-"""The report page."""
+"""The report: one HTML page of every experiment, figure and table cell."""

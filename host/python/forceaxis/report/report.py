@@ -4,22 +4,22 @@ import base64
 import io
 import os
 import re
-import tomllib
 from datetime import UTC, datetime
 from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, objects, paths
-from forceaxis.experiments import files as experiments
-from forceaxis.experiments import plots
+from forceaxis import _core, drawing, objects, paths, toml
+from forceaxis.experiments import run as experiments
 from forceaxis.experiments import sweep as sweeps
+from forceaxis.experiments import sweep_plots, trace
 from forceaxis.identify import result as measure_result
-from forceaxis.linear import advise, loops, modes
-from forceaxis.linear import plots as frequency_plots
-from forceaxis.thesis import beam, nonlinear, tables
+from forceaxis.linear import advise, beam, loops, modes
+from forceaxis.linear import plots as linear_plots
+from forceaxis.report import plots
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
+from forceaxis.thesis import nonlinear, tables
 
 
 def embedded(image):
@@ -67,7 +67,7 @@ def models(runs):
         users.setdefault(r.model, []).append(r)
     rows = []
     for path, used_by in users.items():
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = toml.read(path)
         figure = re.search(r"Figs? (\S+)", text.get("title", ""))
         row = {
             "name": path.stem,
@@ -161,7 +161,7 @@ def frequency_domain(threads):
                 "name": path.stem,
                 "shows": done.setup.shows,
                 "summary": done.summary,
-                "image": embedded(frequency_plots.small_png(measure_result.plot(done))),
+                "image": embedded(drawing.small_png(measure_result.figure(done))),
             }
         )
     advice = advise.advise("laboratory", threads=threads)
@@ -173,14 +173,14 @@ def frequency_domain(threads):
             {
                 "figure": f.figure,
                 "see": f.see,
-                "image": embedded(frequency_plots.small_png(f.draw())),
+                "image": embedded(drawing.small_png(f.draw())),
             }
             for f in thesis_figures.thesis_figures()
         ],
         "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
         "measurements": measurements,
         "advice": advice,
-        "advice_image": embedded(frequency_plots.small_png(frequency_plots.advice(advice))),
+        "advice_image": embedded(drawing.small_png(linear_plots.advice(advice))),
     }
 
 
@@ -197,7 +197,7 @@ def write(out, threads=None):
         grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
         threads=threads,
     )
-    drawn = {r.experiment.stem: png(plots.trace(r)) for r in runs}
+    drawn = {r.experiment.stem: png(trace.figure(r)) for r in runs}
     elements = [r for r in runs if r.model.stem.startswith("nl_")]
     thesis = [r for r in runs if not r.model.stem.startswith("nl_")]
     values = tables.parameters()
@@ -251,7 +251,7 @@ def write(out, threads=None):
         elements=elements,
         element_models=models(elements),
         drawn=drawn,
-        stability_map=png(plots.sweep(stability_map)),
+        stability_map=png(sweep_plots.sweep(stability_map)),
         maps=maps,
         maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
         friction=friction,

@@ -1,1 +1,1 @@
-"""The thesis: its tables, figures, claims and session."""
+"""The thesis: its stability tables, figures, quoted numbers and session, beside ours."""

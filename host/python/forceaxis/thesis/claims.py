@@ -2,15 +2,13 @@
 
 import functools
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import paths
+from forceaxis import linear, paths, toml
 from forceaxis.linear import loops
-from forceaxis.linear import system as linear
 from forceaxis.thesis import tables
 
 
@@ -19,8 +17,8 @@ class Claim:
     """One number or statement of the thesis.
 
     `ours` computes it from the models. It agrees when it is the same text, or a number within the
-    fraction `within` of the thesis's (with `at_least`: or above it); where it does not, `why` has
-    to say why.
+    fraction `within` of the thesis's (with `at_least`: or above it); otherwise `why` gives the
+    reason.
     """
 
     where: str
@@ -71,7 +69,7 @@ def crossing_hz(model, **overrides):
 
 def raised(model, experiment, without):
     """Critical gain with the workpiece of an experiment over that of a rigid workpiece."""
-    settings = tomllib.loads((paths.EXPERIMENTS / f"{experiment}.toml").read_text())["set"]
+    settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
     return limit(model, **settings).gain / limit(without).gain
 
 

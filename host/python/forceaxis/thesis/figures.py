@@ -4,17 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis.identify import measure, resonance
-from forceaxis.linear import loops, plots
-from forceaxis.linear import system as linear
-from forceaxis.thesis import beam
+from forceaxis import linear
+from forceaxis.identify import resonance
+from forceaxis.identify.setup import read_setup
+from forceaxis.linear import beam, curves, locus, loops, plots
 
 
 @dataclass(frozen=True)
 class ThesisFigure:
     """A bode plot, root locus or pole-zero array of the thesis, with its own parameters.
 
-    figure: its number. see: what to look for. source() gives the Curves, Loci or Arrays that draw()
+    figure: its number. see: what it shows. source() gives the Curves, Loci or Arrays that draw()
     shows.
     """
 
@@ -41,7 +41,7 @@ def responses(*runs, span_hz=(0.5, 200.0), **common):
 
     def source():
         return [
-            plots.model_curve(m, label, settings=settings, span_hz=span_hz, **common)
+            curves.model_curve(m, label, settings=settings, span_hz=span_hz, **common)
             for m, label, settings in runs
         ]
 
@@ -53,7 +53,7 @@ def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
 
     def source():
         return [
-            plots.model_curve(model, label, output, span_hz=span_hz, settings=settings, **common)
+            curves.model_curve(model, label, output, span_hz=span_hz, settings=settings, **common)
             for output, label in names.items()
         ]
 
@@ -65,7 +65,7 @@ def loci(*runs, span_hz=None):
 
     def source():
         found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
-        return plots.loci(found, [label for _, label, _ in runs], span_hz)
+        return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
     return source
 
@@ -85,13 +85,13 @@ def beam_curves():
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
     roots = roots - 1e-3 * np.abs(roots)  # damping ratio .001: the beam itself has none
-    frequency = plots.grid_hz(
+    frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
     )
     s = 2j * np.pi * frequency * (1 - 1e-3j)
     return [
-        plots.Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
-        plots.Curve("tip (noncolocated)", frequency, BEAM.tip(s), "(m/s)/N"),
+        curves.Curve("actuator (colocated)", frequency, BEAM.actuator(s), "(m/s)/N"),
+        curves.Curve("tip (noncolocated)", frequency, BEAM.tip(s), "(m/s)/N"),
     ]
 
 
@@ -99,8 +99,8 @@ def beam_arrays():
     """Fig 2.23: both pole-zero arrays through the fourth mode."""
     poles = BEAM.poles(4)
     return [
-        plots.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
-        plots.Array("tip (noncolocated)", poles, BEAM.tip_zeros(4)),
+        locus.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
+        locus.Array("tip (noncolocated)", poles, BEAM.tip_zeros(4)),
     ]
 
 
@@ -109,7 +109,7 @@ def arrays(system, names, input=None):
 
     def source():
         inputs = (input,) if input else None
-        return [plots.array(system.select(inputs, (o,)), label) for o, label in names.items()]
+        return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
     return source
 
@@ -121,20 +121,20 @@ def measured(*runs):
     """
 
     def source():
-        curves = []
+        found = []
         for stem, label, settings in runs:
-            setup, _ = measure.read_setup(stem, {"set": settings})
+            setup, _ = read_setup(stem, {"set": settings})
             names = (setup.input or "drive.command", setup.output)
             system = linear.linearise(
                 setup.model, ("drive.command",), names, setup.set, free=setup.free
             )
-            frequency = plots.grid_hz(*setup.band_hz, system.poles())
+            frequency = curves.grid_hz(*setup.band_hz, system.poles())
             x, y = system.response(frequency).reshape(len(frequency), 2).T
-            unit = setup.unit or plots.unit_of(setup.model, names[0], names[1])
-            curves.append(
-                plots.Curve(label, frequency, setup.scale * y / x, "" if unit == "V/V" else unit)
+            unit = setup.unit or curves.unit_of(setup.model, names[0], names[1])
+            found.append(
+                curves.Curve(label, frequency, setup.scale * y / x, "" if unit == "V/V" else unit)
             )
-        return curves
+        return found
 
     return source
 
@@ -151,28 +151,28 @@ def fitted_resonances():
 def resonance_curves():
     """Fig 4.8: the polynomial model beside the response that it was fitted to."""
     frequency, data, rigid, fit = fitted_resonances()
-    unit = plots.unit_of("fig4_14", "drive.command", "tip.acceleration")
+    unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))
     return [
-        plots.Curve("lumped model of Fig 4.14, apart", frequency, data, unit),
-        plots.Curve("rigid body times resonances", frequency, model, unit),
+        curves.Curve("lumped model of Fig 4.14, apart", frequency, data, unit),
+        curves.Curve("rigid body times resonances", frequency, model, unit),
     ]
 
 
 def resonance_array():
     """Fig 4.9: poles and zeros of the polynomial model."""
     _, _, rigid, fit = fitted_resonances()
-    own = plots.array(rigid)
+    own = locus.array(rigid)
     zeros, poles, _ = fit.cascade().zpk()
-    return [plots.Array("", np.append(own.poles, poles), np.append(own.zeros, zeros))]
+    return [locus.Array("", np.append(own.poles, poles), np.append(own.zeros, zeros))]
 
 
 def three_problems():
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
-        plots.model_curve("fig4_14", "with base and arm", settings=hard, span_hz=(1, 100)),
-        plots.model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
+        curves.model_curve("fig4_14", "with base and arm", settings=hard, span_hz=(1, 100)),
+        curves.model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
     ]
 
 

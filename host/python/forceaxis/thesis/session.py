@@ -1,7 +1,7 @@
 """A whole session of the thesis through the gateway: boot, gains, a move of 36,000 counts (3.13),
 contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), recorder, plot.
 
-`run` needs nothing but a gateway. `forceaxis session` brings the rest: plant, firmware, gateway.
+`run` needs a running gateway; `whole` starts plant, firmware and gateway as well.
 """
 
 import contextlib
@@ -15,8 +15,8 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.gateway import Session, seconds, trigger_on
-from forceaxis.experiments import files as experiments
 from forceaxis.experiments import link
+from forceaxis.experiments import run as runs
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL = 36_000  # counts
@@ -26,7 +26,7 @@ GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The thesis's controller knew no soft taking-over.
+    # The thesis's controller has no bumpless transfer.
     "bump_decay_shift": 0,
 }
 
@@ -44,7 +44,7 @@ def run(url=None, axis=1, strike_within_s=20.0):
         session.wait_contact(WANTED)
         found["force_held_cnt"] = session.read("force")
         found["position_in_contact_cnt"] = session.read("position_actual")
-        # The hand strikes whenever it likes: the recorder waits for it.
+        # The strike is not synchronised: the recorder's trigger waits for it.
         held = session.capture(
             RECORDED,
             samples=1800,
@@ -67,21 +67,22 @@ def run(url=None, axis=1, strike_within_s=20.0):
 
 
 def plot(states, held, path):
-    """Move and contact as they were watched, the strike as it was recorded."""
-    from forceaxis.experiments import plots
+    """Move and contact as published, the strike as recorded."""
+    import matplotlib.pyplot as plt
 
-    plt = plots.plt
+    from forceaxis.drawing import INK, THIN
+
     states, times = seconds(states)
     figure, rows = plt.subplots(4, 1, figsize=(7, 8), layout="constrained")
-    rows[0].plot(times, [s.position_cnt for s in states], color=plots.INK)
+    rows[0].plot(times, [s.position_cnt for s in states], color=INK)
     rows[0].set_ylabel("position (count)")
-    rows[1].plot(times, [s.force_cnt_q8 / 256 for s in states], color=plots.INK)
+    rows[1].plot(times, [s.force_cnt_q8 / 256 for s in states], color=INK)
     rows[1].set_ylabel("force (count)")
     rows[1].set_xlabel("time of the session (s)")
     struck = [(tick - held.ticks()[held.trigger_sample]) / 1.5 for tick in held.ticks()]
-    rows[2].plot(struck, held.values("force"), color=plots.INK, **plots.THIN)
+    rows[2].plot(struck, held.values("force"), color=INK, **THIN)
     rows[2].set_ylabel("force (count)")
-    rows[3].plot(struck, held.values("dac_code"), color=plots.INK, **plots.THIN)
+    rows[3].plot(struck, held.values("dac_code"), color=INK, **THIN)
     rows[3].set_ylabel("code")
     rows[3].set_xlabel("time from the strike, recorded at 1500 Hz (ms)")
     with paths.replacing(path.parent, path.name) as (new,):
@@ -105,32 +106,32 @@ def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gatew
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # A guest on a busy machine stands still now and then: the axis is to bear with it.
+        # A guest on a busy machine stalls now and then: longer time-outs bridge that.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}
-    running, said = {}, {}
+    running, outputs = {}, {}
     with contextlib.ExitStack() as stack:
         try:
             for name, words in commands.items():
-                said[name] = stack.enter_context(tempfile.TemporaryFile("w+"))
+                outputs[name] = stack.enter_context(tempfile.TemporaryFile("w+"))
                 running[name] = process = subprocess.Popen(
                     [link.program(name), *words],
                     stdout=subprocess.PIPE,
-                    stderr=said[name],
+                    stderr=outputs[name],
                     text=True,
                     preexec_fn=_end_with_us,
                 )
                 stack.callback(_stop, process)
                 if "ready" not in process.stdout.readline():
                     process.wait(5)
-                    raise link.LinkError(f"{name}: {_text(said[name]) or 'ended at once'}")
+                    raise link.LinkError(f"{name}: {_text(outputs[name]) or 'ended at once'}")
             yield running
         except (NoAnswer, Refused) as error:
-            # What the programs said belongs to it.
-            told = [f"{name}: {_text(file)}" for name, file in said.items() if _text(file)]
-            told += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
-            raise link.LinkError("; ".join([str(error), *told])) from error
+            # The programs' own output explains the failure.
+            reports = [f"{name}: {_text(file)}" for name, file in outputs.items() if _text(file)]
+            reports += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
+            raise link.LinkError("; ".join([str(error), *reports])) from error
 
 
 def _end_with_us():
@@ -139,7 +140,7 @@ def _end_with_us():
 
 
 def _report(name, process):
-    """What a program said at its end. Raises link.LinkError if that is not a run that went well."""
+    """The report of a finished program. Raises link.LinkError unless its run succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
@@ -163,7 +164,7 @@ def _stop(process):
 
 def whole(folder):
     """All of it, files below `folder`: {what was seen}."""
-    # What an earlier session left stays until this one is over.
+    # Results of an earlier session stay until this one has finished.
     with paths.replacing(folder, "axis.journal") as (journal,):
         journal.unlink(missing_ok=True)
         with machine(folder, journal=journal) as running:
@@ -172,12 +173,28 @@ def whole(folder):
             found["gateway_status"] = running["gateway"].wait(10)
             reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
     plot(states, held, Path(folder) / "session.png")
-    done, told = experiments.replay(folder / "axis.journal")
+    done, journal = runs.replay(folder / "axis.journal")
     found |= {
         "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
         "replayed_hash": done.summary["trace_hash"],
-        "journal": told,
+        "journal": journal,
         "plant_overruns": reports["plant_node"]["overruns"],
         "fault": reports["axis_node"]["axes"][0]["fault"],
     }
     return found
+
+
+def describe(found):
+    """What was seen, for a reader."""
+    return "\n".join(
+        (
+            f"moved to     {found['position_after_move_cnt']} count",
+            f"contact      held {found['force_held_cnt']:.2f} count",
+            f"strike       peak {found['peak_force_cnt']:.2f} count, then "
+            f"{found['force_after_cnt']:.2f} count again",
+            f"recorded     {found['samples']} samples, {found['samples_missing']} missing",
+            f"watched      {found['states']} states, {found['messages_lost']} messages lost",
+            f"trace hash   {found['replayed_hash']}, of plant, firmware and replay",
+            f"files        {found['folder']}",
+        )
+    )

@@ -1,4 +1,4 @@
-"""What has been heard of every axis: latest state, history for charts, events, captures, losses.
+"""What was received of every axis: latest state, history for charts, events, captures, losses.
 
 Fed by a connection's thread or by a replayed log, read by the monitor; one lock guards it all.
 """
@@ -8,14 +8,14 @@ from collections import deque
 
 import numpy as np
 
-from forceaxis.bus import drive_words
-from forceaxis.bus.captures import Assembly
+from forceaxis.bus import state_names
+from forceaxis.bus.capture_assembly import Assembly
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Gaps, Undecodable, channel_of, decode
 from forceaxis.bus.messages import axis_command_t, axis_event_t
 
-HISTORY = 12_000  # states kept for the charts: two minutes at 100 a second
-STALE_S = 1.0  # without a message for so long, an axis is shown as silent
-RATE_S = 3.0  # rates are counted over so long
+HISTORY = 12_000  # states kept for the charts: two minutes at 100 per second
+STALE_S = 1.0  # an axis without a message for this long is shown as silent
+RATE_S = 3.0  # window of the message rate
 
 COMMAND_KINDS = {
     axis_command_t.KIND_WRITE: "write",
@@ -24,7 +24,7 @@ COMMAND_KINDS = {
     axis_command_t.KIND_TAKE: "take the axis",
     axis_command_t.KIND_RELEASE: "release the axis",
 }
-# Events that an operator must not miss, and those that tell of good.
+# Kinds of events that are shown as alarms.
 ALARMS = {
     axis_event_t.EVENT_REFUSED,
     axis_event_t.EVENT_EMCY,
@@ -107,7 +107,7 @@ class AxisWatch:
         return force, target, "N" if in_newtons else unit
 
     def age_s(self, now_us):
-        """How old the drive's own values are: since the message came, and before it was sent."""
+        """Age of the drive's values: since the message was received, and before it was sent."""
         if self.heard_us is None:
             return None
         return max(0, now_us - self.heard_us + (known(self.state.age_us) or 0)) / 1e6
@@ -142,17 +142,17 @@ class AxisWatch:
         count, mode = known(state.force_cnt_q8), known(state.mode_display)
         force, target, unit = self.forces()
         return {
-            "drive_state": say(state.statusword, drive_words.drive_state),
-            "status": say(state.statusword, lambda w: drive_words.status_bits(w, mode)),
+            "drive_state": say(state.statusword, state_names.drive_state),
+            "status": say(state.statusword, lambda w: state_names.status_bits(w, mode)),
             "statusword": known(state.statusword),
-            "mode": say(state.mode_display, drive_words.mode),
-            "native_mode": say(state.native_mode, lambda n: drive_words.enum("active_mode", n)),
-            "node": say(state.nmt_state, drive_words.node_state),
-            "fault": say(state.fault, lambda n: drive_words.enum("fault", n)),
+            "mode": say(state.mode_display, state_names.mode),
+            "native_mode": say(state.native_mode, lambda n: state_names.enum("active_mode", n)),
+            "node": say(state.nmt_state, state_names.node_state),
+            "fault": say(state.fault, lambda n: state_names.enum("fault", n)),
             "error_code": known(state.error_code),
-            "limit_reason": say(state.limit_reason, lambda n: drive_words.enum("limit_reason", n)),
+            "limit_reason": say(state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
             "command_source": say(
-                state.command_source, lambda n: drive_words.enum("command_source", n)
+                state.command_source, lambda n: state_names.enum("command_source", n)
             ),
             "contact": say(state.contact, bool),
             "limit_cycle": say(state.limit_cycle, bool),
@@ -179,7 +179,7 @@ class AxisWatch:
 
 
 class Watch:
-    """All axes. `now_us` is the clock that ages are told by: the wall's, or the replayed log's."""
+    """All axes. Ages refer to `now_us`: the wall clock, or that of the replayed log."""
 
     def __init__(self):
         self.lock = threading.RLock()
@@ -194,7 +194,7 @@ class Watch:
         return self.axes[number]
 
     def take(self, channel, data, wall_us):
-        """One message, as it came."""
+        """Processes one message."""
         number, kind = channel_of(channel)
         if kind is None or kind == "TRUTH":
             return

@@ -1,15 +1,16 @@
-"""A capture of the recorder, put together from its blocks as they come."""
+"""A capture of the recorder, assembled from the received blocks."""
 
 import numpy as np
 
-from forceaxis.bus.drive_words import BY_NAME
 from forceaxis.bus.messages import axis_capture_t
+from forceaxis.bus.state_names import BY_NAME
 
-LARGEST = 1_000_000  # samples; more than any recorder holds, so a wrong number asks for no memory
+# Samples; a limit above any recorder's, so that a corrupted number allocates nothing.
+LARGEST = 1_000_000
 
 
 class Assembly:
-    """One capture: rows of raw values by sample, and which of them have come."""
+    """One capture: rows of raw values by sample, and which of them were received."""
 
     def __init__(self):
         self.signals, self.raw, self.have = (), np.zeros((0, 0), np.int64), np.zeros(0, bool)
@@ -52,7 +53,7 @@ class Assembly:
         return int((~self.have).sum())
 
     def ticks(self):
-        """Tick of every sample; counted from the trigger where the gateway knew no tick."""
+        """Tick of every sample; counted from the trigger where the gateway reported no tick."""
         first = self.first_tick
         if first is None:
             first = -self.trigger_sample * self.decimation

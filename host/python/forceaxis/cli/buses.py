@@ -1,6 +1,7 @@
-"""`forceaxis monitor` and `forceaxis log`: watch axes over LCM, and what was recorded."""
+"""Verbs of axes on buses: the gateway, the monitor, logs."""
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -60,8 +61,8 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
         raise click.UsageError("--json: expected with --once")
     if not once and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise click.UsageError("expected a terminal; in scripts use --once, with --json")
+    from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import Live, Replay
-    from forceaxis.bus.watch import Watch
 
     watch = Watch()
     source = Replay(watch, replay, speed or 1.0, axis) if replay else Live(watch, url, axis)
@@ -82,7 +83,7 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
 
 
 def snapshot(watch, source, axis, seconds, as_json):
-    """Prints what was heard, exit status 1 if that is no state."""
+    """Prints the states received until now; exit status 1 if there is none."""
     if source.replayed:
         source.play_all()
     else:
@@ -193,4 +194,23 @@ def tell_damage(summary):
         click.echo(f"forceaxis: {summary['damage']}", err=True)
 
 
-VERBS = (monitor, log)
+@click.command(
+    cls=Verb,
+    context_settings={"ignore_unknown_options": True, "help_option_names": []},
+    epilog="""forceaxis gateway --can vcan0 --axes 1,2 --set force_gain=5
+    forceaxis gateway --help""",
+)
+@click.argument("args", nargs=-1, type=click.UNPROCESSED)
+def gateway(args):
+    """Supervise axes on a CAN bus: CANopen master, LCM, Modbus TCP. Ends on SIGTERM or SIGINT.
+
+    `forceaxis gateway --help` lists its options.
+    """
+    from forceaxis.experiments import link
+
+    program = link.program("gateway")
+    sys.stdout.flush()
+    os.execv(program, [program, *args])
+
+
+VERBS = (gateway, monitor, log)

@@ -1,10 +1,10 @@
-"""What the numbers of a drive say in words: CiA 402 state, mode, EMCY code, enums of the table."""
+"""Names of a drive's numbers: CiA 402 state, mode of operation, EMCY code, enumerations."""
 
 from forceaxis import objects
 
 BY_NAME = {o.name: o for o in objects.OBJECTS}
 
-# CiA 402: (mask, value, state of the drive); exactly one matches where the firmware is right.
+# CiA 402: (mask, value, state of the drive); exactly one matches a correct statusword.
 STATES = (
     (0x4F, 0x00, "not ready to switch on"),
     (0x4F, 0x40, "switch on disabled"),
@@ -16,11 +16,11 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
-# The names of the object table, as they are read.
+# Names from the object table.
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
 }
-# Not those of the table: -1 is the gateway's, and a master says booting and pre-operational.
+# As a CANopen master names them; -1 is the gateway's own.
 NODE_STATES = {
     0: "booting",
     4: "stopped",
@@ -35,7 +35,7 @@ BITS = (
     (10, "target reached"),
     (11, "internal limit"),
 )
-# Bits 12 and 13 mean what the mode says.
+# Bits 12 and 13 depend on the mode.
 BIT_12 = {
     1: "set-point acknowledged",
     3: "speed zero",
@@ -56,7 +56,7 @@ def drive_state(statusword):
 
 
 def status_bits(statusword, mode=None):
-    """What further bits of the statusword say in this mode, as a list of texts."""
+    """The further statusword bits that are set, by their names in this mode."""
     said = [text for bit, text in BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
         if statusword >> bit & 1 and mode in texts:

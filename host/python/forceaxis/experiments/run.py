@@ -1,17 +1,11 @@
-"""Run experiments and write what they give: summary, trace, plot."""
+"""Run experiments: in process, over a link, or again from a journal."""
 
-import csv
-import json
 import math
 import shlex
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from forceaxis import _core, objects, paths
-from forceaxis._core import InputError
 from forceaxis.experiments import link
 
 
@@ -41,29 +35,29 @@ def run(experiment, overrides=(), over=None):
     """
     experiment = Path(experiment)
     if over:
-        result, told = link.run(over, experiment, overrides)
+        result, report = link.run(over, experiment, overrides)
     else:
-        result, told = _core.run(str(experiment), list(overrides)), None
+        result, report = _core.run(str(experiment), list(overrides)), None
     command = ["forceaxis", "run", paths.display(experiment)]
     for text in overrides:
         command += ["--set", text]
     if over:
         command += over.words()
-    return finished(experiment, result, told, command)
+    return finished(experiment, result, report, command)
 
 
 def replay(journal):
-    """Run again in process what `axis_node --journal` wrote down. Returns (the run, what was told).
+    """Run again in process what `axis_node --journal` recorded. Returns (the run, its journal).
 
     Raises InputError.
     """
-    result, told = _core.replay(str(journal))
+    result, report = _core.replay(str(journal))
     command = ["forceaxis", "replay", paths.display(journal)]
-    return finished(Path(told["experiment"]), result, None, command), told
+    return finished(Path(report["experiment"]), result, None, command), report
 
 
-def finished(experiment, result, told, command):
-    """The Run of a result; told: what its link says, or None."""
+def finished(experiment, result, report, command):
+    """The Run of a result; report: that of its link, or None."""
     columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     columns |= result.columns()
     summary = {
@@ -75,7 +69,7 @@ def finished(experiment, result, told, command):
         if result.verdict == "unstable"
         else [],
         "fault": result.fault,
-        "refused": told["refused"] if told else result.refused,
+        "refused": report["refused"] if report else result.refused,
         "trace_hash": result.trace_hash,
         "edge_margin": result.edge_margin if math.isfinite(result.edge_margin) else None,
         "ticks": len(result.tick),
@@ -88,37 +82,10 @@ def finished(experiment, result, told, command):
         "seed": result.seed,
         "command": shlex.join(command),
     }
-    if told:
-        summary["link"] = {k: v for k, v in told.items() if k != "refused"}
-    text = tomllib.loads(experiment.read_text(encoding="utf-8-sig"))
-    plot = text.get("plot", {})
-    check_plot(experiment, plot, columns)
-    model = (experiment.parent / text["model"]).resolve()
-    return Run(experiment, model, summary, columns, result.events, plot, result.shows)
-
-
-def check_plot(experiment, plot, columns):
-    """Refuse a [plot] that could not be drawn."""
-
-    def fail(key, message):
-        raise InputError(f"{experiment}: {key}: {message}")
-
-    if not isinstance(plot, dict):
-        fail("plot", "expected a table, write [plot]")
-    for key in set(plot) - {"rows", "from_s", "to_s"}:
-        fail(f"plot.{key}", "expected one of rows, from_s, to_s; remove or rename this key")
-    for key in ("from_s", "to_s"):
-        value = plot.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e6:
-            fail(f"plot.{key}", "expected a time in s")
-    if plot.get("from_s", 0.0) >= plot.get("to_s", 1e6):
-        fail("plot.from_s", "expected a time before to_s")
-    rows = plot.get("rows", [["encoder"]])
-    if not (isinstance(rows, list) and rows and all(isinstance(r, list) and r for r in rows)):
-        fail("plot.rows", 'expected a list of lists of columns, [["encoder"], ["adc0"]]')
-    for name in (name for row in rows for name in row):
-        if name not in columns:
-            fail("plot.rows", f"expected columns of the trace ({', '.join(columns)}), got {name!r}")
+    if report:
+        summary["link"] = {k: v for k, v in report.items() if k != "refused"}
+    model = Path(result.model).resolve()
+    return Run(experiment, model, summary, columns, result.events, result.plot, result.shows)
 
 
 def reasons(criterion, metrics, fault):
@@ -167,22 +134,3 @@ def describe(summary):
         ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}") for r in summary["refused"]
     ]
     return "\n".join(f"{key:12} {value}" for key, value in lines)
-
-
-def write(done, out):
-    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
-    from forceaxis.experiments import plots
-
-    out.mkdir(parents=True, exist_ok=True)
-    names = list(done.columns)
-    np.savez_compressed(out / "trace.npz", **done.columns)
-    with (out / "trace.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
-    with (out / "events.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "element", "from", "to"])
-        writer.writerows(done.events)
-    plots.trace(done).savefig(out / "plot.png", dpi=120)
-    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")

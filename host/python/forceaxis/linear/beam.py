@@ -403,9 +403,6 @@ def _mechanical(M, D, K, forces, outputs, names, inputs, output_names, order=1):
     return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
 
 
-# --- the verb --------------------------------------------------------------------------------
-
-
 def summary(beam, modes):
     """What `forceaxis beam --json` prints: the first `modes` modes and the errors of 2.4.4."""
     roots = sliding_free_roots(modes)

@@ -1,0 +1,68 @@
+// The object table's metadata for Python: forceaxis.objects makes named tuples of it.
+#include <pybind11/pybind11.h>
+
+#include <string_view>
+
+#include "firmware/objects/generated/axis_objects_meta.h"
+
+namespace py = pybind11;
+
+namespace {
+
+py::tuple enum_texts(const axis_object_meta_t &meta) {
+  py::list texts;
+  std::string_view rest = meta.enum_texts;
+  while (!rest.empty()) {
+    const std::size_t comma = rest.find(',');
+    texts.append(rest.substr(0, comma));
+    rest = comma == std::string_view::npos ? std::string_view() : rest.substr(comma + 1);
+  }
+  return py::tuple(texts);
+}
+
+py::tuple value_texts(const axis_object_meta_t &meta) {
+  py::list texts;
+  for (const axis_value_text_t &named : axis_value_texts) {
+    if (named.object == meta.object) texts.append(py::make_tuple(named.value, named.text));
+  }
+  return py::tuple(texts);
+}
+
+py::list objects() {
+  using namespace py::literals;
+  py::list found;
+  for (const axis_object_meta_t &meta : axis_objects_meta) {
+    found.append(py::dict(
+        "number"_a = meta.object, "name"_a = meta.name, "kind"_a = meta.kind, "part"_a = meta.part,
+        "meaning"_a = meta.meaning, "type"_a = meta.type, "unit"_a = meta.unit,
+        "scale"_a = meta.scale, "min"_a = meta.min, "max"_a = meta.max, "default"_a = meta.initial,
+        "access"_a = meta.access, "writable"_a = meta.writable, "enum"_a = enum_texts(meta),
+        "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
+        "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
+        "mappable"_a = meta.mappable != 0, "values"_a = value_texts(meta)));
+  }
+  return found;
+}
+
+template <std::size_t Count>
+py::list bits(const axis_bit_meta_t (&table)[Count]) {
+  using namespace py::literals;
+  py::list found;
+  for (const axis_bit_meta_t &bit : table) {
+    found.append(
+        py::dict("address"_a = bit.address, "name"_a = bit.name, "meaning"_a = bit.meaning));
+  }
+  return found;
+}
+
+}  // namespace
+
+void add_objects(py::module_ &m) {
+  m.attr("OBJECTS_HASH") = AXIS_OBJECTS_HASH;
+  m.def("objects", &objects, "The object table: a dictionary per object, in the order of numbers.");
+  m.def(
+      "coils", [] { return bits(axis_coils_meta); }, "Modbus's coils: address, name, meaning.");
+  m.def(
+      "discretes", [] { return bits(axis_discretes_meta); },
+      "Modbus's discrete inputs: address, name, meaning.");
+}

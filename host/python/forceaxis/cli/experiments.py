@@ -1,0 +1,260 @@
+"""Verbs of experiments: run one, replay a journal, sweep, test."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import (
+    File,
+    Folder,
+    Verb,
+    as_json,
+    fail,
+    link_of,
+    linked,
+    threads,
+)
+from forceaxis.experiments import link, trace
+from forceaxis.experiments import run as runs
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7
+    forceaxis run sim/experiments/contact.toml --set b_w=363 --json
+    forceaxis run sim/experiments/contact.toml --link lcm""",
+)
+@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
+    "experiment.duration_s or a key of the verdict (verdict.window_s=2); a number or a quantity "
+    '("75 N"). Repeatable, once for each name.',
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
+)
+@linked
+@as_json
+def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
+    """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
+
+    Prints the verdict, the trace hash, the closest approach to a code edge, the events and the
+    energy audit. An unstable verdict is a result: the exit status is 0 whenever the run was done.
+    With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
+    of the trace differ or one falls silent.
+    """
+    done = runs.run(experiment, overrides, link_of(kind, lcm_url, link_can, inject))
+    if out:
+        trace.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(runs.describe(done.summary))
+        if out:
+            click.echo(f"files        {paths.display(out)}")
+    if "link" in done.summary:
+        link.expect_same(done.summary["link"])
+
+
+@click.command(
+    cls=Verb,
+    epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.journal &
+    plant_node sim/experiments/contact.toml --pace real && forceaxis replay axis.journal""",
+)
+@click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--out", type=Folder(), help="Folder, as for run.")
+@as_json
+def replay(journal, out, as_json):
+    """Run again, in process, what a firmware on buses did: from the journal of its axis_node.
+
+    The same trace hash comes out; the exit status is 1 if it does not, or if the journal breaks off
+    without one, because the node was killed: then what is there is replayed.
+    """
+    done, journalled = runs.replay(journal)
+    same = done.summary["trace_hash"] == journalled["trace_hash"]
+    done.summary["replay"] = journalled | {"same": same}
+    if out:
+        trace.write(done, out)
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(runs.describe(done.summary))
+        known = journalled["trace_hash"] or "none, it is broken off"
+        click.echo(f"journal      {journalled['entries']} entries, trace hash {known}")
+    if journalled["ticks"] is None:
+        fail(
+            f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
+            f"written down, {done.summary['ticks']} ticks",
+            status=1,
+        )
+    if not same:
+        fail(f"{journal}: expected the trace hash {journalled['trace_hash']} again", status=1)
+
+
+def named(context, option, texts):
+    """NAME=VALUE options as a dict."""
+    given = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"{option.opts[0]}: {text}: expected {option.metavar}")
+        if name in given:
+            raise InputError(f"{option.opts[0]}: {name}: expected each name once")
+        given[name] = value
+    return given
+
+
+@click.command(
+    cls=Verb,
+    epilog="""# the stability map of the thesis robot over gain and set-point, 1280 runs
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_gain=0.5:20:40 --grid firmware.force_setpoint=2:64:32 --out out/map
+    # its boundary, found by halving
+    forceaxis sweep sim/experiments/contact.toml \\
+    --grid firmware.force_setpoint=4:64:16 --bisect firmware.force_gain=3:20:0.05 --out out/edge
+    # how it spreads with sensor and workpiece
+    forceaxis sweep sim/experiments/contact.toml \\
+    --random k_s=5e4:2e5:log --random k_w=2e5:8e5 --count 500 --seed 1 --out out/spread""",
+)
+@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NAME=FROM:TO:COUNT[:log]",
+    callback=named,
+    help="COUNT values from FROM to TO, both included, or NAME=VALUE,VALUE,...; all combinations "
+    "when repeated.",
+)
+@click.option(
+    "--random",
+    multiple=True,
+    metavar="NAME=FROM:TO[:log]",
+    callback=named,
+    help="Draw --count points, uniform in the value or in its logarithm.",
+)
+@click.option("--count", type=int, help="How many random points.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Another seed, other random points."
+)
+@click.option(
+    "--bisect",
+    multiple=True,
+    metavar="NAME=FROM:TO:TOLERANCE",
+    callback=named,
+    help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "
+    "point of --grid or --random.",
+)
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="As for run, for all points."
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    required=True,
+    help="Folder for results.csv, .npz and .parquet, plot.png, sweep.json and journal.jsonl.",
+)
+@threads
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the workers of this Dask scheduler, tcp://HOST:PORT, instead of on threads. They "
+    "need this forceaxis and the experiment's files at the same path.",
+)
+@as_json
+def sweep(
+    experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, as_json
+):
+    """Run one experiment at many points of any parameters, NAME as in `run --set`.
+
+    Every finished run is kept in the folder's journal: after an interruption, or with more points,
+    the same command runs only what is missing. A run that fails is a row with its error; the exit
+    status is 1 only if all fail. A boundary is the last stable value on the way to the first
+    unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
+    the row says so.
+    """
+    from forceaxis.experiments import sweep as sweeps
+
+    done = sweeps.sweep(
+        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler
+    )
+    if as_json:
+        click.echo(json.dumps(done.summary, allow_nan=False))
+    else:
+        click.echo(sweeps.describe(done))
+        click.echo(f"files        {paths.display(out)}")
+    if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
+        sys.exit(1)
+
+
+@click.command(
+    name="test",
+    cls=Verb,
+    epilog="""forceaxis test axes/ --junit results.xml --out differences
+    forceaxis test axes/contact.toml --update""",
+)
+@click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
+@click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
+@click.option("--junit", type=File(), help="Write the results as JUnit XML.")
+@click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
+@click.option(
+    "-k", "pattern", metavar="PATTERN", help="Only files with PATTERN in their name (*, ? allowed)."
+)
+@threads
+@as_json
+def test(targets, update, junit, out, pattern, threads, as_json):
+    """Run every experiment with an [expect] table at or below DIR and compare.
+
+    \b
+    [expect]
+    verdict = "stable"        # needs [verdict]
+    fault = "none"
+    peak_force_N = 69.7       # largest contact force of the run
+    final_value = 30.2        # mean of `signal` over its last final_s
+    settle_s = 0.81           # until it stays within +-band; or "never"
+    overshoot = 0.12          # beyond final_value, fraction of the step
+    trace_hash = "08b6..."    # every code of every tick
+    signal = "sensor.force"   # default: the first contact's force, or encoder
+    from_s = 0.0              # look at `signal` from here on
+    final_s = 0.3             # default: a tenth of what follows from_s
+    band = 0.05               # of the step, or { absolute = 1.5 }
+
+    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as
+    { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 }
+    say. --update rewrites what
+    differs, fills an empty [expect], and leaves limits and the rest of the file as they are.
+
+    Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.
+    """
+    from forceaxis.experiments import regression
+
+    def report(outcome):
+        if outcome.status == "error":
+            click.echo(f"forceaxis: {outcome.message}", err=True)
+        if not as_json:
+            click.echo(regression.describe(outcome))
+
+    outcomes = regression.run(targets, update, out, threads, pattern, report)
+    if junit:
+        regression.write_junit(outcomes, junit)
+    number = regression.counts(outcomes)
+    if as_json:
+        click.echo(json.dumps(number | {"tests": [o.summary() for o in outcomes]}))
+    else:
+        skipped = [o.name for o in outcomes if o.status == "skipped"]
+        if skipped:
+            click.echo(f"without [expect]: {', '.join(skipped)}")
+        click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
+    sys.exit(regression.status(outcomes))
+
+
+VERBS = (run, replay, sweep, test)

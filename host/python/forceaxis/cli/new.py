@@ -1,0 +1,64 @@
+"""`forceaxis new`."""
+
+import json
+import sys
+
+import click
+
+from forceaxis import new
+from forceaxis._core import InputError
+from forceaxis.cli.common import Folder, Verb, as_json
+
+
+def options(command):
+    """One command-line option per field."""
+    for field in reversed(new.FIELDS):
+        default = field.why if callable(field.default) else new.shown(field, field.default)
+        help_text = f"{field.part}: {field.ask} [default: {default}]"
+        command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
+            command
+        )
+    return command
+
+
+def prompt(field, default):
+    """Ask for one value on the terminal until it is one; None: the default was taken."""
+    click.echo(f"\n{field.part}: {field.ask}")
+    proposed = new.shown(field, default)
+    while True:
+        text = click.prompt(f"  {field.option[2:]}", default=proposed)
+        if text == proposed:
+            return None
+        try:
+            field.parse(text)
+        except InputError as error:
+            click.echo(f"  {error}")
+            continue
+        return text
+
+
+@click.command(
+    name="new",
+    cls=Verb,
+    epilog="""forceaxis new press
+    forceaxis new press --yes --moving-mass-kg 25 --lead-mm-per-rev 5 --force""",
+)
+@click.argument("name", type=Folder())
+@options
+@click.option("--yes", is_flag=True, help="Ask nothing: defaults for what is not given.")
+@click.option("--force", is_flag=True, help="Replace the three files if they are there.")
+@as_json
+def new_(name, yes, force, as_json, **given):
+    """Write a model and experiments of your own axis into folder NAME.
+
+    Asks for what the data sheets of motor, amplifier, transmission, sensor and workpiece say, or
+    takes it as options: plain numbers in the unit of the option's name. What nobody gives gets a
+    default that is marked in the model. Asks nothing without a terminal.
+    """
+    new.refuse_existing(name, force)
+    talk = not (yes or as_json) and sys.stdin.isatty()
+    done = new.write(name, *new.collect(given, prompt if talk else None), force)
+    click.echo(json.dumps(done) if as_json else new.describe(done))
+
+
+VERBS = (new_,)

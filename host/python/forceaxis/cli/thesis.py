@@ -1,0 +1,119 @@
+"""Verbs of the thesis: its tables, claims and session, and the report over all."""
+
+import json
+import signal
+import sys
+
+import click
+
+from forceaxis import paths
+from forceaxis.cli.common import Folder, Verb, as_json, link_of, linked, threads
+from forceaxis.experiments import link
+from forceaxis.thesis import tables
+
+
+@click.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
+@click.option("--fit", is_flag=True, help="Find the fitted constants again instead of using them.")
+@threads
+@linked
+@as_json
+def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
+    """Run the 55 cells of the thesis's stability tables and set ours beside the measurement.
+
+    Exit status 1 if fewer cells match than the parameter file is known for. With --link the
+    firmware is one process of its own for all cells.
+    """
+    if fit and kind:
+        raise click.UsageError("expected --fit without --link; a fit is thousands of runs")
+    if fit:
+        click.echo(json.dumps(tables.fit(threads), indent=None if as_json else 2))
+        return
+    result = tables.run(threads, link_of(kind, lcm_url, link_can, inject))
+    if as_json:
+        click.echo(json.dumps(result))
+    else:
+        click.echo(tables.describe(result))
+    if result["matched"] < tables.load().matched_at_least:
+        sys.exit(1)
+
+
+@click.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
+@click.option(
+    "--out",
+    type=Folder(),
+    default="report",
+    show_default=True,
+    help="Folder for index.html.",
+)
+@threads
+@as_json
+def report(out, threads, as_json):
+    """Run every experiment and the tables and write one self-contained page."""
+    from forceaxis.report import report as page
+
+    summary = page.write(out, threads)
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(f"report       {paths.display(out / 'index.html')}")
+        click.echo(f"experiments  {summary['experiments']} run")
+        click.echo(
+            f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
+        )
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis session --out out/session
+    forceaxis replay out/session/axis.journal""",
+)
+@click.option(
+    "--out", type=Folder(), default="out/session", show_default=True, help="Folder of the results."
+)
+@as_json
+def session(out, as_json):
+    """Hold a whole session of the thesis through the gateway alone, on virtual CAN in real time.
+
+    Boot, gains, a move of 36,000 counts, contact at k_f = 5 and f_d = 30, a strike, the recorder's
+    upload, a plot; plant, firmware and gateway are processes of their own. Files: session.png, and
+    axis.journal, which `forceaxis replay` runs again to the same trace hash. Where the kernel has
+    no CAN it runs in a guest (tools/vcan).
+    """
+    link.under_vcan(link.Link("socketcan"))
+    from forceaxis.thesis import session as thesis_session
+
+    # As an interrupt: the programs are ended and the journal is complete.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    found = thesis_session.whole(out)
+    found["folder"] = paths.display(out)
+    hashes = {*found["trace_hash"].values(), found["replayed_hash"]}
+    if as_json:
+        click.echo(json.dumps(found, allow_nan=False))
+    else:
+        click.echo(thesis_session.describe(found))
+    if len(hashes) != 1:
+        click.echo(
+            "forceaxis: session: expected one trace hash of plant, firmware and replay", err=True
+        )
+        sys.exit(1)
+
+
+@click.command(
+    name="check-thesis", cls=Verb, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
+)
+@as_json
+def check_thesis(as_json):
+    """Set the numbers that the thesis quotes beside what its models give.
+
+    Frequencies, crossovers, damping ratios, improvements; where ours differ, a line says why. Exit
+    status 1 if one differs without a reason.
+    """
+    from forceaxis.thesis import claims
+
+    result = claims.check()
+    click.echo(json.dumps(result, allow_nan=False) if as_json else claims.describe(result))
+    if result["unexplained"]:
+        sys.exit(1)
+
+
+VERBS = (tables_, check_thesis, report, session)

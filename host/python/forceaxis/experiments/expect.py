@@ -1,0 +1,299 @@
+"""The [expect] table of an experiment, and a run beside it.
+
+    [expect]
+    verdict = "stable"       or "unstable": what [verdict] finds
+    fault = "none"           the first fault that the firmware latched
+    trace_hash = "08b6..."   every code of every tick
+    peak_force_N = 69.7      largest force in any contact of the model, at any tick
+    final_value = 30.2       mean of `signal` over its last final_s
+    settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
+                             after the last one outside); "never" if outside in the last final_s
+    overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
+                             from its value at from_s; "undefined" when there is no step
+
+    signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
+    from_s = 0.0             evaluation of `signal` starts here, for instance at a disturbance
+    final_s = 0.3            default: a tenth of what follows from_s
+    band = 0.05              fraction of the step, or { absolute = 1.5 } in the unit of `signal`
+
+A number is 69.7, { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.01 } or a limit
+{ min = 60, max = 80 }, one or both. A bare number is met within TOLERANCES; 1 % of 0 is 0, so a
+final_value below 1e-9 of the largest value counts as 0.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import _core, objects, toml
+from forceaxis._core import InputError
+from forceaxis.experiments import run as runs
+
+TEXTS = ("verdict", "fault", "trace_hash")
+
+
+# How near a bare number must be met: 1 % of it, 10 ms, one percent of the step.
+TOLERANCES = {
+    "peak_force_N": {"relative": 0.01},
+    "final_value": {"relative": 0.01},
+    "settle_s": {"tolerance": 0.01},
+    "overshoot": {"tolerance": 0.01},
+}
+
+
+NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number exists
+
+
+HOW = ("signal", "from_s", "final_s", "band")
+
+
+LARGEST = 1e18
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that is expected within low .. high; `value` is None for a limit."""
+
+    low: float
+    high: float
+    value: float | None = None
+
+    def __str__(self):
+        if self.value is None:
+            low = f"at least {self.low:.6g}" if math.isfinite(self.low) else ""
+            high = f"at most {self.high:.6g}" if math.isfinite(self.high) else ""
+            return " and ".join(filter(None, (low, high)))
+        return f"{self.value:.6g} +-{self.high - self.value:.3g}"
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """A checked [expect] table: key -> text or Number, and how `signal` is evaluated."""
+
+    wanted: dict
+    signal: str | None
+    from_s: float
+    final_s: float | None
+    band: float
+    band_is_absolute: bool
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run gave: values by the keys of [expect], and the response they come from."""
+
+    values: dict
+    signal: str
+    from_s: float
+    final_s: float
+    start: float
+    final: float
+    width: float  # the settling band is final +- width
+    contacts: list
+
+
+@dataclass(frozen=True)
+class Check:
+    """One expectation beside what was obtained."""
+
+    key: str
+    expected: str | Number
+    obtained: str | float
+
+    @property
+    def passed(self):
+        """Whether the obtained value is the expected one."""
+        if isinstance(self.expected, Number) and isinstance(self.obtained, float):
+            return self.expected.low <= self.obtained <= self.expected.high
+        return self.expected == self.obtained
+
+    def __str__(self):
+        return f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A finished run beside its [expect]; without one `checks` is empty and `expect` None."""
+
+    run: runs.Run
+    expect: Expectation | None
+    measured: Measured
+    checks: list
+
+    @property
+    def differences(self):
+        """The checks that failed."""
+        return [c for c in self.checks if not c.passed]
+
+
+def shown(value):
+    """A value for a reader; `--json` and --update have all digits."""
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) < 64 else text[:16] + "..."
+
+
+class Reader:
+    """Checks the keys of one [expect] table; `file` is named in errors."""
+
+    def __init__(self, file):
+        self.file = file
+
+    def fail(self, key, message):
+        raise InputError(f"{self.file}: expect{key and '.'}{key}: {message}")
+
+    def number(self, key, value, low=-LARGEST):
+        """A plain number of at least `low`."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fail(key, "expected a number")
+        if not low <= value <= LARGEST:  # NaN too
+            self.fail(key, f"expected a number from {low:g} to {LARGEST:g}, got {value:g}")
+        return float(value)
+
+    def wanted(self, key, value):
+        """What is expected of a number: a Number, or the word where there is none."""
+        low = -LARGEST if key == "final_value" else 0.0
+        if isinstance(value, str) and key in NOTHING:
+            if value != NOTHING[key]:
+                self.fail(key, f'expected a number or "{NOTHING[key]}", got "{value}"')
+            return value
+        if not isinstance(value, dict):
+            value = {"value": self.number(key, value, low)}
+        for name in value:
+            if name not in ("value", "tolerance", "relative", "min", "max"):
+                self.fail(
+                    f"{key}.{name}",
+                    "expected one of value, tolerance, relative, min, max; "
+                    "remove or rename this key",
+                )
+        given = {n: self.number(f"{key}.{n}", v, -LARGEST) for n, v in value.items()}
+        if "min" in given or "max" in given:
+            return self.limits(key, given, low)
+        if "value" not in given:
+            self.fail(key, "expected value or min or max; add value = ...")
+        expected = self.number(f"{key}.value", given["value"], low)
+        if "tolerance" in given and "relative" in given:
+            self.fail(key, "expected tolerance or relative, not both")
+        if "relative" in given and expected == 0:
+            self.fail(f"{key}.relative", "expected tolerance beside a value of 0, a part of 0 is 0")
+        allowed = {n: v for n, v in given.items() if n != "value"} or TOLERANCES[key]
+        ((name, width),) = allowed.items()
+        width = self.number(f"{key}.{name}", width, 0.0)
+        if name == "relative":
+            width *= abs(expected)
+        return Number(expected - width, expected + width, expected)
+
+    def limits(self, key, given, low):
+        """The Number of min and max."""
+        if len(given) != len(given.keys() & {"min", "max"}):
+            self.fail(key, "expected either min and max or value with its tolerance, not both")
+        limits = Number(given.get("min", -math.inf), given.get("max", math.inf))
+        if limits.low > limits.high:
+            self.fail(key, f"expected min below max, got {limits.low:g} and {limits.high:g}")
+        if limits.high < low:
+            self.fail(f"{key}.max", f"expected at least {low:g}, it is never below")
+        return limits
+
+
+def read(file, data):
+    """The Expectation of `_core.inputs`, None without [expect]. Raises InputError."""
+    table, reader = data["expect"], Reader(file)
+    if table is None:
+        return None
+    fail, number = reader.fail, reader.number
+    toml.expect_keys(table, (*TEXTS, *TOLERANCES, *HOW), fail)
+    faults = objects.BY_NAME["fault"].enum
+    for key, texts in (("verdict", ("stable", "unstable")), ("fault", faults)):
+        if key in table and table[key] not in texts:
+            fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
+    if "verdict" in table and not data["criterion"]:
+        fail("verdict", "expected a [verdict] table that says when the run is stable; add it")
+    text = table.get("trace_hash", "0" * 64)
+    if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
+        fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
+    if not isinstance(table.get("signal", ""), str):
+        fail("signal", "expected the name of a column of the trace")
+    band, absolute = table.get("band", 0.05), False
+    if isinstance(band, dict):
+        if list(band) != ["absolute"]:
+            fail("band", "expected a fraction of the step or { absolute = ... }")
+        band, absolute = band["absolute"], True
+    return Expectation(
+        wanted={
+            k: v if k in TEXTS else reader.wanted(k, v) for k, v in table.items() if k not in HOW
+        },
+        signal=table.get("signal"),
+        from_s=number("from_s", table.get("from_s", 0), 0.0),
+        final_s=number("final_s", table["final_s"], 0.0) if "final_s" in table else None,
+        band=number("band", band, 0.0),
+        band_is_absolute=absolute,
+    )
+
+
+def measure(done, expect, contacts):
+    """What a run gave by the definitions above. Raises InputError where [expect] is at odds."""
+
+    def fail(key, message):
+        raise InputError(f"{done.experiment}: expect.{key}: {message}")
+
+    rate = _core.TICKS_PER_SECOND
+    signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
+    if signal not in done.columns:
+        fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
+    if "peak_force_N" in expect.wanted and not contacts:
+        fail("peak_force_N", "expected a model with a contact, this one has none; remove the key")
+    first = math.ceil(expect.from_s * rate - 1e-9)
+    values = done.columns[signal][first:].astype(float)
+    if len(values) < 2:
+        fail("from_s", f"expected a time before the end, {done.columns['time_s'][-1]:g} s")
+    lasts_s = (len(values) - 1) / rate
+    final_s = lasts_s / 10 if expect.final_s is None else expect.final_s
+    if final_s > lasts_s + 1e-9:
+        fail("final_s", f"expected at most the {lasts_s:g} s that follow from_s, got {final_s:g}")
+    window = math.floor(final_s * rate + 1e-9) + 1
+    final, start = float(values[-window:].mean()), float(values[0])
+    largest = float(np.abs(values).max())
+    if abs(final) < 1e-9 * largest:  # a signal that died out ends at 0, not at its rounding error
+        final = 0.0
+    step, rounding = final - start, 1e-12 * largest
+    width = expect.band if expect.band_is_absolute else expect.band * abs(step)
+    outside = np.flatnonzero(np.abs(values - final) > width + rounding)
+    last = int(outside[-1]) if len(outside) else -1
+    settled = last < len(values) - window
+    beyond = float((math.copysign(1, step) * (values - final)).max())
+    got = {
+        "verdict": done.summary["verdict"],
+        "fault": done.summary["fault"],
+        "peak_force_N": done.summary["metrics"]["peak_force_N"] if contacts else None,
+        "final_value": final,
+        "settle_s": (last + 1) / rate if settled else NOTHING["settle_s"],
+        "overshoot": max(0.0, beyond) / abs(step) if abs(step) > rounding else "undefined",
+        "trace_hash": done.summary["trace_hash"],
+    }
+    return Measured(got, signal, expect.from_s, final_s, start, final, width, contacts)
+
+
+def examine(file, overrides=()):
+    """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
+    file = Path(file)
+    given = _core.inputs(str(file), list(overrides))
+    expect = read(file, given)  # a bad table is refused before the run
+    done = runs.run(file, overrides)
+    measured = measure(done, expect or read(file, {"expect": {}}), given["contacts"])
+    wanted = expect.wanted if expect else {}
+    checks = [Check(key, value, measured.values[key]) for key, value in wanted.items()]
+    return Examined(done, expect, measured, checks)
+
+
+def table(checks):
+    """Expected beside obtained, one row a key."""
+    rows = [("", "expected", "obtained", "")]
+    rows += [
+        (c.key, shown(c.expected), shown(c.obtained), "" if c.passed else "differs") for c in checks
+    ]
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    return "\n".join(
+        "  ".join(f"{cell:{w}}" for cell, w in zip(row, [*widths, 0], strict=True)).rstrip()
+        for row in rows
+    )

@@ -1,0 +1,78 @@
+"""What `forceaxis test --update` writes: an experiment's text with another [expect] table."""
+
+import difflib
+import json
+import re
+
+from forceaxis import toml
+from forceaxis._core import InputError
+from forceaxis.experiments.expect import TOLERANCES, Number
+
+
+def filled(text, values):
+    """The experiment's text with all but overshoot put below the line [expect]."""
+    keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
+    lines = [
+        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
+        for key in keys
+        if values[key] is not None
+    ]
+    return re.sub(
+        r"^[ \t]*\[expect\][ \t]*(#.*)?(\n|\Z)",
+        lambda header: header[0].rstrip("\n") + "\n" + "".join(lines),
+        text,
+        count=1,
+        flags=re.M,
+    )
+
+
+def updated(text, examined):
+    """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
+    records: they stay."""
+    import tomlkit
+
+    try:
+        document = tomlkit.parse(text)
+    except tomlkit.exceptions.ParseError as error:  # two readers of TOML may differ
+        file = examined.run.experiment
+        raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
+    table = document["expect"]
+    for check in examined.differences:
+        entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
+        if isinstance(check.expected, Number) and check.expected.value is None:
+            continue
+        if isinstance(entry, dict) and isinstance(check.obtained, float):
+            own = {k: v for k, v in entry.items() if k != "value"}
+            entry["value"] = written(check.obtained, own or allowed)
+        else:
+            table[check.key] = written(check.obtained, allowed)
+    return tomlkit.dumps(document)
+
+
+def rewritten(file, text, examined):
+    """filled() or updated(), with the text's line ends.
+
+    Raises InputError rather than touch anything but [expect].
+    """
+    crlf = text.count("\r\n") == text.count("\n")
+    old = text.replace("\r\n", "\n") if crlf else text
+    new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
+    changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
+    lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
+    before, after = ({**toml.read_text(t), "expect": None} for t in (old, new))
+    filled_nothing = new == old and not examined.checks
+    if before != after or lost > len(examined.differences) or filled_nothing:
+        raise InputError(
+            f"{file}: expect: expected a table that can be rewritten in place; write [expect] on a "
+            "line of its own, at the end of the file"
+        )
+    return new.replace("\n", "\r\n") if crlf else new
+
+
+def written(value, allowed):
+    """A value as it goes into the file: as short as a hundredth of its tolerance lets it be."""
+    if not isinstance(value, float):
+        return value
+    near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100
+    short = (round(value, decimals) for decimals in range(17))
+    return next((s for s in short if abs(s - value) <= near), value)

@@ -1,0 +1,40 @@
+"""The trace of a run as files: CSV, NPZ, a figure, and the run's summary beside them."""
+
+import csv
+import json
+
+import numpy as np
+
+
+def figure(done):
+    """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position and force
+    where the experiment names no rows."""
+    from forceaxis.experiments import plots
+
+    time_s = done.columns["time_s"]
+    start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
+    shown = (time_s >= start) & (time_s <= stop)
+    if not shown.any():  # an override made the run shorter than the plot
+        shown[:] = True
+    rows = [
+        {name: done.columns[name][shown] for name in names}
+        for names in done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
+    ]
+    return plots.trace(time_s[shown], rows, done.title)
+
+
+def write(done, out):
+    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    names = list(done.columns)
+    np.savez_compressed(out / "trace.npz", **done.columns)
+    with (out / "trace.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
+    with (out / "events.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", "element", "from", "to"])
+        writer.writerows(done.events)
+    figure(done).savefig(out / "plot.png", dpi=120)
+    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")

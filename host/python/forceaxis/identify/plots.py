@@ -1,0 +1,81 @@
+"""Figures of measured responses: beside the linear model, and before and after a fit."""
+
+import math
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from forceaxis.drawing import GOT, INK, style
+
+
+def response(measured, model, title, width=7.2):
+    """Figure: amplitude and phase over frequency, of a Measurement with its 95 % band and of the
+    linear model (complex, at its frequencies), coherence below."""
+    f = measured.frequency_hz
+    figure, (size, phase, coherence) = plt.subplots(
+        3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
+    )
+    radius, magnitude = measured.radius(), abs(measured.response)
+    lines = {"marker": "."} if len(f) < 100 else {}
+    size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
+    size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", **lines)
+    low, high = size.get_ylim()
+    if high < 10 * low:  # nearly flat: a decade shows that it is
+        middle = math.sqrt(low * high)
+        size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
+    bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
+    size.fill_between(
+        f, bottom, magnitude + radius, color=INK, alpha=0.2, linewidth=0, label="95 % band"
+    )
+    size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8, parse_math=False)
+    size.legend(fontsize=7, frameon=False, loc="best")
+    degrees = np.degrees(np.angle(measured.response))
+    spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
+    phase.semilogx(f, np.degrees(np.angle(model)), ".", color=GOT, markersize=4, alpha=0.4)
+    phase.semilogx(f, degrees, ".", color=INK, markersize=1.5)
+    phase.vlines(f, degrees - spread, degrees + spread, color=INK, alpha=0.25, linewidth=0.8)
+    phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    phase.set_ylabel("phase, degrees", fontsize=8)
+    coherence.semilogx(f, measured.coherence, color=INK, linewidth=0.9)
+    coherence.set(ylim=(0, 1.05))
+    coherence.set_ylabel("coherence", fontsize=8)
+    coherence.set_xlabel("frequency, Hz", fontsize=8)
+    for ax in (size, phase, coherence):
+        style(ax)
+        ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
+    size.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
+    figure.tight_layout()
+    plt.close(figure)
+    return figure
+
+
+def fitted(measured, start, fitted):
+    """Figure: amplitude and phase, of a Measurement with its 95 % band, of the response that a fit
+    started from and of the one it found (complex, at the measured frequencies)."""
+    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
+    f, size = measured.frequency_hz, abs(measured.response)
+    band = measured.radius()
+    # A point without information must not stretch the axis.
+    low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
+    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
+    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
+    rows.append((start, {"color": "C1", "linestyle": "--"}, "start"))
+    rows.append((fitted, {"color": "C0", "linestyle": "-"}, "fitted"))
+    for values, look, label in rows:
+        axes[0].loglog(f, abs(values), **look, label=label)
+        degrees = np.degrees(np.angle(values))
+        if look.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
+            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
+        axes[1].semilogx(f, degrees, **look)
+    axes[0].set_ylabel(
+        f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
+        parse_math=False,
+    )
+    axes[0].legend()
+    axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    axes[1].set_ylabel("phase, degrees")
+    axes[1].set_xlabel("frequency, Hz")
+    for axis in axes:
+        axis.grid(alpha=0.3, which="both")
+    figure.tight_layout()
+    return figure

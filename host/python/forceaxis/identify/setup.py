@@ -1,0 +1,163 @@
+"""The set-up of a measurement: keys of its file, options of `forceaxis measure`."""
+
+import math
+import os
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+from forceaxis import paths, toml
+from forceaxis._core import InputError
+
+CODES = ("adc0", "adc1", "encoder", "dac_code")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Set-up of a measurement: the keys of its file and the options of the verb.
+
+    Files are TOML; [set] holds model parameters. See sim/measurements/fig3_6.toml.
+    """
+
+    model: str  #: path, or the stem of a file of sim/models; in a file: relative to it
+    title: str = ""
+    figure: str = ""
+    shows: str = ""
+    input: str = ""  #: a signal or dac_code; default: what is injected (drive.command, dac_code)
+    output: str = ""  #: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
+    inject: str = "volts"  #: "volts" into the drive, or "codes" by the firmware's excitation mode
+    excitation: str = "noise"  #: noise | sine (one line after the other) | chirp
+    band_hz: tuple = (1.0, 200.0)  #: lowest and highest frequency
+    resolution_hz: float = 0.0  #: distance of the lines; 0: the lowest frequency
+    #: noise V rms, else amplitude V; amplitude in codes (a sine's is drawn from half of it on).
+    #: 0: 0.1 V, 20 codes
+    level: float = 0.0
+    bias: float = 0.0  #: V or code about which it swings
+    averages: int = 16  #: realisations, or half overlapping segments
+    window: str = "none"  #: none (periodic), or hann for noise that never repeats
+    points: int = 40  #: lines of a sine measurement, logarithmically spaced
+    bits: int = 12  #: of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
+    scale: float = 1.0  #: the output's factor, for a sensor that is not in the model
+    unit: str = ""  #: of the response; default: from the signals
+    clamped: bool = False  #: contacts pull as well as they push, as if clamped (3.2.2)
+    free: bool = False  #: the contacts are apart; else pressed
+    seed: int = 0
+    set: dict = field(default_factory=dict)
+
+
+def read_setup(target, options=None):
+    """(Setup, where) of a measurement file, or of a model; `options` replace keys. InputError."""
+    options = {k: v for k, v in (options or {}).items() if v is not None}
+    if not str(target).strip():
+        raise InputError("measure: TARGET: expected a measurement or a model, got nothing")
+    path = Path(target)
+    given, where = {"model": str(target)}, str(target)
+    known = paths.MEASUREMENTS / f"{target}.toml"
+    if path.suffix != ".toml" and path.parent == Path() and known.exists():
+        path, where = Path(paths.display(known)), paths.display(known)
+    if path.suffix == ".toml":
+        table = toml.read(path)
+        if isinstance(table.get("model"), str):
+            given = table | {"model": os.path.normpath(path.parent / table["model"])}
+        elif not any(key in table for key in ("body", "drive", "parameters_file")):
+            raise InputError(f"{where}: model: expected the path of a model beside the measurement")
+    if "set" in options and isinstance(given.get("set", {}), dict):
+        options["set"] = given.get("set", {}) | options["set"]
+    for key in ("input", "output"):  # with another signal the file's title no longer applies
+        if options.get(key, given.get(key)) != given.get(key):
+            given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
+    given = given | options
+    return check(given, where), where
+
+
+# The values of each key: in words, and as a predicate.
+KEYS = {
+    "input": ("a signal's name", lambda v: isinstance(v, str) and v),
+    "output": ("a signal's name", lambda v: isinstance(v, str) and v),
+    "inject": ("volts or codes", ("volts", "codes").__contains__),
+    "excitation": ("noise, sine or chirp", ("noise", "sine", "chirp").__contains__),
+    "window": ("none or hann", ("none", "hann").__contains__),
+    "band_hz": (
+        "two rising frequencies below 1e6, [1, 200]",
+        lambda v: len(v) == 2 and all(is_number(x) for x in v) and 0 < v[0] < v[1] < 1e6,
+    ),
+    "resolution_hz": (
+        "a frequency of 0.001 Hz or more",
+        lambda v: is_number(v) and 1e-3 <= v < 1e6,
+    ),
+    "level": ("a number > 0, below 1e6", lambda v: is_number(v) and 0 < v < 1e6),
+    "bias": ("a number between -1e6 and 1e6", lambda v: is_number(v) and abs(v) < 1e6),
+    "averages": ("a whole number 4..4096", lambda v: is_whole(v) and 4 <= v <= 4096),
+    "points": ("a whole number 2..1000", lambda v: is_whole(v) and 2 <= v <= 1000),
+    "bits": ("a whole number 8..16", lambda v: is_whole(v) and 8 <= v <= 16),
+    "scale": (
+        "a number other than 0, below 1e12",
+        lambda v: is_number(v) and v != 0 and abs(v) < 1e12,
+    ),
+    "clamped": ("true or false", lambda v: isinstance(v, bool)),
+    "free": ("true or false", lambda v: isinstance(v, bool)),
+    "seed": ("a whole number 0..2^31 - 1", lambda v: is_whole(v) and 0 <= v < 2**31),
+    "set": (
+        "a table of numbers or quantities",
+        lambda v: (
+            isinstance(v, dict) and all(is_number(x) or isinstance(x, str) for x in v.values())
+        ),
+    ),
+}
+
+
+def is_number(value):
+    return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
+
+
+def is_whole(value):
+    return not isinstance(value, bool) and isinstance(value, int)
+
+
+def check(given, where):
+    """A Setup of a file's keys, every one of them checked. Raises InputError."""
+
+    def fail(key, text):
+        raise InputError(f"{where}: {key}: {text}")
+
+    names = [f.name for f in fields(Setup)]
+    toml.expect_keys(given, names, fail)
+    for key, value in given.items():
+        text, holds = KEYS.get(
+            key, ("a text of one line", lambda v: isinstance(v, str) and v.isprintable())
+        )
+        try:
+            good = holds(value)
+        except TypeError:
+            good = False
+        if not good:
+            fail(key, f"expected {text}, got {value!r}")
+    setup = Setup(**given)
+    codes = setup.inject == "codes"
+    if not setup.output:
+        fail("output", "expected the name of a signal; name what is measured")
+    low, high = setup.band_hz
+    setup = replace(
+        setup,
+        input=setup.input or ("dac_code" if codes else "drive.command"),
+        level=setup.level or (20 if codes else 0.1),
+        resolution_hz=setup.resolution_hz or low,
+        band_hz=(float(low), float(high)),
+    )
+    if setup.window == "hann" and setup.excitation != "noise":
+        fail("window", f"expected none with {setup.excitation}, which is measured over a period")
+    if setup.free and setup.clamped:
+        fail("clamped", "expected either clamped or free contacts")
+    if codes and not (setup.level <= 2048 and setup.level == int(setup.level)):
+        fail("level", f"expected whole codes 1..2048, got {setup.level:g}")
+    if codes and not (-2048 <= setup.bias <= 2047 and setup.bias == int(setup.bias)):
+        fail("bias", f"expected a whole code -2048..2047, got {setup.bias:g}")
+    if codes and setup.level + abs(setup.bias) > 2048:
+        fail(
+            "level",
+            f"expected level and bias of 2048 codes together at most, where the DAC ends, got "
+            f"{setup.level:g} and {setup.bias:g}",
+        )
+    for key in ("input", "output"):
+        if not codes and getattr(setup, key) in CODES:
+            fail(key, f"expected a simulated signal, {getattr(setup, key)} needs inject = codes")
+    return setup

@@ -1,0 +1,162 @@
+"""Root loci and pole-zero arrays, and what `forceaxis rlocus` prints."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis._core import InputError
+from forceaxis.linear import limits
+
+
+@dataclass(frozen=True)
+class Array:
+    """Poles and zeros, 1/s, of one transfer function."""
+
+    label: str
+    poles: np.ndarray
+    zeros: np.ndarray
+
+    def summary(self):
+        """What --json prints: 1/s."""
+        return {
+            "label": self.label,
+            "poles": pairs(self.poles),
+            "zeros": pairs(self.zeros),
+        }
+
+
+def pairs(roots):
+    """Roots as [real, imaginary] for JSON, null for one at infinity."""
+    return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
+
+
+def array(system, label=""):
+    """Poles and zeros of a one-input, one-output System, in 1/s."""
+    poles, zeros = system.poles_s(), system.zeros_s()
+    return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
+
+
+@dataclass(frozen=True)
+class Locus:
+    """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and where they cross."""
+
+    label: str
+    gains: np.ndarray
+    branches: np.ndarray
+    ends: Array  # open-loop poles and zeros
+    crossings: list  # stability.Crossing of every gain at which a pole is on the boundary
+    limit: object  # stability.Limit
+    unit: str  # of the gain
+    codes: float | None  # firmware gain of one unit
+    span_hz: float
+    at_gain: np.ndarray = ()  # closed-loop poles at a given gain, 1/s
+
+    def summary(self):
+        """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
+        return {
+            "label": self.label,
+            "unit": self.unit,
+            "gains": self.gains.tolist(),
+            "branches": [pairs(branch) for branch in self.branches.T],
+            **{k: v for k, v in self.ends.summary().items() if k != "label"},
+            "critical_gain": self.limit.gain,
+            "frequency_hz": self.limit.frequency_hz,
+            "crossings": [
+                {"gain": c.gain, "frequency_hz": c.frequency_hz, "direction": c.direction}
+                for c in self.crossings
+            ],
+        }
+
+
+def span_of(ends, critical_hz):
+    """Half-width, Hz, of a frame that accentuates the structural dynamics.
+
+    It holds the crossing and the lightly damped (below .3) poles and zeros up to three times its
+    frequency; the motor's electrical poles are beyond it, as in 4.3.
+    """
+    roots = np.concatenate([ends.poles, ends.zeros])
+    light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
+    natural = np.abs(light) / (2 * np.pi)
+    if critical_hz:
+        return 1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]])
+    natural = natural if len(natural) else np.abs(roots) / (2 * np.pi)
+    return 1.35 * float(natural.max(initial=1.0))
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
+def locus(loop, label="", span_hz=None, gain=None):
+    """The root locus of a `stability.Loop`, fine inside a frame of span_hz (default: span_of).
+
+    gain: where to mark the closed-loop poles, in the loop's unit.
+    """
+    if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
+        raise InputError(f"--span-hz: expected a number > 0, got {span_hz:g}")
+    ends = array(loop.open, label)
+    limit, crossings = loop.limit(), loop.crossings()
+    span = span_hz or span_of(ends, limit.frequency_hz)
+    # Inside the frame the largest gain is that of the frame's edge: 1 / |L| on it.
+    edge = 2 * np.pi * span
+    side = np.linspace(0, 1, 24)
+    around = np.concatenate(
+        [edge * (0.5 + 1j * side), edge * (-1 + 1j * side), edge * (-1 + 1.5 * side + 1j)]
+    )
+    at = around if loop.open.dt is None else np.exp(around * loop.open.dt)
+    with np.errstate(divide="ignore"):
+        needed = 1 / np.abs(loop.open.at(at))
+    high = 1.5 * float(np.sort(needed[np.isfinite(needed)])[-3])
+    shown = [c.gain for c in crossings if c.frequency_hz is not None and c.frequency_hz < span]
+    high = max([high, 3 * (limit.gain or 0), *(1.2 * k for k in shown if k < 1e6 * high)])
+    low = 1e-5 * min([high, *shown])
+    gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
+    gains = np.unique(gains[gains <= high])
+    for _ in range(4):  # finer where a branch moves far
+        branches = loop.locus(gains)
+        inside = np.abs(branches) < 1.6 * edge
+        moved = np.abs(np.diff(branches, axis=0))
+        far = (moved > edge / 45) & (inside[1:] | inside[:-1])
+        rough = np.flatnonzero(far.any(axis=1))
+        if not len(rough) or len(gains) > 1500:
+            break
+        middle = (gains[rough] + gains[rough + 1]) / 2
+        gains = np.sort(np.concatenate([gains, middle]))
+    branches = loop.locus(gains)
+    marked = loop.closed_poles(gain) if gain is not None else np.zeros(0)
+    return Locus(
+        label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span, marked
+    )
+
+
+def loci(found, labels, span_hz=None, gains=None):
+    """A locus for each loop, all in one frame: span_hz, or the widest that one of them wants."""
+    if span_hz is None:
+        span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
+    gains = gains or [None] * len(found)
+    return [
+        locus(loop, label, span_hz, gain)
+        for loop, label, gain in zip(found, labels, gains, strict=True)
+    ]
+
+
+def loci_of(
+    model, overrides, vary, modes, free, law, timing, output, span_hz, gain, firmware_gain, **given
+):
+    """(Loci, summary) of `forceaxis rlocus`, from its options."""
+    labels, found = [], []
+    for label, settings in limits.varied(overrides, vary):
+        labels.append(label)
+        found.append(limits.loop_of(model, settings, modes, law, timing, output, free, given))
+    gains = [limits.one_gain(loop, gain, firmware_gain) for loop in found]
+    every = loci(found, labels, span_hz, gains)
+    return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
+
+
+def describe(summary):
+    """The text of `forceaxis rlocus`: the limit of each locus."""
+    lines = []
+    for one in summary["loci"]:
+        limit = one["critical_gain"]
+        text = "stable at every gain" if limit is None else f"limit {limit:.6g} {one['unit']}"
+        if one["frequency_hz"] is not None:
+            text += f" at {one['frequency_hz']:.4g} Hz"
+        lines.append(f"{one['label'] or summary['law']:12} {text}")
+    return "\n".join(lines)

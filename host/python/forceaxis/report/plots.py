@@ -1,0 +1,49 @@
+"""Figures of the report alone."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from forceaxis.drawing import INK, THIN, style
+
+
+def plateau(curves, wanted, label):
+    """Score over each constant, scaled to its fitted value.
+
+    curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
+    """
+    figure, ax = plt.subplots(figsize=(6.4, 2.8))
+    style(ax)
+    for name, pairs in curves.items():
+        ratio, score = np.transpose(pairs)
+        ax.plot(ratio * 100, score, marker="o", markersize=3, label=name, **THIN)
+    ax.axhline(wanted, color="#999999", linewidth=0.6)
+    ax.set_xlabel("constant, % of its fitted value")
+    ax.set_ylabel(label)
+    ax.legend(fontsize=7, frameon=False)
+    figure.tight_layout()
+    plt.close(figure)
+    return figure
+
+
+def contact_maps(maps, gains, gaps):
+    """Which runs cycle, over the initial gap and the gain as a part of the linear limit."""
+    figure, axes = plt.subplots(1, len(maps), sharey=True, figsize=(9.4, 3.6))
+    columns, rows = np.meshgrid(np.arange(len(gaps)), gains)
+    for ax, m in zip(axes, maps, strict=True):
+        style(ax)
+        ax.scatter(columns[m.cycles], rows[m.cycles], s=16, color="#c0562b", label="cycles")
+        ax.scatter(
+            columns[~m.cycles], rows[~m.cycles], s=16, facecolor="none", edgecolor=INK,
+            linewidth=0.8, label="settles",
+        )  # fmt: skip
+        ax.axhline(1, color="#555555", linewidth=0.9, linestyle="--")
+        ax.set_title(m.title, fontsize=8, loc="left", color=INK, parse_math=False)
+        ax.set_xticks(range(0, len(gaps), 2), [f"{gap * 1e3:g}" for gap in gaps[::2]])
+        ax.set_xlabel("initial gap, mm", fontsize=8)
+    axes[0].set_ylabel("force gain / linear limit", fontsize=8)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="lower left", ncols=2, fontsize=7, frameon=False
+    )
+    figure.tight_layout(rect=(0, 0.04, 1, 1))
+    plt.close(figure)
+    return figure
