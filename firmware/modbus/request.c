@@ -189,6 +189,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
   r->pdu = pdu;
   r->length = length;
   r->counters = counters;
+  r->low_first = false;
   r->read_count = 0;
   counters[MODBUS_COUNT_SERVED] = (uint16_t)(counters[MODBUS_COUNT_SERVED] + 1);
   const uint16_t bytes = modbus_request_bytes(pdu, length);
