@@ -176,8 +176,7 @@ TEST_F(Canopen, WhereATickIsServedMakesNoDifference) {
         default:
           break;
       }
-      canopen_tick_begin(&node.canopen, &node, i == 1);
-      canopen_tick_end(&node.canopen, &node);
+      NodeTickOf(node, i == 1);
       if (drain != 0) continue;
       sent[i].clear();
       for (can_frame_t f{}; fw_can_transmit(&node, &f);) {
