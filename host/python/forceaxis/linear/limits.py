@@ -323,5 +323,5 @@ def varied(overrides, vary):
 
 def loop_of(model, settings, modes, law, timing, output, free, given):
     """The loop of the options that `forceaxis limit` has, with `settings` for its --set."""
-    texts = [f"{name}={value!r}" for name, value in settings.items()]
+    texts = linear.override_texts(settings)
     return from_options(model, texts, modes, law, timing, output, free, **given)
