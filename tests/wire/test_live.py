@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import pty
+import runpy
 import select
 import socket
 import struct
@@ -925,6 +926,27 @@ def test_a_full_disk_ends_the_recording_and_not_the_watching(url):
         assert "No space left" in source.trouble and source.writer is None
     finally:
         source.close()
+
+
+def test_a_trigger_that_does_not_fire_is_not_a_missing_gateway(url):
+    with gateway(url, axes="1"), AxisClient(1, url) as axis:
+        with pytest.raises(NoAnswer) as error:
+            axis.capture(["force"], timeout_s=0.3, trigger_level=2**31 - 1)
+        assert "its trigger has not fired" in str(error.value)
+        assert "gateway" not in str(error.value)
+        with pytest.raises(NoAnswer) as error:
+            axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=0.3)
+        assert "running?" not in str(error.value)
+
+
+def test_the_example_ends_in_one_line(monkeypatch):
+    def nobody(*_):
+        raise NoAnswer("axis 1: expected a capture within 30 s, its trigger has not fired")
+
+    monkeypatch.setattr("forceaxis.gateway.Session", nobody)
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(ROOT / "examples" / "session.py"), run_name="__main__")
+    assert str(end.value).startswith("session.py: axis 1: expected a capture")
 
 
 def test_nobody_answers(url):
