@@ -271,6 +271,23 @@ def test_the_verbs_print_their_data_and_draw(capsys, monkeypatch, tmp_path):
     assert "-180 degrees at 33.65 Hz" in text  # the limit without the hold, of fig4_11.toml
 
 
+def test_a_parameter_may_be_a_quantity_with_a_unit(capsys, monkeypatch):
+    def printed(*arguments):
+        status, out, err = forceaxis(capsys, monkeypatch, *arguments, "--json")
+        assert status == 0, err
+        return out
+
+    for verb in (("nyquist",), ("rlocus", "--timing", "zoh+1"), ("limit",), ("poles",)):
+        plain = printed(*verb, "fig4_19", "--set", "k_w=400000")
+        assert plain == printed(*verb, "fig4_19", "--set", "k_w=400 kN/m")
+        assert plain != printed(*verb, "fig4_19")
+    two = json.loads(printed("rlocus", "fig4_19", "--vary", "k_w=400 kN/m,0.5 MN/m"))["loci"]
+    assert [one["label"] for one in two] == ["k_w = 400 kN/m", "k_w = 0.5 MN/m"]
+    assert (
+        two[1]["critical_gain"] == loops.force_loop("fig4_19", overrides={"k_w": 5e5}).limit().gain
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

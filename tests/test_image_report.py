@@ -76,33 +76,60 @@ void other(void) { sink = 2; }
 void fault(void) { for (;;) {} }
 """
 )
-CALLS = {
+DECLARED = {
     "thread": '"reset"',
     "levels": '[["tick", "other"], ["fault"]]',
-    "stack": '".stack"',
-    "recorder": '"recorder_buffer"',
+    "section": '".stack"',
     "flash_bytes": 49152,
     "ram_bytes": 24576,
+    "recorder_bytes": 12288,
+    "recorder": '"recorder_buffer"',
     "indirect": '"program.c" = ["leaf", "deep"]',
 }
+BOARD = """
+name = "board"
+image = "image"
+[build]
+tools = "arm-none-eabi-"
+package = "gcc-arm-none-eabi"
+flags = []
+script = "image.ld"
+sources = []
+[released]
+identity = "board"
+sources = []
+[memory]
+flash = [0x08000000, 0x80000]
+sectors = [0x80000]
+parameters = [0x08000000, 0]
+ram = [0x20000000, 0x20000]
+[limits]
+interrupt_instructions = 0
+adc_to_dac_instructions = 0
+flash_bytes = {flash_bytes}
+ram_bytes = {ram_bytes}
+recorder_bytes = {recorder_bytes}
+[stack]
+thread = {thread}
+levels = {levels}
+section = {section}
+recorder = {recorder}
+[stack.indirect]
+{indirect}
+"""
 
 
-def calls_file(folder, **changes):
-    keys = CALLS | changes
-    top = "".join(f"{k} = {keys[k]}\n" for k in ("thread", "levels", "stack", "recorder"))
-    path = folder / "calls.toml"
-    path.write_text(
-        f"{top}[budget]\nflash_bytes = {keys['flash_bytes']}\nram_bytes = {keys['ram_bytes']}\n"
-        f"[indirect]\n{keys['indirect']}\n"
-    )
-    return path
+def described(folder, **changes):
+    """The folder, with the description of a board in it."""
+    (folder / "board.toml").write_text(BOARD.format(**DECLARED | changes))
+    return folder
 
 
 def build(folder, sources, options=()):
     """An ELF of the sources, its frames in objects/."""
     (folder / "image.ld").write_text(SCRIPT)
-    frames = folder / "objects"
-    frames.mkdir(exist_ok=True)
+    frames = folder / "objects/board"
+    frames.mkdir(parents=True, exist_ok=True)
     objects = []
     for source in sources:
         objects.append(frames / f"{source.parent.name}_{source.stem}.o")
@@ -128,7 +155,7 @@ def report(*arguments):
 
 
 def reported(folder, image, **changes):
-    done = report("--calls", calls_file(folder, **changes), image)
+    done = report("--board", described(folder, **changes), image)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -208,14 +235,14 @@ def test_the_sizes_are_those_of_binutils(tmp_path):
 
 
 def test_the_table_is_compared_exactly(tmp_path):
-    image, calls, table = built(tmp_path), calls_file(tmp_path), tmp_path / "docs/size.md"
-    assert report("--calls", calls, "--out", table, image).returncode == 0
-    assert report("--calls", calls, "--check", table, image).returncode == 0
+    image, board, table = built(tmp_path), described(tmp_path), tmp_path / "docs/size.md"
+    assert report("--board", board, "--out", table, image).returncode == 0
+    assert report("--board", board, "--check", table, image).returncode == 0
     table.write_text(table.read_text().replace("4096", "4097", 1))
-    done = report("--calls", calls, "--check", table, image)
+    done = report("--board", board, "--check", table, image)
     assert done.returncode == 1 and "expected the table above" in done.stderr
     table.unlink()
-    assert report("--calls", calls, "--check", table, image).returncode == 1
+    assert report("--board", board, "--check", table, image).returncode == 1
 
 
 @pytest.mark.parametrize(
@@ -223,10 +250,11 @@ def test_the_table_is_compared_exactly(tmp_path):
     [
         ({"flash_bytes": 200}, r"expected at most 200 bytes of flash, it takes \d+"),
         ({"ram_bytes": 4100}, r"expected at most 4100 bytes of RAM, it takes \d+"),
+        ({"recorder_bytes": 63}, r"expected at most 63 bytes of RAM for the recorder, it takes 64"),
     ],
 )
 def test_a_broken_budget_fails(tmp_path, changes, text):
-    done = report("--calls", calls_file(tmp_path, **changes), built(tmp_path))
+    done = report("--board", described(tmp_path, **changes), built(tmp_path))
     assert done.returncode == 1
     assert re.search(text, done.stderr), done.stderr
 
@@ -240,14 +268,12 @@ def test_a_budget_holds_up_to_its_last_byte(tmp_path):
     }
     reported(tmp_path, image, **exact)
     for key in exact:
-        done = report("--calls", calls_file(tmp_path, **exact | {key: exact[key] - 1}), image)
+        done = report("--board", described(tmp_path, **exact | {key: exact[key] - 1}), image)
         assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
 
 
 def test_a_stack_that_is_too_small_fails(tmp_path):
-    done = report(
-        "--calls", calls_file(tmp_path), built(tmp_path, PROGRAM.replace("400]", "4000]"))
-    )
+    done = report("--board", described(tmp_path), built(tmp_path, PROGRAM.replace("400]", "4000]")))
     assert done.returncode == 1
     assert re.search(r"at most 4096 bytes of stack, it takes 4\d\d\d", done.stderr)
 
@@ -260,12 +286,16 @@ def changed(old, new):
 @pytest.mark.parametrize(
     ("program", "changes", "text"),
     [
-        (PROGRAM, {"indirect": ""}, r"by_pointer .*program.c.* expected its file under .indirect"),
+        (
+            PROGRAM,
+            {"indirect": ""},
+            r"by_pointer .*program.c.* expected its file under .stack.indirect",
+        ),
         (PROGRAM, {"indirect": '"program.c" = ["leaf"]'}, "who calls deep under"),
         (PROGRAM, {"indirect": '"program.c" = ["leaf", "gone"]'}, "may call gone; expected it in"),
         (
             PROGRAM,
-            {"indirect": CALLS["indirect"] + '\n"gone.c" = ["leaf"]'},
+            {"indirect": DECLARED["indirect"] + '\n"gone.c" = ["leaf"]'},
             "gone.c: expected a file that calls so",
         ),
         # by_pointer may reach what reaches it: recursion through a pointer.
@@ -284,9 +314,9 @@ def changed(old, new):
         (PROGRAM, {"levels": '[["tick"], ["fault"]]'}, "functions of .vectors; in one only: other"),
         (PROGRAM, {"levels": '[["tick", "other", "leaf"], ["fault"]]'}, "in one only: leaf"),
         (PROGRAM, {"thread": '"tick"'}, "in one only: reset"),
-        (PROGRAM, {"stack": '".heap"'}, "expected a section .heap"),
+        (PROGRAM, {"section": '".heap"'}, "expected a section .heap"),
         (PROGRAM, {"recorder": '"tape"'}, "expected one symbol tape, there are 0"),
-        (PROGRAM, {"thread": ""}, "calls.toml: expected TOML"),
+        (PROGRAM, {"thread": ""}, "board.toml: expected TOML"),
         (
             changed("volatile uint8_t a[400]; a[n & 255]", "volatile uint8_t a[n + 8]; a[n]"),
             {},
@@ -295,36 +325,36 @@ def changed(old, new):
     ],
 )
 def test_what_cannot_be_known_is_refused(tmp_path, program, changes, text):
-    done = report("--calls", calls_file(tmp_path, **changes), built(tmp_path, program))
+    done = report("--board", described(tmp_path, **changes), built(tmp_path, program))
     assert done.returncode == 2, done.stdout
     assert len(done.stderr.splitlines()) == 1
     assert re.search(text, done.stderr), done.stderr
 
 
 def test_frames_of_another_compilation_are_refused(tmp_path):
-    image, calls = built(tmp_path), calls_file(tmp_path)
-    (frames,) = (tmp_path / "objects").glob("*.su")
+    image, board = built(tmp_path), described(tmp_path)
+    (frames,) = (tmp_path / "objects/board").glob("*.su")
     text = frames.read_text()
     frames.write_text(re.sub(r"(:deep\t)\d+", r"\g<1>8", text))
-    done = report("--calls", calls, image)
+    done = report("--board", board, image)
     assert done.returncode == 2 and "deep: expected a frame of 8 bytes" in done.stderr
     frames.write_text("".join(line for line in text.splitlines(True) if ":deep\t" not in line))
-    done = report("--calls", calls, image)
+    done = report("--board", board, image)
     assert done.returncode == 2 and "deep: expected its frame in the *.su" in done.stderr
     frames.unlink()
-    done = report("--calls", calls, image)
+    done = report("--board", board, image)
     assert done.returncode == 2 and "expected *.su of gcc" in done.stderr
 
 
 def test_files_that_are_missing(tmp_path):
-    calls = calls_file(tmp_path)
-    done = report("--calls", calls, tmp_path / "no.elf")
+    board = described(tmp_path)
+    done = report("--board", board, tmp_path / "no.elf")
     assert done.returncode == 2 and "expected an image, there is none" in done.stderr
-    done = report("--calls", tmp_path / "no.toml", tmp_path / "no.elf")
-    assert done.returncode == 2 and "expected the declaration of calls" in done.stderr
+    done = report("--board", tmp_path / "none", tmp_path / "no.elf")
+    assert done.returncode == 2 and "expected the description of a board" in done.stderr
 
 
-# --- the firmware, with a start of the test's own ------------------------------------------------
+# The firmware, with a start of the test's own.
 
 START = (
     HEAD.replace("[64]", "[FW_RECORDER_BYTES]").replace(
@@ -373,7 +403,7 @@ void tick(void) {
   fw_can_receive(&firmware, &frame);
   fw_can_bus(&firmware, 0);
   fw_can_lost(&firmware, 1);
-  fw_overrun(&firmware);
+  fw_overrun(&firmware, 0);
   fw_tick(&firmware, &inputs, &outputs);
   (void)fw_can_transmit(&firmware, &frame);
 }

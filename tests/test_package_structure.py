@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "host/python/forceaxis"
 # From the ground up; what stands in one line may not import each other's wing.
 ORDER = (
     ("_core", "paths"),
-    ("objects", "drawing"),
+    ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "new"),
     ("thesis",),

@@ -21,6 +21,8 @@ every folder below them:
 Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
+  circle       no file reaches itself by includes, and in those folders of firmware/ none by
+               includes and calls
   folder       nothing lies below firmware/ but in those folders and port
 """
 
@@ -39,6 +41,7 @@ PORTS = "port"  # includes anything in firmware, may use the compiler's library 
 OTHER_FILES = {
     "CMakeLists.txt",
     "objects/axis_objects.toml",
+    "objects/released/0.1.0.csv",
     # Generated for other programs.
     "objects/generated/forceaxis.eds",
     "objects/generated/forceaxis.dbc",
@@ -241,8 +244,8 @@ def examine(source, root):
 
 
 def check_objects(sources, root, findings):
-    """What the source text can hide, the objects show."""
-    defined, undefined = set(), {}
+    """What the source text can hide, the objects show. Returns which file calls which."""
+    defined, undefined, called = {}, {}, {}
     for source in sources:
         complaint, symbols, floating = examine(source, root)
         if complaint is not None:
@@ -250,8 +253,9 @@ def check_objects(sources, root, findings):
         for kind, name in symbols:
             if kind in "Uw":
                 undefined.setdefault(name, source)
+                called.setdefault(source, set()).add(name)
                 continue
-            defined.add(name)
+            defined[name] = source
             if kind in "bBdDcCsSgG":
                 findings.add(source, 0, "static", f"{name} is mutable (nm type {kind})")
         if floating:
@@ -267,6 +271,10 @@ def check_objects(sources, root, findings):
             else "libc"
         )
         findings.add(source, 0, rule, f"needs {name}, which the firmware does not define")
+    return {
+        source: {defined[name] for name in names if name in defined}
+        for source, names in called.items()
+    }
 
 
 def sources_below(folder):
@@ -295,6 +303,48 @@ def check_includes(root, findings):
                         "layering",
                         f"{part} must not include {header}; expected {' or '.join(ROOTS[part])}...",
                     )
+
+
+def circles(uses):
+    """Each set of names that reach one another, of a mapping from a name to those that it uses."""
+
+    def reached(name):
+        seen, ahead = set(), [name]
+        while ahead:
+            for used in uses.get(ahead.pop(), ()):
+                if used not in seen:
+                    seen.add(used)
+                    ahead.append(used)
+        return seen
+
+    reach = {name: reached(name) for name in uses}
+    found = {
+        tuple(sorted(other for other in reach[name] if name in reach.get(other, ())))
+        for name in uses
+        if name in reach[name]
+    }
+    return sorted(found)
+
+
+def check_circles(root, calls, findings):
+    """No file uses itself, by way of others, in the includes and in who calls whose function."""
+    uses = {}
+
+    def add(path, used):
+        own, other = (p.relative_to(root).as_posix() for p in (path, used))
+        if own != other:
+            uses.setdefault(own, set()).add(other)
+
+    for part in ROOTS:
+        for path in sources_below(root / part):
+            for _, header, kind in included(read(path)):
+                if kind == '"' and (root / header).is_file():
+                    add(path, root / header)
+    for path, others in calls.items():
+        for other in others:
+            add(path, other)
+    for names in circles(uses):
+        findings.add(Path(names[0]), 0, "circle", "uses itself through " + ", ".join(names[1:]))
 
 
 def folder_of(name):
@@ -332,8 +382,9 @@ def main(argv=None):
             check_text(path, folder, findings)
             if path.suffix == ".c":
                 sources.append(path)
-    check_objects(sources, root, findings)
+    calls = check_objects(sources, root, findings)
     check_includes(root, findings)
+    check_circles(root, calls, findings)
     for line in findings.lines:
         print(line)
     if findings.lines:

@@ -3,7 +3,7 @@
 
 usage: gen_objects.py [--check] [--root DIR]
 
-Reads firmware/objects/axis_objects.toml and writes
+Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ beside it, and writes
   firmware/objects/generated/axis_objects.h        object numbers, structures, enums
   firmware/objects/generated/axis_objects.c        descriptor tables: no strings, no float
   firmware/objects/generated/axis_objects_meta.h   host, Python: names, units, scales, texts, hash

@@ -2,59 +2,16 @@
 
 #include <stddef.h>
 
+#include "firmware/app/ownership.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
-#include "firmware/fx/fx.h"
-#include "firmware/drive/state.h"
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
+_Static_assert(offsetof(fw_t, objects) == 0, "offsets of objects count from the dictionary");
 /* TPDOs gather their bytes from where the values lie. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the lowest byte comes first");
 /* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
-_Static_assert(sizeof(int) >= sizeof(int32_t), "app and proto need an int of 32 bits");
-
-/* Where each block of the object table lies in fw_t. */
-static const uint16_t block_offset[AXIS_BLOCK_NONE] = {
-    [AXIS_BLOCK_AXIS_PARAMETER] = (uint16_t)offsetof(fw_t, axis.params),
-    [AXIS_BLOCK_AXIS_SIGNAL] = (uint16_t)offsetof(fw_t, axis.signals),
-    [AXIS_BLOCK_RECORDER_PARAMETER] = (uint16_t)offsetof(fw_t, recorder.params),
-    [AXIS_BLOCK_RECORDER_SIGNAL] = (uint16_t)offsetof(fw_t, recorder.signals),
-    [AXIS_BLOCK_DRIVE_PARAMETER] = (uint16_t)offsetof(fw_t, drive.params),
-    [AXIS_BLOCK_DRIVE_SIGNAL] = (uint16_t)offsetof(fw_t, drive.signals),
-    [AXIS_BLOCK_CANOPEN_PARAMETER] = (uint16_t)offsetof(fw_t, canopen.params),
-    [AXIS_BLOCK_CANOPEN_SIGNAL] = (uint16_t)offsetof(fw_t, canopen.signals),
-    [AXIS_BLOCK_DEVICE_PARAMETER] = (uint16_t)offsetof(fw_t, device),
-    [AXIS_BLOCK_DEVICE_SIGNAL] = (uint16_t)offsetof(fw_t, device_signals),
-};
-
-static uint16_t object_offset(const axis_object_t *object) {
-  return (uint16_t)(block_offset[object->block] + object->offset);
-}
-
-static bool object_exists(uint16_t object) {
-  return object != AXIS_OBJ_NONE && object < AXIS_OBJ_COUNT;
-}
-
-/* Whether it has a value that can be read in any tick. */
-static bool object_readable(uint16_t object) {
-  return object_exists(object) && axis_objects[object].block != AXIS_BLOCK_NONE;
-}
-
-static recorder_channel_t object_channel(uint16_t object) {
-  const axis_object_t *entry = &axis_objects[object];
-  return (recorder_channel_t){.offset = object_offset(entry), .type = entry->type};
-}
-
-/* Blocks that matter only to a firmware on a bus. */
-static bool is_of_axis(const axis_object_t *entry) {
-  return entry->block == AXIS_BLOCK_AXIS_PARAMETER || entry->block == AXIS_BLOCK_AXIS_SIGNAL ||
-         entry->block == AXIS_BLOCK_RECORDER_PARAMETER ||
-         entry->block == AXIS_BLOCK_RECORDER_SIGNAL;
-}
-
-static bool in_axis_or_recorder(uint16_t object) {
-  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
-         is_of_axis(&axis_objects[object]);
-}
+_Static_assert(sizeof(int) >= sizeof(int32_t), "app, canopen and drive need an int of 32 bits");
 
 static void wake(fw_t *fw) {
   if (fw->live == 0) {
@@ -63,23 +20,21 @@ static void wake(fw_t *fw) {
   }
 }
 
-/* --- emergencies that are no faults ----------------------------------------------------------- */
-
-/* What a contact that comes and goes, or a late port, could repeat every tick. */
-static void tell_held(fw_t *fw, uint16_t code) {
+/* An emergency that could otherwise be repeated in every tick. */
+static void report_limited(fw_t *fw, uint16_t code) {
   const uint8_t i = (uint8_t)(code - FW_HELD_FIRST);
   const uint32_t now = fw->axis.signals.tick_count;
-  if (fw->told[i] != 0 && now - fw->told_tick[i] < FW_HOLD_TICKS) {
+  if (fw->reported[i] != 0 && now - fw->reported_tick[i] < FW_HOLD_TICKS) {
     return;
   }
-  fw->told[i] = 1;
-  fw->told_tick[i] = now;
+  fw->reported[i] = 1;
+  fw->reported_tick[i] = now;
   canopen_emergency(&fw->canopen, code, 0);
 }
 
 enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
 
-/* What the drive watches, SEEN_ bits. */
+/* The state of the contact, SEEN_ bits. */
 static uint8_t watched_contact(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
   /* Each of them is 0 or 1. */
@@ -87,7 +42,7 @@ static uint8_t watched_contact(const fw_t *fw) {
                    signals->limit_cycle * SEEN_LIMIT_CYCLE);
 }
 
-/* Edges of it. A contact is lost only while force is controlled. */
+/* Reports changes of the contact. A contact is lost only while force is controlled. */
 static void watch_contact(fw_t *fw) {
   const uint8_t before = fw->contact_seen;
   const uint8_t now = watched_contact(fw);
@@ -98,394 +53,90 @@ static void watch_contact(fw_t *fw) {
   const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
   const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
   if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_CONTACT_LOST);
+    report_limited(fw, AXIS_ERROR_CODE_CONTACT_LOST);
   }
   if ((risen & SEEN_SATURATED) != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
+    report_limited(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
   }
   if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
+    report_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
-/* --- power-up and resets ---------------------------------------------------------------------- */
-
-/* Every parameter and signal at its power-up value, but for what counts losses; what was stored
- * replaces the defaults. */
-static void power_up(fw_t *fw) {
-  const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
-  axis_init(&fw->axis);
-  recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
-  cia402_init(&fw->drive);
-  canopen_init(&fw->canopen, node_id);
-  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
-  value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
-  fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
-  fw->device_signals.node_id = node_id;
-  fw->canopen.signals.serial_number = fw->config.serial_number;
-  fw->source_silence = 0;
-  for (uint8_t i = 0; i < FW_HELD; i++) {
-    fw->told[i] = 0;
-  }
-  fw->ticks_alone = 0;
-  fw->contact_seen = 0;
-  fw->device_signals.store_state = store_load(&fw->store, fw);
-}
-
-/* The node boots up; what was to be loaded and could not be is told as soon as it may be. */
-static void boot(fw_t *fw) {
-  canopen_start(&fw->canopen);
-  const uint8_t state = fw->device_signals.store_state;
-  if (state == AXIS_STORE_STATE_FAILED || state == AXIS_STORE_STATE_OTHER_TABLE ||
-      state == AXIS_STORE_STATE_LOADED_OLDER) {
-    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
-  }
-}
-
-void fw_init(fw_t *fw, const fw_config_t *config) {
-  fw->config = *config;
-  fw->live = 0;
-  fw->zero = 0;
-  value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
-  store_init(&fw->store, config->memory);
-  power_up(fw);
-  if (config->buses != 0) {
-    wake(fw);
-    boot(fw);
-    if (config->watchdog_fired != 0) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_WATCHDOG_RESET, 0);
-    }
-  }
-}
-
-static void carry_out_reset(fw_t *fw) {
-  if (fw->canopen.reset == CANOPEN_RESET_NONE) {
-    return;
-  }
-  /* Who saves and resets at once means the reset to find what was saved. */
-  if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
-    return;
-  }
-  /* Loading takes longer than a tick on a chip: nothing may stand at the output meanwhile. */
-  if (fw->canopen.reset == CANOPEN_RESET_NODE &&
-      fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
-    cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
-    return;
-  }
-  const uint8_t reset = canopen_take_reset(&fw->canopen);
-  const uint8_t bus = fw->canopen.bus;
-  if (reset == CANOPEN_RESET_NODE) {
-    const uint32_t ticks = fw->axis.signals.tick_count;
-    power_up(fw);
-    fw->axis.signals.tick_count = ticks;
-    cia402_wake(&fw->drive, &fw->axis);
-    boot(fw);
-  } else {
-    canopen_init(&fw->canopen, fw->device_signals.node_id);
-    fw->canopen.signals.serial_number = fw->config.serial_number;
-    store_load_block(&fw->store, fw, AXIS_BLOCK_CANOPEN_PARAMETER);
-    canopen_start(&fw->canopen);
-  }
-  /* A port tells changes only. */
-  canopen_bus(&fw->canopen, fw, bus);
-}
-
-/* --- the lock --------------------------------------------------------------------------------- */
-
-/* canopen owns the axis from now on, and is watched from now on. */
-static void give_to_canopen(fw_t *fw) {
-  fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
-  canopen_owns(&fw->canopen);
-}
-
-/* Whoever gives the axis away while it is enabled may find nobody there to take it, or nobody whose
- * end would ever be noticed. */
-static void look_for_canopen(fw_t *fw) {
-  uint8_t fault = canopen_lost_for(&fw->canopen);
-  if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {
-    fault = AXIS_FAULT_SOURCE_LOST;
-  }
-  if (fault != AXIS_FAULT_NONE) {
-    cia402_owner_lost(&fw->drive, &fw->axis, fault);
-  }
-}
-
-/* A foreign owner that is silent for too long loses the axis to canopen. Canopen itself is watched
- * by its node; but whoever enables the axis while a heartbeat is still away would not be missed. */
-static void watch_source(fw_t *fw) {
-  if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
-    if (fw->canopen.heartbeats_lost != 0 &&
-        fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
-      cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
-    }
-    return;
-  }
-  fw->source_silence += 1;
-  if (fw->source_silence > fx_ticks_from_ms(fw->device.watchdog)) {
-    const uint8_t owner = fw->device.command_source;
-    give_to_canopen(fw);
-    cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
-    /* A fault is told by its error code. */
-    if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
-    }
-  }
-}
-
-static void serve_store(fw_t *fw) {
-  const uint8_t state = store_tick(&fw->store, fw);
-  if (state != AXIS_STORE_STATE_COUNT) {
-    if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
-    }
-    fw->device_signals.store_state = state;
-  }
-}
-
-static void serve_node(fw_t *fw) {
-  watch_contact(fw);
-  canopen_tick_end(&fw->canopen, fw);
-}
-
-bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
-  if (fw->live == 0) {
-    axis_tick(&fw->axis, inputs, outputs);
-    recorder_tick(&fw->recorder, fw);
-    return true;
-  }
-  watch_source(fw);
-  cia402_before(&fw->drive, &fw->axis);
-  fw->ticks_alone += 1;
-  if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
-    axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
-  }
-  axis_tick(&fw->axis, inputs, outputs);
-  cia402_after(&fw->drive, &fw->axis);
-  recorder_tick(&fw->recorder, fw);
-  if (fw->config.buses != 0) {
-    canopen_tick_begin(&fw->canopen, fw, watched_contact(fw) != fw->contact_seen);
-  }
-  return fw->ticks_alone <= FW_BETWEEN_TICKS_MAX;
-}
-
-void fw_between(fw_t *fw) {
-  fw->ticks_alone = 0;
-  if (fw->live == 0) {
-    return;
-  }
-  if (fw->config.buses != 0) {
-    serve_node(fw);
-    modbus_tick(&fw->modbus, fw);
-    carry_out_reset(fw);
-  }
-  serve_store(fw);
-}
-
-void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
-  (void)fw_interrupt(fw, inputs, outputs);
-  fw_between(fw);
-}
-
-void fw_can_receive(fw_t *fw, const can_frame_t *frame) {
-  canopen_receive(&fw->canopen, fw, frame);
-}
-
-bool fw_can_transmit(fw_t *fw, can_frame_t *frame) { return canopen_transmit(&fw->canopen, frame); }
-
-void fw_can_lost(fw_t *fw, uint16_t frames) { canopen_lost(&fw->canopen, fw, frames); }
-
-void fw_can_bus(fw_t *fw, uint8_t state) { canopen_bus(&fw->canopen, fw, state); }
-
-void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
-  modbus_receive(&fw->modbus, fw, bytes, count);
-}
-
-uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
-  return modbus_transmit(&fw->modbus, bytes, room);
-}
-
-/* One more, up to the largest number it can hold. */
-static void count_up(uint16_t *counter, uint16_t by) {
-  *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
-}
-
-void fw_overrun(fw_t *fw) {
-  count_up(&fw->device_signals.overruns, 1);
-  if (fw->config.buses != 0) {
-    tell_held(fw, AXIS_ERROR_CODE_OVERRUN);
-  }
-}
-
-void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault) {
-  if (source == fw->device.command_source) {
-    if (source != FW_SOURCE_CANOPEN) {
-      give_to_canopen(fw);
-    }
-    cia402_owner_lost(&fw->drive, &fw->axis, fault);
-  }
-}
-
-uint8_t fw_fault(const fw_t *fw) {
+/* The latched fault, or the one that a fault reaction under way will latch. */
+static uint8_t fault_of(const fw_t *fw) {
   const uint8_t latched = fw->axis.signals.fault;
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-const axis_address_t *fw_address(uint16_t index, uint8_t sub) {
-  uint16_t low = 0;
-  uint16_t high = AXIS_ADDRESSES_COUNT;
-  while (low < high) {
-    const uint16_t middle = fx_half(low + high);
-    const axis_address_t *address = &axis_addresses[middle];
-    if (address->index == index && address->sub == sub) {
-      return address;
-    }
-    if (address->index < index || (address->index == index && address->sub < sub)) {
-      low = (uint16_t)(middle + 1);
-    } else {
-      high = middle;
-    }
+static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  const fw_t *fw = fw_of_const(objects);
+  /* A native mode over a bus would bypass the state machine of the drive. */
+  if (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED &&
+      (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
+    return FW_ERROR_STATE;
   }
-  return NULL;
+  return axis_check(&fw->axis, object, value);
 }
 
-/* The number of the object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
-static uint16_t object_at(int32_t address) {
-  const uint32_t bits = (uint32_t)address;
-  const axis_address_t *found = fw_address((uint16_t)fx_field(bits, 8, 16), (uint8_t)bits);
-  return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
-}
-
-uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count) {
-  return recorder_bytes(&fw->recorder, offset, bytes, count);
-}
-
-uint32_t fw_recording_size(const fw_t *fw) {
-  const recorder_t *recorder = &fw->recorder;
-  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
-  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
-}
-
-void fw_can_count_lost(fw_t *fw, uint16_t frames) {
-  count_up(&fw->device_signals.can_lost, frames);
-}
-
-const char *fw_text(const fw_t *fw, uint16_t index) {
-  switch (index) {
-    case 0x1008:
-      return "forceaxis";
-    case 0x1009:
-      return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
-    default:
-      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
-                                           : fw->config.software;
+static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                         int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  axis_parameter_written(&fw->axis, object, previous, value);
+  if (object == AXIS_OBJ_MODE) {
+    cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
   }
 }
 
-uint16_t fw_object_place(uint16_t object) {
-  return (object == AXIS_OBJ_NONE) ? (uint16_t)offsetof(fw_t, zero)
-                                   : object_offset(&axis_objects[object]);
+static int check_drive(const dictionary_t *objects, uint8_t source, uint16_t object,
+                       int32_t value) {
+  (void)source;
+  return cia402_check(&fw_of_const(objects)->drive, object, value);
 }
 
-uint16_t fw_error_code(const fw_t *fw) { return fw->drive.signals.error_code; }
-
-bool fw_is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
-
-int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
-  if (!object_exists(object)) {
-    return FW_ERROR_NO_OBJECT;
-  }
-  const axis_object_t *entry = &axis_objects[object];
-  if (entry->access == AXIS_ACCESS_WO) {
-    return FW_ERROR_WRITE_ONLY;
-  }
-  /* A command has no value of its own. */
-  *value = (entry->block == AXIS_BLOCK_NONE) ? entry->initial
-                                             : value_load(fw, object_offset(entry), entry->type);
-  return FW_OK;
+static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                          int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  cia402_written(&fw->drive, &fw->axis, object, previous, value);
 }
 
-/* The drive is ahead of active_mode, which is of the last tick. Off the buses there is no drive. */
-static bool will_be_active(const fw_t *fw) {
-  return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
+static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  (void)source;
+  return canopen_check(&fw_of_const(objects)->canopen, object, value);
 }
 
-/* Whether the object's `writable` column allows a write now. */
-static bool writable_now(const fw_t *fw, const axis_object_t *entry) {
-  const uint8_t recorder = fw->recorder.signals.recorder_state;
-  switch (entry->writable) {
-    case AXIS_WRITABLE_DISABLED:
-      return fw->axis.signals.active_mode == AXIS_MODE_DISABLED && !will_be_active(fw);
-    case AXIS_WRITABLE_RECORDER_IDLE:
-      return recorder == AXIS_RECORDER_STATE_IDLE || recorder == AXIS_RECORDER_STATE_DONE;
-    default:
-      return true;
-  }
+static void node_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                         int32_t value) {
+  (void)source;
+  canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
 }
 
-static bool in_range(const axis_object_t *entry, int32_t value) {
-  if (entry->type == AXIS_TYPE_U32) {
-    return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
-  }
-  return value >= entry->min && value <= entry->max;
+/* Objects that a firmware on no bus serves without its drive. */
+static bool in_axis_or_recorder(uint16_t object) {
+  const uint8_t block = axis_objects[object].block;
+  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
+         block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
+         block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
 }
 
-/* Only the owner writes; a bus takes the lock by writing its own number, the owner canopen's. */
-static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const uint8_t owner = fw->device.command_source;
-  if (source == FW_SOURCE_LOCAL) {
-    return false;
-  }
-  if (object == AXIS_OBJ_COMMAND_SOURCE) {
-    return value != source && !(source == owner && value == AXIS_COMMAND_SOURCE_CANOPEN);
-  }
-  return source != owner;
+/* Channels and trigger are objects with a value, or none. */
+static int check_recorder(const dictionary_t *objects, uint8_t source, uint16_t object,
+                          int32_t value) {
+  (void)objects;
+  (void)source;
+  const bool names_object =
+      (object >= AXIS_OBJ_RECORDER_SIGNAL_1 && object <= AXIS_OBJ_RECORDER_SIGNAL_8) ||
+      object == AXIS_OBJ_RECORDER_TRIGGER_SOURCE;
+  const bool fits =
+      !names_object || value == 0 || dictionary_has_value(dictionary_object_at((uint32_t)value));
+  return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* A native mode over a bus would go round the state machine of the drive. */
-static int check_mode(const fw_t *fw, uint8_t source, int32_t value) {
-  const bool refused = source != FW_SOURCE_LOCAL || fw_fault(fw) != AXIS_FAULT_NONE;
-  return (value != AXIS_MODE_DISABLED && refused) ? FW_ERROR_STATE : FW_OK;
-}
-
-/* What a range alone cannot say. */
-static int check_rules(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const axis_params_t *params = &fw->axis.params;
-  bool in_range = true;
-  switch (axis_objects[object].block) {
-    case AXIS_BLOCK_DRIVE_PARAMETER:
-      return cia402_check(&fw->drive, object, value);
-    case AXIS_BLOCK_CANOPEN_PARAMETER:
-      return canopen_check(&fw->canopen, object, value);
-    default:
-      break;
-  }
-  switch (object) {
-    case AXIS_OBJ_MODE:
-      return check_mode(fw, source, value);
-    case AXIS_OBJ_FORCE_SIGN:
-      in_range = value != 0;
-      break;
-    case AXIS_OBJ_POSITION_MIN:
-      in_range = value <= params->position_max;
-      break;
-    case AXIS_OBJ_POSITION_MAX:
-      in_range = value >= params->position_min;
-      break;
-    case AXIS_OBJ_RECORDER_SIGNAL_1:
-    case AXIS_OBJ_RECORDER_SIGNAL_2:
-    case AXIS_OBJ_RECORDER_SIGNAL_3:
-    case AXIS_OBJ_RECORDER_SIGNAL_4:
-    case AXIS_OBJ_RECORDER_SIGNAL_5:
-    case AXIS_OBJ_RECORDER_SIGNAL_6:
-    case AXIS_OBJ_RECORDER_SIGNAL_7:
-    case AXIS_OBJ_RECORDER_SIGNAL_8:
-    case AXIS_OBJ_RECORDER_TRIGGER_SOURCE:
-      in_range = value == 0 || object_readable(object_at(value));
-      break;
-    default:
-      break;
-  }
-  return in_range ? FW_OK : FW_ERROR_RANGE;
+static recorder_channel_t channel_of(const fw_t *fw, uint16_t object) {
+  return (recorder_channel_t){.offset = dictionary_place(&fw->objects, object),
+                              .type = axis_objects[object].type};
 }
 
 static int arm_recorder(fw_t *fw) {
@@ -493,9 +144,9 @@ static int arm_recorder(fw_t *fw) {
   recorder_channel_t channels[RECORDER_CHANNELS];
   uint8_t count = 0;
   for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-    const uint16_t object = object_at((int32_t)params->recorder_signal[i]);
+    const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
     if (object != AXIS_OBJ_NONE) {
-      channels[count] = object_channel(object);
+      channels[count] = channel_of(fw, object);
       count++;
       if (!in_axis_or_recorder(object)) {
         wake(fw);
@@ -504,16 +155,16 @@ static int arm_recorder(fw_t *fw) {
   }
   recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
   if (params->recorder_trigger_edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
-    const uint16_t source = object_at((int32_t)params->recorder_trigger_source);
+    const uint16_t source = dictionary_object_at(params->recorder_trigger_source);
     if (source == AXIS_OBJ_NONE) {
       return FW_ERROR_RANGE;
     }
-    trigger = object_channel(source);
+    trigger = channel_of(fw, source);
   }
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* Who asks from now on sees that the store is at work. */
+/* store_state shows at once that the store is at work. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
@@ -521,7 +172,8 @@ static int begin_store(fw_t *fw, int refusal) {
   return refusal;
 }
 
-static int give_command(fw_t *fw, uint16_t object, int32_t value) {
+static int command(dictionary_t *objects, uint16_t object, int32_t value) {
+  fw_t *fw = fw_of(objects);
   switch (object) {
     case AXIS_OBJ_FAULT_RESET:
       axis_fault_reset(&fw->axis);
@@ -529,7 +181,7 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
       return FW_OK;
     case AXIS_OBJ_STORE_PARAMETERS:
     case AXIS_OBJ_STORE_ALL:
-      return begin_store(fw, store_save(&fw->store, fw));
+      return begin_store(fw, store_save(&fw->store));
     case AXIS_OBJ_RESTORE_DEFAULTS:
     case AXIS_OBJ_RESTORE_ALL:
       return begin_store(fw, store_forget(&fw->store));
@@ -546,126 +198,292 @@ static int give_command(fw_t *fw, uint16_t object, int32_t value) {
   return refusal;
 }
 
-/* The lock or its watchdog was written. */
-static void announce_device(fw_t *fw, uint8_t source, uint16_t object, int32_t previous,
-                            int32_t value) {
-  fw->source_silence = 0;
-  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous && !will_be_active(fw)) {
-    cia402_forget_targets(&fw->drive); /* the new owner asks for its own */
+static const char *text(const dictionary_t *objects, uint16_t index) {
+  const fw_t *fw = fw_of_const(objects);
+  switch (index) {
+    case 0x1008:
+      return "forceaxis";
+    case 0x1009:
+      return (fw->config.hardware == NULL) ? "none" : fw->config.hardware;
+    default:
+      return (fw->config.software == NULL) ? FW_VERSION " " AXIS_OBJECTS_HASH_TEXT
+                                           : fw->config.software;
   }
-  if (object == AXIS_OBJ_COMMAND_SOURCE && value != previous &&
-      value == AXIS_COMMAND_SOURCE_CANOPEN) {
-    give_to_canopen(fw);
-    /* If it took the axis itself it is there. */
-    if (source != FW_SOURCE_CANOPEN) {
-      look_for_canopen(fw);
+}
+
+static uint32_t recording_size(const dictionary_t *objects) {
+  const recorder_t *recorder = &fw_of_const(objects)->recorder;
+  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
+  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
+}
+
+static uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
+                               uint32_t count) {
+  return recorder_bytes(&fw_of_const(objects)->recorder, offset, bytes, count);
+}
+
+/* Where the values of each block are, and who checks and follows their writes. */
+static const dictionary_owner_t owner = {
+    .blocks =
+        {
+            [AXIS_BLOCK_AXIS_PARAMETER] = {offsetof(fw_t, axis.params), check_axis, axis_written},
+            [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
+            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), check_recorder,
+                                               NULL},
+            [AXIS_BLOCK_RECORDER_SIGNAL] = {offsetof(fw_t, recorder.signals), NULL, NULL},
+            [AXIS_BLOCK_DRIVE_PARAMETER] = {offsetof(fw_t, drive.params), check_drive,
+                                            drive_written},
+            [AXIS_BLOCK_DRIVE_SIGNAL] = {offsetof(fw_t, drive.signals), NULL, NULL},
+            [AXIS_BLOCK_CANOPEN_PARAMETER] = {offsetof(fw_t, canopen.params), check_node,
+                                              node_written},
+            [AXIS_BLOCK_CANOPEN_SIGNAL] = {offsetof(fw_t, canopen.signals), NULL, NULL},
+            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), NULL, ownership_written},
+            [AXIS_BLOCK_DEVICE_SIGNAL] = {offsetof(fw_t, device_signals), NULL, NULL},
+        },
+    .permit = ownership_permit,
+    .command = command,
+    .text = text,
+    .domain_size = recording_size,
+    .domain_read = recording_read,
+};
+
+/* Every parameter and signal at its power-up value, but for what counts losses; what was stored
+ * replaces the defaults. */
+static void power_up(fw_t *fw) {
+  const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
+  axis_init(&fw->axis);
+  recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
+  cia402_init(&fw->drive);
+  canopen_init(&fw->canopen, node_id);
+  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
+  value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
+  fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
+  fw->device_signals.node_id = node_id;
+  fw->canopen.signals.serial_number = fw->config.serial_number;
+  fw->source_silence = 0;
+  for (uint8_t i = 0; i < FW_HELD; i++) {
+    fw->reported[i] = 0;
+  }
+  fw->ticks_alone = 0;
+  fw->contact_seen = 0;
+  fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
+  fw->device_signals.store_change_count = fw->store.change_count;
+  for (uint8_t i = 0; i < STORE_CHANGES; i++) {
+    fw->device_signals.store_change[i] = fw->store.changes[i];
+  }
+}
+
+/* Emergency store_failed: store_state, the address of the first change and how many there are. */
+static void report_store(fw_t *fw) {
+  const device_signals_t *signals = &fw->device_signals;
+  const uint32_t change = signals->store_change[0];
+  const uint32_t count =
+      (signals->store_change_count < UINT8_MAX) ? signals->store_change_count : UINT8_MAX;
+  canopen_emergency_detailed(
+      &fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, signals->store_state,
+      fx_field(change, 8, 16) + fx_field(change, 0, 8) * 65536 + count * 16777216);
+}
+
+/* The node boots up; whatever is not in force as it was stored is reported. */
+static void boot(fw_t *fw) {
+  canopen_start(&fw->canopen, &fw->objects);
+  const uint8_t state = fw->device_signals.store_state;
+  if (state != AXIS_STORE_STATE_EMPTY && state != AXIS_STORE_STATE_LOADED) {
+    report_store(fw);
+  }
+}
+
+void fw_init(fw_t *fw, const fw_config_t *config) {
+  fw->config = *config;
+  fw->live = 0;
+  dictionary_init(&fw->objects, &owner);
+  value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
+  store_init(&fw->store, config->memory);
+  power_up(fw);
+  if (config->buses != 0) {
+    wake(fw);
+    boot(fw);
+    if (config->watchdog_fired != 0) {
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_WATCHDOG_RESET, 0);
     }
   }
 }
 
-/* Whoever depends on a parameter is told. */
-static void announce(fw_t *fw, uint8_t source, uint16_t object, int32_t previous, int32_t value) {
-  switch (axis_objects[object].block) {
-    case AXIS_BLOCK_AXIS_PARAMETER:
-      axis_parameter_written(&fw->axis, object, previous, value);
-      if (object == AXIS_OBJ_MODE) {
-        cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
-      }
-      break;
-    case AXIS_BLOCK_DRIVE_PARAMETER:
-      cia402_written(&fw->drive, &fw->axis, object, previous, value);
-      break;
-    case AXIS_BLOCK_CANOPEN_PARAMETER:
-      canopen_written(&fw->canopen, object, previous, value);
-      break;
-    case AXIS_BLOCK_DEVICE_PARAMETER:
-      announce_device(fw, source, object, previous, value);
-      break;
-    default:
-      break;
+/* Up to the largest number it can hold. */
+static void count_up(uint16_t *counter, uint16_t by) {
+  *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
+}
+
+/* Requests of the node that its last call led to. */
+static void take_requests(fw_t *fw) {
+  if (!canopen_has_requests(&fw->canopen)) {
+    return;
+  }
+  const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
+  count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
+    ownership_lost(fw, requests.fault);
   }
 }
 
-/* Flash at work can hold up the processor: no motion until it is done. */
-static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
-  return !cia402_is_powered(fw->drive.signals.drive_state) &&
-         ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
-          (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
+static void execute_reset(fw_t *fw) {
+  if (fw->canopen.reset == CANOPEN_RESET_NONE) {
+    return;
+  }
+  /* A reset that follows a save at once must load what was saved. */
+  if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
+    return;
+  }
+  /* Loading takes longer than a tick on a chip: the output must be off meanwhile. */
+  if (fw->canopen.reset == CANOPEN_RESET_NODE &&
+      fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
+    cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
+    return;
+  }
+  const uint8_t reset = canopen_take_reset(&fw->canopen);
+  const uint8_t bus = fw->canopen.bus;
+  if (reset == CANOPEN_RESET_NODE) {
+    const uint32_t ticks = fw->axis.signals.tick_count;
+    power_up(fw);
+    fw->axis.signals.tick_count = ticks;
+    cia402_wake(&fw->drive, &fw->axis);
+    boot(fw);
+  } else {
+    canopen_init(&fw->canopen, fw->device_signals.node_id);
+    fw->canopen.signals.serial_number = fw->config.serial_number;
+    const bool loaded = store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER);
+    canopen_start(&fw->canopen, &fw->objects);
+    if (!loaded) {
+      fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
+    }
+  }
+  /* A port reports changes only. */
+  canopen_bus(&fw->canopen, bus);
+  take_requests(fw);
 }
 
-/* What the table, the lock and the state say; the rest is check_rules(). */
-static int check_entry(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  if (!object_exists(object)) {
-    return FW_ERROR_NO_OBJECT;
+static void serve_store(fw_t *fw) {
+  const uint8_t state = store_tick(&fw->store, &fw->objects);
+  if (state != AXIS_STORE_STATE_COUNT) {
+    if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
+      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
+    }
+    fw->device_signals.store_state = state;
   }
-  const axis_object_t *entry = &axis_objects[object];
-  if (entry->access == AXIS_ACCESS_RO) {
-    return FW_ERROR_READ_ONLY;
-  }
-  if (!in_range(entry, value)) {
-    return FW_ERROR_RANGE;
-  }
-  if (is_locked(fw, source, object, value)) {
-    return FW_ERROR_LOCKED;
-  }
-  if (!writable_now(fw, entry)) {
-    return FW_ERROR_STATE;
-  }
-  /* A set of parameters is kept as it was at one moment. */
-  if ((entry->stored != 0 || starts_axis(fw, object, value)) && store_is_busy(&fw->store)) {
-    return FW_ERROR_BUSY;
-  }
-  return FW_OK;
 }
 
-int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const int refusal = check_entry(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
+static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
+
+static void serve_node(fw_t *fw) {
+  watch_contact(fw);
+  while (canopen_is_behind(&fw->canopen)) {
+    canopen_tick_timers(&fw->canopen, is_active(fw));
+    take_requests(fw);
+    const canopen_axis_t axis = {
+        .error_code = fw->drive.signals.error_code, .fault = fault_of(fw), .active = is_active(fw)};
+    canopen_tick_end(&fw->canopen, &fw->objects, axis);
   }
-  return (axis_objects[object].block == AXIS_BLOCK_NONE) ? FW_OK
-                                                         : check_rules(fw, source, object, value);
+  take_requests(fw);
 }
 
-static int write_object(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  int refusal = check_entry(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
+void fw_prepare(fw_t *fw) {
+  if (fw->live == 0) {
+    return;
   }
-  const axis_object_t *entry = &axis_objects[object];
-  if (!in_axis_or_recorder(object)) {
-    wake(fw);
+  ownership_tick(fw);
+  cia402_before(&fw->drive, &fw->axis);
+  fw->ticks_alone += 1;
+  if (fw->ticks_alone > FW_BETWEEN_TICKS_MAX) {
+    axis_fault(&fw->axis, AXIS_FAULT_MAIN_LOOP_LOST);
   }
-  if (entry->block == AXIS_BLOCK_NONE) {
-    return give_command(fw, object, value);
+}
+
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  axis_tick(&fw->axis, inputs, outputs);
+}
+
+bool fw_report(fw_t *fw) {
+  if (fw->live == 0) {
+    recorder_tick(&fw->recorder, &fw->objects);
+    return true;
   }
-  refusal = check_rules(fw, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
+  cia402_after(&fw->drive, &fw->axis);
+  recorder_tick(&fw->recorder, &fw->objects);
+  if (fw->config.buses != 0) {
+    const bool defer = watched_contact(fw) != fw->contact_seen ||
+                       !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
+    canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
-  const uint16_t offset = object_offset(entry);
-  const int32_t previous = value_load(fw, offset, entry->type);
-  value_store(fw, offset, entry->type, value);
-  announce(fw, source, object, previous, value);
-  return FW_OK;
+  return fw->ticks_alone <= FW_BETWEEN_TICKS_MAX;
+}
+
+void fw_between(fw_t *fw) {
+  fw->ticks_alone = 0;
+  if (fw->live == 0) {
+    return;
+  }
+  if (fw->config.buses != 0) {
+    serve_node(fw);
+    modbus_tick(&fw->modbus, &fw->objects);
+    execute_reset(fw);
+  }
+  serve_store(fw);
+}
+
+void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  fw_prepare(fw);
+  fw_control(fw, inputs, outputs);
+  (void)fw_report(fw);
+  fw_between(fw);
+}
+
+void fw_can_receive(fw_t *fw, const can_frame_t *frame) {
+  canopen_receive(&fw->canopen, &fw->objects, frame);
+  take_requests(fw);
+}
+
+bool fw_can_transmit(fw_t *fw, can_frame_t *frame) { return canopen_transmit(&fw->canopen, frame); }
+
+void fw_can_lost(fw_t *fw, uint16_t frames) {
+  canopen_lost(&fw->canopen, frames);
+  take_requests(fw);
+}
+
+void fw_can_bus(fw_t *fw, uint8_t state) {
+  canopen_bus(&fw->canopen, state);
+  take_requests(fw);
+}
+
+void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
+  modbus_receive(&fw->modbus, &fw->objects, bytes, count);
+}
+
+uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {
+  return modbus_transmit(&fw->modbus, bytes, room);
+}
+
+void fw_overrun(fw_t *fw, uint32_t missed) {
+  const uint32_t count = (missed == 0) ? 1 : missed;
+  count_up(&fw->device_signals.overruns, (count > UINT16_MAX) ? UINT16_MAX : (uint16_t)count);
+  fw->axis.signals.tick_count += missed;
+  if (fw->config.buses != 0) {
+    if (missed != 0) {
+      canopen_missed(&fw->canopen, missed);
+    }
+    report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
+  }
+}
+
+int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
+  return dictionary_read(&fw->objects, object, value);
 }
 
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const int refusal = write_object(fw, source, object, value);
-  if (refusal == FW_OK && source == fw->device.command_source) {
-    fw->source_silence = 0;
+  if (fw->live == 0 && object < AXIS_OBJ_COUNT && !in_axis_or_recorder(object)) {
+    wake(fw);
   }
-  return refusal;
-}
-
-bool fw_object_restorable(uint16_t object, int32_t value) {
-  return object_exists(object) && axis_objects[object].stored != 0 &&
-         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
-}
-
-void fw_object_restore(fw_t *fw, uint16_t object, int32_t value) {
-  const axis_object_t *entry = &axis_objects[object];
-  value_store(fw, object_offset(entry), entry->type, value);
+  return dictionary_write(&fw->objects, source, object, value);
 }
 
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]) {

@@ -9,13 +9,13 @@
 #include <stdint.h>
 
 #include "firmware/app/store.h"
-#include "firmware/core/axis.h"
-#include "firmware/core/recorder.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
+#include "firmware/core/axis.h"
+#include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
+#include "firmware/objects/dictionary.h"
 
 /* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
 #define FW_RECORDER_BYTES 12288
@@ -25,29 +25,30 @@
 
 /* Emergencies that are no fault of the axis: store_failed (at power-up: what is kept is not in
  * force, or not the newest of it; its first manufacturer byte is store_state), source_lost (where
- * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are given when it
+ * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are sent when it
  * happens, and then not again for FW_HOLD_TICKS: contact_losses, force_saturated, limit_cycle and
- * overruns tell the rest. FF07h, watchdog_reset: at a power-up by the watchdog. */
+ * overruns count on. FF07h, watchdog_reset: at a power-up by the watchdog. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* Ticks that fw_between() may stay away for, 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
-/* What a port gives the firmware. Everything may be left 0: an axis on no bus. */
+/* What a port gives the firmware. All 0 is an axis on no bus. */
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
   uint32_t recorder_bytes;
   const store_memory_t *memory; /* NULL: parameters are not kept */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint32_t modbus_baud;   /* tells how long a silence ends a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;        /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
   uint8_t buses;          /* 1: CANopen and Modbus are served */
-  uint8_t watchdog_fired; /* 1: that is why the chip starts; told as an emergency */
+  uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
 } fw_config_t;
 
-struct fw {
+typedef struct {
+  dictionary_t objects; /* the first member: dictionary.h */
   axis_t axis;
   recorder_t recorder;
   cia402_t drive;
@@ -57,14 +58,13 @@ struct fw {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence;     /* ticks since the owner last wrote */
-  uint32_t ticks_alone;        /* since fw_between() last ran */
-  uint32_t told_tick[FW_HELD]; /* when each emergency that is held back was given */
-  uint8_t told[FW_HELD];       /* 1: was given since power-up */
-  uint8_t contact_seen;        /* contact, saturation and limit cycle of the tick before */
-  uint8_t zero;                /* always 0: bytes of TPDOs that nothing is mapped to */
-  uint8_t live;                /* drive and protocols are served; see fw_tick() */
-};
+  uint32_t source_silence;         /* ticks since the owner last wrote */
+  uint32_t ticks_alone;            /* since fw_between() last ran */
+  uint32_t reported_tick[FW_HELD]; /* when each limited emergency was last sent */
+  uint8_t reported[FW_HELD];       /* 1: was sent since power-up */
+  uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
+  uint8_t live;                    /* drive and protocols are served; see fw_tick() */
+} fw_t;
 
 /* Power-up: stored parameters, else defaults; axis disabled, recorder idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
@@ -89,16 +89,21 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in two, for a port whose ticks are an interrupt: the first in the interrupt, the second
- * after it, before anything else is done with fw, and not interrupted by the first. In fw_between()
- * is what is seldom due and long, none of which the outputs of this tick depend on: emergencies,
- * timers of the node that run out, the silence of Modbus, resets (they last longer than a tick),
- * a step of the store (so does an erase). Cost on a Cortex-M4: docs/chip/instructions.md.
+/* fw_tick() in four, for a port whose ticks are an interrupt. In the interrupt fw_prepare() has the
+ * drive set the targets of this tick, which needs no inputs: they may still be converted.
+ * fw_control() turns inputs into outputs, which the port puts out at once; then fw_report() does
+ * what is due in most ticks: status of the drive, recorder, one event-driven TPDO. After the
+ * interrupt, before anything else is done with fw, and not interrupted by a tick, fw_between() does
+ * what is seldom due and long: emergencies, timers of the node that run out, the silence of Modbus,
+ * resets (they last longer than a tick), a step of the store (so does an erase). Cost on a
+ * Cortex-M4: docs/chip/instructions.md.
  *
  * Nobody would see a heartbeat end, or NMT, while fw_between() does not run. When it has not for
- * more than FW_BETWEEN_TICKS_MAX ticks, fw_interrupt() has the axis off, with the fault
- * main_loop_lost, and returns false: the caller must not feed its watchdog then. */
-bool fw_interrupt(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+ * more than FW_BETWEEN_TICKS_MAX ticks, fw_prepare() has the axis off, with the fault
+ * main_loop_lost, and fw_report() returns false: the caller must not feed its watchdog then. */
+void fw_prepare(fw_t *fw);
+void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
 /* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
@@ -112,16 +117,18 @@ void fw_can_bus(fw_t *fw, uint8_t state);
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
-/* The port missed the time of a tick. */
-void fw_overrun(fw_t *fw);
+/* A tick of the port came late (missed 0), or `missed` ticks did not come at all. Each counts as
+ * one of `overruns`, and time goes on by those missed: tick_count, and the timers of the node, of
+ * which canopen_missed() says more. After fw_between(), not in the interrupt. */
+void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* Stored parameters, for the store. Whether a value may be put into an object at power-up; and
- * putting it there, without telling anyone: whoever depends on it starts afterwards. */
-bool fw_object_restorable(uint16_t object, int32_t value);
-void fw_object_restore(fw_t *fw, uint16_t object, int32_t value);
+/* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a
+ * firmware on no bus where the object is beyond axis and recorder. */
+int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
+int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
 /* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
- * of recorder_signal_1.., channels set to 0 left out. Returns how many values, or
+ * of recorder_signal_1.., without channels set to 0. Returns how many values, or
  * FW_ERROR_NO_DATA. */
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 

@@ -1,9 +1,11 @@
 #include "firmware/canopen/emcy.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/canopen/cob_id.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/canopen/node.h"
 
 /* Bits of the error register. */
 enum {
@@ -37,7 +39,7 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* The latest first; the oldest falls out. */
+/* The latest first; the oldest is dropped. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -49,6 +51,10 @@ static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
 }
 
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
+  emcy_raise_detailed(canopen, code, info, 0);
+}
+
+void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
   emcy_t *emcy = &canopen->emcy;
   emcy_update(canopen);
   if (code != AXIS_ERROR_CODE_NONE) {
@@ -58,7 +64,7 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The history has it, and the latest says what is. */
+    /* The history keeps the oldest; the latest shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -68,11 +74,12 @@ void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy->waiting[emcy->count - 1] =
       (emergency_t){.code = code,
                     .error_register = (uint8_t)(canopen->signals.error_register | class_of(code)),
-                    .info = info};
+                    .info = info,
+                    .detail = detail};
 }
 
-/* What the node has told by itself, when it took the owner away. */
-static bool is_told(const canopen_t *canopen, uint16_t code) {
+/* Whether the node has reported it already, when the owner was lost. */
+static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:
       return canopen->heartbeats_lost != 0;
@@ -87,7 +94,7 @@ static bool is_told(const canopen_t *canopen, uint16_t code) {
 
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault) {
   canopen->emcy.drive_code = code;
-  if (is_told(canopen, code)) {
+  if (is_reported(canopen, code)) {
     emcy_update(canopen);
   } else {
     emcy_raise(canopen, code, (code == AXIS_ERROR_CODE_NONE) ? 0 : fault);
@@ -114,6 +121,7 @@ void emcy_tick(canopen_t *canopen) {
     fx_store_le(frame->data, emergency->code, 2);
     frame->data[2] = emergency->error_register;
     frame->data[3] = emergency->info;
+    fx_store_le(&frame->data[4], emergency->detail, 4);
     sent += 1;
     canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY, inhibit);
   }
@@ -123,7 +131,7 @@ void emcy_tick(canopen_t *canopen) {
   }
 }
 
-void emcy_forget(canopen_t *canopen) {
+void emcy_clear_history(canopen_t *canopen) {
   canopen->params.error_history_count = 0;
   for (uint8_t i = 0; i < EMCY_HISTORY; i++) {
     canopen->signals.error_history[i] = 0;

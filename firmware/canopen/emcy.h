@@ -6,44 +6,31 @@
  * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
  * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
  * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
- * refused by an object, the owner that is lost, store_state of a store that failed, else 0. Codes
- * are AXIS_ERROR_CODE_. Code 0 says that something has gone; the register in the frame tells
- * whether anything is left. */
+ * refused by an object, the owner that is lost, store_state of a store that failed, else 0. The
+ * other four are 0, but at power-up those of store_failed: index (two bytes, the lower first) and
+ * sub-index of the first parameter that is not as stored, and how many there are, at most 255.
+ * Codes are AXIS_ERROR_CODE_. Code 0 says that a condition has ended; the register in the frame
+ * shows whether another one lasts. */
 
-#include <stdbool.h>
 #include <stdint.h>
 
-typedef struct canopen canopen_t;
+#include "firmware/canopen/state.h"
 
-enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
-
-typedef struct {
-  uint16_t code;
-  uint8_t error_register;
-  uint8_t info;
-} emergency_t;
-
-typedef struct {
-  emergency_t waiting[EMCY_WAITING]; /* for the inhibit time or for a place, oldest first */
-  uint16_t drive_code;               /* error code of the drive, as last told */
-  uint8_t count;                     /* of waiting */
-  uint8_t overrun_told;              /* 8110h was given since all frames were last sent */
-} emcy_t;
-
-/* Notes an emergency; it is sent at the end of a tick. If too many wait, the
- * oldest falls out: the history keeps it, and the latest says what is. */
+/* Notes an emergency; it is sent at the end of a tick. If too many are pending, the
+ * oldest is dropped: the history keeps it, and the latest shows the present state. */
 void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
+void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
-/* A lasting condition has come or gone: gives 1001h its value. */
+/* Sets 1001h when a lasting condition begins or ends. */
 void emcy_update(canopen_t *canopen);
 
-/* The drive's error code has changed. */
+/* Reports that the drive's error code has changed. */
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault);
 
 /* Sends what may be sent. */
 void emcy_tick(canopen_t *canopen);
 
 /* 1003h was written 0. */
-void emcy_forget(canopen_t *canopen);
+void emcy_clear_history(canopen_t *canopen);
 
 #endif

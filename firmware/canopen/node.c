@@ -2,11 +2,17 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/canopen/cob_id.h"
+#include "firmware/canopen/emcy.h"
+#include "firmware/canopen/heartbeat.h"
+#include "firmware/canopen/pdo.h"
+#include "firmware/canopen/sdo.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
-/* Identifiers and commands of network management. */
-enum { ID_NMT = 0x000, ID_HEARTBEAT = 0x700, ID_HEARTBEAT_LAST = 0x77F };
+/* Identifier and commands of network management. */
+enum { ID_NMT = 0x000 };
 enum {
   NMT_START = 1,
   NMT_STOP = 2,
@@ -15,13 +21,11 @@ enum {
   NMT_RESET_COMMUNICATION = 130
 };
 
-/* What canopen_tick_begin() left: all, or what follows the PDOs. */
-enum { LEFT_NOTHING = 0, LEFT_OUTPUT = 1, LEFT_ALL = 2 };
+/* What canopen_tick_begin() deferred: all, or what follows the PDOs. */
+enum { DEFERRED_NOTHING = 0, DEFERRED_OUTPUT = 1, DEFERRED_ALL = 2 };
 
 /* 1029h: what a communication error does to the state. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
-
-/* --- power-up --------------------------------------------------------------------------------- */
 
 /* Adds the node id to the COB-IDs of one block whose defaults depend on it. */
 static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
@@ -39,7 +43,7 @@ static void init_pdo(pdo_t *pdo) {
   pdo->bits = 0;
   pdo->pending = 0;
   pdo->syncs = 0;
-  pdo->told = 0;
+  pdo->reported = 0;
 }
 
 void canopen_init(canopen_t *canopen, uint8_t node_id) {
@@ -62,15 +66,16 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->tpdos_timed = 0;
   canopen->tpdos_inhibited = 0;
   canopen->heartbeats_lost = 0;
-  canopen->left = LEFT_NOTHING;
+  canopen->deferred = DEFERRED_NOTHING;
   canopen->late = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
-  canopen->emcy.overrun_told = 0;
-  canopen->sync_told = 0;
+  canopen->emcy.overrun_reported = 0;
+  canopen->sync_reported = 0;
   canopen->bus = CAN_BUS_ACTIVE;
   canopen->reset = CANOPEN_RESET_NONE;
+  canopen->requests = (canopen_requests_t){0};
   canopen->node_id = node_id;
 }
 
@@ -80,22 +85,20 @@ static void start_heartbeat(canopen_t *canopen) {
 }
 
 static void send_state(canopen_t *canopen, uint8_t state) {
-  can_frame_t *frame = can_output_add(&canopen->output, (uint16_t)(ID_HEARTBEAT + canopen->node_id),
+  can_frame_t *frame = can_output_add(&canopen->output, (uint16_t)(HEARTBEAT_ID + canopen->node_id),
                                       1, CAN_OUTPUT_KEEP_NMT);
   if (frame != NULL) {
     frame->data[0] = state;
   }
 }
 
-void canopen_start(canopen_t *canopen) {
-  /* The boot-up message is a heartbeat of the state that is left with it. */
+void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
+  /* The boot-up message is the heartbeat of the state that ends with it. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
-  pdo_start(canopen);
+  pdo_start(canopen, objects);
 }
-
-/* --- states ----------------------------------------------------------------------------------- */
 
 static void enter(canopen_t *canopen, uint8_t state) {
   const uint8_t previous = canopen->signals.nmt_state;
@@ -111,15 +114,23 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* Owners whose only way in is this bus. */
-static void lose_masters(fw_t *fw, uint8_t fault) {
-  fw_source_lost(fw, FW_SOURCE_CANOPEN, fault);
-  fw_source_lost(fw, FW_SOURCE_LCM, fault);
+/* The sources whose only way in is this bus can no longer reach an axis that may be active. */
+static void lose_masters(canopen_t *canopen, uint8_t fault) {
+  canopen_lose(canopen, FW_SOURCE_CANOPEN, fault);
+  canopen_lose(canopen, FW_SOURCE_LCM, fault);
 }
 
-/* The owner can no longer reach an axis that it left active. The drive says whether it is: of a
- * controlword that came just before, active_mode knows nothing yet. */
-static void leave_axis(fw_t *fw) { lose_masters(fw, AXIS_FAULT_SOURCE_LOST); }
+/* Up to the largest number that the request can hold. */
+static void lose_frames(canopen_t *canopen, uint16_t frames) {
+  const uint32_t sum = (uint32_t)canopen->requests.frames_lost + frames;
+  canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
+}
+
+/* Frames that found no place in the output, for the firmware to count. */
+static void take_output_lost(canopen_t *canopen) {
+  lose_frames(canopen, canopen->output.lost);
+  canopen->output.lost = 0;
+}
 
 static void communication_error(canopen_t *canopen) {
   const uint8_t behaviour = canopen->params.error_behaviour;
@@ -131,13 +142,17 @@ static void communication_error(canopen_t *canopen) {
   }
 }
 
-static void ask_reset(canopen_t *canopen, fw_t *fw, uint8_t reset) {
-  leave_axis(fw);
-  /* The reset empties the output. */
-  fw_can_count_lost(fw, canopen->output.lost);
-  canopen->output.lost = 0;
+static void request_reset(canopen_t *canopen, uint8_t reset) {
+  lose_masters(canopen, AXIS_FAULT_SOURCE_LOST);
+  take_output_lost(canopen); /* the reset empties the output */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
+}
+
+canopen_requests_t canopen_take_requests(canopen_t *canopen) {
+  const canopen_requests_t requests = canopen->requests;
+  canopen->requests = (canopen_requests_t){0};
+  return requests;
 }
 
 uint8_t canopen_take_reset(canopen_t *canopen) {
@@ -146,9 +161,7 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
   return reset;
 }
 
-/* --- what comes in ---------------------------------------------------------------------------- */
-
-static void receive_nmt(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   const uint8_t node = frame->data[1];
   if (frame->length != 2 || (node != 0 && node != canopen->node_id)) {
     return;
@@ -158,159 +171,104 @@ static void receive_nmt(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) 
       enter(canopen, AXIS_NMT_STATE_OPERATIONAL);
       break;
     case NMT_STOP:
-      leave_axis(fw);
+      lose_masters(canopen, AXIS_FAULT_SOURCE_LOST);
       enter(canopen, AXIS_NMT_STATE_STOPPED);
       break;
     case NMT_PRE_OPERATIONAL:
       enter(canopen, AXIS_NMT_STATE_PRE_OPERATIONAL);
       break;
     case NMT_RESET_NODE:
-      ask_reset(canopen, fw, CANOPEN_RESET_NODE);
+      request_reset(canopen, CANOPEN_RESET_NODE);
       break;
     case NMT_RESET_COMMUNICATION:
-      ask_reset(canopen, fw, CANOPEN_RESET_COMMUNICATION);
+      request_reset(canopen, CANOPEN_RESET_COMMUNICATION);
       break;
     default:
       return;
   }
 }
 
-static void receive_sync(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+static void receive_sync(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   if (frame->length != 0) {
-    if (canopen->sync_told == 0) {
-      canopen->sync_told = 1;
+    if (canopen->sync_reported == 0) {
+      canopen->sync_reported = 1;
       emcy_raise(canopen, AXIS_ERROR_CODE_SYNC_LENGTH, frame->length);
     }
     return;
   }
-  canopen->sync_told = 0;
+  canopen->sync_reported = 0;
   canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
-    pdo_sync(canopen, fw);
-  }
-}
-
-/* An entry of 1016h, taken apart; the node is 0 if it watches none. */
-static uint8_t watched_node(uint32_t entry) {
-  const uint32_t node = fx_field(entry, 16, 8);
-  return (uint8_t)((fx_field(entry, 0, 16) != 0 && node <= 127) ? node : 0);
-}
-
-static void heartbeat_found(canopen_t *canopen, uint8_t i) {
-  if (canopen_has(canopen->heartbeats_lost, i)) {
-    canopen_drop(&canopen->heartbeats_lost, i);
-    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
-  }
-}
-
-static void receive_heartbeat(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
-  const uint32_t node = (uint32_t)frame->id - ID_HEARTBEAT;
-  if (frame->length != 1 || node == 0) {
-    return;
-  }
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    const uint32_t entry = canopen->params.consumer_heartbeat[i];
-    if (watched_node(entry) == node) {
-      heartbeat_found(canopen, i);
-      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
-                          fx_ticks_from_ms(fx_field(entry, 0, 16)));
-      /* A boot-up message: who enabled the axis knows nothing of it any more. */
-      if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
-        fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
-      }
-    }
+    pdo_sync(canopen, objects);
   }
 }
 
 /* Whether the frame was a request to an SDO server. */
-static bool receive_sdo(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const canopen_signals_t *signals = &canopen->signals;
   const uint32_t requests[CANOPEN_SDOS] = {signals->sdo_server_receive, signals->sdo_modbus_receive,
                                            signals->sdo_lcm_receive};
   for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
     if (requests[i] == frame->id) {
-      sdo_receive(canopen, fw, i, frame);
+      sdo_receive(canopen, objects, i, frame);
       return true;
     }
   }
   return false;
 }
 
-void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   if (frame->remote != 0 || frame->length > 8 ||
       canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     return;
   }
   if (frame->id == ID_NMT) {
-    receive_nmt(canopen, fw, frame);
+    receive_nmt(canopen, frame);
     return;
   }
-  if (frame->id >= ID_HEARTBEAT && frame->id <= ID_HEARTBEAT_LAST) {
-    receive_heartbeat(canopen, fw, frame);
+  if (frame->id >= HEARTBEAT_ID && frame->id <= HEARTBEAT_ID_LAST) {
+    heartbeat_receive(canopen, frame);
     return;
   }
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_STOPPED) {
     return;
   }
   if (frame->id == canopen_can_id(canopen->params.sync_cob_id)) {
-    receive_sync(canopen, fw, frame);
-  } else if (!receive_sdo(canopen, fw, frame) &&
+    receive_sync(canopen, objects, frame);
+  } else if (!receive_sdo(canopen, objects, frame) &&
              canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
-    pdo_receive(canopen, fw, frame);
+    pdo_receive(canopen, objects, frame);
   }
 }
 
-/* --- the tick --------------------------------------------------------------------------------- */
-
-static void heartbeat_missed(canopen_t *canopen, fw_t *fw, uint8_t i) {
-  /* It was not lost before: what runs out was started by a heartbeat. */
-  canopen_put(&canopen->heartbeats_lost, i);
-  emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
-             watched_node(canopen->params.consumer_heartbeat[i]));
-  fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
-  communication_error(canopen);
-}
-
-static void run_out(canopen_t *canopen, fw_t *fw, uint8_t timer) {
+static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   if (timer == CANOPEN_TIMER_HEARTBEAT) {
     send_state(canopen, canopen->signals.nmt_state);
     start_heartbeat(canopen);
   } else if (timer >= CANOPEN_TIMER_SDO) {
     sdo_timeout(canopen, (uint8_t)(timer - CANOPEN_TIMER_SDO));
   } else if (timer >= CANOPEN_TIMER_RPDO) {
-    pdo_late(canopen, fw, (uint8_t)(timer - CANOPEN_TIMER_RPDO));
+    pdo_late(canopen, active, (uint8_t)(timer - CANOPEN_TIMER_RPDO));
   } else if (timer >= CANOPEN_TIMER_CONSUMER) {
-    heartbeat_missed(canopen, fw, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
+    heartbeat_missed(canopen, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
+    communication_error(canopen);
   } /* That the inhibit time of emergencies no longer runs is enough. */
 }
 
-static void serve_timers(canopen_t *canopen, fw_t *fw) {
+static void serve_timers(canopen_t *canopen, bool active) {
   for (uint32_t due = canopen_timers_due(&canopen->timers); due != 0; due &= due - 1) {
     const uint8_t timer = fx_lowest_bit(due);
     if (canopen_timer_take(&canopen->timers, timer)) {
-      run_out(canopen, fw, timer);
+      run_out(canopen, active, timer);
     }
   }
 }
 
-/* Once until all frames have gone out again: a full output must not fill itself. */
-static void tell_overrun(canopen_t *canopen) {
-  if (canopen->emcy.overrun_told == 0) {
-    canopen->emcy.overrun_told = 1;
+/* Once until all frames are sent: a full output must not fill itself. */
+static void report_overrun(canopen_t *canopen) {
+  if (canopen->emcy.overrun_reported == 0) {
+    canopen->emcy.overrun_reported = 1;
     emcy_raise(canopen, AXIS_ERROR_CODE_CAN_OVERRUN, 0);
-  }
-}
-
-static void count_lost(canopen_t *canopen, fw_t *fw) {
-  fw_can_count_lost(fw, canopen->output.lost);
-  canopen->output.lost = 0;
-  tell_overrun(canopen);
-}
-
-static void look_at_drive(canopen_t *canopen, const fw_t *fw) {
-  const uint16_t code = fw_error_code(fw);
-  if (code != canopen->emcy.drive_code) {
-    emcy_drive(canopen, code, fw_fault(fw));
   }
 }
 
@@ -321,84 +279,84 @@ static bool has_timers_due(canopen_t *canopen) {
 /* More than one. */
 static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
 
-static void serve_pdos(canopen_t *canopen, fw_t *fw) {
+static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {
   if (canopen->tpdos_watched != 0 || canopen->tpdos_inhibited != 0) {
-    pdo_tick(canopen, fw);
+    pdo_tick(canopen, objects);
   }
 }
 
-void canopen_tick_begin(canopen_t *canopen, fw_t *fw, bool leave) {
-  if (canopen->left != LEFT_NOTHING) {
+void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer) {
+  if (canopen->deferred != DEFERRED_NOTHING) {
     canopen->late = (uint8_t)(canopen->late + ((canopen->late < UINT8_MAX) ? 1 : 0));
   } else if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->timers.now += 1;
-  } else if (leave || has_many(canopen->tpdos_watched) || has_timers_due(canopen) ||
+  } else if (defer || has_many(canopen->tpdos_watched) || has_timers_due(canopen) ||
              canopen->emcy.count != 0 || canopen->output.lost != 0 ||
-             fw_error_code(fw) != canopen->emcy.drive_code ||
-             (canopen->rpdos_waiting != 0 && fw_is_active(fw))) {
-    canopen->left = LEFT_ALL;
+             (canopen->rpdos_waiting != 0 && active)) {
+    canopen->deferred = DEFERRED_ALL;
   } else {
-    serve_pdos(canopen, fw);
+    serve_pdos(canopen, objects);
     if (canopen->output.lost != 0) {
-      canopen->left = LEFT_OUTPUT;
+      canopen->deferred = DEFERRED_OUTPUT;
     } else {
       canopen->timers.now += 1;
     }
   }
 }
 
-static void finish_tick(canopen_t *canopen, fw_t *fw) {
-  if (canopen->left == LEFT_ALL) {
-    if (has_timers_due(canopen)) {
-      serve_timers(canopen, fw);
+void canopen_tick_timers(canopen_t *canopen, bool active) {
+  if (canopen->deferred == DEFERRED_NOTHING) {
+    canopen->late = (uint8_t)(canopen->late - 1);
+    if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
+      canopen->deferred = DEFERRED_ALL;
     }
-    if (canopen->rpdos_waiting != 0) {
-      pdo_watch(canopen, fw);
+  }
+  if (canopen->deferred == DEFERRED_ALL && has_timers_due(canopen)) {
+    serve_timers(canopen, active);
+  }
+}
+
+void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_axis_t axis) {
+  if (canopen->deferred == DEFERRED_NOTHING) {
+    return;
+  }
+  if (canopen->deferred == DEFERRED_ALL) {
+    if (canopen->rpdos_waiting != 0 && axis.active != 0) {
+      pdo_axis_active(canopen);
     }
-    look_at_drive(canopen, fw);
-    serve_pdos(canopen, fw);
+    if (axis.error_code != canopen->emcy.drive_code) {
+      emcy_drive(canopen, axis.error_code, axis.fault);
+    }
+    serve_pdos(canopen, objects);
   }
   if (canopen->output.lost != 0) {
-    count_lost(canopen, fw);
+    take_output_lost(canopen);
+    report_overrun(canopen);
   }
   if (canopen->emcy.count != 0) {
     emcy_tick(canopen);
   }
-  canopen->left = LEFT_NOTHING;
+  canopen->deferred = DEFERRED_NOTHING;
   canopen->timers.now += 1;
 }
 
-void canopen_tick_end(canopen_t *canopen, fw_t *fw) {
-  if (canopen->left != LEFT_NOTHING) {
-    finish_tick(canopen, fw);
-  }
-  for (; canopen->late != 0; canopen->late = (uint8_t)(canopen->late - 1)) {
-    if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
-      canopen->left = LEFT_ALL;
-      finish_tick(canopen, fw);
-    }
-  }
+void canopen_missed(canopen_t *canopen, uint32_t ticks) {
+  pdo_missed(canopen, ticks);
+  canopen_timers_missed(&canopen->timers, ticks);
 }
 
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame) {
   if (can_output_take(&canopen->output, frame)) {
     return true;
   }
-  canopen->emcy.overrun_told = 0;
+  canopen->emcy.overrun_reported = 0;
   return false;
 }
-
-/* --- the lock --------------------------------------------------------------------------------- */
 
 void canopen_owns(canopen_t *canopen) { pdo_restart_deadlines(canopen); }
 
 bool canopen_is_watched(const canopen_t *canopen) {
-  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
-    if (canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_CONSUMER + i)) {
-      return true;
-    }
-  }
-  return pdo_has_deadline(canopen);
+  return heartbeat_runs(canopen) || pdo_has_deadline(canopen);
 }
 
 uint8_t canopen_lost_for(const canopen_t *canopen) {
@@ -412,30 +370,28 @@ uint8_t canopen_lost_for(const canopen_t *canopen) {
                                                                 : AXIS_FAULT_NONE;
 }
 
-/* --- what the port tells ---------------------------------------------------------------------- */
-
-void canopen_lost(canopen_t *canopen, fw_t *fw, uint16_t frames) {
-  fw_can_count_lost(fw, frames);
-  tell_overrun(canopen);
+void canopen_lost(canopen_t *canopen, uint16_t frames) {
+  lose_frames(canopen, frames);
+  report_overrun(canopen);
 }
 
-static void bus_off(canopen_t *canopen, fw_t *fw) {
-  /* What waits would come too late, and nothing more gets in until the bus is back. */
+static void bus_off(canopen_t *canopen) {
+  /* Pending frames would come too late; none is accepted until the bus is back. */
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
-  lose_masters(fw, AXIS_FAULT_CAN_OFF);
+  lose_masters(canopen, AXIS_FAULT_CAN_OFF);
   communication_error(canopen);
 }
 
-void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state) {
+void canopen_bus(canopen_t *canopen, uint8_t state) {
   const uint8_t previous = canopen->bus;
   if (state == previous || state > CAN_BUS_OFF) {
     return;
   }
   canopen->bus = state;
   if (state == CAN_BUS_OFF) {
-    bus_off(canopen, fw);
+    bus_off(canopen);
     return;
   }
   if (previous == CAN_BUS_OFF) {
@@ -450,61 +406,16 @@ void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise(canopen, code, info);
 }
 
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
+  emcy_raise_detailed(canopen, code, info, detail);
+}
+
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
-
-/* --- parameters ------------------------------------------------------------------------------- */
-
-/* CiA 301, table of restricted CAN-IDs. */
-enum { RESTRICTED = 6 };
-static const struct {
-  uint16_t first;
-  uint16_t last;
-} restricted[RESTRICTED] = {
-    {0x000, 0x07F},                 /* NMT, and reserved for safety */
-    {0x101, 0x180}, {0x581, 0x5FF}, /* SDO, from the server */
-    {0x601, 0x67F},                 /* SDO, to the server */
-    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* NMT error control, and reserved */
-};
-
-static bool is_restricted(uint16_t id) {
-  for (uint8_t i = 0; i < RESTRICTED; i++) {
-    if (id >= restricted[i].first && id <= restricted[i].last) {
-      return true;
-    }
-  }
-  return false;
-}
-
-int canopen_check_cob_id(uint32_t present, uint32_t wanted) {
-  const bool becomes_valid = canopen_cob_valid(wanted);
-  if (wanted == present) {
-    return FW_OK;
-  }
-  if (fx_field(wanted, 11, 19) != 0 || (becomes_valid && is_restricted(canopen_can_id(wanted)))) {
-    return FW_ERROR_RANGE;
-  }
-  const bool moves = canopen_can_id(wanted) != canopen_can_id(present);
-  return (moves && becomes_valid && canopen_cob_valid(present)) ? FW_ERROR_STATE : FW_OK;
-}
 
 /* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
 static int check_sync(uint32_t wanted) {
-  const bool fits = fx_field(wanted, 11, 20) == 0 && !is_restricted(canopen_can_id(wanted));
+  const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
-/* One consumer for each node. */
-static int check_consumer(const canopen_t *canopen, uint8_t i, uint32_t wanted) {
-  if (fx_field(wanted, 24, 8) != 0) {
-    return FW_ERROR_RANGE;
-  }
-  const uint8_t node = watched_node(wanted);
-  for (uint8_t k = 0; k < CANOPEN_HEARTBEATS; k++) {
-    if (k != i && node != 0 && watched_node(canopen->params.consumer_heartbeat[k]) == node) {
-      return FW_ERROR_MAPPING;
-    }
-  }
-  return FW_OK;
 }
 
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
@@ -519,26 +430,25 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   }
   const int consumer = canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS);
   if (consumer >= 0) {
-    return check_consumer(canopen, (uint8_t)consumer, (uint32_t)value);
+    return heartbeat_check(canopen, (uint8_t)consumer, (uint32_t)value);
   }
   const int result = pdo_check(canopen, object, value);
   return (result == PDO_NOT_MINE) ? FW_OK : result;
 }
 
-void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int32_t value) {
+void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
+                     int32_t previous, int32_t value) {
   if (value == previous) {
     return;
   }
   const int consumer = canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS);
   if (consumer >= 0) {
-    /* It is watched from its next heartbeat on. */
-    heartbeat_found(canopen, (uint8_t)consumer);
-    canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)consumer);
+    heartbeat_restart(canopen, (uint8_t)consumer);
     return;
   }
   switch (object) {
     case AXIS_OBJ_ERROR_HISTORY_COUNT:
-      emcy_forget(canopen);
+      emcy_clear_history(canopen);
       break;
     case AXIS_OBJ_PRODUCER_HEARTBEAT_TIME:
       start_heartbeat(canopen);
@@ -547,7 +457,7 @@ void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int3
       canopen->emcy.count = canopen_cob_valid((uint32_t)value) ? canopen->emcy.count : 0;
       break;
     default:
-      pdo_written(canopen, object);
+      pdo_written(canopen, objects, object);
       break;
   }
 }

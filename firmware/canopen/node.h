@@ -14,56 +14,57 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/fx/fx.h"
-#include "firmware/objects/access.h"
 #include "firmware/canopen/can.h"
-#include "firmware/canopen/output.h"
-#include "firmware/canopen/timers.h"
-#include "firmware/canopen/emcy.h"
-#include "firmware/canopen/pdo.h"
-#include "firmware/canopen/sdo.h"
+#include "firmware/canopen/state.h"
+#include "firmware/objects/access.h"
 
-enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
-
-struct canopen {
-  canopen_params_t params;
-  canopen_signals_t signals;
-  canopen_timers_t timers;
-  can_output_t output;
-  pdo_t rpdo[CANOPEN_PDOS];
-  pdo_t tpdo[CANOPEN_PDOS];
-  sdo_server_t sdo[CANOPEN_SDOS];
-  emcy_t emcy;
-  /* Sets, one bit each from bit 0 up. */
-  uint8_t heartbeats_lost;
-  uint8_t rpdos_late;      /* did not come in time while the axis was active */
-  uint8_t rpdos_waiting;   /* their deadline starts when the axis becomes active */
-  uint8_t tpdos_watched;   /* are sent when they change */
-  uint8_t tpdos_timed;     /* of those: are sent at their event_tick at the latest */
-  uint8_t tpdos_inhibited; /* are not sent before their inhibit_tick */
-  uint8_t sync_told;       /* 8240h was given since a SYNC was all right */
-  uint8_t bus;             /* CAN_BUS_ */
-  uint8_t reset;           /* CANOPEN_RESET_, until it is taken */
-  uint8_t left;            /* not 0: canopen_tick_end() has something to do */
-  uint8_t late;            /* ticks that began before it was done */
-  uint8_t node_id;
-};
+/* What the node must know of the axis, as it stands. */
+typedef struct {
+  uint16_t error_code; /* AXIS_ERROR_CODE_ */
+  uint8_t fault;       /* AXIS_FAULT_, latched or about to be */
+  uint8_t active;      /* 1: active_mode is not disabled */
+} canopen_axis_t;
 
 /* Parameters at their defaults, with the node id added where it belongs; silent until
  * canopen_start(). node_id 1..31. */
 void canopen_init(canopen_t *canopen, uint8_t node_id);
 
 /* Boot-up: after power-up and after every reset, once the stored parameters are loaded. */
-void canopen_start(canopen_t *canopen);
+void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
-void canopen_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame);
+void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
+
+/* What the node asked for since the last call, if there is anything; to be taken after every other
+ * call, since the source that is lost must act before the next one. */
+static inline bool canopen_has_requests(const canopen_t *canopen) {
+  return canopen->requests.frames_lost != 0 || canopen->requests.sources_lost != 0;
+}
+canopen_requests_t canopen_take_requests(canopen_t *canopen);
 
 /* Once a tick, after the axis: timers, PDOs, emergencies. What is due in most ticks, one
- * event-driven TPDO, is done by the first one; a tick with more to do, or one that is asked to
- * `leave` it, is left whole to the second one. Frames are the same, in the same order. Ticks that
- * begin before what was left is done are made up for with it, up to 255 of them. */
-void canopen_tick_begin(canopen_t *canopen, fw_t *fw, bool leave);
-void canopen_tick_end(canopen_t *canopen, fw_t *fw);
+ * event-driven TPDO, is done by canopen_tick_begin(); a tick with more to do, or one that it is
+ * asked to `defer`, is deferred as a whole; so must be one with another error code of the drive.
+ * Between ticks, while canopen_is_behind(), one such tick is done: its timers, then, once the
+ * requests are taken, canopen_tick_end() with the state of the axis that they led to. Frames are
+ * the same, in the same order, either way. Ticks that begin before a deferred one is done are made
+ * up for after it, up to 255 of them. */
+void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer);
+void canopen_tick_timers(canopen_t *canopen, bool active);
+void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_axis_t axis);
+
+static inline bool canopen_is_behind(const canopen_t *canopen) {
+  return canopen->deferred != 0 || canopen->late != 0;
+}
+
+/* Whether the error code of the drive is the one that was last reported. */
+static inline bool canopen_has_reported(const canopen_t *canopen, uint16_t error_code) {
+  return canopen->emcy.drive_code == error_code;
+}
+
+/* So many ticks did not come, because the processor was at a standstill; not while
+ * canopen_is_behind(). What was to be sent meanwhile is due in the coming tick, once. Deadlines of
+ * what is received are put off by as much: nothing could be received. */
+void canopen_missed(canopen_t *canopen, uint32_t ticks);
 
 /* The next frame to be sent; false: none. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
@@ -71,16 +72,17 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 /* A reset that NMT asked for since the last call, CANOPEN_RESET_; the caller carries it out. */
 uint8_t canopen_take_reset(canopen_t *canopen);
 
-/* Frames were lost on the way in: counted in can_lost, and an emergency. */
-void canopen_lost(canopen_t *canopen, fw_t *fw, uint16_t frames);
+/* Frames were lost on the way in: a request to count them, and an emergency. */
+void canopen_lost(canopen_t *canopen, uint16_t frames);
 
-/* State of the bus as the controller tells it, CAN_BUS_; each change is an emergency, bus off takes
- * the owner away. */
-void canopen_bus(canopen_t *canopen, fw_t *fw, uint8_t state);
+/* State of the bus as the controller reports it, CAN_BUS_; each change is an emergency, and with
+ * bus off the sources on it are lost. */
+void canopen_bus(canopen_t *canopen, uint8_t state);
 
 /* An emergency that is no fault of the axis: CiA code, and what is put in its manufacturer bytes.
  */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
+void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
 /* Whether a value within its range may be written now to an object of the node: FW_OK,
  * FW_ERROR_RANGE, FW_ERROR_STATE, FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT for an entry of a mapping
@@ -88,7 +90,8 @@ void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 
 /* An object of the node was `previous` and now is `value`. Writing what it was changes nothing. */
-void canopen_written(canopen_t *canopen, uint16_t object, int32_t previous, int32_t value);
+void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
+                     int32_t previous, int32_t value);
 
 /* The node owns the axis from now on: deadlines of RPDOs that are not running begin anew. */
 void canopen_owns(canopen_t *canopen);
@@ -101,30 +104,7 @@ uint8_t canopen_lost_for(const canopen_t *canopen);
  */
 bool canopen_is_watched(const canopen_t *canopen);
 
-/* The recorder was stopped or armed: what is being uploaded is gone. */
+/* The recorder was stopped or armed: an upload of the recording ends with an abort. */
 void canopen_recording_replaced(canopen_t *canopen);
-
-/* --- for the parts of the node ------------------------------------------------------------------
- */
-
-/* Bit 31 of a COB-ID says that it is not valid. */
-static inline bool canopen_cob_valid(uint32_t cob_id) { return cob_id <= UINT32_C(0x7FFFFFFF); }
-
-/* The identifier in a COB-ID. */
-static inline uint16_t canopen_can_id(uint32_t cob_id) { return (uint16_t)(cob_id & 0x7FFu); }
-
-/* One element of a set. */
-static inline bool canopen_has(uint8_t set, uint32_t i) { return (set & fx_bit(i)) != 0; }
-static inline void canopen_put(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set | fx_bit(i)); }
-static inline void canopen_drop(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set & ~fx_bit(i)); }
-
-/* Position of an object in an array of `count` that begins with `first`, or -1. */
-static inline int canopen_element(uint16_t object, uint16_t first, uint16_t count) {
-  return (object >= first && object < first + count) ? object - first : -1;
-}
-
-/* Whether a COB-ID may become another one: FW_OK, FW_ERROR_RANGE (29 bits; restricted and valid) or
- * FW_ERROR_STATE (another identifier while valid). */
-int canopen_check_cob_id(uint32_t present, uint32_t wanted);
 
 #endif

@@ -8,8 +8,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/fx/fx.h"
 #include "firmware/canopen/can.h"
+#include "firmware/fx/bytes.h"
 
 enum { CAN_OUTPUT_FRAMES = 16 };
 

@@ -2,82 +2,12 @@
 
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/canopen/cob_id.h"
+#include "firmware/canopen/emcy.h"
+#include "firmware/canopen/mapping.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/canopen/node.h"
-
-/* --- mapping ---------------------------------------------------------------------------------- */
-
-/* Bits of the types that CiA 301 numbers 1 to 7: boolean, i8, i16, i32, u8, u16, u32. */
-static const uint8_t bits_of_dummy[] = {0, 1, 8, 16, 32, 8, 16, 32};
-
-/* An entry of a mapping, taken apart. */
-static uint16_t entry_index(uint32_t entry) { return (uint16_t)fx_field(entry, 16, 16); }
-static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8); }
-static uint8_t entry_bits(uint32_t entry) { return (uint8_t)fx_field(entry, 0, 8); }
-
-static bool is_mappable(const axis_object_t *object, bool transmit) {
-  const uint8_t refusing = transmit ? AXIS_ACCESS_WO : AXIS_ACCESS_RO;
-  return object->mappable != 0 && object->access != refusing;
-}
-
-/* FW_OK and the object (none: a dummy), or why the entry cannot be mapped. */
-static int resolve(uint32_t entry, bool transmit, uint16_t *object) {
-  const uint16_t index = entry_index(entry);
-  *object = AXIS_OBJ_NONE;
-  if (!transmit && index != 0 && index < sizeof(bits_of_dummy)) {
-    const bool fits = entry_sub(entry) == 0 && entry_bits(entry) == bits_of_dummy[index];
-    return fits ? FW_OK : FW_ERROR_MAPPING;
-  }
-  const axis_address_t *address = fw_address(index, entry_sub(entry));
-  if (address == NULL) {
-    return FW_ERROR_NO_OBJECT;
-  }
-  if (address->what != AXIS_ADDRESS_OBJECT ||
-      !is_mappable(&axis_objects[address->value], transmit) ||
-      entry_bits(entry) != value_bytes(axis_objects[address->value].type) * 8) {
-    return FW_ERROR_MAPPING;
-  }
-  *object = address->value;
-  return FW_OK;
-}
-
-/* Which byte of fw_t each byte of a TPDO is; those that nothing is mapped to are 0. */
-static uint32_t place(pdo_t *pdo, uint32_t byte, uint16_t object, uint32_t bytes) {
-  const uint16_t first = fw_object_place(object);
-  for (uint32_t i = 0; i < bytes; i++) {
-    pdo->places[byte + i] = (uint16_t)(first + ((object == AXIS_OBJ_NONE) ? 0 : i));
-  }
-  return byte + bytes;
-}
-
-/* Resolves the first `count` entries; `pdo` may be NULL to see only whether they fit. */
-static int map(const uint32_t *entries, uint8_t count, bool transmit, pdo_t *pdo) {
-  uint32_t bits = 0;
-  uint32_t placed = 0;
-  for (uint8_t i = 0; i < count; i++) {
-    uint16_t object = AXIS_OBJ_NONE;
-    const int refusal = resolve(entries[i], transmit, &object);
-    bits += entry_bits(entries[i]);
-    if (refusal != FW_OK || bits > PDO_BITS) {
-      return FW_ERROR_MAPPING;
-    }
-    if (pdo != NULL && transmit) {
-      placed = place(pdo, placed, object, fx_octets(entry_bits(entries[i])));
-    } else if (pdo != NULL) {
-      pdo->places[i] = object;
-    }
-  }
-  if (pdo != NULL && transmit) {
-    (void)place(pdo, placed, AXIS_OBJ_NONE, PDO_BYTES - placed);
-  }
-  if (pdo != NULL) {
-    pdo->bits = (uint8_t)bits;
-  }
-  return FW_OK;
-}
-
-/* --- state ------------------------------------------------------------------------------------ */
+#include "firmware/objects/value.h"
 
 static bool rpdo_valid(const canopen_t *canopen, uint8_t i) {
   return canopen_cob_valid(canopen->params.rpdo_cob_id[i]);
@@ -112,11 +42,15 @@ static void start_event_timer(canopen_t *canopen, uint8_t i) {
   }
 }
 
-static void start_tpdo(canopen_t *canopen, uint8_t i) {
+static void start_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->tpdo[i];
-  const uint8_t mapped = canopen->params.tpdo_mapped[i];
-  if (map(&canopen->params.tpdo_mapping[i * PDO_ENTRIES], mapped, true, pdo) != FW_OK) {
-    pdo->bits = 0;
+  const uint8_t count = canopen->params.tpdo_mapped[i];
+  uint16_t mapped[PDO_ENTRIES];
+  const int bits =
+      mapping_objects(&canopen->params.tpdo_mapping[i * PDO_ENTRIES], count, true, mapped);
+  pdo->bits = (uint8_t)((bits < 0) ? 0 : bits);
+  if (bits >= 0) {
+    mapping_places(objects, mapped, count, pdo->places);
   }
   pdo->pending = 1;
   pdo->syncs = 0;
@@ -135,12 +69,11 @@ static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
 /* A deadline starts with a frame, or when the axis becomes active. */
 static void start_rpdo(canopen_t *canopen, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
-  const uint8_t mapped = canopen->params.rpdo_mapped[i];
-  if (map(&canopen->params.rpdo_mapping[i * PDO_ENTRIES], mapped, false, pdo) != FW_OK) {
-    pdo->bits = 0;
-  }
+  const int bits = mapping_objects(&canopen->params.rpdo_mapping[i * PDO_ENTRIES],
+                                   canopen->params.rpdo_mapped[i], false, pdo->places);
+  pdo->bits = (uint8_t)((bits < 0) ? 0 : bits);
   pdo->pending = 0;
-  pdo->told = 0;
+  pdo->reported = 0;
   rpdo_in_time(canopen, i);
   canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i);
   if (rpdo_valid(canopen, i) && canopen->params.rpdo_timeout[i] != 0) {
@@ -150,10 +83,10 @@ static void start_rpdo(canopen_t *canopen, uint8_t i) {
   }
 }
 
-void pdo_start(canopen_t *canopen) {
+void pdo_start(canopen_t *canopen, const dictionary_t *objects) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     start_rpdo(canopen, i);
-    start_tpdo(canopen, i);
+    start_tpdo(canopen, objects, i);
   }
 }
 
@@ -167,16 +100,14 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   update_watched(canopen);
 }
 
-/* --- transmit --------------------------------------------------------------------------------- */
-
 /* What a TPDO would carry now. */
 typedef struct {
   uint32_t low;
   uint32_t high;
 } payload_t;
 
-static inline payload_t pack(const pdo_t *pdo, const fw_t *fw) {
-  const uint8_t *base = (const uint8_t *)fw;
+static inline payload_t pack(const pdo_t *pdo, const dictionary_t *objects) {
+  const uint8_t *base = (const uint8_t *)objects;
   return (payload_t){.low = fx_gather_le(base, pdo->places),
                      .high = fx_gather_le(base, &pdo->places[4])};
 }
@@ -224,18 +155,27 @@ static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint
   return canopen_has(canopen->tpdos_inhibited, i);
 }
 
-void pdo_tick(canopen_t *canopen, fw_t *fw) {
+void pdo_missed(canopen_t *canopen, uint32_t ticks) {
+  const uint32_t now = canopen->timers.now;
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    pdo_t *pdo = &canopen->tpdo[i];
+    pdo->event_tick = canopen_timer_caught_up(pdo->event_tick, now, ticks);
+    pdo->inhibit_tick = canopen_timer_caught_up(pdo->inhibit_tick, now, ticks);
+  }
+}
+
+void pdo_tick(canopen_t *canopen, const dictionary_t *objects) {
   const uint32_t now = canopen->timers.now;
   const uint8_t with_times = canopen->tpdos_timed | canopen->tpdos_inhibited;
   const uint8_t watched = canopen->tpdos_watched;
-  for (uint32_t left = with_times | watched; left != 0; left &= left - 1) {
-    const uint32_t i = fx_lowest_bit(left);
+  for (uint32_t remaining = with_times | watched; remaining != 0; remaining &= remaining - 1) {
+    const uint32_t i = fx_lowest_bit(remaining);
     pdo_t *pdo = &canopen->tpdo[i];
     if ((canopen_has(with_times, i) && is_inhibited(canopen, pdo, i, now)) ||
         !canopen_has(watched, i)) {
       continue;
     }
-    const payload_t payload = pack(pdo, fw);
+    const payload_t payload = pack(pdo, objects);
     if (has_changed(pdo, payload)) {
       send(canopen, pdo, canopen->params.tpdo_cob_id[i], payload);
       restart_times(canopen, pdo, i, now);
@@ -243,10 +183,10 @@ void pdo_tick(canopen_t *canopen, fw_t *fw) {
   }
 }
 
-static void sync_tpdo(canopen_t *canopen, fw_t *fw, uint8_t i) {
+static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->tpdo[i];
   const uint8_t type = canopen->params.tpdo_transmission[i];
-  const payload_t payload = pack(pdo, fw);
+  const payload_t payload = pack(pdo, objects);
   bool due = has_changed(pdo, payload);
   if (type != PDO_SYNC_ACYCLIC) {
     pdo->syncs = (uint8_t)(pdo->syncs + 1);
@@ -257,31 +197,29 @@ static void sync_tpdo(canopen_t *canopen, fw_t *fw, uint8_t i) {
   }
 }
 
-/* --- receive ---------------------------------------------------------------------------------- */
-
 /* An emergency that is not repeated until the PDO was all right again. */
-static void tell(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
+static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   pdo_t *pdo = &canopen->rpdo[i];
-  if ((pdo->told & what) == 0) {
-    pdo->told = (uint8_t)(pdo->told | what);
+  if ((pdo->reported & what) == 0) {
+    pdo->reported = (uint8_t)(pdo->reported | what);
     emcy_raise(canopen, code, (uint8_t)(i + 1));
   }
 }
 
 /* Writes the controlword, or all other objects; whether one was refused. */
-static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword) {
+static bool write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i, bool controlword) {
   const pdo_t *pdo = &canopen->rpdo[i];
   const uint32_t *entries = &canopen->params.rpdo_mapping[i * PDO_ENTRIES];
   bool refused = false;
   uint32_t bit = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
-    const uint8_t bits = entry_bits(entries[k]);
+    const uint8_t bits = mapping_bits(entries[k]);
     const uint16_t object = pdo->places[k];
     if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
-      const int result = fw_object_write(fw, FW_SOURCE_CANOPEN, object,
-                                         value_from_bits(part, axis_objects[object].type));
-      /* That another source owns the axis is no error of the one who sends. */
+      const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
+                                          value_from_bits(part, axis_objects[object].type));
+      /* A sender that does not own the axis makes no error. */
       refused = refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -289,78 +227,81 @@ static bool write_part(canopen_t *canopen, fw_t *fw, uint8_t i, bool controlword
   return refused;
 }
 
-/* Writes what came. An object that refuses its value keeps the old one; the others take theirs. */
-static void take_over(canopen_t *canopen, fw_t *fw, uint8_t i) {
+/* Writes the received values. An object that refuses its value keeps the old one; the others
+ * change. */
+static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
-  /* The deadline is of what acts: frames that wait for a SYNC in vain do not keep it. */
+  /* The deadline is met by values that act, not by frames that wait for a SYNC in vain. */
   rpdo_in_time(canopen, i);
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
                       fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   /* The controlword last: it acts on the target and the mode that came with it. */
-  const bool refused_other = write_part(canopen, fw, i, false);
-  const bool refused = write_part(canopen, fw, i, true) || refused_other;
+  const bool refused_other = write_part(canopen, objects, i, false);
+  const bool refused = write_part(canopen, objects, i, true) || refused_other;
   if (refused) {
-    tell(canopen, i, PDO_TOLD_REFUSED, AXIS_ERROR_CODE_PARAMETER_REFUSED);
+    report(canopen, i, PDO_REPORTED_REFUSED, AXIS_ERROR_CODE_PARAMETER_REFUSED);
   } else {
-    pdo->told = (uint8_t)(pdo->told & ~(uint32_t)PDO_TOLD_REFUSED);
+    pdo->reported = (uint8_t)(pdo->reported & ~(uint32_t)PDO_REPORTED_REFUSED);
   }
 }
 
-static void receive(canopen_t *canopen, fw_t *fw, uint8_t i, const can_frame_t *frame) {
+static void receive(canopen_t *canopen, dictionary_t *objects, uint8_t i,
+                    const can_frame_t *frame) {
   pdo_t *pdo = &canopen->rpdo[i];
   const uint8_t bytes = (uint8_t)fx_octets(pdo->bits);
   if (frame->length < bytes) {
-    tell(canopen, i, PDO_TOLD_SHORT, AXIS_ERROR_CODE_PDO_SHORT);
+    report(canopen, i, PDO_REPORTED_SHORT, AXIS_ERROR_CODE_PDO_SHORT);
     return;
   }
   if (frame->length > bytes) {
-    tell(canopen, i, PDO_TOLD_LONG, AXIS_ERROR_CODE_PDO_LONG);
+    report(canopen, i, PDO_REPORTED_LONG, AXIS_ERROR_CODE_PDO_LONG);
   } else {
-    pdo->told = (uint8_t)(pdo->told & PDO_TOLD_REFUSED);
+    pdo->reported = (uint8_t)(pdo->reported & PDO_REPORTED_REFUSED);
   }
   pdo->value = fx_load_payload(frame->data, bytes);
   pdo->pending = 1;
   if (canopen->params.rpdo_transmission[i] > PDO_SYNC_MAX) {
-    take_over(canopen, fw, i);
+    take_over(canopen, objects, i);
   }
 }
 
-void pdo_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame) {
+void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (rpdo_valid(canopen, i) && canopen->rpdo[i].bits != 0 &&
         canopen_can_id(canopen->params.rpdo_cob_id[i]) == frame->id) {
-      receive(canopen, fw, i, frame);
+      receive(canopen, objects, i, frame);
     }
   }
 }
 
-void pdo_sync(canopen_t *canopen, fw_t *fw) {
+void pdo_sync(canopen_t *canopen, dictionary_t *objects) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (tpdo_valid(canopen, i) && !is_event_driven(canopen, i)) {
-      sync_tpdo(canopen, fw, i);
+      sync_tpdo(canopen, objects, i);
     }
   }
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (canopen->rpdo[i].pending != 0) {
-      take_over(canopen, fw, i);
+      take_over(canopen, objects, i);
     }
   }
 }
 
-void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo) {
-  /* It begins anew with the axis being active, also for who enables again without the RPDO. */
+void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
+  /* The deadline starts again when the axis is active, also if it is enabled again without the
+   * RPDO. */
   canopen_put(&canopen->rpdos_waiting, rpdo);
-  if (!fw_is_active(fw)) {
+  if (!active) {
     return;
   }
-  canopen->rpdo[rpdo].pending = 0; /* what waits for a SYNC is too old to act */
+  canopen->rpdo[rpdo].pending = 0; /* a value that waits for a SYNC is too old to act */
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
     emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
   }
-  fw_source_lost(fw, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
+  canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_PDO_TIMEOUT);
 }
 
 void pdo_restart_deadlines(canopen_t *canopen) {
@@ -383,10 +324,7 @@ bool pdo_has_deadline(const canopen_t *canopen) {
   return false;
 }
 
-void pdo_watch(canopen_t *canopen, const fw_t *fw) {
-  if (!fw_is_active(fw)) {
-    return;
-  }
+void pdo_axis_active(canopen_t *canopen) {
   for (uint32_t i = 0; i < CANOPEN_PDOS; i++) {
     if (canopen_has(canopen->rpdos_waiting, i)) {
       canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + i,
@@ -395,8 +333,6 @@ void pdo_watch(canopen_t *canopen, const fw_t *fw) {
   }
   canopen->rpdos_waiting = 0;
 }
-
-/* --- parameters ------------------------------------------------------------------------------- */
 
 /* Both directions keep the same rules; `transmit` and the number say which PDO is meant. */
 typedef struct {
@@ -428,6 +364,13 @@ static side_t side_of(const canopen_t *canopen, bool transmit) {
                   AXIS_OBJ_RPDO_MAPPING_1, false};
 }
 
+/* Whether the first `count` entries of a PDO fit together. */
+static int check_mapped(const side_t *side, uint32_t i, uint8_t count) {
+  uint16_t mapped[PDO_ENTRIES];
+  const int bits = mapping_objects(&side->mapping[i * PDO_ENTRIES], count, side->transmit, mapped);
+  return (bits < 0) ? bits : FW_OK;
+}
+
 static int check_side(const side_t *side, uint16_t object, uint32_t value) {
   int i = canopen_element(object, side->first_cob_id, CANOPEN_PDOS);
   if (i >= 0) {
@@ -444,9 +387,8 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
     if (side->mapped[i] == value) {
       return FW_OK;
     }
-    return canopen_cob_valid(side->cob_id[i])
-               ? FW_ERROR_STATE
-               : map(&side->mapping[i * PDO_ENTRIES], (uint8_t)value, side->transmit, NULL);
+    return canopen_cob_valid(side->cob_id[i]) ? FW_ERROR_STATE
+                                              : check_mapped(side, (uint32_t)i, (uint8_t)value);
   }
   i = canopen_element(object, side->first_mapping, CANOPEN_PDOS * PDO_ENTRIES);
   if (i >= 0) {
@@ -458,7 +400,7 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
       return FW_ERROR_STATE;
     }
     uint16_t mapped = AXIS_OBJ_NONE;
-    return (value == 0) ? FW_OK : resolve(value, side->transmit, &mapped);
+    return (value == 0) ? FW_OK : mapping_resolve(value, side->transmit, &mapped);
   }
   if (side->transmit) {
     i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
@@ -494,7 +436,7 @@ static int communication_of(const side_t *side, uint16_t object) {
   return -1;
 }
 
-void pdo_written(canopen_t *canopen, uint16_t object) {
+void pdo_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object) {
   const side_t receive_side = side_of(canopen, false);
   int i = communication_of(&receive_side, object);
   if (i >= 0) {
@@ -504,6 +446,6 @@ void pdo_written(canopen_t *canopen, uint16_t object) {
   const side_t transmit_side = side_of(canopen, true);
   i = communication_of(&transmit_side, object);
   if (i >= 0) {
-    start_tpdo(canopen, (uint8_t)i);
+    start_tpdo(canopen, objects, (uint8_t)i);
   }
 }

@@ -18,58 +18,42 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
-#include "firmware/canopen/can.h"
-
-typedef struct canopen canopen_t;
-
-enum { PDO_ENTRIES = 8, PDO_BYTES = 8, PDO_BITS = 64 };
 
 /* Transmission types. Others up to 253 are refused. */
 enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, PDO_EVENT = 255 };
 
-typedef struct {
-  uint64_t value;               /* RPDO: taken over at the next SYNC */
-  uint32_t sent[2];             /* TPDO: its bytes as last sent, least significant first */
-  uint16_t places[PDO_ENTRIES]; /* RPDO: AXIS_OBJ_ of each entry, none: a dummy; TPDO: where in fw_t
-                                   each of its 8 bytes lies */
-  uint32_t event_tick;          /* TPDO: when its event and inhibit times end, if they run */
-  uint32_t inhibit_tick;
-  uint8_t bits;    /* of all mapped objects, 0: does nothing */
-  uint8_t pending; /* RPDO: `value` waits; TPDO: is to be sent whether it changed or not */
-  uint8_t syncs;   /* TPDO: since it was last sent */
-  uint8_t told;    /* RPDO: the emergencies that were given since one was all right, PDO_TOLD_ */
-} pdo_t;
-
-enum { PDO_TOLD_SHORT = 1, PDO_TOLD_LONG = 2, PDO_TOLD_REFUSED = 4 };
-
 /* Takes up the parameters of all PDOs, and starts or stops their timers. */
-void pdo_start(canopen_t *canopen);
+void pdo_start(canopen_t *canopen, const dictionary_t *objects);
 
-/* The node became operational, or left it. */
+/* The node entered or left the operational state. */
 void pdo_operational(canopen_t *canopen, bool operational);
 
 /* A data frame with an identifier that no other service took. */
-void pdo_receive(canopen_t *canopen, fw_t *fw, const can_frame_t *frame);
+void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
 /* TPDOs take their samples, then what RPDOs brought is taken over. */
-void pdo_sync(canopen_t *canopen, fw_t *fw);
+void pdo_sync(canopen_t *canopen, dictionary_t *objects);
 
 /* Event-driven TPDOs; to be called while any is watched or inhibited. */
-void pdo_tick(canopen_t *canopen, fw_t *fw);
+void pdo_tick(canopen_t *canopen, const dictionary_t *objects);
+
+/* Ticks that did not come, as canopen_timers_missed(), for the times of TPDOs; before that. */
+void pdo_missed(canopen_t *canopen, uint32_t ticks);
 
 /* An RPDO did not come in time. */
-void pdo_late(canopen_t *canopen, fw_t *fw, uint8_t rpdo);
+void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo);
 /* Deadlines that are not running, or were missed, begin anew, as soon as the axis is active. */
 void pdo_restart_deadlines(canopen_t *canopen);
 /* Whether any RPDO has one. */
 bool pdo_has_deadline(const canopen_t *canopen);
-/* Deadlines begin anew when the axis becomes active. */
-void pdo_watch(canopen_t *canopen, const fw_t *fw);
+/* The axis is active: deadlines that waited for it begin. */
+void pdo_axis_active(canopen_t *canopen);
 
 /* canopen_check() and canopen_written() of the PDOs' objects; a refusal above 0: none of them. */
 enum { PDO_NOT_MINE = 1 };
 int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value);
-void pdo_written(canopen_t *canopen, uint16_t object);
+void pdo_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object);
 
 #endif

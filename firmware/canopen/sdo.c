@@ -3,9 +3,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/canopen/cob_id.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/canopen/node.h"
+#include "firmware/objects/value.h"
 
 /* Command specifiers: the client's, of a request, and the server's, shifted to their place. */
 enum {
@@ -27,7 +28,7 @@ enum { EXPEDITED = 0x02, SIZED = 0x01, TOGGLE = 0x10, LAST = 0x01, SEGMENT_BYTES
 /* What one request needs on its way. */
 typedef struct {
   canopen_t *canopen;
-  fw_t *fw;
+  dictionary_t *objects;
   sdo_server_t *server;
   const uint8_t *data;
   uint8_t number;
@@ -90,7 +91,7 @@ static void abort_segment(const request_t *request, uint32_t code) {
 
 /* Whether there is anything at an index. */
 static bool has_index(uint16_t index) {
-  return fw_address(index, 0) != NULL || fw_address(index, 1) != NULL;
+  return dictionary_address(index, 0) != NULL || dictionary_address(index, 1) != NULL;
 }
 
 static const uint32_t abort_of_refusal[] = {
@@ -98,7 +99,7 @@ static const uint32_t abort_of_refusal[] = {
     [-FW_ERROR_WRITE_ONLY] = SDO_ABORT_WRITE_ONLY, [-FW_ERROR_RANGE] = SDO_ABORT_VALUE,
     [-FW_ERROR_STATE] = SDO_ABORT_STATE,           [-FW_ERROR_NO_DATA] = SDO_ABORT_NO_DATA,
     [-FW_ERROR_LOCKED] = SDO_ABORT_LOCKED,         [-FW_ERROR_BUSY] = SDO_ABORT_STATE,
-    [-FW_ERROR_MAPPING] = SDO_ABORT_MAPPING,
+    [-FW_ERROR_MAPPING] = SDO_ABORT_MAPPING,       [-FW_ERROR_NO_MEMORY] = SDO_ABORT_HARDWARE,
 };
 
 static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
@@ -135,7 +136,7 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
 static uint32_t write_value(const request_t *request, uint16_t object, const uint8_t *bytes) {
   const uint8_t type = axis_objects[object].type;
   const int32_t value = value_from_bits(fx_load_le(bytes, value_bytes(type)), type);
-  const int result = fw_object_write(request->fw, request->number, object, value);
+  const int result = dictionary_write(request->objects, request->number, object, value);
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
@@ -163,7 +164,7 @@ static void initiate_download(const request_t *request) {
   const bool sized = (data[0] & SIZED) != 0;
   const uint32_t size = expedited ? 4 - fx_field(data[0], 2, 2) : fx_load_le(data + 4, 4);
   const uint16_t index = index_of(data);
-  const axis_address_t *address = fw_address(index, data[3]);
+  const axis_address_t *address = dictionary_address(index, data[3]);
   uint32_t code = refuse_download(request, address, sized, size);
   if (code == 0 && expedited) {
     code = write_value(request, address->value, data + 4);
@@ -261,7 +262,7 @@ static void begin_upload(const request_t *request, uint8_t what, uint32_t size) 
 }
 
 static void upload_text(const request_t *request) {
-  const char *text = fw_text(request->fw, index_of(request->data));
+  const char *text = dictionary_text(request->objects, index_of(request->data));
   uint32_t size = 0;
   while (text[size] != 0) {
     size++;
@@ -271,7 +272,7 @@ static void upload_text(const request_t *request) {
 
 static void initiate_upload(const request_t *request) {
   const uint16_t index = index_of(request->data);
-  const axis_address_t *address = fw_address(index, request->data[3]);
+  const axis_address_t *address = dictionary_address(index, request->data[3]);
   if (address == NULL) {
     abort_initiate(request, has_index(index) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT);
     return;
@@ -285,7 +286,7 @@ static void initiate_upload(const request_t *request) {
     return;
   }
   if (address->what == AXIS_ADDRESS_DOMAIN) {
-    const uint32_t size = fw_recording_size(request->fw);
+    const uint32_t size = dictionary_domain_size(request->objects);
     if (size == 0) {
       abort_initiate(request, SDO_ABORT_NO_DATA);
     } else {
@@ -294,7 +295,7 @@ static void initiate_upload(const request_t *request) {
     return;
   }
   int32_t value = 0;
-  const int result = fw_object_read(request->fw, address->value, &value);
+  const int result = dictionary_read(request->objects, address->value, &value);
   if (result != FW_OK) {
     abort_initiate(request, abort_of_refusal[-result]);
   } else {
@@ -312,16 +313,16 @@ static void upload_segment(const request_t *request) {
     abort_segment(request, code);
     return;
   }
-  const uint32_t left = server->size - server->offset;
-  const uint32_t count = (left < SEGMENT_BYTES) ? left : SEGMENT_BYTES;
-  const bool last = left <= SEGMENT_BYTES;
+  const uint32_t remaining = server->size - server->offset;
+  const uint32_t count = (remaining < SEGMENT_BYTES) ? remaining : SEGMENT_BYTES;
+  const bool last = remaining <= SEGMENT_BYTES;
   const uint32_t command = SERVER_UPLOAD_SEGMENT + ((server->toggle != 0) ? TOGGLE : 0u) +
                            (SEGMENT_BYTES - count) * 2 + (last ? LAST : 0u);
   can_frame_t *frame = answer(request->canopen, request->number, (uint8_t)command, 0, 0);
   if (frame != NULL && server->what == AXIS_ADDRESS_DOMAIN) {
-    (void)fw_recording_bytes(request->fw, server->offset, frame->data + 1, count);
+    (void)dictionary_domain_read(request->objects, server->offset, frame->data + 1, count);
   } else if (frame != NULL) {
-    const char *text = fw_text(request->fw, server->index);
+    const char *text = dictionary_text(request->objects, server->index);
     for (uint32_t i = 0; i < count; i++) {
       frame->data[1 + i] = (uint8_t)text[server->offset + i];
     }
@@ -335,12 +336,13 @@ static void upload_segment(const request_t *request) {
   }
 }
 
-void sdo_receive(canopen_t *canopen, fw_t *fw, uint8_t server, const can_frame_t *frame) {
+void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
+                 const can_frame_t *frame) {
   if (frame->length != 8) {
     return;
   }
   const request_t request = {.canopen = canopen,
-                             .fw = fw,
+                             .objects = objects,
                              .server = &canopen->sdo[server],
                              .data = frame->data,
                              .number = server};

@@ -2,15 +2,13 @@
 #define FIRMWARE_CANOPEN_SDO_H_
 
 /* SDO servers of a CANopen node: expedited and segmented transfers in both directions, no blocks.
- * Each server writes on behalf of one source: the lock of the axis tells them apart. Requests that
+ * Each server writes on behalf of one source: the source lock distinguishes them. Requests that
  * do not have 8 bytes get no answer, as CiA 301 asks for. */
 
 #include <stdint.h>
 
+#include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
-#include "firmware/canopen/can.h"
-
-typedef struct canopen canopen_t;
 
 /* Abort codes. The comment is what leads to it here. */
 #define SDO_ABORT_TOGGLE UINT32_C(0x05030000)
@@ -22,6 +20,7 @@ typedef struct canopen canopen_t;
 #define SDO_ABORT_MAPPING UINT32_C(0x06040041)    /* cannot be mapped into this PDO */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042) /* the objects mapped do not fit */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)  /* two heartbeat consumers for one node */
+#define SDO_ABORT_HARDWARE UINT32_C(0x06060000)   /* no memory for parameters */
 #define SDO_ABORT_LENGTH UINT32_C(0x06070010)     /* other than the length that was announced */
 #define SDO_ABORT_TOO_LONG UINT32_C(0x06070012)
 #define SDO_ABORT_TOO_SHORT UINT32_C(0x06070013)
@@ -37,25 +36,9 @@ typedef struct canopen canopen_t;
 /* How long the next segment may take. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
-enum { SDO_IDLE = 0, SDO_DOWNLOAD = 1, SDO_UPLOAD = 2 };
-
-/* A segmented transfer; an expedited one leaves nothing behind. */
-typedef struct {
-  uint32_t size;   /* upload: of all; download: as announced */
-  uint32_t offset; /* bytes transferred */
-  uint16_t index;
-  uint16_t object; /* download: AXIS_OBJ_ */
-  uint8_t sub;
-  uint8_t what;     /* upload: AXIS_ADDRESS_TEXT or _DOMAIN */
-  uint8_t state;    /* SDO_ */
-  uint8_t toggle;   /* of the next segment */
-  uint8_t sized;    /* download: the size was announced */
-  uint8_t replaced; /* upload: the recording is no longer the one that was begun */
-  uint8_t data[4];  /* download */
-} sdo_server_t;
-
 /* Server 0 is the default one: CANOPEN; 1: MODBUS, 2: LCM. */
-void sdo_receive(canopen_t *canopen, fw_t *fw, uint8_t server, const can_frame_t *frame);
+void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
+                 const can_frame_t *frame);
 
 /* The client has kept a segmented transfer waiting for too long. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);

@@ -2,13 +2,14 @@
 #define FIRMWARE_CANOPEN_TIMERS_H_
 
 /* Timers of the node, in ticks; those of the TPDOs are in pdo.h. Each is kept in the slot of a
- * tick, modulo CANOPEN_TIMER_SLOTS, not after the one in which it runs out, so a tick looks at
+ * tick, modulo CANOPEN_TIMER_SLOTS, not after the one in which it runs out, so a tick checks
  * those of its slot only; none of them costs one comparison. One that is started again before it
- * ran out, as most are, stays in its slot and moves on when that is looked at. */
+ * ran out, as most are, stays in its slot and moves on when that is checked. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
 enum {
@@ -69,6 +70,17 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
 /* The timers that run out in this tick, unless they are started or stopped before they are taken.
  * To be asked for once in each tick: a timer that was passed over would never be found. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
+
+/* `ticks` ticks go by in which nothing was served: timers of what is sent run out in the coming
+ * tick if they would have run out meanwhile, those of what is received (CONSUMER and up) that much
+ * later.
+ */
+void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
+
+/* A time to come, or the present one if it passes within `ticks` ticks that were missed. */
+static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
+  return (at - now < ticks) ? now + ticks : at;
+}
 
 /* Whether one of them still runs out; if so, it is stopped by this. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {

@@ -3,9 +3,9 @@
 #include "firmware/core/faults.h"
 #include "firmware/core/laws.h"
 #include "firmware/core/limits.h"
-#include "firmware/core/modes.h"
-#include "firmware/objects/value.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
+#include "firmware/objects/value.h"
 
 _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
 
@@ -107,9 +107,11 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
   measure(axis, inputs);
 
-  const uint8_t mode = mode_next(params->mode, signals->fault != AXIS_FAULT_NONE);
+  /* Every mode can follow every other one, because the change leaves no bump. */
+  const uint8_t mode =
+      (signals->fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : params->mode;
   update_setpoint(axis, mode);
-  if (!mode_is_enabled(mode)) {
+  if (mode == AXIS_MODE_DISABLED) {
     switch_off(axis, outputs);
     return;
   }
@@ -136,7 +138,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* Unlimited, so that a late code still tells of its saturation: |law| < 2050, |bias| < 4098. */
+  /* Unlimited, so that a late code still shows its saturation: |law| < 2050, |bias| < 4098. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
     signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
@@ -156,6 +158,24 @@ void axis_init(axis_t *axis) {
   axis->rebase = 0;
   axis->bias_shift = 0;
   axis->setpoint_new = 0;
+}
+
+int axis_check(const axis_t *axis, uint16_t object, int32_t value) {
+  bool fits = true;
+  switch (object) {
+    case AXIS_OBJ_FORCE_SIGN:
+      fits = value != 0;
+      break;
+    case AXIS_OBJ_POSITION_MIN:
+      fits = value <= axis->params.position_max;
+      break;
+    case AXIS_OBJ_POSITION_MAX:
+      fits = value >= axis->params.position_min;
+      break;
+    default:
+      break;
+  }
+  return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value) {

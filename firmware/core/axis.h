@@ -51,7 +51,7 @@ typedef struct {
   excitation_t excitation;
   uint8_t primed;       /* signals.position is the count of the last tick */
   uint8_t rebase;       /* the next code continues from the one put out before it */
-  uint8_t bias_shift;   /* bump_decay_shift at the change that left signals.bump_bias */
+  uint8_t bias_shift;   /* bump_decay_shift at the change that set signals.bump_bias */
   uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
 } axis_t;
 
@@ -82,6 +82,10 @@ void axis_init(axis_t *axis);
  *
  * The three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
+
+/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK or
+ * FW_ERROR_RANGE. */
+int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
 /* Tells the axis that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
  * the same value again changes nothing, except that a position_setpoint is new each time. */

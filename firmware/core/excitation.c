@@ -12,7 +12,7 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
     excitation->age_tick = 0;
     excitation->held_tick = 0;
   }
-  /* Saturates, after which a period can no longer be told. */
+  /* Saturates, after which a period can no longer be recognised. */
   excitation->age_tick += (excitation->age_tick < INT32_MAX) ? 1 : 0;
   if (params->excitation_waveform == AXIS_EXCITATION_WAVEFORM_SINE) {
     const int32_t value = fx_sine_q15(excitation->phase_q32);

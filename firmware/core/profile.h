@@ -27,6 +27,26 @@ static inline void profile_set(profile_t *profile, int32_t position_cnt) {
   profile->velocity_q16 = 0;
 }
 
+/* The speed of the next tick on the way to a place at the distance d, Q16: the fastest of `wanted`,
+ * the present speed v and the braking or landing step from which the place can be stopped at. v and
+ * `wanted` are toward the place, v at most `most` unless it is being lowered; rates up and down. */
+static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, int32_t most,
+                                         int32_t up, int32_t down) {
+  const uint64_t room = fx_stopping_room(down, d);
+  if (wanted > down && fx_stops_within(wanted, down, room)) {
+    return wanted;
+  }
+  /* Holding the speed uses up what braking leaves over; after it less than `down` is left over. */
+  if (v > down && v <= most && fx_stops_within(v, down, room)) {
+    return v;
+  }
+  /* A step of at most `down` can be stopped in the tick after it: this is the landing. At speeds
+   * above twice that the lower bound makes it the braking step. */
+  const int32_t limit = (most < down) ? most : down;
+  const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
+  return fx_clamp(landing, v - down, v + up);
+}
+
 /* One tick toward the target. velocity_max 1..2^27, acceleration_max 1..2^24, both Q16. */
 void profile_step(profile_t *profile, int32_t target_cnt, uint32_t velocity_max_q16,
                   uint32_t acceleration_max_q16);

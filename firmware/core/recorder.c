@@ -2,8 +2,9 @@
 
 #include <stdbool.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {
   value_store_defaults(&recorder->params, AXIS_BLOCK_RECORDER_PARAMETER);
@@ -36,10 +37,10 @@ int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8
   recorder->channel_count = count;
   recorder->sample_bytes = sample_bytes;
   recorder->trigger_primed = 0;
-  recorder->decimation_left = 0;
+  recorder->decimation_remaining = 0;
   recorder->write_index = 0;
   recorder->first_index = 0;
-  recorder->samples_left = 0;
+  recorder->samples_remaining = 0;
   recorder->signals = (recorder_signals_t){.recorder_capacity = capacity,
                                            .recorder_state = AXIS_RECORDER_STATE_ARMED};
   return 0;
@@ -100,7 +101,7 @@ static void start_recording(recorder_t *recorder) {
   recorder_signals_t *signals = &recorder->signals;
   signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;
   signals->recorder_trigger_index = signals->recorder_count;
-  recorder->samples_left = signals->recorder_capacity - signals->recorder_count;
+  recorder->samples_remaining = signals->recorder_capacity - signals->recorder_count;
 }
 
 void recorder_tick(recorder_t *recorder, const void *base) {
@@ -112,16 +113,16 @@ void recorder_tick(recorder_t *recorder, const void *base) {
   if (signals->recorder_state == AXIS_RECORDER_STATE_ARMED && triggered(recorder, base)) {
     start_recording(recorder);
   }
-  if (recorder->decimation_left != 0) {
-    recorder->decimation_left -= 1;
+  if (recorder->decimation_remaining != 0) {
+    recorder->decimation_remaining -= 1;
     return;
   }
-  recorder->decimation_left = (uint16_t)(recorder->params.recorder_decimation - 1);
+  recorder->decimation_remaining = (uint16_t)(recorder->params.recorder_decimation - 1);
   if (signals->recorder_state == AXIS_RECORDER_STATE_RECORDING) {
     store_sample(recorder, base);
     signals->recorder_count += 1;
-    recorder->samples_left -= 1;
-    if (recorder->samples_left == 0) {
+    recorder->samples_remaining -= 1;
+    if (recorder->samples_remaining == 0) {
       signals->recorder_state = AXIS_RECORDER_STATE_DONE;
     }
     return;

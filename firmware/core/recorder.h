@@ -36,10 +36,10 @@ typedef struct {
   uint8_t sample_bytes;
   uint8_t trigger_primed; /* trigger_previous holds the value of the last tick */
   int32_t trigger_previous;
-  uint16_t decimation_left; /* ticks until the next sample */
-  uint32_t write_index;     /* slot of the next sample, 0..capacity-1 */
-  uint32_t first_index;     /* slot of sample 0 */
-  uint32_t samples_left;    /* until done, once triggered */
+  uint16_t decimation_remaining; /* ticks until the next sample */
+  uint32_t write_index;          /* slot of the next sample, 0..capacity-1 */
+  uint32_t first_index;          /* slot of sample 0 */
+  uint32_t samples_remaining;    /* until done, once triggered */
 } recorder_t;
 
 /* Idle, without channels. The buffer stays with the caller and must outlive the recorder; it needs

@@ -1,11 +1,14 @@
 #include "firmware/drive/drive.h"
 
-#include "firmware/objects/value.h"
-#include "firmware/objects/access.h"
 #include "firmware/drive/modes.h"
+#include "firmware/drive/motion.h"
+#include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/status.h"
 #include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
+#include "firmware/objects/value.h"
 
 /* What the option codes say. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
@@ -32,7 +35,7 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->force_written = 0;
 }
 
-/* The same of the native modes, whose set-points have no flag but 0. */
+/* The set-points of the native modes have no such flag: 0 is none. */
 static void forget_setpoints(axis_t *axis) {
   axis->params.open_loop_code = 0;
   axis->params.excitation_amplitude = 0;
@@ -50,7 +53,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    /* What was asked for before a fault must be asked for again. */
+    /* Targets from before a fault must be written again. */
     cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
@@ -88,7 +91,7 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
-  drive->lent = (cia402_lent_t){0};
+  drive->overridden = (cia402_overridden_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
   drive->stopping_tick = 0;
@@ -122,8 +125,6 @@ void cia402_wake(cia402_t *drive, const axis_t *axis) {
   }
   cia402_show(drive, axis);
 }
-
-/* --- before the tick -------------------------------------------------------------------------- */
 
 static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
@@ -171,14 +172,14 @@ static bool wants_other_mode(const cia402_t *drive) {
 
 static void operate(cia402_t *drive, axis_t *axis) {
   if (drive->leaving != 0) {
-    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+    if (motion_slow_down(drive, axis, rate_of(drive, false))) {
       enter(drive, drive->leaving_to);
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
     }
     return;
   }
   if (wants_other_mode(drive)) {
-    if (cia402_slow_down(drive, axis, rate_of(drive, false))) {
+    if (motion_slow_down(drive, axis, rate_of(drive, false))) {
       change_mode(drive);
     }
     return;
@@ -191,7 +192,7 @@ static void operate(cia402_t *drive, axis_t *axis) {
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
-  const bool stands = cia402_slow_down(drive, axis, rate_of(drive, quick));
+  const bool stands = motion_slow_down(drive, axis, rate_of(drive, quick));
   if (drive->stopping_tick < CIA402_STOPPING_TICKS) {
     drive->stopping_tick = (uint16_t)(drive->stopping_tick + 1);
   }
@@ -204,7 +205,7 @@ static void stop_quickly(cia402_t *drive, axis_t *axis) {
   if (option == QUICK_STOP_DISABLE ||
       (has_stopped(drive, axis, quick) && option < QUICK_STOP_STAY)) {
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
-    cia402_rest(drive, axis);
+    motion_rest(drive, axis);
   }
 }
 
@@ -213,7 +214,7 @@ static void react(cia402_t *drive, axis_t *axis) {
   if (option == STOP_AT_ONCE || has_stopped(drive, axis, option == STOP_QUICK)) {
     axis_fault(axis, drive->fault);
     enter(drive, AXIS_DRIVE_STATE_FAULT);
-    cia402_rest(drive, axis);
+    motion_rest(drive, axis);
   }
 }
 
@@ -237,19 +238,17 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
       break;
     case AXIS_DRIVE_STATE_NOT_READY:
       enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
       break;
     default:
-      cia402_rest(drive, axis);
+      motion_rest(drive, axis);
       break;
   }
 }
 
-/* --- after the tick --------------------------------------------------------------------------- */
-
 void cia402_after(cia402_t *drive, axis_t *axis) {
   const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-                             cia402_controls_force(drive->signals.modes_of_operation_display);
+                             cia402_mode(drive)->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
@@ -262,10 +261,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     drive->homing = CIA402_HOMING_BEGUN;
   }
   cia402_observe(drive, axis);
-  cia402_take_back(drive, axis);
+  motion_restore(drive, axis);
 }
-
-/* --- between ticks ---------------------------------------------------------------------------- */
 
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
   bool right = true;
@@ -296,7 +293,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
 
 /* Out of operation, at once or after slowing down (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
-  if (option == STOP_AT_ONCE || cia402_stands(drive) ||
+  if (option == STOP_AT_ONCE || motion_stands(drive) ||
       axis->signals.active_mode == AXIS_MODE_DISABLED) {
     enter(drive, to);
     return;
@@ -311,7 +308,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
   if (to == from) {
     if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
-      drive->leaving = 0; /* changed its mind while slowing down */
+      drive->leaving = 0; /* enabled again while slowing down */
     }
     return;
   }
@@ -346,7 +343,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
-    drive->position_written = 0; /* go on to where the next target says */
+    drive->position_written = 0; /* continues with the next target */
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
       wants_other_mode(drive)) {
@@ -355,7 +352,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   switch (drive->signals.modes_of_operation_display) {
     case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
     case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
-      cia402_take_setpoint(drive);
+      position_take_setpoint(drive);
       break;
     case AXIS_MODES_OF_OPERATION_HOMING:
       drive->homing = CIA402_HOMING_ASKED;
@@ -379,14 +376,14 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_MODES_OF_OPERATION:
       if (wants_other_mode(drive) &&
-          (!cia402_is_powered(state_of(drive)) || cia402_stands(drive))) {
+          (!cia402_is_powered(state_of(drive)) || motion_stands(drive))) {
         change_mode(drive);
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
       drive->position_written = 1;
-      drive->interpolation_left = fx_ticks_from_period(drive->params.interpolation_period,
-                                                       drive->params.interpolation_exponent);
+      drive->interpolation_remaining = fx_ticks_from_period(drive->params.interpolation_period,
+                                                            drive->params.interpolation_exponent);
       break;
     case AXIS_OBJ_TARGET_VELOCITY:
       drive->velocity_written = 1;
@@ -396,7 +393,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_POLARITY:
       if (value != previous) {
-        cia402_forget_targets(drive); /* they were meant the other way round */
+        cia402_forget_targets(drive); /* they were meant in the other direction */
       }
       break;
     case AXIS_OBJ_RATED_FORCE:

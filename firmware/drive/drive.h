@@ -5,9 +5,9 @@
  * writes the axis' mode and set-points before a tick and reads its signals after it.
  *
  * Parameters of the axis stay the user's. What the drive needs to put there for a tick (set-points,
- * raw_step, a step instead of a bump bias) is lent: written before axis_tick() and taken back after
- * it, so that between ticks everybody reads what was written. Only `mode` tells what the drive asks
- * of the axis, and position_setpoint is where the drive has led it when -4 takes over.
+ * raw_step, a step instead of a bump bias) overrides them: written before axis_tick() and restored
+ * after it, so that between ticks they read as they were written. Only `mode` tells what the drive
+ * asks of the axis, and position_setpoint is where the drive has led it when -4 takes over.
  *
  * A target acts only if it was written for what uses it: a target position since cyclic position
  * was last left, halted or homed, target velocity and force since the last fault. Until then the
@@ -19,8 +19,8 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/fx/fx.h"
 #include "firmware/drive/contact.h"
+#include "firmware/fx/fx.h"
 
 /* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
 enum {
@@ -46,14 +46,14 @@ typedef struct {
   uint32_t speed;   /* count/s */
 } cia402_setpoint_t;
 
-/* What the axis' parameters held before they were lent. */
+/* The axis' parameters that are overridden for the tick, as they are stored. */
 typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
-  uint8_t lent;
-} cia402_lent_t;
+  uint8_t active; /* 1: they are overridden */
+} cia402_overridden_t;
 
 /* Copying it copies the drive. Signals are those of the latest tick; but the forces,
  * current_actual, velocity_sensor and drive_inputs are made anew in every second tick only, and in
@@ -69,19 +69,19 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
-  fx_ratio_t force_of_reading; /* and back */
-  int32_t force_demand_q16;    /* per mille, Q16 */
-  cia402_setpoint_t setpoint;  /* being pursued, or pursued last */
-  cia402_setpoint_t buffered;  /* the one after it */
-  uint32_t interpolation_left; /* ticks until the cyclic target is to be reached */
-  uint32_t outside_tick;       /* ticks that the following error was outside its window */
-  uint32_t reached_tick;       /* ticks that the target has been reached */
-  uint32_t standing_tick;      /* ticks that the axis has stood */
-  int32_t velocity_sum;        /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
+  fx_ratio_t reading_of_force;      /* 1/256 count of the reading per per mille */
+  fx_ratio_t force_of_reading;      /* and back */
+  int32_t force_demand_q16;         /* per mille, Q16 */
+  cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
+  cia402_setpoint_t buffered;       /* the one after it */
+  uint32_t interpolation_remaining; /* ticks until the cyclic target is to be reached */
+  uint32_t outside_tick;            /* ticks that the following error was outside its window */
+  uint32_t reached_tick;            /* ticks that the target has been reached */
+  uint32_t standing_tick;           /* ticks that the axis has stood */
+  int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
-  cia402_lent_t lent;
+  cia402_overridden_t overridden;
   uint8_t velocity_next;      /* slot of the oldest */
   uint8_t tracking;           /* CIA402_TRACKING_ */
   uint8_t setpoint_active;    /* 1: setpoint is being pursued */
@@ -130,8 +130,8 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 /* What was written for the modes of the drive acts no more until it is written again. */
 void cia402_forget_targets(cia402_t *drive);
 
-/* The owner of the axis has gone: what abort_connection_option says, with this fault, if the axis
- * is enabled. What it asked for is forgotten, unless the axis is to go on. */
+/* The owner of the axis is lost: does what abort_connection_option says, with this fault, if the
+ * axis is enabled. What it asked for is forgotten, unless the axis is to go on. */
 void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 /* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */

@@ -1,57 +1,47 @@
 #ifndef FIRMWARE_DRIVE_MODES_H_
 #define FIRMWARE_DRIVE_MODES_H_
 
-/* What each mode of operation does in a tick, and how the axis comes to a stand. All of it writes
- * mode and set-points of the axis for the coming tick. */
+/* The modes of operation (6060h), one row each: what a mode does in a tick and what it shows. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive.h"
 
-/* True if the mode controls force. */
-static inline bool cia402_controls_force(int8_t mode) {
-  switch (mode) {
-    case AXIS_MODES_OF_OPERATION_FORCE:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
-    case AXIS_MODES_OF_OPERATION_FORCE_COUNTS:
-    case AXIS_MODES_OF_OPERATION_STIFFNESS:
-    case AXIS_MODES_OF_OPERATION_DAMPING:
-    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
-      return true;
-    default:
-      return false;
-  }
+/* For how long a target must have been reached. */
+enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
+
+typedef struct {
+  /* One tick, by one of these three: moves the trajectory, which the axis follows; does it all; or
+   * leaves the axis to a mode of its own (AXIS_MODE_), with the user's parameters. */
+  void (*lead)(cia402_t *drive, axis_t *axis);
+  void (*run)(cia402_t *drive, axis_t *axis);
+  uint8_t native;
+  uint8_t controls_force;
+  uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
+  uint8_t uses_position; /* 1: target_position acts, and is forgotten when the mode is left */
+  uint8_t window;        /* CIA402_WINDOW_ */
+  bool (*reached)(const cia402_t *drive); /* whether the target is; NULL: never shown */
+  bool (*bit_12)(const cia402_t *drive);  /* of the statusword; NULL: 0 */
+  bool (*bit_13)(const cia402_t *drive);
+} cia402_mode_t;
+
+/* Indexed by the mode of operation plus CIA402_MODE_OFFSET. */
+enum { CIA402_MODE_OFFSET = 8, CIA402_MODES = 19 };
+extern const cia402_mode_t cia402_modes[CIA402_MODES];
+
+/* The mode of operation in force. */
+static inline const cia402_mode_t *cia402_mode(const cia402_t *drive) {
+  return &cia402_modes[drive->signals.modes_of_operation_display + CIA402_MODE_OFFSET];
 }
 
 /* True if the mode is one of 6060h. */
 bool cia402_mode_exists(int32_t mode);
 
-/* The axis disabled. */
-void cia402_rest(cia402_t *drive, axis_t *axis);
-
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* How long an axis may take to come to a stand behind its trajectory: 100 ms. */
-enum { CIA402_SETTLING_TICKS = 150 };
-
-/* Trajectory and axis both stand: the latter within velocity_threshold. */
-bool cia402_stands(const cia402_t *drive);
-
-/* One tick of slowing down at a rate (Q16), then of holding. True once trajectory and axis
- * stand, or the trajectory alone for CIA402_SETTLING_TICKS: an amplifier that is switched off lets
- * the axis coast. It begins at the place and speed of the axis unless the axis follows it
- * already. */
-bool cia402_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
-
-/* The rising edge of "new set-point". */
-void cia402_take_setpoint(cia402_t *drive);
-
-/* Whatever was begun in a mode is forgotten: it was left, or the axis disabled. */
+/* Resets what was begun in a mode: it was left, or the axis disabled. */
 void cia402_leave_mode(cia402_t *drive);
-
-/* Takes back what was lent for the tick. */
-void cia402_take_back(cia402_t *drive, axis_t *axis);
 
 #endif

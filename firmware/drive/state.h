@@ -33,7 +33,7 @@ enum {
 /* The state that a controlword asks for in `state`; `state` itself where it asks for nothing.
  * `rising` are its bits that the controlword before it did not have: a fault is reset by the
  * rising edge only. Whether option codes hold it up, or make a quick stop end in switch on
- * disabled, is not told here; `may_resume`: quick stop may go back to operation enabled. */
+ * disabled, is not decided here; `may_resume`: quick stop may go back to operation enabled. */
 uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, bool may_resume);
 
 /* The power stage is on. */

@@ -1,9 +1,12 @@
 #include "firmware/drive/status.h"
 
 #include <stdbool.h>
+#include <stddef.h>
 
+#include "firmware/drive/modes.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
 
 uint16_t cia402_error_code(uint8_t fault) {
   static const uint16_t codes[AXIS_FAULT_COUNT] = {
@@ -28,59 +31,20 @@ static bool is_enabled(const cia402_t *drive) {
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED;
 }
 
-/* Whether the axis stays out of the window of the following error. */
-static bool is_outside(const cia402_t *drive) { return drive->outside_tick != 0; }
-
-/* --- statusword ------------------------------------------------------------------------------- */
-
-static bool follows_command(const cia402_t *drive) {
-  return (drive->params.controlword & CIA402_CW_HALT) == 0 && drive->leaving == 0 &&
-         drive->params.modes_of_operation == drive->signals.modes_of_operation_display;
-}
-
 /* Bits 12 and 13. */
 static uint16_t mode_bits(const cia402_t *drive) {
-  bool bit_12 = false;
-  bool bit_13 = false;
-  switch (drive->signals.modes_of_operation_display) {
-    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
-    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
-      bit_12 = drive->acknowledged != 0 || drive->setpoint_buffered != 0;
-      bit_13 = is_outside(drive);
-      break;
-    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
-      bit_12 = drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time);
-      break;
-    case AXIS_MODES_OF_OPERATION_HOMING:
-      bit_12 = drive->homing == CIA402_HOMING_DONE;
-      bit_13 = drive->homing == CIA402_HOMING_ERROR;
-      break;
-    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
-      bit_13 = is_outside(drive);
-      bit_12 = follows_command(drive);
-      break;
-    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
-    case AXIS_MODES_OF_OPERATION_STIFFNESS:
-    case AXIS_MODES_OF_OPERATION_DAMPING:
-    case AXIS_MODES_OF_OPERATION_IMPEDANCE:
-      bit_12 = follows_command(drive);
-      break;
-    default:
-      break;
-  }
+  const cia402_mode_t *mode = cia402_mode(drive);
+  const bool bit_12 = mode->bit_12 != NULL && mode->bit_12(drive);
+  const bool bit_13 = mode->bit_13 != NULL && mode->bit_13(drive);
   return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
 }
 
 /* How long the target must have been reached, ticks. */
 static uint32_t reached_ticks(const cia402_t *drive) {
-  switch (drive->signals.modes_of_operation_display) {
-    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
-    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
+  switch (cia402_mode(drive)->window) {
+    case CIA402_WINDOW_POSITION:
       return fx_ticks_from_ms(drive->params.position_window_time);
-    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
+    case CIA402_WINDOW_VELOCITY:
       return fx_ticks_from_ms(drive->params.velocity_window_time);
     default:
       return 0;
@@ -126,8 +90,6 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   signals->error_code = cia402_error_code(fault);
 }
 
-/* --- signals ---------------------------------------------------------------------------------- */
-
 static void measure_motion(cia402_t *drive, const axis_t *axis) {
   drive_signals_t *signals = &drive->signals;
   const axis_signals_t *measured = &axis->signals;
@@ -171,54 +133,12 @@ static uint32_t inputs_bits(uint8_t din) {
          (((din & AXIS_DIN_ENABLE) != 0) ? UINT32_C(0x10000) : 0);
 }
 
-/* --- what must last --------------------------------------------------------------------------- */
-
-static bool is_in_position_window(const cia402_t *drive, int32_t target) {
-  return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
-         drive->params.position_window;
-}
-
-static bool has_reached_velocity(const cia402_t *drive) {
-  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
-  return fx_magnitude(fx_diff_wrap(wanted, drive->signals.velocity_actual)) <=
-         drive->params.velocity_window;
-}
-
-static bool has_reached_force(const cia402_t *drive) {
-  const drive_params_t *params = &drive->params;
-  const int32_t limit = params->force_limit;
-  const int32_t wanted =
-      (drive->force_written != 0) ? fx_clamp(params->target_force, -limit, limit) : 0;
-  if (drive->pressing == 0) {
-    return wanted == 0;
-  }
-  const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
-  return drive->force_demand_q16 == fx_scale(wanted, 16) &&
-         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), params->contact_force);
-}
-
 static bool has_reached(const cia402_t *drive) {
   if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
     return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
   }
-  switch (drive->signals.modes_of_operation_display) {
-    case AXIS_MODES_OF_OPERATION_PROFILE_POSITION:
-    case AXIS_MODES_OF_OPERATION_GUARDED_MOVE:
-      return drive->setpoint_active == 0 &&
-             (drive->stopped_by_contact != 0 ||
-              is_in_position_window(drive, drive->setpoint.position));
-    case AXIS_MODES_OF_OPERATION_CYCLIC_POSITION:
-      return drive->position_written == 0 ||
-             is_in_position_window(drive, drive->params.target_position);
-    case AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY:
-      return has_reached_velocity(drive);
-    case AXIS_MODES_OF_OPERATION_FORCE:
-    case AXIS_MODES_OF_OPERATION_CYCLIC_FORCE:
-      return has_reached_force(drive);
-    default:
-      return false;
-  }
+  const cia402_mode_t *mode = cia402_mode(drive);
+  return mode->reached != NULL && mode->reached(drive);
 }
 
 /* Two more while it lasts, without end: judged in every second tick; 1 at the first. */

@@ -10,8 +10,7 @@ void trajectory_step(profile_t *trajectory, int32_t speed) {
 static int32_t lower(int32_t a, int32_t b) { return (a < b) ? a : b; }
 static int32_t higher(int32_t a, int32_t b) { return (a > b) ? a : b; }
 
-/* The speed of the next tick; d is the distance to the place, v the speed toward it. As in
- * core/profile.c, with another rate on either side of it. */
+/* The speed of the next tick; d is the distance to the place, v the speed toward it. */
 static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limits) {
   const int32_t most = limits->speed;
   const int32_t up = limits->acceleration;
@@ -19,20 +18,9 @@ static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limi
   if (v < 0) {
     return lower(v + down, 0); /* going away: first stand */
   }
-  const uint64_t room = fx_stopping_room(down, d);
-  /* The fastest first: speed up, or brake down to a lowered limit; then hold; then brake. */
+  /* Speed up, or brake down to a lowered limit. */
   const int32_t wanted = (v > most) ? higher(v - down, most) : lower(v + up, most);
-  if (wanted > down && fx_stops_within(wanted, down, room)) {
-    return wanted;
-  }
-  if (v > down && v <= most && fx_stops_within(v, down, room)) {
-    return v;
-  }
-  /* A step of at most `down` can be stopped in the tick after it: this is the landing. At higher
-   * speeds the lower bound makes it the braking step. */
-  const int32_t limit = lower(most, down);
-  const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
-  return fx_clamp(landing, v - down, v + up);
+  return profile_next_speed(d, v, wanted, most, up, down);
 }
 
 void trajectory_move(profile_t *trajectory, uint64_t distance_q16, bool negative,

@@ -18,7 +18,7 @@ typedef struct {
   int32_t deceleration; /* of its shrinking */
 } trajectory_limits_t;
 
-/* The largest rate: as good as at once. */
+/* The largest rate: practically at once. */
 #define TRAJECTORY_RATE_MAX INT32_C(16777216)
 
 /* One tick toward a place at this distance (fx_distance_q16). From rest, and while place and

@@ -8,6 +8,7 @@
 
 #include "firmware/drive/drive.h"
 #include "firmware/drive/trajectory.h"
+#include "firmware/fx/fx.h"
 
 enum { CIA402_POLARITY_VELOCITY = 0x40, CIA402_POLARITY_POSITION = 0x80 };
 

@@ -1,18 +1,5 @@
 #include "firmware/fx/fx.h"
 
-uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
-  uint32_t value = 0;
-  for (uint8_t i = bytes; i > 0; i--) {
-    value = (value << 8) | (uint32_t)from[i - 1];
-  }
-  return value;
-}
-
-int32_t fx_sign_extend(uint32_t value, uint8_t bits) {
-  const uint32_t sign = (uint32_t)1 << (bits - 1);
-  return fx_s32_from_u32((value ^ sign) - sign);
-}
-
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
   /* 1500 * 10^exponent as a fraction, exponent 0 first. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
@@ -22,21 +9,21 @@ uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
 }
 
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
-  uint64_t left = a;
+  uint64_t remaining = a;
   uint64_t by = b;
   int32_t shift = 31 - (int32_t)e;
-  for (; left < by; left <<= 1) {
+  for (; remaining < by; remaining <<= 1) {
     shift += 1;
   }
-  for (; left >= by << 1; by <<= 1) {
+  for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* by <= left < 2 by: long division, the first bit is a one. */
+  /* by <= remaining < 2 by: long division, the first bit is a one. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
-    const bool one = left >= by;
+    const bool one = remaining >= by;
     mantissa = (mantissa << 1) | (uint32_t)one;
-    left = (one ? left - by : left) << 1;
+    remaining = (one ? remaining - by : remaining) << 1;
   }
   if (shift < 0) {
     return (fx_ratio_t){.mantissa = UINT32_MAX, .shift = 0};
@@ -45,51 +32,3 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 }
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
-
-uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
-  uint64_t payload = 0;
-  for (uint8_t i = bytes; i > 0; i--) {
-    payload = (payload << 8) | (uint64_t)from[i - 1];
-  }
-  return payload;
-}
-
-uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
-  uint32_t c = (uint32_t)crc ^ byte;
-  for (uint8_t i = 0; i < 8; i++) {
-    c = ((c & 1u) != 0) ? (c >> 1) ^ 0xA001u : c >> 1;
-  }
-  return (uint16_t)c;
-}
-
-/* The CRC of each value of 4 bits: a store of 32 KiB is checked at power-up, before the first tick.
- * The polynomial, reflected, is that of 8; each other value is the sum of its bits'. */
-static const uint32_t crc32_of_nibble[16] = {
-    UINT32_C(0x00000000), UINT32_C(0x1DB71064), UINT32_C(0x3B6E20C8), UINT32_C(0x26D930AC),
-    UINT32_C(0x76DC4190), UINT32_C(0x6B6B51F4), UINT32_C(0x4DB26158), UINT32_C(0x5005713C),
-    UINT32_C(0xEDB88320), UINT32_C(0xF00F9344), UINT32_C(0xD6D6A3E8), UINT32_C(0xCB61B38C),
-    UINT32_C(0x9B64C2B0), UINT32_C(0x86D3D2D4), UINT32_C(0xA00AE278), UINT32_C(0xBDBDF21C)};
-
-uint32_t fx_crc32(uint32_t crc, uint8_t byte) {
-  crc ^= byte;
-  crc = (crc >> 4) ^ crc32_of_nibble[crc & 15u];
-  return (crc >> 4) ^ crc32_of_nibble[crc & 15u];
-}
-
-void fx_store_be16(uint8_t *to, uint16_t value) {
-  to[0] = (uint8_t)((uint32_t)value >> 8);
-  to[1] = (uint8_t)(value & 0xFFu);
-}
-
-uint16_t fx_load_be16(const uint8_t *from) {
-  return (uint16_t)(((uint32_t)from[0] << 8) | (uint32_t)from[1]);
-}
-
-bool fx_bit_get(const uint8_t *from, uint32_t n) {
-  return (((uint32_t)from[n >> 3] >> (n & 7u)) & 1u) != 0;
-}
-
-void fx_bit_append(uint8_t *to, uint32_t n, bool bit) {
-  const uint32_t before = ((n & 7u) == 0) ? 0 : to[n >> 3];
-  to[n >> 3] = (uint8_t)(before | ((uint32_t)(bit ? 1 : 0) << (n & 7u)));
-}

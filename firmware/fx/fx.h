@@ -14,8 +14,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* --- wrapping: counts of an encoder, modulo 2^32 ---------------------------------------------- */
-
 /* The same 32 bits read as two's complement. Scaling: none. Overflow: cannot. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
   /* A plain cast above INT32_MAX is left to the compiler by the standard; this folds to nothing. */
@@ -32,8 +30,6 @@ static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
 static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a + (uint32_t)b);
 }
-
-/* --- saturation ------------------------------------------------------------------------------- */
 
 /* x limited to low..high; low <= high. Overflow: cannot. */
 static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
@@ -55,8 +51,6 @@ static inline bool fx_within(int32_t x, int32_t limit) {
   /* One comparison: the interval moved to 0..2 limit, modulo 2^32. */
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
-
-/* --- products and shifts ---------------------------------------------------------------------- */
 
 /* a * b in 64 bits. Scaling: fractional bits add. Overflow: cannot. */
 static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_t)b; }
@@ -81,9 +75,6 @@ static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
   return ((uint32_t)code >> bits) == 0;
 }
 
-/* --- sine --------------------------------------------------------------------------------------
- */
-
 /* sin(2 pi p / 2^32) in Q15, within 6 / 32768 of it, -32767..32767; sin(x + half a turn) is its
  * negative but for three units of rounding. Overflow: cannot. */
 static inline int32_t fx_sine_q15(uint32_t phase_q32) {
@@ -99,19 +90,14 @@ static inline int32_t fx_sine_q15(uint32_t phase_q32) {
   return fx_floor_shift(x * slope, 15);
 }
 
-/* --- decay ------------------------------------------------------------------------------------ */
-
 /* One step of x toward 0: |x| loses floor(|x| / 2^n), at least 1 and n 0..31, so 0 is reached
  * exactly and the sign never changes; 0 stays 0. n = 0 gives 0 at once. Overflow: cannot. */
 static inline int32_t fx_decay(int32_t x, uint32_t n) {
   const uint32_t size = fx_magnitude(x);
   const uint32_t step = size >> n;
-  const uint32_t left = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
-  return (x < 0) ? fx_s32_from_u32((uint32_t)0 - left) : (int32_t)left;
+  const uint32_t remaining = (size == 0) ? 0 : size - ((step == 0) ? 1 : step);
+  return (x < 0) ? fx_s32_from_u32((uint32_t)0 - remaining) : (int32_t)remaining;
 }
-
-/* --- profile: positions in counts with 32 fractional bits, modulo 2^64 -------------------------
- */
 
 /* A count as Q32. Exact. */
 static inline uint64_t fx_q32_from_cnt(int32_t cnt) { return (uint64_t)(uint32_t)cnt << 32; }
@@ -126,7 +112,7 @@ static inline uint64_t fx_q32_advance(uint64_t x_q32, int32_t v_q16) {
   return x_q32 + (uint64_t)((int64_t)v_q16 * 65536);
 }
 
-/* Distances of this many counts and more are not told apart: 2^21. */
+/* Larger distances count as this one: 2^21 counts. */
 #define FX_DISTANCE_MAX_CNT ((uint32_t)1 << 21)
 #define FX_DISTANCE_MAX_Q16 (((uint64_t)1 << 37) - 1)
 
@@ -157,116 +143,15 @@ static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) 
   return (uint64_t)side * (uint64_t)side <= room;
 }
 
-/* --- samples of the recorder --------------------------------------------------------------------
- */
-
-/* The low `bytes` (1, 2 or 4) bytes of a value, least significant first. Written out, they are one
- * store on chips that can. */
-static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
-  to[0] = (uint8_t)(value & 0xFFu);
-  if (bytes > 1) {
-    to[1] = (uint8_t)((value >> 8) & 0xFFu);
-  }
-  if (bytes > 2) {
-    to[2] = (uint8_t)((value >> 16) & 0xFFu);
-    to[3] = (uint8_t)(value >> 24);
-  }
-}
-
-/* Copies 2 or 4 bytes that need no alignment. Written out, they are one load and one store on chips
- * that can. */
-static inline void fx_copy_2(uint8_t *to, const uint8_t *from) {
-  const uint8_t byte_0 = from[0];
-  const uint8_t byte_1 = from[1];
-  to[0] = byte_0;
-  to[1] = byte_1;
-}
-static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
-  const uint8_t byte_0 = from[0];
-  const uint8_t byte_1 = from[1];
-  const uint8_t byte_2 = from[2];
-  const uint8_t byte_3 = from[3];
-  to[0] = byte_0;
-  to[1] = byte_1;
-  to[2] = byte_2;
-  to[3] = byte_3;
-}
-
-/* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
-uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
-
-/* The same of 4 bytes: one load on chips that can. */
-static inline uint32_t fx_load_le32(const uint8_t *from) {
-  return (uint32_t)from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) |
-         ((uint32_t)from[3] << 24);
-}
-
-/* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
-int32_t fx_sign_extend(uint32_t value, uint8_t bits);
-
-/* --- checks and bytes of the serial bus and the store -------------------------------------------
- */
-
-/* One byte into the CRC of Modbus RTU (CRC-16, reflected 8005h, from FFFFh): over a frame and its
- * CRC, low byte first, it is 0. */
-uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte);
-
-/* One byte into CRC-32 (reflected 04C11DB7h). From and to UINT32_MAX; the usual CRC is the
- * complement of the last. */
-uint32_t fx_crc32(uint32_t crc, uint8_t byte);
-
-/* 16 bits, most significant byte first. */
-void fx_store_be16(uint8_t *to, uint16_t value);
-uint16_t fx_load_be16(const uint8_t *from);
-
-/* Bit n of a row of bytes, least significant first. */
-bool fx_bit_get(const uint8_t *from, uint32_t n);
-
-/* The same of a row that is written from bit 0 up: the later bits of its byte become 0. */
-void fx_bit_append(uint8_t *to, uint32_t n, bool bit);
-
-/* How many bytes hold `bits` bits. */
-static inline uint32_t fx_octets(uint32_t bits) { return (bits + 7) >> 3; }
-
-/* --- time and fields ----------------------------------------------------------------------------
- */
-
 /* Ticks of 1/1500 s that last at least this long. Rounding: up. Overflow: cannot, ms <= 2^31. */
 static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (ms & 1); }
 
 /* The same of multiples of 100 us, at most 65535. Rounding: up. Overflow: cannot. */
 static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3 + 19) / 20; }
 
-/* Ticks of 1/1500 s that last at least as long as the silence that ends a frame of Modbus: 3.5
- * characters of 11 bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1).
- * Rounding: up. Overflow: cannot, baud 0 counts as 1. */
-static inline uint32_t fx_ticks_of_silence(uint32_t baud) {
-  /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
-  return (baud > 19200) ? 3 : (57750 + ((baud == 0) ? 0 : baud - 1)) / ((baud == 0) ? 1 : baud);
-}
-
-/* Bit n (0..31) alone. */
-static inline uint32_t fx_bit(uint32_t n) { return (uint32_t)1 << n; }
-
-/* The number of the lowest bit that is set; bits must not be 0. */
-static inline uint8_t fx_lowest_bit(uint32_t bits) {
-  /* A de Bruijn sequence: its upper five bits differ for each of the 32 shifts. */
-  static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
-                                     31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
-  return number[((bits & ((uint32_t)0 - bits)) * UINT32_C(0x077CB531)) >> 27];
-}
-
-/* `width` (1..31) bits of a word from bit `first` (0..31) up. */
-static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
-  return (bits >> first) & (((uint32_t)1 << width) - 1);
-}
-
 /* The ticks of 1/1500 s that last at least mantissa * 10^exponent s, exponent -6..0. Rounding: up.
  * Overflow: cannot. */
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent);
-
-/* --- rates: a second is 1500 ticks --------------------------------------------------------------
- */
 
 /* The largest rate that fx_q16_from_per_s takes; beyond it, it is meant. */
 #define FX_PER_S_MAX ((uint32_t)49151999)
@@ -317,9 +202,6 @@ static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
   /* A distance below 2^37 loses at most its lowest six bits, and only if it does not fit. */
   return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
 }
-
-/* --- ratios of two parameters -------------------------------------------------------------------
- */
 
 /* mantissa / 2^shift, mantissa 2^31..2^32-1 (0 for a ratio too small to matter). */
 typedef struct {
@@ -372,24 +254,5 @@ static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
-
-/* --- payloads of up to 8 bytes -------------------------------------------------------------------
- */
-
-/* `width` (1..32) bits of a payload from bit `first` up, first + width <= 64. Upper bits 0. */
-static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t width) {
-  const uint32_t mask = UINT32_MAX >> (32 - width);
-  return (uint32_t)(payload >> first) & mask;
-}
-
-/* The value of 4 bytes that lie at places of their own, counted from `base`, the first one least
- * significant. */
-static inline uint32_t fx_gather_le(const uint8_t *base, const uint16_t places[4]) {
-  return (uint32_t)base[places[0]] | (uint32_t)base[places[1]] << 8 |
-         (uint32_t)base[places[2]] << 16 | (uint32_t)base[places[3]] << 24;
-}
-
-/* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
-uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);
 
 #endif

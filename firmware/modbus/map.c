@@ -2,12 +2,13 @@
 
 #include <stdbool.h>
 
-#include "firmware/objects/value.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
 
 enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
 
-/* The exception that says what fw_object_write() refused. */
+/* The exception that says what dictionary_write() refused. */
 static uint8_t exception_of(int refusal) {
   switch (refusal) {
     case FW_OK:
@@ -18,6 +19,7 @@ static uint8_t exception_of(int refusal) {
     case FW_ERROR_STATE:
     case FW_ERROR_NO_DATA:
     case FW_ERROR_LOCKED:
+    case FW_ERROR_NO_MEMORY:
       return MODBUS_EXCEPTION_STATE;
     case FW_ERROR_BUSY:
       return MODBUS_EXCEPTION_BUSY;
@@ -27,9 +29,9 @@ static uint8_t exception_of(int refusal) {
 }
 
 /* An object that can be read in every state. */
-static uint32_t value_of(const fw_t *fw, uint16_t object) {
+static uint32_t value_of(const dictionary_t *objects, uint16_t object) {
   int32_t value = 0;
-  (void)fw_object_read(fw, object, &value);
+  (void)dictionary_read(objects, object, &value);
   return (uint32_t)value;
 }
 
@@ -88,8 +90,8 @@ bool modbus_holds_registers(modbus_table_t table, uint16_t first, uint16_t count
   return without_holes(map, entry_at(map, first), first, (uint32_t)first + count);
 }
 
-static bool is_low_first(const fw_t *fw) {
-  return value_of(fw, AXIS_OBJ_MODBUS_WORD_ORDER) == AXIS_MODBUS_WORD_ORDER_LOW_FIRST;
+static bool is_low_first(const dictionary_t *objects) {
+  return value_of(objects, AXIS_OBJ_MODBUS_WORD_ORDER) == AXIS_MODBUS_WORD_ORDER_LOW_FIRST;
 }
 
 /* Register `n` of a value that takes `registers` of them. */
@@ -115,11 +117,11 @@ static int32_t get_value(const uint8_t *from, uint16_t object, bool low_first) {
   return fx_s32_from_u32(low_first ? second * 65536 + first : first * 65536 + second);
 }
 
-uint8_t modbus_read_registers(const fw_t *fw, modbus_table_t table, uint16_t first, uint16_t count,
-                              uint8_t *to) {
+uint8_t modbus_read_registers(const dictionary_t *objects, modbus_table_t table, uint16_t first,
+                              uint16_t count, uint8_t *to) {
   const map_t map = map_of(table);
   const uint32_t end = (uint32_t)first + count;
-  const bool low_first = is_low_first(fw);
+  const bool low_first = is_low_first(objects);
   uint16_t i = entry_at(map, first);
   if (!without_holes(map, i, first, end)) {
     return MODBUS_EXCEPTION_ADDRESS;
@@ -127,7 +129,7 @@ uint8_t modbus_read_registers(const fw_t *fw, modbus_table_t table, uint16_t fir
   for (uint32_t at = first; at < end; i++) {
     const axis_register_t *entry = &map.entries[i];
     const uint16_t registers = registers_of(entry->object);
-    const uint32_t value = value_of(fw, entry->object);
+    const uint32_t value = value_of(objects, entry->object);
     for (; at < end && at < (uint32_t)entry->first + registers; at++) {
       fx_store_be16(to, word_of(value, registers, at - entry->first, low_first));
       to += 2;
@@ -164,16 +166,16 @@ static bool takes_axis(const writes_t *writes) {
 }
 
 /* What keeps a request from being written that can be known before. */
-static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
+static uint8_t check_writes(const dictionary_t *objects, const writes_t *writes) {
   const uint8_t *words = writes->words;
   uint16_t acting = 0;
   for (uint16_t i = writes->begin; i < writes->end; i++) {
     const uint16_t object = axis_holding[i].object;
     const int32_t value = get_value(words, object, writes->low_first);
-    int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, object, value);
+    int refusal = dictionary_check(objects, FW_SOURCE_MODBUS, object, value);
     if (refusal == FW_ERROR_LOCKED && takes_axis(writes)) {
       /* Of what it writes as the owner the rest must be right too, or it would be taken in vain. */
-      refusal = fw_object_check(fw, FW_SOURCE_LOCAL, object, value);
+      refusal = dictionary_check(objects, FW_SOURCE_LOCAL, object, value);
     }
     if (refusal != FW_OK) {
       return exception_of(refusal);
@@ -191,10 +193,10 @@ static uint8_t check_writes(const fw_t *fw, const writes_t *writes) {
 }
 
 /* Writes one object and leaves its previous value in its place. */
-static int exchange(fw_t *fw, uint16_t object, uint8_t *words, bool low_first) {
-  const uint32_t previous = value_of(fw, object);
+static int exchange(dictionary_t *objects, uint16_t object, uint8_t *words, bool low_first) {
+  const uint32_t previous = value_of(objects, object);
   const int32_t value = get_value(words, object, low_first);
-  const int refusal = fw_object_write(fw, FW_SOURCE_MODBUS, object, value);
+  const int refusal = dictionary_write(objects, FW_SOURCE_MODBUS, object, value);
   if (refusal == FW_OK) {
     put_value(words, previous, registers_of(object), low_first);
   }
@@ -202,26 +204,26 @@ static int exchange(fw_t *fw, uint16_t object, uint8_t *words, bool low_first) {
 }
 
 /* Entries begin .. end - 1 are given their previous values again, the last one first. */
-static void take_back(fw_t *fw, const writes_t *writes, uint16_t end, uint8_t *words) {
+static void take_back(dictionary_t *objects, const writes_t *writes, uint16_t end, uint8_t *words) {
   for (uint16_t i = end; i > writes->begin; i--) {
     const uint16_t object = axis_holding[i - 1].object;
     words -= 2 * (uint32_t)registers_of(object);
     if (!acts_at_once(object)) {
-      (void)exchange(fw, object, words, writes->low_first);
+      (void)exchange(objects, object, words, writes->low_first);
     }
   }
 }
 
 /* Writes what can be taken back, or what cannot. */
-static uint8_t write_some(fw_t *fw, const writes_t *writes, bool acting) {
+static uint8_t write_some(dictionary_t *objects, const writes_t *writes, bool acting) {
   uint8_t *words = writes->words;
   for (uint16_t i = writes->begin; i < writes->end; i++) {
     const uint16_t object = axis_holding[i].object;
     if (acts_at_once(object) == acting) {
-      const int refusal = exchange(fw, object, words, writes->low_first);
+      const int refusal = exchange(objects, object, words, writes->low_first);
       if (refusal != FW_OK) {
         if (!acting) {
-          take_back(fw, writes, i, words);
+          take_back(objects, writes, i, words);
         }
         return exception_of(refusal);
       }
@@ -231,10 +233,12 @@ static uint8_t write_some(fw_t *fw, const writes_t *writes, bool acting) {
   return MODBUS_OK;
 }
 
-uint8_t modbus_write_registers(fw_t *fw, uint16_t first, uint16_t count, uint8_t *words) {
+uint8_t modbus_write_registers(dictionary_t *objects, uint16_t first, uint16_t count,
+                               uint8_t *words) {
   const map_t map = map_of(MODBUS_HOLDING);
   const uint32_t end = (uint32_t)first + count;
-  writes_t writes = {.begin = entry_at(map, first), .low_first = is_low_first(fw), .words = words};
+  writes_t writes = {
+      .begin = entry_at(map, first), .low_first = is_low_first(objects), .words = words};
   if (!without_holes(map, writes.begin, first, end)) {
     return MODBUS_EXCEPTION_ADDRESS;
   }
@@ -244,47 +248,48 @@ uint8_t modbus_write_registers(fw_t *fw, uint16_t first, uint16_t count, uint8_t
       (uint32_t)last->first + registers_of(last->object) != end) {
     return MODBUS_EXCEPTION_VALUE;
   }
-  uint8_t exception = check_writes(fw, &writes);
+  uint8_t exception = check_writes(objects, &writes);
   if (exception == MODBUS_OK) {
-    exception = write_some(fw, &writes, false);
+    exception = write_some(objects, &writes, false);
   }
   if (exception == MODBUS_OK) {
-    exception = write_some(fw, &writes, true);
+    exception = write_some(objects, &writes, true);
     if (exception != MODBUS_OK) {
-      take_back(fw, &writes, writes.end, &words[2 * (uint32_t)count]);
+      take_back(objects, &writes, writes.end, &words[2 * (uint32_t)count]);
     }
   }
   return exception;
 }
 
-uint8_t modbus_mask_register(fw_t *fw, uint16_t first, uint16_t and_mask, uint16_t or_mask) {
+uint8_t modbus_mask_register(dictionary_t *objects, uint16_t first, uint16_t and_mask,
+                             uint16_t or_mask) {
   uint8_t word[2];
-  const uint8_t exception = modbus_read_registers(fw, MODBUS_HOLDING, first, 1, word);
+  const uint8_t exception = modbus_read_registers(objects, MODBUS_HOLDING, first, 1, word);
   if (exception != MODBUS_OK) {
     return exception;
   }
   const uint32_t kept = (uint32_t)fx_load_be16(word) & and_mask;
   const uint32_t given = (uint32_t)or_mask & ~(uint32_t)and_mask;
   fx_store_be16(word, (uint16_t)(kept | given));
-  return modbus_write_registers(fw, first, 1, word);
+  return modbus_write_registers(objects, first, 1, word);
 }
 
 /* --- coils and discrete inputs -----------------------------------------------------------------
  */
 
-static bool is_enabled(const fw_t *fw) {
-  return value_of(fw, AXIS_OBJ_DRIVE_STATE) == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+static bool is_enabled(const dictionary_t *objects) {
+  return value_of(objects, AXIS_OBJ_DRIVE_STATE) == AXIS_DRIVE_STATE_OPERATION_ENABLED;
 }
 
-static bool coil(const fw_t *fw, uint32_t n) {
-  const uint32_t recorder = value_of(fw, AXIS_OBJ_RECORDER_STATE);
+static bool coil(const dictionary_t *objects, uint32_t n) {
+  const uint32_t recorder = value_of(objects, AXIS_OBJ_RECORDER_STATE);
   switch (n) {
     case AXIS_COIL_ENABLE:
-      return is_enabled(fw);
+      return is_enabled(objects);
     case AXIS_COIL_HALT:
-      return (value_of(fw, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT) != 0;
+      return (value_of(objects, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT) != 0;
     case AXIS_COIL_STORE:
-      return value_of(fw, AXIS_OBJ_STORE_STATE) == AXIS_STORE_STATE_SAVING;
+      return value_of(objects, AXIS_OBJ_STORE_STATE) == AXIS_STORE_STATE_SAVING;
     case AXIS_COIL_RECORDER_TRIGGER:
       return recorder == AXIS_RECORDER_STATE_ARMED || recorder == AXIS_RECORDER_STATE_RECORDING;
     default:
@@ -292,40 +297,43 @@ static bool coil(const fw_t *fw, uint32_t n) {
   }
 }
 
-static bool discrete(const fw_t *fw, uint32_t n) {
+static bool discrete(const dictionary_t *objects, uint32_t n) {
   switch (n) {
     case AXIS_DISCRETE_LIMIT_ACTIVE:
-      return value_of(fw, AXIS_OBJ_LIMIT_REASON) != AXIS_LIMIT_REASON_NONE;
+      return value_of(objects, AXIS_OBJ_LIMIT_REASON) != AXIS_LIMIT_REASON_NONE;
     case AXIS_DISCRETE_CONTACT:
-      return value_of(fw, AXIS_OBJ_CONTACT) != 0;
+      return value_of(objects, AXIS_OBJ_CONTACT) != 0;
     case AXIS_DISCRETE_LIMIT_CYCLE:
-      return value_of(fw, AXIS_OBJ_LIMIT_CYCLE) != 0;
+      return value_of(objects, AXIS_OBJ_LIMIT_CYCLE) != 0;
     default:
-      return fx_field(value_of(fw, AXIS_OBJ_STATUSWORD), n, 1) != 0;
+      return fx_field(value_of(objects, AXIS_OBJ_STATUSWORD), n, 1) != 0;
   }
 }
 
-static uint8_t read_bits(const fw_t *fw, bool (*bit)(const fw_t *fw, uint32_t n), uint32_t all,
+static uint8_t read_bits(const dictionary_t *objects,
+                         bool (*bit)(const dictionary_t *objects, uint32_t n), uint32_t all,
                          uint16_t first, uint16_t count, uint8_t *to) {
   if ((uint32_t)first + count > all) {
     return MODBUS_EXCEPTION_ADDRESS;
   }
   for (uint32_t n = 0; n < count; n++) {
-    fx_bit_append(to, n, bit(fw, first + n));
+    fx_bit_append(to, n, bit(objects, first + n));
   }
   return MODBUS_OK;
 }
 
-uint8_t modbus_read_coils(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to) {
-  return read_bits(fw, coil, AXIS_COIL_COUNT, first, count, to);
+uint8_t modbus_read_coils(const dictionary_t *objects, uint16_t first, uint16_t count,
+                          uint8_t *to) {
+  return read_bits(objects, coil, AXIS_COIL_COUNT, first, count, to);
 }
 
-uint8_t modbus_read_discretes(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to) {
-  return read_bits(fw, discrete, AXIS_DISCRETE_COUNT, first, count, to);
+uint8_t modbus_read_discretes(const dictionary_t *objects, uint16_t first, uint16_t count,
+                              uint8_t *to) {
+  return read_bits(objects, discrete, AXIS_DISCRETE_COUNT, first, count, to);
 }
 
-static int write_object(fw_t *fw, uint16_t object, uint32_t value) {
-  return fw_object_write(fw, FW_SOURCE_MODBUS, object, (int32_t)value);
+static int write_object(dictionary_t *objects, uint16_t object, uint32_t value) {
+  return dictionary_write(objects, FW_SOURCE_MODBUS, object, (int32_t)value);
 }
 
 /* A request's coils. */
@@ -335,30 +343,30 @@ typedef struct {
 } coils_t;
 
 /* What may be refused although the controlword may be written; at most one such part is there. */
-static int write_commands(fw_t *fw, const coils_t *coils) {
+static int write_commands(dictionary_t *objects, const coils_t *coils) {
   if (coils->one[AXIS_COIL_STORE]) {
-    return write_object(fw, AXIS_OBJ_STORE_PARAMETERS, 1);
+    return write_object(objects, AXIS_OBJ_STORE_PARAMETERS, 1);
   }
   if (coils->one[AXIS_COIL_RECORDER_TRIGGER]) {
-    return write_object(fw, AXIS_OBJ_RECORDER_ARM, 1);
+    return write_object(objects, AXIS_OBJ_RECORDER_ARM, 1);
   }
   return FW_OK;
 }
 
 /* From any state but a fault to operation enabled. Other bits start new: a set-point or homing that
  * was asked for before is not what this asks for. */
-static int enable(fw_t *fw) {
-  const uint32_t halt = value_of(fw, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT;
-  if (is_enabled(fw)) {
+static int enable(dictionary_t *objects) {
+  const uint32_t halt = value_of(objects, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT;
+  if (is_enabled(objects)) {
     return FW_OK;
   }
-  (void)write_object(fw, AXIS_OBJ_CONTROLWORD, halt | CONTROL_SHUTDOWN);
-  (void)write_object(fw, AXIS_OBJ_CONTROLWORD, halt | CONTROL_ENABLE);
-  return is_enabled(fw) ? FW_OK : FW_ERROR_STATE;
+  (void)write_object(objects, AXIS_OBJ_CONTROLWORD, halt | CONTROL_SHUTDOWN);
+  (void)write_object(objects, AXIS_OBJ_CONTROLWORD, halt | CONTROL_ENABLE);
+  return is_enabled(objects) ? FW_OK : FW_ERROR_STATE;
 }
 
-static uint8_t carry_out(fw_t *fw, const coils_t *coils) {
-  const uint32_t state = value_of(fw, AXIS_OBJ_DRIVE_STATE);
+static uint8_t carry_out(dictionary_t *objects, const coils_t *coils) {
+  const uint32_t state = value_of(objects, AXIS_OBJ_DRIVE_STATE);
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
                      state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
   if (coils->one[AXIS_COIL_ENABLE] && fault) {
@@ -369,37 +377,38 @@ static uint8_t carry_out(fw_t *fw, const coils_t *coils) {
       (coils->one[AXIS_COIL_RECORDER_TRIGGER] || coils->one[AXIS_COIL_ENABLE])) {
     return MODBUS_EXCEPTION_VALUE;
   }
-  int refusal = write_commands(fw, coils);
+  int refusal = write_commands(objects, coils);
   if (refusal != FW_OK) {
     return exception_of(refusal);
   }
   if (coils->zero[AXIS_COIL_RECORDER_TRIGGER]) {
-    (void)write_object(fw, AXIS_OBJ_RECORDER_ARM, 0);
+    (void)write_object(objects, AXIS_OBJ_RECORDER_ARM, 0);
   }
   if (coils->one[AXIS_COIL_FAULT_RESET]) {
-    (void)write_object(fw, AXIS_OBJ_FAULT_RESET, 1);
+    (void)write_object(objects, AXIS_OBJ_FAULT_RESET, 1);
   }
-  const uint32_t other = value_of(fw, AXIS_OBJ_CONTROLWORD) & ~(uint32_t)CONTROL_HALT;
+  const uint32_t other = value_of(objects, AXIS_OBJ_CONTROLWORD) & ~(uint32_t)CONTROL_HALT;
   if (coils->one[AXIS_COIL_HALT]) {
-    (void)write_object(fw, AXIS_OBJ_CONTROLWORD, other | CONTROL_HALT);
+    (void)write_object(objects, AXIS_OBJ_CONTROLWORD, other | CONTROL_HALT);
   } else if (coils->zero[AXIS_COIL_HALT]) {
-    (void)write_object(fw, AXIS_OBJ_CONTROLWORD, other);
+    (void)write_object(objects, AXIS_OBJ_CONTROLWORD, other);
   }
   if (coils->one[AXIS_COIL_ENABLE]) {
-    refusal = enable(fw);
+    refusal = enable(objects);
   } else if (coils->zero[AXIS_COIL_ENABLE]) {
-    const uint32_t halt = value_of(fw, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT;
-    refusal = write_object(fw, AXIS_OBJ_CONTROLWORD, halt | CONTROL_SHUTDOWN);
+    const uint32_t halt = value_of(objects, AXIS_OBJ_CONTROLWORD) & CONTROL_HALT;
+    refusal = write_object(objects, AXIS_OBJ_CONTROLWORD, halt | CONTROL_SHUTDOWN);
   }
   return exception_of(refusal);
 }
 
-uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8_t *bits) {
+uint8_t modbus_write_coils(dictionary_t *objects, uint16_t first, uint16_t count,
+                           const uint8_t *bits) {
   if ((uint32_t)first + count > AXIS_COIL_COUNT) {
     return MODBUS_EXCEPTION_ADDRESS;
   }
-  const int32_t word = (int32_t)value_of(fw, AXIS_OBJ_CONTROLWORD);
-  const int refusal = fw_object_check(fw, FW_SOURCE_MODBUS, AXIS_OBJ_CONTROLWORD, word);
+  const int32_t word = (int32_t)value_of(objects, AXIS_OBJ_CONTROLWORD);
+  const int refusal = dictionary_check(objects, FW_SOURCE_MODBUS, AXIS_OBJ_CONTROLWORD, word);
   if (refusal != FW_OK) {
     return exception_of(refusal);
   }
@@ -410,5 +419,5 @@ uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8
     coils.one[n] = one;
     coils.zero[n] = part && !one;
   }
-  return carry_out(fw, &coils);
+  return carry_out(objects, &coils);
 }

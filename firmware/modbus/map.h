@@ -34,25 +34,29 @@ typedef enum { MODBUS_HOLDING, MODBUS_INPUT } modbus_table_t;
 bool modbus_holds_registers(modbus_table_t table, uint16_t first, uint16_t count);
 
 /* Registers first .. first + count - 1, high byte first. */
-uint8_t modbus_read_registers(const fw_t *fw, modbus_table_t table, uint16_t first, uint16_t count,
-                              uint8_t *to);
+uint8_t modbus_read_registers(const dictionary_t *objects, modbus_table_t table, uint16_t first,
+                              uint16_t count, uint8_t *to);
 
 /* All of them or none: each value must be acceptable for itself, with what is there before the
  * request; then they are written in the order of the registers, but what cannot be taken back (the
  * controlword, a native mode, a command) last, so that a controlword finds the targets written with
  * it. Should one be refused nevertheless, those before it are written back, but for an
  * axis that was taken from LCM, which only LCM can take again. `words` is used up. */
-uint8_t modbus_write_registers(fw_t *fw, uint16_t first, uint16_t count, uint8_t *words);
+uint8_t modbus_write_registers(dictionary_t *objects, uint16_t first, uint16_t count,
+                               uint8_t *words);
 
 /* One 16-bit object: (value and `and_mask`) or (`or_mask` and not `and_mask`). */
-uint8_t modbus_mask_register(fw_t *fw, uint16_t first, uint16_t and_mask, uint16_t or_mask);
+uint8_t modbus_mask_register(dictionary_t *objects, uint16_t first, uint16_t and_mask,
+                             uint16_t or_mask);
 
 /* Bits from the lowest of the first byte up, the last byte filled with 0. */
-uint8_t modbus_read_coils(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to);
-uint8_t modbus_read_discretes(const fw_t *fw, uint16_t first, uint16_t count, uint8_t *to);
+uint8_t modbus_read_coils(const dictionary_t *objects, uint16_t first, uint16_t count, uint8_t *to);
+uint8_t modbus_read_discretes(const dictionary_t *objects, uint16_t first, uint16_t count,
+                              uint8_t *to);
 
 /* All or none; store cannot be 1 together with recorder_trigger or enable, exception 3. Order:
  * those two, fault reset, halt, enable. */
-uint8_t modbus_write_coils(fw_t *fw, uint16_t first, uint16_t count, const uint8_t *bits);
+uint8_t modbus_write_coils(dictionary_t *objects, uint16_t first, uint16_t count,
+                           const uint8_t *bits);
 
 #endif

@@ -1,6 +1,6 @@
 #include "firmware/modbus/request.h"
 
-#include "firmware/fx/fx.h"
+#include "firmware/fx/bytes.h"
 #include "firmware/modbus/map.h"
 
 /* The longest runs that the protocol allows. */
@@ -19,7 +19,7 @@ enum { UNIT = 0, FUNCTION = 1, DATA = 2, SECOND = 4, THIRD = 6, BYTES_CRC = 2 };
 
 typedef struct {
   modbus_t *modbus;
-  fw_t *fw;
+  dictionary_t *objects;
   uint8_t *frame;
   uint16_t length; /* of the request, without CRC */
   uint16_t answer; /* of the answer, without CRC */
@@ -62,8 +62,8 @@ static uint8_t read_bits(request_t *r) {
   }
   r->frame[2] = (uint8_t)fx_octets(count);
   r->answer = (uint16_t)(3 + fx_octets(count));
-  return (r->frame[FUNCTION] == 1) ? modbus_read_coils(r->fw, first, count, &r->frame[3])
-                                   : modbus_read_discretes(r->fw, first, count, &r->frame[3]);
+  return (r->frame[FUNCTION] == 1) ? modbus_read_coils(r->objects, first, count, &r->frame[3])
+                                   : modbus_read_discretes(r->objects, first, count, &r->frame[3]);
 }
 
 static uint8_t read_registers(request_t *r, modbus_table_t table, uint16_t first, uint16_t count) {
@@ -72,7 +72,7 @@ static uint8_t read_registers(request_t *r, modbus_table_t table, uint16_t first
   }
   r->frame[2] = (uint8_t)(2 * count);
   r->answer = (uint16_t)(3 + 2 * count);
-  return modbus_read_registers(r->fw, table, first, count, &r->frame[3]);
+  return modbus_read_registers(r->objects, table, first, count, &r->frame[3]);
 }
 
 static uint8_t write_coil(request_t *r) {
@@ -82,7 +82,7 @@ static uint8_t write_coil(request_t *r) {
     return MODBUS_EXCEPTION_VALUE;
   }
   r->answer = 6;
-  return modbus_write_coils(r->fw, fx_load_be16(&r->frame[DATA]), 1, &bit);
+  return modbus_write_coils(r->objects, fx_load_be16(&r->frame[DATA]), 1, &bit);
 }
 
 static uint8_t write_coils(request_t *r) {
@@ -91,14 +91,14 @@ static uint8_t write_coils(request_t *r) {
     return MODBUS_EXCEPTION_VALUE;
   }
   r->answer = 6;
-  return modbus_write_coils(r->fw, fx_load_be16(&r->frame[DATA]), count, &r->frame[7]);
+  return modbus_write_coils(r->objects, fx_load_be16(&r->frame[DATA]), count, &r->frame[7]);
 }
 
 /* The answer repeats the request, which the write uses up. */
 static uint8_t write_register(request_t *r) {
   uint8_t word[2] = {r->frame[SECOND], r->frame[SECOND + 1]};
   r->answer = 6;
-  return modbus_write_registers(r->fw, fx_load_be16(&r->frame[DATA]), 1, word);
+  return modbus_write_registers(r->objects, fx_load_be16(&r->frame[DATA]), 1, word);
 }
 
 static uint8_t write_registers(request_t *r) {
@@ -107,13 +107,13 @@ static uint8_t write_registers(request_t *r) {
     return MODBUS_EXCEPTION_VALUE;
   }
   r->answer = 6;
-  return modbus_write_registers(r->fw, fx_load_be16(&r->frame[DATA]), count, &r->frame[7]);
+  return modbus_write_registers(r->objects, fx_load_be16(&r->frame[DATA]), count, &r->frame[7]);
 }
 
 static uint8_t mask_register(request_t *r) {
   r->answer = 8;
-  return modbus_mask_register(r->fw, fx_load_be16(&r->frame[DATA]), fx_load_be16(&r->frame[SECOND]),
-                              fx_load_be16(&r->frame[THIRD]));
+  return modbus_mask_register(r->objects, fx_load_be16(&r->frame[DATA]),
+                              fx_load_be16(&r->frame[SECOND]), fx_load_be16(&r->frame[THIRD]));
 }
 
 /* The range that is read is looked up first, so that a request whose answer would be an exception
@@ -130,7 +130,8 @@ static uint8_t exchange_registers(request_t *r) {
   if (!modbus_holds_registers(MODBUS_HOLDING, first, count)) {
     return MODBUS_EXCEPTION_ADDRESS;
   }
-  const uint8_t exception = modbus_write_registers(r->fw, write_first, write_count, &r->frame[11]);
+  const uint8_t exception =
+      modbus_write_registers(r->objects, write_first, write_count, &r->frame[11]);
   return (exception == MODBUS_OK) ? read_registers(r, MODBUS_HOLDING, first, count) : exception;
 }
 
@@ -168,11 +169,11 @@ static uint8_t append_text(request_t *r, const char *text) {
 
 static uint8_t report_server(request_t *r) {
   int32_t state = 0;
-  (void)fw_object_read(r->fw, AXIS_OBJ_DRIVE_STATE, &state);
+  (void)dictionary_read(r->objects, AXIS_OBJ_DRIVE_STATE, &state);
   r->frame[3] = r->frame[UNIT];
   r->frame[4] = (state == AXIS_DRIVE_STATE_OPERATION_ENABLED) ? 0xFF : 0x00;
   r->answer = 5;
-  r->frame[2] = (uint8_t)(2 + append_text(r, fw_text(r->fw, 0x1008)));
+  r->frame[2] = (uint8_t)(2 + append_text(r, dictionary_text(r->objects, 0x1008)));
   return MODBUS_OK;
 }
 
@@ -180,16 +181,16 @@ static uint8_t report_server(request_t *r) {
 static const uint8_t identities[] = {0x00, 0x01, 0x02, 0x04, 0x05, 0x80};
 enum { IDENTITIES = sizeof(identities) };
 
-static const char *identity_text(const fw_t *fw, uint8_t number) {
+static const char *identity_text(const dictionary_t *objects, uint8_t number) {
   switch (number) {
     case 0x02:
-      return fw_text(fw, 0x100A);
+      return dictionary_text(objects, 0x100A);
     case 0x05:
-      return fw_text(fw, 0x1009);
+      return dictionary_text(objects, 0x1009);
     case 0x80:
       return AXIS_OBJECTS_HASH_TEXT;
     default:
-      return fw_text(fw, 0x1008);
+      return dictionary_text(objects, 0x1008);
   }
 }
 
@@ -197,7 +198,7 @@ static void append_identity(request_t *r, uint8_t number) {
   const uint16_t at = r->answer;
   r->answer = (uint16_t)(r->answer + 2);
   r->frame[at] = number;
-  r->frame[at + 1] = append_text(r, identity_text(r->fw, number));
+  r->frame[at + 1] = append_text(r, identity_text(r->objects, number));
   r->frame[7] = (uint8_t)(r->frame[7] + 1);
 }
 
@@ -298,8 +299,8 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-uint16_t modbus_request_serve(modbus_t *modbus, fw_t *fw, uint16_t length) {
-  request_t r = {.modbus = modbus, .fw = fw, .frame = modbus->frame, .length = length};
+uint16_t modbus_request_serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) {
+  request_t r = {.modbus = modbus, .objects = objects, .frame = modbus->frame, .length = length};
   count(modbus, MODBUS_COUNT_SERVED);
   const uint8_t exception = carry_out(&r);
   if (exception == MODBUS_OK) {

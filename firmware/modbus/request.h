@@ -21,6 +21,6 @@ uint16_t modbus_request_bytes(const uint8_t *frame, uint16_t length);
 
 /* Carries out the request in modbus->frame, of `length` bytes without its CRC, at least two of them
  * unit and function, and puts the answer in its place. Returns its length, without CRC. */
-uint16_t modbus_request_serve(modbus_t *modbus, fw_t *fw, uint16_t length);
+uint16_t modbus_request_serve(modbus_t *modbus, dictionary_t *objects, uint16_t length);
 
 #endif

@@ -1,5 +1,6 @@
 #include "firmware/modbus/server.h"
 
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/modbus/request.h"
 
@@ -16,15 +17,16 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-void modbus_clear_counters(modbus_t *modbus) {
-  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
-    modbus->counters[i] = 0;
-  }
+/* Ticks of 1/1500 s that last at least as long as the silence that ends a frame: 3.5 characters of
+ * 11 bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1). */
+static uint32_t ticks_of_silence(uint32_t baud) {
+  /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
+  return (baud > 19200) ? 3 : fx_quotient(57749 + baud, baud);
 }
 
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud) {
   modbus->unit = unit;
-  modbus->silence_ticks = fx_ticks_of_silence((baud == 0) ? MODBUS_BAUD_DEFAULT : baud);
+  modbus->silence_ticks = ticks_of_silence((baud == 0) ? MODBUS_BAUD_DEFAULT : baud);
   modbus->heard = 0;
   modbus->answer_length = 0;
   modbus->answer_sent = 0;
@@ -46,7 +48,7 @@ static bool writes(uint8_t function) {
 }
 
 /* The frame so far is a whole one. */
-static void take_frame(modbus_t *modbus, fw_t *fw) {
+static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint8_t unit = modbus->frame[0];
   const uint16_t length = modbus->length;
   begin_frame(modbus);
@@ -57,7 +59,7 @@ static void take_frame(modbus_t *modbus, fw_t *fw) {
   if (unit == BROADCAST && !writes(modbus->frame[1])) {
     return;
   }
-  const uint16_t answer = modbus_request_serve(modbus, fw, (uint16_t)(length - BYTES_CRC));
+  const uint16_t answer = modbus_request_serve(modbus, objects, (uint16_t)(length - BYTES_CRC));
   if (unit == BROADCAST) {
     count(modbus, MODBUS_COUNT_UNANSWERED);
     return;
@@ -83,7 +85,8 @@ static bool ends(const modbus_t *modbus) {
   return foreign || bytes == MODBUS_BYTES_OPEN || bytes == modbus->length;
 }
 
-void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t number) {
+void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes,
+                    uint16_t number) {
   for (uint16_t i = 0; i < number; i++) {
     if (modbus->answer_length != 0) {
       if (modbus->length == 0) {
@@ -96,7 +99,7 @@ void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t n
       modbus->length = (uint16_t)(modbus->length + 1);
       modbus->crc = fx_crc16_modbus(modbus->crc, bytes[i]);
       if (ends(modbus)) {
-        take_frame(modbus, fw);
+        take_frame(modbus, objects);
       }
     } else {
       modbus->length = TOO_LONG;
@@ -107,7 +110,7 @@ void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t n
   }
 }
 
-void modbus_tick(modbus_t *modbus, fw_t *fw) {
+void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->length == 0) {
     return;
   }
@@ -118,7 +121,7 @@ void modbus_tick(modbus_t *modbus, fw_t *fw) {
   }
   /* A frame that is not as long as its function says, but whole: its answer is an exception. */
   if (closes(modbus)) {
-    take_frame(modbus, fw);
+    take_frame(modbus, objects);
     return;
   }
   count(modbus, MODBUS_COUNT_ERRORS);

@@ -50,14 +50,19 @@ typedef struct {
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
 
 /* Function 8, sub-function 10. */
-void modbus_clear_counters(modbus_t *modbus);
+static inline void modbus_clear_counters(modbus_t *modbus) {
+  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
+    modbus->counters[i] = 0;
+  }
+}
 
 /* Bytes as they came, before the tick they came in. Cost: those bytes, and at most one request and
  * any number of broadcasts that are whole with them. */
-void modbus_receive(modbus_t *modbus, fw_t *fw, const uint8_t *bytes, uint16_t count);
+void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes, uint16_t count);
 
-/* Once a tick: a silence ends a frame, fx_ticks_of_silence(). */
-void modbus_tick(modbus_t *modbus, fw_t *fw);
+/* Once a tick: 3.5 characters of silence, above 19200 baud 1.75 ms, end a frame; rounded up
+ * to ticks. */
+void modbus_tick(modbus_t *modbus, dictionary_t *objects);
 
 /* Up to `room` bytes of the answer; 0: none. */
 uint16_t modbus_transmit(modbus_t *modbus, uint8_t *bytes, uint16_t room);

@@ -1,22 +1,23 @@
 #ifndef FIRMWARE_OBJECTS_ACCESS_H_
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
-/* What a protocol sees of the firmware: its objects, and whom they belong to. Implemented by
- * firmware/app/fw.c, so that protocols do not depend on how the firmware is put together. */
+/* The object dictionary as a protocol sees it: values by object number, and what lies at a CANopen
+ * address. Implemented by dictionary.c, which knows neither the protocols nor the owners of the
+ * values. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/generated/axis_objects.h"
 
-typedef struct fw fw_t;
+typedef struct dictionary dictionary_t;
 
 /* Who asks. The first three are the values of command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
   FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
-  FW_SOURCE_LOCAL /* the port itself or a test bench; the lock does not hold it */
+  FW_SOURCE_LOCAL /* the port itself or a test bench; the lock does not apply */
 } fw_source_t;
 
 /* Refusals. A refused call changes nothing. */
@@ -29,22 +30,15 @@ typedef enum {
   FW_ERROR_STATE = -5,      /* not in this state of the axis, the recorder or the PDO */
   FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
   FW_ERROR_LOCKED = -7,     /* another source owns the axis */
-  FW_ERROR_BUSY = -8,       /* the store is still at work */
-  FW_ERROR_MAPPING = -9     /* the object cannot be mapped into this PDO, or no longer fits; a
+  FW_ERROR_BUSY = -8,       /* the store is at work */
+  FW_ERROR_MAPPING = -9,    /* the object cannot be mapped into this PDO, or no longer fits; a
                                heartbeat that is watched already */
+  FW_ERROR_NO_MEMORY = -10  /* there is no memory for parameters, or one too small */
 } fw_error_t;
 
-/* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Anyone may read.
+/* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Any source may read.
  * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
-int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
-
-/* Where in fw_t the lowest byte of a readable object lies, in bytes; the others follow. What is
- * mapped is fetched from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
-uint16_t fw_object_place(uint16_t object);
-
-/* error_code, and whether active_mode is not disabled: asked for in every tick. */
-uint16_t fw_error_code(const fw_t *fw);
-bool fw_is_active(const fw_t *fw);
+int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
 /* The one way a value gets in: writes a raw value or gives a command on behalf of `source`,
  * between ticks; the next tick sees it. Nothing is clipped.
@@ -60,38 +54,36 @@ bool fw_is_active(const fw_t *fw);
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
  *   the store is at work.
  * FW_ERROR_MAPPING: as above.
+ * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
  * A write that is accepted feeds the owner's watchdog, and nothing else does: a client that only
- * reads on would keep an axis moving that nobody commands any more. Writing what is there already
- * is enough.
+ * reads would keep an axis moving that nobody commands any more. Writing the value that is there
+ * already is enough.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
  *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
-int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
+int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* What fw_object_write() would answer now; nothing is written. Of a command only what does not
+/* What dictionary_write() would answer now; nothing is written. Of a command only what does not
  * depend on its outcome: not whether the recorder's set-up fits, nor whether there is a store. */
-int fw_object_check(const fw_t *fw, uint8_t source, uint16_t object, int32_t value);
+int dictionary_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* What lies at a CANopen address, or NULL. */
-const axis_address_t *fw_address(uint16_t index, uint8_t sub);
+const axis_address_t *dictionary_address(uint16_t index, uint8_t sub);
 
-/* The bus of this source has gone. If it owns the axis, `fault` (AXIS_FAULT_) is latched or what
- * else abort_connection_option says. */
-void fw_source_lost(fw_t *fw, uint8_t source, uint8_t fault);
+/* The object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
+uint16_t dictionary_object_at(uint32_t address);
 
-/* The latched fault (AXIS_FAULT_), or the one that a fault reaction under way will latch. */
-uint8_t fw_fault(const fw_t *fw);
+/* Where the lowest byte of a readable object lies, in bytes from `objects`; the others follow. What
+ * is mapped is fetched from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
+uint16_t dictionary_place(const dictionary_t *objects, uint16_t object);
 
-/* The finished recording as bytes, oldest sample first, each packed as recorder.h says. Returns how
- * many of `count` bytes from `offset` were there. */
-uint32_t fw_recording_bytes(const fw_t *fw, uint32_t offset, uint8_t *bytes, uint32_t count);
+/* Text of an AXIS_ADDRESS_TEXT entry, ended by 0. */
+const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 
-/* How many bytes that are; 0 without a finished recording. */
-uint32_t fw_recording_size(const fw_t *fw);
-
-/* CAN frames were lost: counted in can_lost, up to the largest number it can hold. */
-void fw_can_count_lost(fw_t *fw, uint16_t frames);
-
-/* Text of an AXIS_ADDRESS_TEXT object, ended by 0. */
-const char *fw_text(const fw_t *fw, uint16_t index);
+/* The AXIS_ADDRESS_DOMAIN entry, the finished recording: oldest sample first, each packed as
+ * recorder.h says. Its size in bytes, 0 without one; and up to `count` of them from `offset`, which
+ * returns how many there were. */
+uint32_t dictionary_domain_size(const dictionary_t *objects);
+uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
+                                uint32_t count);
 
 #endif

@@ -1,5 +1,6 @@
 #include "firmware/objects/value.h"
 
+#include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects.h"
 

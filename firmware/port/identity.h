@@ -2,14 +2,14 @@
 #define FIRMWARE_PORT_IDENTITY_H_
 
 /* What an image is: placed once in the flash of every port, found there by programs that hold only
- * the image (.elf, .hex or .bin): `forceaxis flash` and whoever reads a chip back.
+ * the image (.elf, .hex or .bin), for example `forceaxis flash`.
  *
  * A port writes, in one file,
  *     IDENTITY_DEFINE("nucleo-f446re", "ab12cd34ef56+");
  * and keeps the section where it links: KEEP(*(.forceaxis_identity)), aligned to 4, in flash.
- * A reader looks at every address divisible by 4 for magic and size; exactly one place may have
+ * A reader searches every address divisible by 4 for magic and size; exactly one place may have
  * them. Integers are little-endian; texts are ASCII, filled up with zeros, and may fill their
- * field whole. Fields are only ever added at the end, which `size` tells. */
+ * field whole. New fields are added at the end only; `size` shows them. */
 
 #include <stdint.h>
 
@@ -25,6 +25,10 @@ typedef struct {
 } identity_t;
 
 _Static_assert(sizeof(identity_t) == 60, "read by other programs");
+
+/* software_version of a port: version, hash of the object table, commit. tools/image defines it, in
+ * the section .version, which the linker script places. */
+extern const char identity_software[];
 
 #define IDENTITY_SECTION ".forceaxis_identity"
 

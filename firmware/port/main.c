@@ -2,27 +2,27 @@
 
 #include "firmware/port/port.h"
 
-enum { SERIAL_CHUNK_BYTES = 32 }; /* bounds how long the tick is kept away */
+enum { SERIAL_CHUNK_BYTES = 32 }; /* bounds how long the tick is masked */
 
 static fw_t firmware;
-static volatile bool is_ticked; /* what the tick left for later is not done yet */
-static volatile bool is_late;
+static volatile bool is_ticked; /* fw_between() is pending */
 static uint8_t bus = CAN_BUS_ACTIVE;
 
 fw_t *port_firmware(void) { return &firmware; }
 
 void port_tick(void) {
   axis_inputs_t inputs;
-  if (port_sense(&inputs)) {
+  if (port_sample(&inputs)) {
     axis_outputs_t outputs;
-    const bool is_served = fw_interrupt(&firmware, &inputs, &outputs);
+    fw_prepare(&firmware);
+    port_sense(&inputs);
+    fw_control(&firmware, &inputs, &outputs);
     port_act(&outputs);
-    if (is_served) {
+    if (fw_report(&firmware)) {
       port_feed_watchdog();
     }
     is_ticked = true;
   }
-  is_late = port_overran() || is_late;
 }
 
 static void serial_in(void) {
@@ -33,7 +33,7 @@ static void serial_in(void) {
   }
 }
 
-/* Bytes that are there already were no silence, however late this is. */
+/* Bytes that were received already are no silence of Modbus, so they are handed over first. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;
@@ -42,15 +42,14 @@ void port_settle(void) {
   }
 }
 
-/* From here to port_unlock() the firmware is the main loop's; what the last tick left comes first.
- */
-static void take_firmware(void) {
+/* Until port_unlock() the main loop may use the firmware; a pending fw_between() runs first. */
+static void acquire_firmware(void) {
   port_lock();
   port_settle();
 }
 
-static void watch_port(void) {
-  take_firmware();
+static void poll_port(void) {
+  acquire_firmware();
   const uint8_t now = port_can_bus();
   if (now != bus) {
     bus = now;
@@ -60,9 +59,9 @@ static void watch_port(void) {
   if (lost > 0) {
     fw_can_lost(&firmware, lost);
   }
-  if (is_late) {
-    is_late = false;
-    fw_overrun(&firmware);
+  uint32_t missed;
+  if (port_overran(&missed)) {
+    fw_overrun(&firmware, missed);
   }
   port_unlock();
 }
@@ -71,20 +70,20 @@ static void watch_port(void) {
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
-    take_firmware();
+    acquire_firmware();
     fw_can_receive(&firmware, &frame);
     port_unlock();
   }
 }
 
 static void can_out(void) {
-  static can_frame_t waiting; /* that the port had no room for */
+  static can_frame_t waiting; /* refused by the port, offered again */
   static bool is_waiting;
-  /* What was to be sent before the bus failed is out of date when it is back. */
+  /* A frame from before bus off is out of date when the bus recovers. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
     if (!is_waiting) {
-      take_firmware();
+      acquire_firmware();
       is_waiting = fw_can_transmit(&firmware, &waiting);
       port_unlock();
     }
@@ -95,12 +94,12 @@ static void can_out(void) {
   }
 }
 
-/* Bytes of the serial line, and the answer to them. */
+/* Modbus: received bytes, and the response. */
 static void serve_serial(void) {
   static uint8_t answer[SERIAL_CHUNK_BYTES];
   static uint16_t count;
   static uint16_t sent;
-  take_firmware();
+  acquire_firmware();
   serial_in();
   if (sent == count) {
     count = fw_modbus_transmit(&firmware, answer, sizeof(answer));
@@ -117,7 +116,7 @@ int main(void) {
   fw_init(&firmware, port_config());
   port_start();
   for (;;) {
-    watch_port();
+    poll_port();
     can_in();
     can_out();
     serve_serial();

@@ -42,7 +42,7 @@ constexpr std::array<AbortText, 26> kTexts{{
     {0x06040042, "the mapped objects do not fit"},
     {0x06040043, "parameters at odds with each other"},
     {0x06040047, "internal incompatibility"},
-    {0x06060000, "hardware error"},
+    {0x06060000, "no memory for parameters"},
     {0x06070010, "length does not fit"},
     {0x06070012, "too long"},
     {0x06070013, "too short"},

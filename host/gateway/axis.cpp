@@ -249,7 +249,7 @@ void GatewayAxis::lose(const std::string &why, std::int64_t milliseconds) {
 void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
   const auto code = static_cast<std::uint16_t>(frame.data[0] | frame.data[1] << 8);
   const std::int64_t manufacturer = value_of(std::span(frame.data).subspan(3), false);
-  event(axis_event_t::EVENT_EMCY, code, emergency_text(code),
+  event(axis_event_t::EVENT_EMCY, code, emergency_text(code, std::span(frame.data).subspan(3)),
         {{"error_register", frame.data[2]}, {"manufacturer", manufacturer}});
 }
 

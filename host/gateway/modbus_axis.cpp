@@ -27,6 +27,8 @@ std::uint8_t exception_of(const ObjectResult &result) {
     case 0x0604:
     case 0x0607:
       return kExceptionValue;
+    case 0x0606:
+      return kExceptionState;
     case 0x0800:
       return result.abort == 0x08000020 ? kExceptionValue : kExceptionState;
     default:

@@ -37,6 +37,20 @@ std::string name_in_words(std::uint16_t object, std::int32_t value) {
   return text;
 }
 
+// What an emergency store_failed says of the store: its state, the first parameter that is not as
+// stored or keeps an old default, and how many others there are.
+std::string store_text(std::span<const std::uint8_t> manufacturer) {
+  std::string text = ": " + host::enum_text(AXIS_OBJ_STORE_STATE, manufacturer[0]);
+  std::ranges::replace(text, '_', ' ');
+  const unsigned index = manufacturer[1] | manufacturer[2] << 8;
+  const unsigned sub = manufacturer[3];
+  if (index == 0) return text;
+  const std::string_view name = host::name_at(index, sub);
+  text += ", " + (name.empty() ? hex(index, 4) + ":" + std::to_string(sub) : std::string(name));
+  const unsigned others = manufacturer[4] - 1U;
+  return text + (others == 0 ? "" : " and " + std::to_string(others) + " more");
+}
+
 }  // namespace
 
 std::string drive_state_text(std::int64_t statusword) {
@@ -69,9 +83,10 @@ std::string nmt_text(std::int64_t state) {
   }
 }
 
-std::string emergency_text(std::uint16_t code) {
+std::string emergency_text(std::uint16_t code, std::span<const std::uint8_t> manufacturer) {
   const std::string text = code == 0 ? "error reset" : name_in_words(AXIS_OBJ_ERROR_CODE, code);
-  return "EMCY " + hex(code, 4) + (text.empty() ? "" : " " + text);
+  return "EMCY " + hex(code, 4) + (text.empty() ? "" : " " + text) +
+         (code == AXIS_ERROR_CODE_STORE_FAILED ? store_text(manufacturer) : "");
 }
 
 std::string hash_text(std::int64_t hash) {

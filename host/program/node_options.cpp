@@ -1,5 +1,6 @@
 #include "host/program/node_options.hpp"
 
+#include <algorithm>
 #include <cctype>
 #include <stdexcept>
 
@@ -101,10 +102,21 @@ void finish_options(NodeOptions &o) {
 }
 
 std::vector<std::string> overrides_of(const NodeOptions &o, int axis) {
+  const auto name = [](const std::string &set) {
+    const std::size_t at = axis_prefix(set).second;
+    return set.substr(at, set.find('=', at) - at);
+  };
+  // Of an axis alone, a value shadows that of all axes.
+  const auto shadowed = [&](const std::string &set) {
+    return axis_prefix(set).first == 0 &&
+           std::any_of(o.sets.begin(), o.sets.end(), [&](const std::string &other) {
+             return axis_prefix(other).first == axis && name(other) == name(set);
+           });
+  };
   std::vector<std::string> overrides;
   for (const std::string &set : o.sets) {
     const auto [of, at] = axis_prefix(set);
-    if (of == 0 || of == axis) overrides.push_back(set.substr(at));
+    if ((of == 0 || of == axis) && !shadowed(set)) overrides.push_back(set.substr(at));
   }
   return overrides;
 }

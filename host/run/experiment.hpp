@@ -9,20 +9,23 @@
 //   model    = "../models/laboratory.toml"    required, relative to the experiment
 //   duration_s = 4.0                          required, one tick to 600; rounds up to a tick
 //   seed     = 0                              of the model's noise, 0 to 2^31 - 1
-//   [set]      b_w = 363.0                    model parameters, SI, or another parameter's name
-//   [firmware] force_gain = 5.0               objects in engineering units, an enum's text, or the name
-//                                             of a model parameter in counts; written before tick 0,
+//   [set]      b_w = 363.0                    model parameters, or another parameter's name
+//   [firmware] force_gain = 5.0               objects; see object_values.hpp; written before tick 0,
 //                                             commands after parameters and `mode` last
 //   [[at]]     time_s = 2.0                   0 to duration_s; rounds up, applied before that tick
 //              impulse = { body = "workpiece", N_s = "strike" }
 //              firmware = { force_setpoint = 10.0 }
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
-//   [plot]     rows = [["sensor.force"], ...], from_s, to_s: for the Python side, not read here
-//   [expect]   for `forceaxis test`, not read here either: forceaxis.experiments.expect does
+//   [plot]     see Plot
+//   [expect]   for `forceaxis test`; handed over as it is: forceaxis.experiments.expect checks it
 // clang-format on
 //
-// Overrides come as text, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2"
-// or "m_r=140"; they win over the file.
+// A number is in SI, or in the unit of its key; a text in its place is a quantity with a unit,
+// "75 N" or "2 ms" (sim/model/units.hpp), or the name of a model parameter.
+// Overrides come as text, each name once, "firmware.force_gain=7", "experiment.duration_s=2",
+// "verdict.window_s=2" or "m_r=140"; they win over the file.
+#include <toml++/impl/forward_declarations.h>
+
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -32,16 +35,11 @@
 #include <utility>
 #include <vector>
 
+#include "host/run/object_values.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/model.hpp"
 
 namespace forceaxis::host {
-
-// One write of a firmware object, already in raw units.
-struct ObjectWrite {
-  std::uint16_t object;
-  std::int32_t raw;
-};
 
 struct Impulse {
   std::string body;
@@ -63,6 +61,13 @@ struct Criterion {
   bool contact_held = false;  // every contact stays pressed throughout the window
 };
 
+// What the plot of a run shows.
+struct Plot {
+  std::vector<std::vector<std::string>> rows;  // columns of the trace; empty: not given
+  std::optional<double> from_s;
+  std::optional<double> to_s;  // > from_s
+};
+
 struct Experiment {
   std::filesystem::path file;
   std::string hash;  // SHA-256 over the experiment, its model files and the overrides; see with()
@@ -76,7 +81,9 @@ struct Experiment {
   std::vector<ObjectWrite> initial;
   std::vector<Action> actions;  // by tick
   std::optional<Criterion> criterion;
-  std::vector<std::string> unused;  // parameters that [set] moved and nothing refers to
+  Plot plot;
+  std::shared_ptr<const toml::table> expect;  // [expect], or nullptr
+  std::vector<std::string> unused;            // parameters that [set] moved and nothing refers to
 };
 
 // An experiment file, read once for many variants. Model and modes of the last kKeptModels
@@ -104,5 +111,11 @@ class ExperimentFile {
 // One experiment of a file, with its hash. Throws sim::InputError.
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {});
+
+// The columns of a run's trace: codes and states, then the signals of the model.
+std::vector<std::string> trace_columns(const sim::Model &model);
+
+// Refuses parameters in [set] that change nothing. Throws sim::InputError.
+void expect_used(const Experiment &experiment);
 
 }  // namespace forceaxis::host

@@ -40,6 +40,15 @@ std::optional<std::int32_t> enum_value(std::uint16_t object, std::string_view te
   return found;
 }
 
+std::vector<std::string> enum_texts(std::uint16_t object) {
+  std::vector<std::string> texts;
+  each_enum_text(object, [&](std::int32_t, std::string_view text) {
+    texts.emplace_back(text);
+    return false;
+  });
+  return texts;
+}
+
 std::string enum_text(std::uint16_t object, std::int32_t value) {
   std::string found = std::to_string(value);
   each_enum_text(object, [&](std::int32_t candidate, std::string_view text) {
@@ -47,6 +56,16 @@ std::string enum_text(std::uint16_t object, std::int32_t value) {
     return candidate == value;
   });
   return found;
+}
+
+std::string_view name_at(std::uint32_t index, std::uint32_t sub) {
+  for (const axis_object_meta_t &meta : axis_objects_meta) {
+    if (meta.index == index && meta.sub == sub) return meta.name;
+  }
+  for (const axis_former_name_t &former : axis_former_names) {
+    if (former.address != 0 && former.address == index * 256 + sub) return former.name;
+  }
+  return {};
 }
 
 std::string_view value_name(std::uint16_t object, std::int32_t value) {

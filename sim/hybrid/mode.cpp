@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <utility>
 
 #include "sim/hybrid/kernel.hpp"
@@ -18,14 +19,41 @@ constexpr std::size_t kMostTickParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
 constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
 
+// Terms with a zero of b are left out. Sums stay in registers, four rows at a time: stores of
+// extended precision are what costs.
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
-  ExtendedMatrix c = ExtendedMatrix::Zero(a.rows(), b.cols());
-  for (Eigen::Index j = 0; j < b.cols(); ++j)
-    for (Eigen::Index k = 0; k < a.cols(); ++k) {
-      const Extended factor = b(k, j);
-      if (factor == 0) continue;
-      for (Eigen::Index i = 0; i < a.rows(); ++i) c(i, j) += a(i, k) * factor;
+  ExtendedMatrix c(a.rows(), b.cols());
+  struct Factor {
+    const Extended *column;  // of a
+    Extended value;
+  };
+  std::vector<Factor> factors(static_cast<std::size_t>(a.cols()));
+  for (Eigen::Index j = 0; j < b.cols(); ++j) {
+    std::size_t count = 0;
+    for (Eigen::Index k = 0; k < a.cols(); ++k)
+      if (b(k, j) != 0) factors[count++] = {a.data() + k * a.rows(), b(k, j)};
+    Eigen::Index i = 0;
+    for (; i + 4 <= a.rows(); i += 4) {
+      Extended sum0 = 0, sum1 = 0, sum2 = 0, sum3 = 0;
+      for (std::size_t n = 0; n < count; ++n) {
+        const Extended *column = factors[n].column + i;
+        const Extended value = factors[n].value;
+        sum0 += column[0] * value;
+        sum1 += column[1] * value;
+        sum2 += column[2] * value;
+        sum3 += column[3] * value;
+      }
+      c(i, j) = sum0;
+      c(i + 1, j) = sum1;
+      c(i + 2, j) = sum2;
+      c(i + 3, j) = sum3;
     }
+    for (; i < a.rows(); ++i) {
+      Extended sum = 0;
+      for (std::size_t n = 0; n < count; ++n) sum += factors[n].column[i] * factors[n].value;
+      c(i, j) = sum;
+    }
+  }
   return c;
 }
 
@@ -235,6 +263,16 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   put_block(product(sensor, flow), mode.states, mode.tick_stride, &mode.tick);
 }
 
+[[noreturn]] void fail_too_fast(const std::string &file, const Network::Fastest &fastest) {
+  char seconds[24];
+  std::snprintf(seconds, sizeof seconds, "%.2g", 1.0 / fastest.rate);
+  throw InputError(file, fastest.element,
+                   "expected time constants of at least 1e-7 s, got " + std::string(seconds) +
+                       " s with " + fastest.state +
+                       "; make this element less stiff, damped or fast, or masses and inductances "
+                       "beside it larger");
+}
+
 std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   const Network &network = cache.network();
   const Model &model = cache.model();
@@ -258,10 +296,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   int order = 0;
   while ((order = absolute_series(a, parts, scale, kTruncation, kHighestOrder, &growth)) == 0) {
     parts *= 2;
-    if (parts > kMostTickParts)
-      throw SimulationError(model.file +
-                            ": the plant has time constants below 1e-7 s; make its elements less "
-                            "stiff or its masses and inductances larger");
+    if (parts > kMostTickParts) fail_too_fast(model.file, network.fastest(equations));
   }
   const ExtendedMatrix b = a / static_cast<Extended>(parts);
   mode->order = static_cast<std::size_t>(std::max(order, 2));
@@ -290,8 +325,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
                 static_cast<std::size_t>(i) * mode->columns * mode->series_stride);
     // From a state known to rounding in the balanced norm: what the others' roundings make of it
     // within a time constant counts as its own.
-    ExtendedMatrix doubt = product(absolute(r), absolute(term));
-    if (k > 0) doubt = product(doubt, scale.sum);
+    const ExtendedMatrix doubt = product(product(absolute(r), absolute(term)), scale.sum);
     for (Eigen::Index i = 0; i < g; ++i)
       for (Eigen::Index j = 0; j < c; ++j)
         mode->doubt[(static_cast<std::size_t>(i) * (mode->order + 1) + k) * mode->columns +
@@ -300,7 +334,6 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   put_rows(r, &mode->signal);
   for (Eigen::Index i = 0; i < g; ++i)
     if (r(i, c - 1) != 0) mode->fed.push_back(static_cast<std::size_t>(i));
-  put_rows(absolute(r), &mode->size);
 
   mode->low.assign(kernel::padded(mode->channels), -std::numeric_limits<double>::infinity());
   mode->high.assign(kernel::padded(mode->channels), std::numeric_limits<double>::infinity());
@@ -340,7 +373,9 @@ class Gram {
     ExtendedMatrix growth;
     while ((order_ = absolute_series(a, parts_, scale, 0x1p-66L, 28, &growth)) == 0) parts_ *= 2;
     b_ = a / static_cast<Extended>(parts_);
-    flow_ = series(b_, order_ + 4);
+    if (parts_ > 1) flows_.push_back(series(b_, order_ + 4));
+    for (std::size_t k = parts_; k > 2; k /= 2)
+      flows_.push_back(product(flows_.back(), flows_.back()));
   }
 
   ExtendedMatrix operator()(const ExtendedMatrix &q) const {  // q symmetric
@@ -353,11 +388,9 @@ class Gram {
       sum += term / static_cast<Extended>(k + 1);
     }
     sum *= tick_ / static_cast<Extended>(parts_);
-    ExtendedMatrix flow = flow_;
-    for (std::size_t k = parts_; k > 1; k /= 2) {
+    for (const ExtendedMatrix &flow : flows_) {
       const ExtendedMatrix transposed = flow.transpose();
       sum += product(product(transposed, sum), flow);
-      flow = product(flow, flow);
     }
     return sum;
   }
@@ -367,7 +400,7 @@ class Gram {
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
-  ExtendedMatrix flow_;
+  std::vector<ExtendedMatrix> flows_;  // over 1, 2, 4, ... parts, up to half a tick
 };
 
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {
@@ -380,7 +413,7 @@ std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key
   audit->form_stride = kernel::padded(network.supplies().size() + network.dampers().size());
   audit->forms.assign(audit->form_stride * c * c, 0.0);
   std::size_t place = 0;
-  const auto add = [&](const Network::Product &pair) {
+  const auto add = [&](const Wiring::Product &pair) {
     const ExtendedMatrix first = equations.wires.row(pair.first);
     const ExtendedMatrix second = equations.wires.row(pair.second);
     const ExtendedMatrix outer = product(first.transpose(), second);

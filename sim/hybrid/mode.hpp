@@ -18,8 +18,8 @@ namespace forceaxis::sim {
 
 inline constexpr double kTickRateHz = 1500.0;
 
-/// The plant cannot be stepped on: chattering, a state that is not finite, dynamics too fast to
-/// resolve. what() names the element and the time where they are known.
+/// The plant cannot be stepped on: chattering, or a state that is not finite. what() names the
+/// element and the time where they are known.
 struct SimulationError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -87,10 +87,9 @@ struct Mode {
   std::size_t flow_stride = 0;    ///< padded(n)
   kernel::Vector taylor;          ///< (A T)^k / k!, k = 1..order below each other, by columns
   std::vector<double> signal;     ///< channel rows r, g x c by rows
-  std::vector<double> size;       ///< |r|
   std::size_t series_stride = 0;  ///< padded(order + 1)
   kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
-  std::vector<double> doubt;      ///< [channel][k]: |r|, then |r| |(A T)^k / k!| N, k = 1..order
+  std::vector<double> doubt;      ///< [channel][k]: |r| |(A T)^k / k!| N, k = 0..order
   std::vector<Channel> channel;
   std::vector<std::size_t> fed;  ///< channels that the command acts on at once
 
@@ -134,7 +133,7 @@ class ModeCache {
   /// Steps a second.
   double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
   int parts() const { return parts_; }
-  /// Throws SimulationError if the mode is too fast (rates above about 1.2e7 / s).
+  /// Throws InputError if the mode is too fast (rates above about 1.2e7 / s).
   const Mode &mode(ModeKey key);
   const ModeAudit &audit(ModeKey key);
   /// Number of modes built so far.

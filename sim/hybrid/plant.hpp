@@ -81,7 +81,7 @@ class Plant {
   /// One tick (1/1500 s, or the part of it that the ModeCache steps) with the code held.
   /// `amp_enable` false: coasting, the drive's current (or force) is 0 from this instant on and the
   /// code has no effect. Throws std::invalid_argument if the code does not fit the DAC,
-  /// SimulationError if the plant cannot be stepped on (the plant is then of no further use).
+  /// SimulationError if it cannot be stepped on, InputError if too fast: then of no further use.
   void step(int dac_code, bool amp_enable);
   /// The volts that the DAC puts out for a code in this tick, offset and noise included.
   double volts(int dac_code) const;

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <bit>
-#include <limits>
 #include <utility>
 
-#include "sim/hybrid/crossing.hpp"
 #include "sim/hybrid/kernel.hpp"
 
 namespace forceaxis::sim {
@@ -14,53 +12,33 @@ namespace {
 using kernel::dot;
 using kernel::magnitude;
 
-constexpr double kRounding = 0x1p-46;  // bound on the relative rounding of a channel's value
 constexpr int kMostChangesPerTick = 5000;
 constexpr int kMostChangesPerInstant = 1000;  // in settle()
 constexpr double kMoment = 0x1p-20;           // of a mode's reach
 constexpr std::size_t kRecentModes = 64;
-constexpr int kCalmTicks = 15;  // that the second test comes first; costs speed only
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double smaller(double a, double b) { return a < b ? a : b; }
-
-// 1 / k, rounded once.
-struct Reciprocals {
-  double value[64];
-  constexpr Reciprocals() : value{} {
-    for (int k = 1; k < 64; ++k) value[k] = 1.0 / k;
-  }
-};
-constexpr Reciprocals kReciprocal;
 
 }  // namespace
 
 Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events)
     : cache_(std::move(cache)),
       audit_(audit),
+      energy_(cache_->network()),
       listed_events_(listed_events),
       recent_(kRecentModes) {
   const Network &net = network();
   z_ = net.initial();
   z_.push_back(1.0);
   z_.push_back(0.0);
-  absolute_.assign(z_.size(), 0.0);
   for (const Network::Switch &s : net.switches())
     count_stride_ = std::max(count_stride_, s.state_names.size());
   counts_.assign(net.switches().size() * count_stride_ * count_stride_, 0);
-  supplied_.resize(net.supplies().size());
-  dissipated_.resize(net.dampers().size());
   set_mode(net.home_key(false));
   check_finite();
   slide(false);
   settle(false);
-  discarded_ = {};  // finding the first mode is no change of it
-}
-
-void Stepper::Sum::add(double term) {
-  const double next = value + term;
-  lost += magnitude(value) >= magnitude(term) ? (value - next) + term : (term - next) + value;
-  value = next;
+  energy_.begin();  // finding the first mode is no change of it
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -69,26 +47,13 @@ void Stepper::set_mode(ModeKey key) {
     slot.mode = &cache_->mode(key);
     slot.audit = audit_ ? &cache_->audit(key) : nullptr;
     slot.key = key;
-    const Mode &m = *slot.mode;
-    const auto grow = [](auto &buffer, std::size_t size) {
-      if (buffer.size() < size) buffer.resize(size);
-    };
-    grow(result_, m.tick_stride);
-    grow(curve_, m.curve_stride);
-    grow(calm_, m.calm_stride);
-    grow(grid_signal_, m.grid_signal_stride);
-    grow(grid_dip_, m.grid_dip_stride);
-    grow(parts_in_doubt_, m.channels);
-    grow(chain_, (m.order + 1) * m.flow_stride);
-    grow(polynomial_, m.series_stride);
-    grow(increment_, m.flow_stride);
-    if (audit_) {
-      grow(forms_, slot.audit->form_stride * m.columns);
-      grow(integrals_, slot.audit->form_stride);
-    }
+    const std::size_t chain = (slot.mode->order + 1) * slot.mode->flow_stride;
+    if (chain_.size() < chain) chain_.resize(chain);
+    if (increment_.size() < slot.mode->flow_stride) increment_.resize(slot.mode->flow_stride);
   }
   mode_ = slot.mode;
-  audit_mode_ = slot.audit;
+  detector_.enter(*mode_);
+  if (audit_) energy_.enter(*mode_, *slot.audit);
 }
 
 void Stepper::check_finite() const {
@@ -119,23 +84,23 @@ void Stepper::step(double command, bool enable) {
   const std::size_t n = mode_->states;
   if (Network::enabled(mode_->key) != enable) {
     switch_drive(command, enable);
-  } else if (sensors_in_result_ && command_jumps_ahead(command - z_[n + 1])) {
+  } else if (sensors_in_result_ && detector_.beyond_after(command - z_[n + 1])) {
     // Only spares the quiet test: it is settle() that decides, now or after the test.
     z_[n + 1] = command;
     settle(true);
   }
   z_[n + 1] = command;
-  if (!quiet_tick()) {
+  if (!detector_.quiet(z_.data())) {
     // The new command may have put signals beyond their bounds at once.
     sensors_in_result_ = false;
-    const bool quiet = command_jumps() && (settle(true), quiet_tick());
+    const bool quiet = detector_.beyond_now() && (settle(true), detector_.quiet(z_.data()));
     if (!quiet && cross_tick()) {
       ++tick_;
       return;
     }
   }
-  if (audit_) audit_tick();
-  const double *next = result_.data();
+  if (audit_) energy_.add_tick(z_.data());
+  const double *next = detector_.result();
   for (std::size_t i = 0; i < n; ++i) z_[i] = next[i];
   sensors_in_result_ = true;
   ++tick_;
@@ -152,73 +117,9 @@ void Stepper::hold(double command, bool enable) {
 }
 
 const double *Stepper::sensors() {
-  if (sensors_in_result_) return result_.data() + mode_->states;
+  if (sensors_in_result_) return detector_.result() + mode_->states;
   multiply_(mode_->sensor.data(), kernel::padded(2), z_.data(), mode_->columns, sensors_);
   return sensors_;
-}
-
-// Tests the next tick, from any instant. True: no switch changes, result_ holds its end.
-bool Stepper::quiet_tick() {
-  const Mode &m = *mode_;
-  if (m.samples == 0) return false;
-  // Where the second test was the one that passed it comes first for a while.
-  if (mode_ == calm_mode_ && calm_left_ > 0) {
-    --calm_left_;
-    multiply_(m.tick.data(), m.tick_stride, z_.data(), m.columns, result_.data());
-    if (calm_tick()) return true;
-    calm_left_ = 0;
-  }
-  return quiet_(m.quiet, z_.data(), result_.data(), curve_.data());
-}
-
-// The second test of Mode, on the signals that the first one has left in result_.
-bool Stepper::calm_tick() {
-  const Mode &m = *mode_;
-  const double *signal = result_.data() + m.signal_place;
-  const double *at = signal;
-  for (std::size_t k = 0; k <= m.samples; ++k, at += m.channel_stride)
-    for (std::size_t i = 0; i < m.channels; ++i)
-      if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return false;
-  double largest = 0.0;
-  for (std::size_t j = 0; j < m.columns; ++j)
-    if (const double size = magnitude(z_[j]); !(size <= largest)) largest = size;
-  multiply_(m.calm_head.data(), m.calm_stride, z_.data(), m.columns, calm_.data());
-  for (std::size_t j = 0; j < m.states; ++j) calm_[j] = magnitude(calm_[j]);
-  multiply_(m.calm_tail.data(), m.curve_stride, calm_.data(), m.states, curve_.data());
-  const double *bend = calm_.data() + kernel::padded(m.states);
-  bool calm = true;
-  for (std::size_t k = 0; k < m.samples; ++k) {
-    const std::size_t row = k * m.channel_stride;
-    const double *a = signal + row;
-    const double *b = a + m.channel_stride;
-    for (std::size_t i = 0; i < m.channels; ++i) {
-      double &dip = curve_[row + i];
-      dip += magnitude(bend[row + i]) + m.calm_doubt[row + i] * largest;
-      calm &= kernel::inside(a[i], b[i], dip, m.low[i], m.high[i]);
-    }
-  }
-  return calm;
-}
-
-// After a quiet tick: will this step of the command put a signal beyond its bound?
-bool Stepper::command_jumps_ahead(double change) const {
-  const Mode &m = *mode_;
-  const double *at = result_.data() + m.signal_place + m.samples * m.channel_stride;
-  for (const std::size_t i : m.fed) {
-    const double value = at[i] + m.signal[(i + 1) * m.columns - 1] * change;
-    if (!(value >= m.low[i] && value <= m.high[i])) return true;
-  }
-  return false;
-}
-
-// After quiet_tick(): is a signal beyond its bound at the start already?
-bool Stepper::command_jumps() const {
-  const Mode &m = *mode_;
-  if (m.samples == 0) return true;
-  const double *at = result_.data() + m.signal_place;
-  for (std::size_t i = 0; i < m.channels; ++i)
-    if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return true;
-  return false;
 }
 
 // Moves every switch whose signal lies clearly beyond its bound, in dependency order, until none
@@ -230,11 +131,11 @@ void Stepper::settle(bool count_jumps) {
     const Channel &channel = m.channel[i];
     const double value = dot(&m.signal[i * m.columns], z_.data(), m.columns);
     if (value >= m.low[i] && value <= m.high[i]) continue;
+    const double *doubt = &m.doubt[i * (m.order + 1) * m.columns];
     double scale = 0.0;
-    for (std::size_t j = 0; j < m.columns; ++j)
-      scale += m.size[i * m.columns + j] * magnitude(z_[j]);
-    const bool below = value < channel.low - kRounding * (scale + magnitude(channel.low));
-    const bool above = value > channel.high + kRounding * (scale + magnitude(channel.high));
+    for (std::size_t j = 0; j < m.columns; ++j) scale += doubt[j] * magnitude(z_[j]);
+    const bool below = value < channel.low - kChannelRounding * (scale + magnitude(channel.low));
+    const bool above = value > channel.high + kChannelRounding * (scale + magnitude(channel.high));
     if (!below && !above) continue;
     if (++changes > kMostChangesPerInstant) fail_switching(channel.switch_index, 0.0);
     // The new state has channels of its own, from the switch's first place in the list on; those
@@ -269,7 +170,7 @@ void Stepper::evaluate(double s) {
 // By series, at most `reach`.
 void Stepper::advance_within_part(double ticks) {
   expand();
-  if (audit_) audit_part(ticks);
+  if (audit_) energy_.add_part(z_.data(), chain_.data(), ticks, cache_->rate_hz());
   evaluate(ticks);
 }
 
@@ -287,101 +188,8 @@ void Stepper::advance(double ticks) {
   if (left > 0.0) advance_within_part(left);
 }
 
-// polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
-Stepper::Verdict Stepper::examine_side(std::size_t channel, double bound, double end,
-                                       double *root) {
-  const Mode &m = *mode_;
-  const std::size_t c = m.columns;
-  const double *q = polynomial_.data();
-
-  // A signal on its bound: the sign of its first Taylor coefficient that is not rounding decides,
-  // and the rest is searched with the root at the start divided out. If none differs from rounding
-  // then neither does the signal on this part. Rounding is that of the state in the balanced norm
-  // (Mode::doubt): places known to 1e-18 m only make speeds of less than 1e-18 m times the fastest
-  // rate mean nothing, or contacts that just touch would switch with the last bits of their places.
-  const double *doubt = &m.doubt[channel * (m.order + 1) * c];
-  for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
-    double scale = k == 0 ? magnitude(bound) : 0.0;
-    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * absolute_[j];
-    if (!(magnitude(q[k]) > kRounding * scale)) continue;
-    if (q[k] < 0.0) return Verdict::at_once;
-    if (k == m.order) return Verdict::none;
-    return first_crossing(q + k, m.order - k, end, root) ? Verdict::later : Verdict::none;
-  }
-  return Verdict::none;
-}
-
-Stepper::Verdict Stepper::examine(std::size_t channel, double end, double *root, bool *above) {
-  const Mode &m = *mode_;
-  const Channel &watched = m.channel[channel];
-  double *q = polynomial_.data();
-  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z_.data(), m.columns,
-            q);
-  const double value = q[0];
-  Verdict verdict = Verdict::none;
-  if (watched.low > -kInfinity) {
-    q[0] = value - watched.low;
-    verdict = examine_side(channel, watched.low, end, root);
-    *above = false;
-    if (verdict == Verdict::at_once) return verdict;
-    if (verdict == Verdict::later) end = *root;
-  }
-  if (watched.high < kInfinity) {
-    q[0] = watched.high - value;
-    for (std::size_t k = 1; k <= m.order; ++k) q[k] = -q[k];
-    const Verdict upper = examine_side(channel, watched.high, end, root);
-    if (upper != Verdict::none) {
-      *above = true;
-      verdict = upper;
-    }
-  }
-  return verdict;
-}
-
-// After quiet_tick() has failed: the parts of the grid in which a signal may reach a bound.
-std::uint64_t Stepper::parts_in_doubt(std::size_t channel, std::size_t wanted) {
-  const Mode &m = *mode_;
-  const std::size_t c = m.columns;
-  const double low = m.low[channel];
-  const double high = m.high[channel];
-  const double *at = result_.data() + m.signal_place + channel;
-  const double *dip = curve_.data() + channel;
-  bool clear = m.samples > 0;
-  for (std::size_t k = 0; k < m.samples; ++k, at += m.channel_stride, dip += m.channel_stride)
-    clear &= kernel::inside(at[0], at[m.channel_stride], dip[0], low, high);
-  if (clear) return 0;
-  const kernel::GridTest test{&m.grid_signal[channel * c * m.grid_signal_stride],
-                              &m.grid_dip[channel * c * m.grid_dip_stride],
-                              m.grid,
-                              c,
-                              low,
-                              high};
-  const std::uint64_t doubt = grid_(test, z_.data(), grid_signal_.data(), grid_dip_.data());
-  return doubt & (~std::uint64_t{0} >> (64 - wanted));
-}
-
-// The first change from here on to `end`, within part `part` of the grid, of the channels that are
-// in doubt there.
-bool Stepper::first_change(std::size_t part, double end, Change *found) {
-  for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z_[j]);
-  bool any = false;
-  found->after = end;
-  for (std::size_t i = 0; i < mode_->channels; ++i) {
-    if ((parts_in_doubt_[i] >> part & 1U) == 0) continue;
-    double root = found->after;
-    bool above = false;
-    const Verdict verdict = examine(i, found->after, &root, &above);
-    if (verdict == Verdict::none) continue;
-    if (verdict == Verdict::at_once) root = 0.0;
-    if (any && !(root < found->after)) continue;
-    *found = {i, above, root};
-    any = true;
-    if (verdict == Verdict::at_once) break;
-  }
-  return any;
-}
-
-// After quiet_tick() has failed. False: no switch changes after all, result_ holds the tick's end.
+// After the quiet test has failed. False: no switch changes after all, and the detector has the
+// tick's end.
 bool Stepper::cross_tick() {
   check_finite();
   double done = 0.0;  // ticks
@@ -413,28 +221,21 @@ bool Stepper::cross_tick() {
       const double covered = smaller(static_cast<double>(parts) * m.reach, rest);
       std::uint64_t doubtful = 0;
       if (!quiet) {
-        for (std::size_t i = 0; i < m.channels; ++i)
-          doubtful |= parts_in_doubt_[i] = parts_in_doubt(i, parts);
-        if (m.samples > 0 && covered == 1.0) {
-          if (doubtful == 0) return false;
-          if (calm_tick()) {
-            calm_mode_ = mode_;
-            calm_left_ = kCalmTicks;
-            return false;
-          }
-        }
+        doubtful = detector_.doubtful_parts(z_.data(), parts);
+        if (m.samples > 0 && covered == 1.0 && (doubtful == 0 || detector_.calm(z_.data())))
+          return false;
       }
       // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
       double passed = 0.0;
       bool changed = false;
-      Change next;
+      Detector::Change next;
       for (; doubtful != 0; doubtful &= doubtful - 1) {
         const auto part = static_cast<std::size_t>(std::countr_zero(doubtful));
         const double start = static_cast<double>(part) * m.reach;
         if (start > passed) advance(start - passed);
         passed = start;
         const double end = smaller(m.reach, rest - start);
-        changed = first_change(part, end, &next);
+        changed = detector_.first_change(z_.data(), part, end, &next);
         if (changed) break;
         advance_within_part(end);
         passed = smaller(start + m.reach, rest);
@@ -458,7 +259,7 @@ bool Stepper::cross_tick() {
       }
     }
     if (!(done < 1.0)) return true;
-    quiet = quiet_tick();
+    quiet = detector_.quiet(z_.data());
   }
 }
 
@@ -470,15 +271,15 @@ void Stepper::change(std::size_t channel, bool above, double s, bool jump, bool 
 
 void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   const int from = network().state_of(mode_->key, index);
-  const double before = audit_ ? stored_total() : 0.0;
+  const double before = audit_ ? energy_.stored(z_.data()) : 0.0;
   set_mode(network().with_state(mode_->key, index, to));
   // Where a friction begins to stick, its rate is 0 but for the rounding of the instant.
   const std::size_t n = mode_->states;
   if (to == network().switches()[static_cast<std::size_t>(index)].stuck) {
-    for (std::size_t i = 0; i < n; ++i) calm_[i] = dot(&mode_->slip[i * n], z_.data(), n);
-    for (std::size_t i = 0; i < n; ++i) z_[i] -= calm_[i];
+    for (std::size_t i = 0; i < n; ++i) increment_[i] = dot(&mode_->slip[i * n], z_.data(), n);
+    for (std::size_t i = 0; i < n; ++i) z_[i] -= increment_[i];
   }
-  if (audit_) discarded_.add(before - stored_total());
+  if (audit_) energy_.discard(before - energy_.stored(z_.data()));
   if (!counted) return;
   const double time_s = (static_cast<double>(tick_) + s) / cache_->rate_hz();
   // There and back in no time is no change.
@@ -499,11 +300,11 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
 }
 
 void Stepper::kick(std::size_t body, double impulse) {
-  const Network::BodyState &moved = network().bodies()[body];
+  const Wiring::BodyState &moved = network().bodies()[body];
   double &velocity = z_[static_cast<std::size_t>(moved.velocity)];
   const double before = velocity;
   velocity += impulse / moved.mass;
-  impulse_.add(0.5 * moved.mass * (velocity - before) * (velocity + before));
+  energy_.add_impulse(0.5 * moved.mass * (velocity - before) * (velocity + before));
   sensors_in_result_ = false;
   slide(true);
   settle(true);
@@ -512,14 +313,14 @@ void Stepper::kick(std::size_t body, double impulse) {
 // Velocities have just been given: every friction whose ends have different ones slides.
 void Stepper::slide(bool counted) {
   constexpr double kSame = 0x1p-36;  // of the velocities: what sticks may differ by rounding
-  for (const Network::FrictionEnds &friction : network().frictions()) {
+  for (const Wiring::FrictionEnds &friction : network().frictions()) {
     const auto velocity = [&](int state) {
       return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
     };
     const double a = velocity(friction.velocity_a);
     const double b = velocity(friction.velocity_b);
     if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) continue;
-    const int state = a > b ? Network::kForward : Network::kBackward;
+    const int state = a > b ? Wiring::kForward : Wiring::kBackward;
     if (network().state_of(mode_->key, friction.switch_index) != state)
       switch_to(friction.switch_index, state, 0.0, true, counted);
   }
@@ -535,102 +336,24 @@ std::int64_t Stepper::count(int switch_index, int from, int to) const {
   return counts_[count_place(switch_index, from, to)];
 }
 
-// ---- energy -----------------------------------------------------------------------------------
-
-void Stepper::audit_tick() {
-  const Mode &m = *mode_;
-  const std::size_t stride = audit_mode_->form_stride;
-  // All forms times z, column by column, is again a matrix by columns: its product with z are the
-  // integrals.
-  multiply_(audit_mode_->forms.data(), stride * m.columns, z_.data(), m.columns, forms_.data());
-  multiply_(forms_.data(), stride, z_.data(), m.columns, integrals_.data());
-  add_integrals();
-}
-
-void Stepper::add_integrals() {
-  const double *value = integrals_.data();
-  for (Sum &sum : supplied_) sum.add(*value++);
-  for (Sum &sum : dissipated_) sum.add(*value++);
-}
-
-// Products of two polynomials, integrated term by term over s ticks of the expansion at hand.
-void Stepper::audit_part(double s) {
-  const Mode &m = *mode_;
-  const std::size_t c = m.columns;
-  const auto integral = [&](std::size_t product) {
-    double a[64];
-    double b[64];
-    double power = 1.0;
-    for (std::size_t k = 0; k <= m.order; ++k, power *= s) {
-      const double *x = &chain_[k * m.flow_stride];
-      a[k] = dot(&audit_mode_->first[product * c], k == 0 ? z_.data() : x, k == 0 ? c : m.states);
-      b[k] = dot(&audit_mode_->second[product * c], k == 0 ? z_.data() : x, k == 0 ? c : m.states);
-      a[k] *= power;
-      b[k] *= power;
-    }
-    double sum = 0.0;
-    for (std::size_t degree = 2 * m.order + 1; degree-- > 0;) {
-      double coefficient = 0.0;
-      const std::size_t from = degree > m.order ? degree - m.order : 0;
-      const std::size_t to = degree < m.order ? degree : m.order;
-      for (std::size_t i = from; i <= to; ++i) coefficient += a[i] * b[degree - i];
-      sum += coefficient * kReciprocal.value[degree + 1];
-    }
-    return sum * s / cache_->rate_hz();
-  };
-  for (std::size_t i = 0; i < supplied_.size(); ++i) supplied_[i].add(integral(i));
-  for (std::size_t i = 0; i < dissipated_.size(); ++i)
-    dissipated_[i].add(integral(supplied_.size() + i));
-}
-
 // The grid's flow does not go through the expansion; the integrals do, part by part.
 void Stepper::audit_grid(std::size_t parts) {
   const std::vector<double> start = z_;
   for (std::size_t k = 0; k < parts; ++k) {
     expand();
-    audit_part(mode_->reach);
+    energy_.add_part(z_.data(), chain_.data(), mode_->reach, cache_->rate_hz());
     evaluate(mode_->reach);
   }
   z_ = start;
 }
 
-std::vector<double> Stepper::stored() const {
-  std::vector<double> energies;
-  const std::size_t c = mode_->columns;
-  const ModeAudit &rows = cache_->audit(mode_->key);
-  for (std::size_t i = 0; i < network().storages().size(); ++i)
-    energies.push_back(0.5 * dot(&rows.store_first[i * c], z_.data(), c) *
-                           dot(&rows.store_second[i * c], z_.data(), c) +
-                       rows.store_constant[i]);
-  return energies;
-}
-
-double Stepper::stored_total() const {
-  double sum = 0.0;
-  const std::size_t c = mode_->columns;
-  for (std::size_t i = 0; i < network().storages().size(); ++i)
-    sum += 0.5 * dot(&audit_mode_->store_first[i * c], z_.data(), c) *
-               dot(&audit_mode_->store_second[i * c], z_.data(), c) +
-           audit_mode_->store_constant[i];
-  return sum;
-}
-
 double Stepper::kinetic() const {
   double sum = 0.0;
-  for (const Network::BodyState &body : network().bodies()) {
+  for (const Wiring::BodyState &body : network().bodies()) {
     const double v = z_[static_cast<std::size_t>(body.velocity)];
     sum += 0.5 * body.mass * v * v;
   }
   return sum;
-}
-
-EnergyIntegrals Stepper::energy() const {
-  EnergyIntegrals result;
-  for (const Sum &sum : supplied_) result.supplied.push_back(sum.total());
-  for (const Sum &sum : dissipated_) result.dissipated.push_back(sum.total());
-  result.discarded = discarded_.total();
-  result.impulse = impulse_.total();
-  return result;
 }
 
 }  // namespace forceaxis::sim

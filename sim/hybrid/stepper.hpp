@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "sim/hybrid/detector.hpp"
+#include "sim/hybrid/energy.hpp"
 #include "sim/hybrid/kernel.hpp"
 #include "sim/hybrid/mode.hpp"
 
@@ -20,14 +22,6 @@ struct SwitchEvent {
   bool jump = false;
 };
 
-/// Integrals since the start, J.
-struct EnergyIntegrals {
-  std::vector<double> supplied;    ///< per Network::supplies()
-  std::vector<double> dissipated;  ///< per Network::dampers()
-  double discarded = 0.0;          ///< spring energy dropped when a contact lets go under load
-  double impulse = 0.0;            ///< work of impulses
-};
-
 /// Copyable; copies share only the cache (which may be used from several threads), so a copy may
 /// move to another thread. step() allocates nothing except when a mode or an event is new.
 class Stepper {
@@ -35,7 +29,7 @@ class Stepper {
   /// `listed_events`: how many events are kept for events(); all are counted.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
 
-  /// One tick with the command voltage held. Throws SimulationError.
+  /// One tick with the command voltage held. Throws SimulationError, InputError (as ModeCache).
   void step(double command, bool enable);
   /// The command from this instant on: switches and z() follow at once. The next step() must be
   /// given the same.
@@ -59,75 +53,41 @@ class Stepper {
   /// Changes of one switch from one state to another, jumps included.
   std::int64_t count(int switch_index, int from, int to) const;
 
-  EnergyIntegrals energy() const;
+  EnergyIntegrals energy() const { return energy_.integrals(); }
   double kinetic() const;
   /// Spring energy, one entry per Network::storages().
-  std::vector<double> stored() const;
+  std::vector<double> stored() const {
+    return stored_energies(*mode_, cache_->audit(mode_->key), z_.data());
+  }
 
  private:
-  struct Sum {  // Neumaier's compensated sum
-    double value = 0.0;
-    double lost = 0.0;
-    void add(double term);
-    double total() const { return value + lost; }
-  };
-  enum class Verdict { none, at_once, later };
-  struct Change {
-    std::size_t channel = 0;
-    bool above = false;
-    double after = 0.0;  // ticks from now
-  };
-
   void switch_drive(double command, bool enable);
-  bool quiet_tick();
-  bool calm_tick();
-  bool command_jumps() const;
-  bool command_jumps_ahead(double change) const;
   void settle(bool count_jumps);
   bool cross_tick();
-  std::uint64_t parts_in_doubt(std::size_t channel, std::size_t wanted);
-  bool first_change(std::size_t part, double end, Change *found);
   void expand();
   void evaluate(double s);
   void advance_within_part(double ticks);
   void advance(double ticks);
-  Verdict examine(std::size_t channel, double end, double *root, bool *above);
-  Verdict examine_side(std::size_t channel, double bound, double end, double *root);
   void change(std::size_t channel, bool above, double s, bool jump, bool counted);
   void switch_to(int switch_index, int to, double s, bool jump, bool counted);
   void slide(bool counted);
   void set_mode(ModeKey key);
   void check_finite() const;
-  void audit_tick();
-  void add_integrals();
-  void audit_part(double s);
   void audit_grid(std::size_t parts);
-  double stored_total() const;
   std::size_t count_place(int switch_index, int from, int to) const;
   [[noreturn]] void fail_switching(int switch_index, double s) const;
 
   std::shared_ptr<ModeCache> cache_;
   kernel::Multiply multiply_ = kernel::best_multiply();
-  kernel::Quiet quiet_ = kernel::best_quiet();
-  kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // where the second test passed after the first had failed
-  int calm_left_ = 0;
-  const ModeAudit *audit_mode_ = nullptr;
   bool audit_ = false;
+  Detector detector_;
+  EnergyAccount energy_;
   std::int64_t tick_ = 0;
   std::vector<double> z_;
-  std::vector<double> absolute_;
-  kernel::Vector result_;  // of the quiet tick
-  kernel::Vector curve_;
-  kernel::Vector calm_;
-  kernel::Vector grid_signal_;
-  kernel::Vector grid_dip_;
-  std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
   double sensors_[kernel::padded(2)] = {};
-  bool sensors_in_result_ = false;  // the last tick was quiet and nothing happened since
+  bool sensors_in_result_ = false;  // of the detector: the last tick was quiet, nothing since
   kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
-  kernel::Vector polynomial_;
   kernel::Vector increment_;
   double powers_[64];
 
@@ -147,13 +107,6 @@ class Stepper {
     const ModeAudit *audit = nullptr;
   };
   std::vector<Recent> recent_;
-
-  kernel::Vector forms_;
-  kernel::Vector integrals_;  // of supplies, then dampers
-  std::vector<Sum> supplied_;
-  std::vector<Sum> dissipated_;
-  Sum discarded_;
-  Sum impulse_;
 };
 
 }  // namespace forceaxis::sim

@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <utility>
 
@@ -15,24 +13,7 @@
 namespace forceaxis::sim {
 namespace {
 
-toml::table parse(const std::string &file) {
-  std::error_code status;
-  if (!std::filesystem::is_regular_file(file, status))
-    throw InputError(file, "file", "expected a readable file, got none; check the path");
-  std::ifstream stream(file, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (!stream.good() && !stream.eof())
-    throw InputError(file, "file", "expected a readable file, got a read error; check the file");
-  try {
-    return toml::parse(std::string_view(text), std::string_view(file));
-  } catch (const toml::parse_error &error) {
-    const auto where = error.source().begin;
-    throw InputError(
-        file, "line " + std::to_string(where.line) + ", column " + std::to_string(where.column),
-        "expected valid TOML, got: " + one_line(error.description()) +
-            "; correct this line (is the file complete?)");
-  }
-}
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
   std::vector<Parameter> parameters;
@@ -56,15 +37,17 @@ std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
     parameter.name = key.str();
     parameter.file = source.file;
     const toml::node &value = section.require("value", "a finite number");
-    if (!value.is_number() ||
-        !std::isfinite(value.value<double>().value_or(std::numeric_limits<double>::quiet_NaN())))
+    const bool quantity = value.is_string() && is_quantity(value.ref<std::string>());
+    if (!quantity && !std::isfinite(value.is_number() ? *value.value<double>() : kNoNumber))
       section.fail("value", "expected a finite number, got " + kind_of(value) +
                                 "; give the parameter's value");
-    parameter.value = *value.value<double>();
     parameter.unit = section.text("unit", "a unit such as \"kg\" or \"N s/m\"");
-    if (!dimension_of(parameter.unit))
+    const auto dimension = dimension_of(parameter.unit);
+    if (!dimension)
       section.fail("unit", "expected one of " + joined(unit_spellings()) + ", got " +
                                in_quotes(parameter.unit) + "; use one of these spellings");
+    parameter.value =
+        quantity ? section.value("value", *dimension, Sign::any) : *value.value<double>();
     parameter.source = section.optional_text("source", "a text").value_or("");
     section.finish();
     parameters.push_back(std::move(parameter));
@@ -79,7 +62,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
     source.fail("parameters_file", "expected a readable file beside this one, got " +
                                        in_quotes(name) + "; check the path");
   Source shared{path.string(), {}};
-  const toml::table table = parse(shared.file);
+  const toml::table table = parse_toml(shared.file);
   Section section(shared, table, "");
   (void)section.optional_text("title", "a text");
   (void)section.optional_text("shows", "a text");
@@ -88,38 +71,94 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   return parameters;
 }
 
-void apply(Source &source, std::span<const Override> overrides) {
-  for (const Override &change : overrides) {
-    Parameter *const found = source.find(change.parameter);
-    const std::string key = "parameters." + one_line(change.parameter);
-    if (found == nullptr) {
-      const auto names = source.parameter_names();
-      source.fail(key, "expected one of the parameters " + joined(names) + ", got " +
-                           in_quotes(change.parameter) + suggestion(change.parameter, names) +
-                           "; correct the override's name");
-    }
-    if (!std::isfinite(change.value))
-      source.fail(key + ".value", "expected a finite number, got " + number_text(change.value) +
-                                      "; correct the override's value");
-    found->value = change.value;
-    found->overridden = true;
-  }
-}
+// The overrides of a model and where a message says that they are.
+class Overriding {
+ public:
+  Overriding(Source &source, const std::string &file)
+      : source_(source), file_(file.empty() ? source.file : file), in_set_(!file.empty()) {}
 
-// Everything with two ends but the drive, in the order of the signals.
-template <class Visit>
-void each_link(const Model &model, Visit visit) {
-  for (const Spring &spring : model.springs) visit(spring);
-  for (const Damper &damper : model.dampers) visit(damper);
-  for (const Contact &contact : model.contacts) visit(contact);
-  for (const Stop &stop : model.stops) visit(stop);
-  for (const Friction &friction : model.frictions) visit(friction);
-}
+  void apply(std::span<const Override> overrides) {
+    check_names(overrides);
+    // Names take the values that numbers and quantities have made.
+    for (const Override &change : overrides)
+      if (!names_parameter(change)) put(*source_.find(change.parameter), number(change));
+    std::vector<std::pair<Parameter *, double>> named;
+    for (const Override &change : overrides)
+      if (names_parameter(change))
+        named.emplace_back(source_.find(change.parameter), value_of_named(change));
+    for (const auto &[parameter, value] : named) put(*parameter, value);
+  }
+
+ private:
+  static bool names_parameter(const Override &change) {
+    const auto *text = std::get_if<std::string>(&change.value);
+    return text != nullptr && !is_quantity(*text);
+  }
+
+  static void put(Parameter &parameter, double value) {
+    parameter.value = value;
+    parameter.overridden = true;
+  }
+
+  [[noreturn]] void fail(const std::string &parameter, const std::string &message) const {
+    throw InputError(file_, (in_set_ ? "set." : "parameters.") + parameter, message);
+  }
+
+  void check_names(std::span<const Override> overrides) const {
+    std::vector<std::string> wrong;
+    for (const Override &change : overrides)
+      if (source_.find(change.parameter) == nullptr) wrong.push_back(change.parameter);
+    if (wrong.empty()) return;
+    const auto names = source_.parameter_names();
+    fail(wrong.front(), "expected one of the parameters " + joined(names) + ", got " +
+                            wrong_names(wrong, names) + "; correct the override's name");
+  }
+
+  double number(const Override &change) const {
+    const Parameter &parameter = *source_.find(change.parameter);
+    const std::string in_unit = " in " + parameter.unit;
+    double value = 0.0;
+    if (const auto *text = std::get_if<std::string>(&change.value)) {
+      const Dimension dimension = *dimension_of(parameter.unit);
+      const QuantityResult quantity = read_quantity(*text, dimension);
+      if (!quantity.value)
+        fail(change.parameter, "expected " + phrase_of(dimension) + ", got " + quantity.obtained +
+                                   "; correct the value or its unit");
+      value = *quantity.value;
+    } else {
+      value = std::get<double>(change.value);
+    }
+    if (!std::isfinite(value))
+      fail(change.parameter, "expected a finite number" + in_unit + ", got " + number_text(value) +
+                                 "; correct the override's value");
+    return value;
+  }
+
+  double value_of_named(const Override &change) const {
+    const std::string &name = std::get<std::string>(change.value);
+    const Parameter &parameter = *source_.find(change.parameter);
+    const Parameter *const other = source_.find(name);
+    const auto names = source_.parameter_names();
+    if (other == nullptr)
+      fail(change.parameter, "expected " + phrase_of(*dimension_of(parameter.unit)) +
+                                 " or a parameter out of " + joined(names) + ", got " +
+                                 in_quotes(name) + suggestion(name, names) +
+                                 "; correct the override's value");
+    if (dimension_of(other->unit) != dimension_of(parameter.unit))
+      fail(change.parameter, "expected a parameter in " + parameter.unit + ", got " + name +
+                                 " in " + other->unit + "; refer to another parameter");
+    return other->value;
+  }
+
+  Source &source_;
+  std::string file_;
+  bool in_set_;
+};
 
 // Follows everything with two ends from ground; what is not reached floats freely.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
-  each_link(model, [&](const auto &link) { links.push_back(link.ends); });
+  model.each_link([&](const auto &link) { links.push_back(link.ends); });
   if (model.drive) links.push_back({model.drive->body, model.drive->reaction});
   std::vector<bool> reached(model.bodies.size() + 1, false);  // [0] is ground
   reached[0] = true;
@@ -157,11 +196,16 @@ void check_frictions(const Model &model) {
 }
 
 void check_used(const Source &source) {
+  std::vector<std::string> idle;
   for (const Parameter &parameter : source.parameters)
-    if (!parameter.used && parameter.file == source.file)
-      source.fail("parameters." + parameter.name,
-                  "expected a parameter that this model uses, got one nothing refers to; remove it "
-                  "or use its name");
+    if (!parameter.used && parameter.file == source.file) idle.push_back(parameter.name);
+  if (idle.empty()) return;
+  source.fail("parameters." + idle.front(),
+              idle.size() == 1
+                  ? "expected a parameter that this model uses, got one nothing refers "
+                    "to; remove it or use its name"
+                  : "expected parameters that this model uses, got " + joined(idle) +
+                        ", which nothing refers to; remove them or use their names");
 }
 
 }  // namespace
@@ -179,7 +223,7 @@ std::vector<SignalInfo> Model::signal_list() const {
     list.push_back({body.name + ".velocity", Dimension::velocity});
     list.push_back({body.name + ".acceleration", Dimension::acceleration});
   }
-  each_link(*this, [&](const auto &link) {
+  each_link([&](const auto &link) {
     list.push_back({link.name + ".force", Dimension::force});
     list.push_back({link.name + ".spring_force", Dimension::force});
     list.push_back({link.name + ".spring_force_rate", Dimension::force_rate});
@@ -207,9 +251,10 @@ int Model::body_index(std::string_view name) const {
   return index;
 }
 
-Model load_model(const std::filesystem::path &path, std::span<const Override> overrides) {
+Model load_model(const std::filesystem::path &path, std::span<const Override> overrides,
+                 const std::string &overrides_file) {
   Source source{path.string(), {}};
-  const toml::table table = parse(source.file);
+  const toml::table table = parse_toml(source.file);
   Section root(source, table, "");
   Model model;
   model.file = source.file;
@@ -223,7 +268,7 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
     else
       source.parameters.push_back(std::move(own));
   }
-  apply(source, overrides);
+  Overriding(source, overrides_file).apply(overrides);
   read_elements(root, model);
   root.finish();
   check_connected(model);

@@ -27,9 +27,10 @@
 //   [dac]        bits = 12 (8..16), range = 10 V, offset = 0 V, noise = 0 V rms:
 //                volts = code * 2 range / 2^bits + offset + noise
 //
-// A value is a number (SI), the name of a parameter, or "-name". One end of `between` may be
-// "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a back
-// and b forward.
+// A value is a number (SI), a quantity such as "400 kN/m" (units.hpp), the name of a parameter, or
+// "-name"; a parameter's own value is a number in its unit or a quantity. One end of `between` may
+// be "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a
+// back and b forward.
 // * Piecewise linear: breaks rise; slope k holds between breaks[k-1] and breaks[k]; the curve is
 //   continuous and 0 at 0. Breaks may be given as `loads`: compliance that depends on the load.
 // * A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. A stop is such a contact on
@@ -40,25 +41,6 @@
 //   is interpolated, beyond the outer ones it is constant.
 // Every body must be tied to ground through these or the drive. A parameter that this file defines
 // must be used by it; parameters_file may hold more than one model needs.
-//
-// clang-format off
-// Accepted units of parameters, by what they measure (each line: spellings of one dimension):
-//   1, V/V                          ratio                count                       codes
-//   kg                              mass                 m                           length
-//   s                               time                 m/s                         velocity
-//   N                               force                N s, N*s, kg m/s            impulse
-//   N/m                             stiffness            N s/m, N*s/m, kg/s          damping
-//   V                               voltage              A                           current
-//   ohm                             resistance           H                           inductance
-//   V/A                             current sensing      N m/A, N*m/A                torque constant
-//   V s/rad, V*s/rad                speed constant       m/rad                       transmission
-//   rad/s, 1/s                      rate                 N m s/rad, N*m*s/rad        rotary damping
-//   kg m^2, kg*m^2                  inertia              N/V                         drive gain
-//   m/s/V, m/(s V)                  speed per volt       count/m                     encoder scale
-//   m/s^2                           acceleration         N/s                         rate of a force
-//   N/count  A/count  V/count  m/count  m/s/count        ADC scale of such a signal
-//   m/s^2/count  N/s/count
-// clang-format on
 #include <array>
 #include <filesystem>
 #include <optional>
@@ -69,6 +51,8 @@
 #include <variant>
 #include <vector>
 
+#include "sim/model/units.hpp"
+
 namespace forceaxis::sim {
 
 /// A refused input. what() is one line: "FILE: KEY: expected ..., got ...; what to do".
@@ -78,50 +62,6 @@ struct InputError : std::runtime_error {
   std::string key;      ///< as in the file: body[1].mass (counted from 0), parameters.m_r.value
   std::string message;  ///< the rest of the line
 };
-
-/// What a value measures. The accepted spellings are listed at the top of this header.
-enum class Dimension {
-  ratio,
-  count,
-  mass,
-  length,
-  time,
-  velocity,
-  force,
-  impulse,
-  stiffness,
-  damping,
-  voltage,
-  current,
-  resistance,
-  inductance,
-  volt_per_amp,
-  torque_constant,
-  speed_constant,
-  transmission,
-  rate,
-  rotary_damping,
-  inertia,
-  force_per_volt,
-  velocity_per_volt,
-  count_per_length,
-  acceleration,
-  force_rate,
-  force_per_count,
-  current_per_count,
-  voltage_per_count,
-  length_per_count,
-  velocity_per_count,
-  acceleration_per_count,
-  force_rate_per_count,
-};
-
-/// The first of the accepted spellings, e.g. "N s/m".
-std::string_view unit_of(Dimension dimension);
-/// The dimension of a spelling, or nothing if it is not in the list.
-std::optional<Dimension> dimension_of(std::string_view unit);
-/// Every accepted spelling.
-std::vector<std::string> unit_spellings();
 
 struct Parameter {
   std::string name;
@@ -311,21 +251,34 @@ struct Model {
   std::array<std::optional<Adc>, 2> adc;
   Dac dac;
 
+  /// Visits everything with two ends but the drive, in the order of the signals.
+  template <class Visit>
+  void each_link(Visit visit) const {
+    for (const Spring &spring : springs) visit(spring);
+    for (const Damper &damper : dampers) visit(damper);
+    for (const Contact &contact : contacts) visit(contact);
+    for (const Stop &stop : stops) visit(stop);
+    for (const Friction &friction : frictions) visit(friction);
+  }
   /// Every signal of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;
   /// Index of a body by name. Throws std::invalid_argument for an unknown name.
   int body_index(std::string_view name) const;
 };
 
-/// Replaces the value (in the parameter's own unit) of one parameter.
+/// Replaces the value of one parameter: by a number in the parameter's own unit, or by a text,
+/// which is a quantity or another parameter's name; that one's value is what the other overrides
+/// make it.
 struct Override {
   std::string parameter;
-  double value;
+  std::variant<double, std::string> value;
 };
 
 /// Reads and checks a model. Overrides must name parameters of the model (or of its
-/// parameters_file); Parameter::used tells whether an override had anything to act on.
-/// Throws InputError.
-Model load_model(const std::filesystem::path &path, std::span<const Override> overrides = {});
+/// parameters_file); Parameter::used tells whether an override had anything to act on. What is
+/// wrong with them is reported as `set.NAME` of the file `overrides_file`, if that is given. Throws
+/// InputError.
+Model load_model(const std::filesystem::path &path, std::span<const Override> overrides = {},
+                 const std::string &overrides_file = "");
 
 }  // namespace forceaxis::sim

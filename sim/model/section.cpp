@@ -3,28 +3,13 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <fstream>
+#include <iterator>
 
 namespace forceaxis::sim {
 namespace {
-
-// Number of single-character edits between two names, to suggest what was meant.
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t up = row[j];
-      row[j] = std::min({up + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      diagonal = up;
-    }
-  }
-  return row[b.size()];
-}
 
 std::string_view sign_text(Sign sign) {
   switch (sign) {
@@ -66,46 +51,6 @@ std::vector<std::string> body_names(const std::vector<Body> &bodies, bool ground
 
 }  // namespace
 
-std::string one_line(std::string_view text) {
-  std::string line(text);
-  for (char &c : line) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x20 || byte == 0x7f) c = ' ';
-  }
-  return line;
-}
-
-std::string in_quotes(std::string_view text) { return '"' + one_line(text) + '"'; }
-
-std::string number_text(double value) {
-  char text[40];
-  const auto end = std::to_chars(text, text + sizeof text, value).ptr;
-  return std::string(text, end);
-}
-
-std::string joined(const std::vector<std::string> &names) {
-  std::string text;
-  for (const std::string &name : names) {
-    if (!text.empty()) text += ", ";
-    text += name;
-  }
-  return text.empty() ? std::string("(none)") : text;
-}
-
-std::string suggestion(std::string_view wrong, const std::vector<std::string> &known) {
-  std::size_t best = 3;
-  std::string text;
-  for (const std::string &name : known) {
-    if (wrong.size() > 64 || name.size() < 2) continue;
-    const std::size_t distance = edit_distance(wrong, name);
-    if (distance < best) {
-      best = distance;
-      text = "; did you mean " + name + "?";
-    }
-  }
-  return text;
-}
-
 std::string kind_of(const toml::node &node) {
   switch (node.type()) {
     case toml::node_type::table:
@@ -125,15 +70,27 @@ std::string kind_of(const toml::node &node) {
   }
 }
 
-bool is_identifier(std::string_view name) {
-  if (name.empty() || name.size() > 64) return false;
-  for (std::size_t i = 0; i < name.size(); ++i) {
-    const char c = name[i];
-    const bool letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
-    const bool digit = c >= '0' && c <= '9';
-    if (!(letter || (digit && i > 0))) return false;
+toml::table parse_toml(const std::string &file) {
+  std::error_code status;
+  if (!std::filesystem::is_regular_file(file, status))
+    throw InputError(file, "file", "expected a readable file, got none; check the path");
+  std::ifstream stream(file, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  if (!stream.good() && !stream.eof())
+    throw InputError(file, "file", "expected a readable file, got a read error; check the file");
+  return parse_toml_text(text, file);
+}
+
+toml::table parse_toml_text(std::string_view text, const std::string &file) {
+  try {
+    return toml::parse(text, std::string_view(file));
+  } catch (const toml::parse_error &error) {
+    const auto where = error.source().begin;
+    throw InputError(
+        file, "line " + std::to_string(where.line) + ", column " + std::to_string(where.column),
+        "expected valid TOML, got: " + one_line(error.description()) +
+            "; correct this line (is the file complete?)");
   }
-  return true;
 }
 
 int find_body(const std::vector<Body> &bodies, std::string_view name) {
@@ -169,8 +126,14 @@ const toml::node *Section::find(std::string_view key) {
 
 const toml::node &Section::require(std::string_view key, std::string_view expected) {
   const toml::node *node = find(key);
-  if (node == nullptr)
-    fail(key, "expected " + std::string(expected) + ", got nothing; add this key");
+  if (node == nullptr) {
+    std::string obtained = "nothing";
+    for (const auto &[name, other] : table_)
+      if (std::find(known_.begin(), known_.end(), name.str()) == known_.end())
+        if (const std::string meant = suggestion(name.str(), {std::string(key)}); !meant.empty())
+          obtained = in_quotes(name.str()) + meant;
+    fail(key, "expected " + std::string(expected) + ", got " + obtained + "; add this key");
+  }
   return *node;
 }
 
@@ -201,36 +164,43 @@ std::string Section::name() {
   return text_value;
 }
 
+Section::Resolved Section::resolve(const std::string &key, const toml::node &node,
+                                   Dimension dimension, const std::string &wanted) {
+  if (node.is_number()) return {*node.value<double>(), ""};
+  if (!node.is_string())
+    source_.fail(key, "expected " + wanted + " or a parameter's name, got " + kind_of(node) +
+                          "; give a number or a string");
+  const std::string &text = node.ref<std::string>();
+  if (is_quantity(text)) {
+    const QuantityResult quantity = read_quantity(text, dimension);
+    if (!quantity.value)
+      source_.fail(key, "expected " + phrase_of(dimension) + ", got " + quantity.obtained +
+                            "; correct the value or its unit");
+    return {*quantity.value, " (" + in_quotes(text) + ")"};
+  }
+  std::string_view name = text;
+  const bool negated = !name.empty() && name.front() == '-';
+  if (negated) name.remove_prefix(1);
+  Parameter *const found = source_.find(name);
+  if (found == nullptr) {
+    const auto names = source_.parameter_names();
+    source_.fail(key, "expected " + wanted + " or a parameter out of " + joined(names) + ", got " +
+                          in_quotes(text) + suggestion(name, names) +
+                          "; define the parameter or correct its name");
+  }
+  found->used = true;
+  if (dimension_of(found->unit) != dimension)
+    source_.fail(key, "expected a parameter in " + std::string(unit_of(dimension)) + ", got " +
+                          found->name + " in " + found->unit + "; correct parameters." +
+                          found->name + ".unit or refer to another parameter");
+  return {negated ? -found->value : found->value, " (parameter " + found->name + ")"};
+}
+
 double Section::resolve(const std::string &key, const toml::node &node, Dimension dimension,
                         Sign sign) {
   const std::string wanted =
       std::string(sign_text(sign)) + " in " + std::string(unit_of(dimension));
-  double value = 0.0;
-  std::string origin;
-  if (node.is_number()) {
-    value = *node.value<double>();
-  } else if (node.is_string()) {
-    std::string_view name = node.ref<std::string>();
-    const bool negated = !name.empty() && name.front() == '-';
-    if (negated) name.remove_prefix(1);
-    Parameter *const found = source_.find(name);
-    if (found == nullptr) {
-      const auto names = source_.parameter_names();
-      source_.fail(key, "expected " + wanted + " or a parameter out of " + joined(names) +
-                            ", got " + in_quotes(node.ref<std::string>()) +
-                            suggestion(name, names) + "; define the parameter or correct its name");
-    }
-    found->used = true;
-    if (dimension_of(found->unit) != dimension)
-      source_.fail(key, "expected a parameter in " + std::string(unit_of(dimension)) + ", got " +
-                            found->name + " in " + found->unit + "; correct parameters." +
-                            found->name + ".unit or refer to another parameter");
-    value = negated ? -found->value : found->value;
-    origin = " (parameter " + found->name + ")";
-  } else {
-    source_.fail(key, "expected " + wanted + " or a parameter's name, got " + kind_of(node) +
-                          "; give a number or a string");
-  }
+  const auto [value, origin] = resolve(key, node, dimension, wanted);
   if (!sign_holds(sign, value))
     source_.fail(key, "expected " + wanted + ", got " + number_text(value) + origin +
                           "; correct the value or its sign");
@@ -239,6 +209,33 @@ double Section::resolve(const std::string &key, const toml::node &node, Dimensio
     source_.fail(key, "expected a size between 1e-30 and 1e30, got " + number_text(value) + origin +
                           "; check the exponent");
   return value;
+}
+
+double Section::within(std::string_view key, Dimension dimension, double low, double high) {
+  if (const auto value = optional_within(key, dimension, low, high)) return *value;
+  fail(key, "expected a number from " + number_text(low) + " to " + number_text(high) + " in " +
+                std::string(unit_of(dimension)) + ", got nothing; add this key");
+}
+
+std::optional<double> Section::optional_within(std::string_view key, Dimension dimension,
+                                               double low, double high) {
+  const toml::node *node = find(key);
+  if (node == nullptr) return std::nullopt;
+  const std::string wanted = "a number from " + number_text(low) + " to " + number_text(high) +
+                             " in " + std::string(unit_of(dimension));
+  const auto [value, origin] = resolve(key_path(key), *node, dimension, wanted);
+  if (!(value >= low && value <= high))
+    fail(key, "expected " + wanted + ", got " + number_text(value) + origin +
+                  "; choose a value in that range");
+  return value;
+}
+
+bool Section::flag(std::string_view key, bool fallback) {
+  const toml::node *node = find(key);
+  if (node == nullptr) return fallback;
+  if (!node->is_boolean())
+    fail(key, "expected true or false, got " + kind_of(*node) + "; write one of them");
+  return node->ref<bool>();
 }
 
 double Section::value(std::string_view key, Dimension dimension, Sign sign) {
@@ -368,14 +365,20 @@ void Section::each(std::string_view key, const std::function<void(Section &)> &v
     child(*tables->get(i), key_path(key) + "[" + std::to_string(i) + "]", visit);
 }
 
+void Section::only(std::initializer_list<std::string_view> keys) {
+  known_.insert(known_.end(), keys.begin(), keys.end());
+  finish();
+}
+
 void Section::finish() const {
-  for (const auto &[key, node] : table_) {
-    const std::string_view name = key.str();
-    if (std::find(known_.begin(), known_.end(), name) == known_.end())
-      fail(one_line(name), "expected one of the keys " + joined(known_) + ", got " +
-                               in_quotes(name) + suggestion(name, known_) +
-                               "; remove or rename this key");
-  }
+  std::vector<std::string> unknown;
+  for (const auto &[key, node] : table_)
+    if (std::find(known_.begin(), known_.end(), key.str()) == known_.end())
+      unknown.emplace_back(key.str());
+  if (unknown.empty()) return;
+  fail(one_line(unknown.front()),
+       "expected one of the keys " + joined(known_) + ", got " + wrong_names(unknown, known_) +
+           (unknown.size() == 1 ? "; remove or rename this key" : "; remove or rename these keys"));
 }
 
 }  // namespace forceaxis::sim

@@ -1,13 +1,14 @@
 #pragma once
-// Reading a plant's file: a Section hands out the typed values of one TOML table.
+// Reading a TOML file: a Section hands out the typed values of one table.
 //
-// Every value is checked for its kind and range and, where it names a parameter, for that one's
-// unit. What does not fit is thrown as InputError: one line with the whole path of the key. In the
-// end finish() refuses the keys that nobody has asked for. A section holds references: the table,
-// the source and the lists given to it must outlive it.
+// Every value is checked for its kind, range and dimension; a text is a quantity (units.hpp) or the
+// name of a parameter. What does not fit is thrown as InputError: one line with the whole path of
+// the key. In the end finish() refuses the keys that nobody has asked for. A section holds
+// references: the table, the source and the lists given to it must outlive it.
 #include <toml++/impl/forward_declarations.h>
 
 #include <functional>
+#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -15,6 +16,7 @@
 #include <vector>
 
 #include "sim/model/model.hpp"
+#include "sim/model/text.hpp"
 
 namespace forceaxis::sim {
 
@@ -39,6 +41,11 @@ class Section {
   Section(Source &source, const toml::table &table, std::string path)
       : source_(source), table_(table), path_(std::move(path)) {}
 
+  const toml::table &table() const { return table_; }
+  Source &source() const { return source_; }
+  /// Refuses all keys but these, which are known from now on.
+  void only(std::initializer_list<std::string_view> keys);
+
   /// The node of a key, which is known from now on, or nullptr.
   const toml::node *find(std::string_view key);
   const toml::node &require(std::string_view key, std::string_view expected);
@@ -49,12 +56,17 @@ class Section {
   /// The element's own name, an identifier.
   std::string name();
 
-  /// A number in SI, a parameter, or a parameter negated.
+  /// A number in SI, a quantity, a parameter, or a parameter negated.
   double value(std::string_view key, Dimension dimension, Sign sign);
   std::optional<double> optional_value(std::string_view key, Dimension dimension, Sign sign);
   double value_or(std::string_view key, Dimension dimension, Sign sign, double fallback) {
     return optional_value(key, dimension, sign).value_or(fallback);
   }
+  /// Such a value in low..high.
+  double within(std::string_view key, Dimension dimension, double low, double high);
+  std::optional<double> optional_within(std::string_view key, Dimension dimension, double low,
+                                        double high);
+  bool flag(std::string_view key, bool fallback);
   /// One such value, or a list of them that is not empty.
   std::vector<double> values(std::string_view key, Dimension dimension, Sign sign);
   /// The same in rising order. Empty if the key is absent.
@@ -76,7 +88,13 @@ class Section {
   [[noreturn]] void fail(std::string_view key, const std::string &message) const;
 
  private:
+  struct Resolved {
+    double value;
+    std::string origin;  // of the value: " (parameter m_r)", or empty
+  };
   std::string key_path(std::string_view key) const;
+  Resolved resolve(const std::string &key, const toml::node &node, Dimension dimension,
+                   const std::string &wanted);
   double resolve(const std::string &key, const toml::node &node, Dimension dimension, Sign sign);
   std::vector<double> list(std::string_view key, Dimension dimension, Sign sign);
   void child(const toml::node &node, const std::string &path,
@@ -88,21 +106,15 @@ class Section {
   std::vector<std::string> known_;
 };
 
+/// The file as TOML. Throws InputError.
+toml::table parse_toml(const std::string &file);
+/// The same of a text; `file` is what a message calls it.
+toml::table parse_toml_text(std::string_view text, const std::string &file);
+
 /// Index of a body by name, or kGround.
 int find_body(const std::vector<Body> &bodies, std::string_view name);
 
-// Pieces of messages.
-
-/// A quoted TOML key or a file name may hold control characters; an error stays one line.
-std::string one_line(std::string_view text);
-std::string in_quotes(std::string_view text);
-/// The shortest decimal that reads back the same.
-std::string number_text(double value);
-std::string joined(const std::vector<std::string> &names);
-/// "; did you mean NAME?" for the nearest of the known names, or nothing.
-std::string suggestion(std::string_view wrong, const std::vector<std::string> &known);
 /// A node as a message calls it.
 std::string kind_of(const toml::node &node);
-bool is_identifier(std::string_view name);
 
 }  // namespace forceaxis::sim

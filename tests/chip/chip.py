@@ -1,16 +1,20 @@
 """The released image in an emulated Cortex-M4, in front of the modelled peripherals."""
 
+import functools
 import struct
 import subprocess
 from pathlib import Path
 
 import unicorn
 from forceaxis import objects
+from forceaxis.chip import board
 from peripherals import Board
 from unicorn import arm_const
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE = ROOT / "build/image/forceaxis-stm32f446.elf"
+BOARD = board.read(ROOT / "firmware/port/stm32f4")
+IMAGE = ROOT / f"build/image/{BOARD.image}.elf"
+EMULATED = IMAGE.with_name(f"{BOARD.image}-emulated.elf")
 FLASH, FLASH_BYTES = 0x08000000, 512 * 1024
 STORE, STORE_BYTES = 0x08004000, 2 * 16384
 RAM, RAM_BYTES = 0x20000000, 128 * 1024
@@ -19,6 +23,7 @@ UID, UID_WORDS = 0x1FFF7A10, (0x00350027, 0x33365110, 0x31323736)
 LOCAL = 3  # FW_SOURCE_LOCAL
 CAN_RX0, USART2 = 20, 38
 TICK = 15
+ENTRY_CYCLES = 12  # from the event to its handler
 REGISTERS = [getattr(arm_const, f"UC_ARM_REG_R{i}") for i in range(13)]
 STEPS_MAX = 40_000_000
 
@@ -27,18 +32,22 @@ class Stuck(Exception):
     """What was called did not come back."""
 
 
+@functools.cache
 def segments(path):
-    """(address, bytes) of what an ELF file is loaded with."""
+    """[(address, bytes)] of what an ELF file is loaded with."""
     data = path.read_bytes()
     assert data[:6] == b"\x7fELF\x01\x01"
     (at,) = struct.unpack_from("<I", data, 28)
     size, count = struct.unpack_from("<HH", data, 42)
+    found = []
     for i in range(count):
         kind, offset, _, address, length = struct.unpack_from("<5I", data, at + i * size)
         if kind == 1 and length > 0:
-            yield address, data[offset : offset + length]
+            found.append((address, data[offset : offset + length]))
+    return found
 
 
+@functools.cache
 def symbols(path):
     done = subprocess.run(
         ["arm-none-eabi-nm", str(path)], capture_output=True, text=True, check=True
@@ -51,9 +60,10 @@ def symbols(path):
 
 
 class Chip:
-    """A chip out of reset. `store` is what its flash kept, as 32 KiB."""
+    """A chip out of reset. `store` is what its flash kept, as 32 KiB. `steps` counts instructions,
+    without `ram_counts` only those in the flash."""
 
-    def __init__(self, store=None):
+    def __init__(self, store=None, ram_counts=True):
         self.board = Board()
         self.symbols = symbols(IMAGE)
         if store is not None:
@@ -76,7 +86,8 @@ class Chip:
         self.steps, self.steps_max = 0, STEPS_MAX
         self.watch = None  # called with address and bytes of each block that is run
         self.problem = None
-        self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
+        counted = (1, 0) if ram_counts else (FLASH, FLASH + FLASH_BYTES)
+        self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, None, *counted)
         for base, size in ((0x40000000, 0x30000), (0xE000E000, 0x1000)):
             self.uc.mmio_map(base, size, self._read, base, self._write, base)
         stack, self.entry = struct.unpack_from("<II", self.code)
@@ -86,7 +97,7 @@ class Chip:
         # The loader's copy, so that a boot is from power-up whatever came before.
         self.boot_steps = None
 
-    # --- buses: an exception in a callback must not get lost in C
+    # Buses: an exception in a callback must not get lost in C.
 
     def _guard(self, call, *arguments):
         try:
@@ -116,7 +127,7 @@ class Chip:
         if address == self.idle or self.steps > self.limit:
             self.uc.emu_stop()
 
-    # --- running
+    # Running.
 
     def _run(self, address, until):
         self.steps, self.limit, self.problem = 0, self.steps_max, None
@@ -197,8 +208,12 @@ class Chip:
         loop, unless it is hung; 667 bits on the bus."""
         for _ in range(count):
             self.interrupts()
-            assert self.board.systick[0x00] & 3 == 3, "the timer is off"
-            self.board.systick.wrap()
+            systick = self.board.systick
+            assert systick[0x00] & 3 == 3, "the timer is off"
+            if not systick.pending:
+                systick.wrap()
+            systick.pending = False
+            self.board.advance(ENTRY_CYCLES)
             self._call(self.vectors[TICK])
             self.tick_steps = self.steps
             if not hung:
@@ -215,24 +230,24 @@ class Chip:
             assert self.uc.reg_read(arm_const.UC_ARM_REG_PC) & ~1 == self.idle
             self.interrupts()
 
-    # --- the firmware's objects
+    # The firmware's objects.
 
     def write(self, name, value):
         """As the port itself would; returns the refusal, 0 for none."""
         number = objects.BY_NAME[name].number
-        return self.call("fw_object_write", self.symbols["firmware"], LOCAL, number, value)
+        return self.call("dictionary_write", self.symbols["firmware"], LOCAL, number, value)
 
     def read(self, name):
         at = RAM + RAM_BYTES - 16
         number = objects.BY_NAME[name].number
-        assert self.call("fw_object_read", self.symbols["firmware"], number, at) == 0
+        assert self.call("dictionary_read", self.symbols["firmware"], number, at) == 0
         return struct.unpack("<i", self.uc.mem_read(at, 4))[0]
 
     def text(self, index):
-        at = self.call("fw_text", self.symbols["firmware"], index) & 0xFFFFFFFF
+        at = self.call("dictionary_text", self.symbols["firmware"], index) & 0xFFFFFFFF
         return bytes(self.uc.mem_read(at, 64)).split(b"\0")[0].decode()
 
-    # --- the board
+    # The board.
 
     def close_contacts(self):
         """Enable chain closed, neither limit switch reached."""

@@ -3,21 +3,26 @@
 Every instruction of a block that is entered counts, also one that its condition skips.
 """
 
+import atexit
 import ctypes
+import functools
 import re
 import shutil
 import struct
 import subprocess
+import tempfile
 from pathlib import Path
 
 import unicorn
+from forceaxis.chip import board
 from unicorn import arm_const
 from unicorn.unicorn_py3 import unicorn as binding
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("fx", "objects", "core", "drive", "canopen", "modbus", "app")
+BOARD = board.read(ROOT / "firmware/port/stm32f4")
 # As tools/image builds what is flashed.
-COMPILER = ["arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"]
+COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]
 FLAGS = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
 CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
@@ -46,30 +51,41 @@ def run(*command):
     return done.stdout
 
 
-def sources(root=ROOT):
-    return [s for f in FOLDERS for s in sorted((root / "firmware" / f).rglob("*.c"))]
+def sources():
+    return [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c"))]
 
 
-def build_image(folder, root=ROOT):
-    """The firmware for the chip, linked without a library: folder/image.elf."""
+@functools.cache
+def _folder():
+    """Of what is built once for all tests of this process."""
+    folder = Path(tempfile.mkdtemp(prefix="forceaxis."))
+    atexit.register(shutil.rmtree, folder)
+    return folder
+
+
+@functools.cache
+def build_image():
+    """The firmware for the chip, linked without a library."""
+    folder = _folder()
     script = folder / "image.ld"
     script.write_text(
         f"SECTIONS {{ . = {CODE:#x}; .text : {{ *(.text*) *(.rodata*) }} . = {RAM:#x};"
         " .data : { *(.data*) } .bss : { *(.bss*) *(COMMON) } }\n"
     )
     objects = []
-    for source in sources(root):
+    for source in sources():
         objects.append(folder / (source.parent.name + "_" + source.stem + ".o"))
-        run(*COMPILER, *FLAGS, f"-I{root}", "-c", source, "-o", objects[-1])
+        run(*COMPILER, *FLAGS, f"-I{ROOT}", "-c", source, "-o", objects[-1])
     image = folder / "image.elf"
     options = ["-nostdlib", "-nostartfiles", "-static", "-Wl,--no-undefined", "-Wl,--no-warn-rwx"]
     run(*COMPILER, *options, f"-Wl,-T,{script},-e,0", *objects, "-o", image)
     return image
 
 
-def build_counter(folder):
-    library = folder / "block_counter.so"
-    run("cc", "-O2", "-shared", "-fPIC", Path(__file__).with_name("block_counter.c"), "-o", library)
+@functools.cache
+def build_counter():
+    library, source = _folder() / "block_counter.so", Path(__file__).with_name("block_counter.c")
+    run("cc", "-O2", "-shared", "-fPIC", source, "-o", library)
     return ctypes.CDLL(str(library))
 
 
@@ -129,7 +145,8 @@ class Counter(ctypes.Structure):
 class Chip:
     """The firmware in the emulator; count() and shares() speak of the last call."""
 
-    def __init__(self, image, library):
+    def __init__(self):
+        image, library = build_image(), build_counter()
         self.code = Code(image)
         binary = image.with_suffix(".bin")
         run("arm-none-eabi-objcopy", "-O", "binary", "-j", ".text", image, binary)
@@ -185,14 +202,16 @@ class Chip:
         )
         assert status == unicorn.UC_ERR_OK
 
-    def call(self, name, *arguments):
+    def call(self, name, *arguments, goes_on=False):
+        """The signed result of a function; `goes_on`: it is counted with the call before."""
         write = self.uc.reg_write
         for i, value in enumerate(arguments):
             write(arm_const.UC_ARM_REG_R0 + i, value & 0xFFFFFFFF)
         write(arm_const.UC_ARM_REG_SP, STACK_TOP)
         write(arm_const.UC_ARM_REG_LR, EXIT | 1)
-        ctypes.memset(self.shares_of, 0, ctypes.sizeof(self.shares_of))
-        self.counter.total = 0
+        if not goes_on:
+            ctypes.memset(self.shares_of, 0, ctypes.sizeof(self.shares_of))
+            self.counter.total = 0
         self.uc.emu_start(self.code.symbols[name] | 1, EXIT)
         result = self.uc.reg_read(arm_const.UC_ARM_REG_R0)
         return result - (1 << 32) if result >> 31 else result
@@ -216,11 +235,16 @@ class Chip:
                 found.update(range(begin, begin + self.longest[i], 2))
         return found
 
-    # --- what a port does ------------------------------------------------------------------------
+    # What a port does.
 
     def interrupt(self, inputs):
+        """A tick, counted as one; `control_count` is from inputs to outputs."""
         self.uc.mem_write(INPUTS, inputs)
-        self.call("fw_interrupt", FW, INPUTS, OUTPUTS)
+        self.call("fw_prepare", FW)
+        before = self.count
+        self.call("fw_control", FW, INPUTS, OUTPUTS, goes_on=True)
+        self.control_count = self.count - before
+        self.call("fw_report", FW, goes_on=True)
         self.outputs = bytes(self.uc.mem_read(OUTPUTS, 4))
         return self.outputs
 
@@ -233,7 +257,7 @@ class Chip:
     def byte(self, number):
         """The value of an object of 8 bits."""
         if number not in self.places:
-            self.places[number] = FW + self.call("fw_object_place", number)
+            self.places[number] = FW + self.call("dictionary_place", FW, number)
         return self.uc.mem_read(self.places[number], 1)[0]
 
     def receive(self, can_id, data):
@@ -254,7 +278,7 @@ class Chip:
         self.call("fw_can_bus", FW, state)
 
     def overrun(self):
-        self.call("fw_overrun", FW)
+        self.call("fw_overrun", FW, 0)
 
     def modbus(self, data):
         self.uc.mem_write(BYTES, data)
@@ -268,9 +292,9 @@ class Chip:
 class Host:
     """The same calls into a library compiled for this machine."""
 
-    def __init__(self, folder, root=ROOT):
-        library = folder / "libfirmware.so"
-        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{root}", *sources(root), "-o", library)
+    def __init__(self):
+        library = _folder() / "libfirmware.so"
+        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *sources(), "-o", library)
         self.lib = ctypes.CDLL(str(library))
         self.fw = ctypes.create_string_buffer(16384)
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
@@ -312,7 +336,7 @@ class Host:
         self.lib.fw_can_bus(self.fw, state)
 
     def overrun(self):
-        self.lib.fw_overrun(self.fw)
+        self.lib.fw_overrun(self.fw, 0)
 
     def modbus(self, data):
         self.lib.fw_modbus_receive(self.fw, data, len(data))

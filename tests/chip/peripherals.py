@@ -3,7 +3,7 @@ the end of each chapter) and the ARMv7-M manual, with addresses and bits of thei
 is taken from the port. What the manual forbids is noted in `Board.mistakes`.
 
 Time is what a test makes it: a conversion takes so many reads of its status register, a PLL locks
-after so many, a CAN bus moves when Can.bits() is called.
+after so many, a CAN bus moves when Can.bits() is called, the core's clock when Board.advance() is.
 """
 
 from collections import defaultdict
@@ -16,7 +16,7 @@ NEVER = 1 << 60
 
 GPIOA, GPIOB, GPIOC = 0x40020000, 0x40020400, 0x40020800
 RCC, FLASH = 0x40023800, 0x40023C00
-TIM5, ADC, DAC = 0x40000C00, 0x40012000, 0x40007400
+TIM2, TIM5, ADC, DAC = 0x40000000, 0x40000C00, 0x40012000, 0x40007400
 CAN1, USART2, IWDG = 0x40006400, 0x40004400, 0x40003000
 SYSTICK, NVIC, SCB = 0xE000E010, 0xE000E100, 0xE000ED00
 
@@ -110,6 +110,7 @@ class Flash(Peripheral):
     """3.8, and the two sectors that the firmware may write, 16 KiB each from 0x08004000."""
 
     BASE, SECTOR = 0x08004000, 0x4000
+    POLL_CYCLES = 20_000  # of an erase that takes its time
     reset: ClassVar = {0x10: 0x80000000}
     busy_reads = READS_UNTIL_READY
 
@@ -118,6 +119,8 @@ class Flash(Peripheral):
         self.bytes = bytearray(b"\xff" * 2 * self.SECTOR)
         self.keys = []
         self.busy = 0
+        self.erase_s = 0.0
+        self.erased_at = 0  # cycle
         self.fail = None  # error bit that the next operations end with
         self.protected = set()  # sectors
         self.words = 0
@@ -129,6 +132,9 @@ class Flash(Peripheral):
 
     def read(self, offset):
         if offset == 0x0C:
+            if self.board.cycles < self.erased_at:
+                self.board.advance(self.POLL_CYCLES)
+                return self[0x0C] | 1 << 16
             if self.busy > 0:
                 self.busy -= 1
                 return self[0x0C] | 1 << 16
@@ -157,6 +163,7 @@ class Flash(Peripheral):
     def erase(self, sector_erase, mass_erase, number):
         assert sector_erase and not mass_erase and number in (1, 2), "erased what is not the store"
         self.busy = self.busy_reads
+        self.erased_at = self.board.cycles + round(self.erase_s * self.board.rcc.core_hz())
         if number in self.protected:
             self.error(4)
         elif self.fail is not None:
@@ -232,6 +239,26 @@ class Tim5(Peripheral):
         selected = bits(self[0x18], 0, 2) == 1 and bits(self[0x18], 8, 2) == 1
         if connected and selected and bits(self[0x00], 0) and bits(self[0x08], 0, 3) == 3:
             self.registers[0x24] = (self[0x24] + counts) % (self[0x2C] + 1)
+
+
+class Tim2(Peripheral):
+    """17.3: counts its clock, twice that of APB1 where that is divided (6.2), up to ARR."""
+
+    reset: ClassVar = {0x2C: 0xFFFFFFFF}
+    started = None  # cycle
+
+    def write(self, offset, value):
+        self.registers[offset] = value
+        if offset == 0x00 and value & 1 and self.started is None:
+            self.started = self.board.cycles
+
+    def read(self, offset):
+        if offset != 0x24 or self.started is None:
+            return self[offset]
+        rcc = self.board.rcc
+        clock = rcc.apb1_hz() * (1 if rcc.apb1_hz() == rcc.core_hz() else 2)
+        count = (self.board.cycles - self.started) * clock / rcc.core_hz()
+        return int(count) % (self[0x2C] + 1)
 
 
 class Adc(Peripheral):
@@ -342,7 +369,7 @@ class Can(Peripheral):
         self.dominant = False  # the bus is stuck
         self.answers_init = True
 
-    # --- the controller's own state
+    # The controller's own state.
 
     def initialising(self):
         return bool(self[0x04] & 1)
@@ -397,7 +424,7 @@ class Can(Peripheral):
         low, high = (int.from_bytes(full[i : i + 4], "little") for i in (0, 4))
         return [word | (2 if remote else 0), len(data), low, high]
 
-    # --- the bus
+    # The bus.
 
     def bit_rate(self):
         btr = self[0x1C]
@@ -531,7 +558,11 @@ class Iwdg(Peripheral):
 
 
 class Systick(Peripheral):
+    """ARMv7-M B3.3: however often it wraps, one interrupt is pending."""
+
     size = 0x10
+    next = NEVER  # cycle of its next wrap
+    pending = False
 
     def read(self, offset):
         value = self[offset]
@@ -541,9 +572,18 @@ class Systick(Peripheral):
 
     def write(self, offset, value):
         self.registers[offset] = 0 if offset == 0x08 else value
+        if offset == 0x00 and value & 3 == 3:
+            self.next = self.board.cycles + self[0x04] + 1
 
     def wrap(self):
-        self.registers[0x00] = self[0x00] | 1 << 16
+        """Time goes on to the next wrap."""
+        self.board.advance(self.next - self.board.cycles)
+
+    def reached(self, cycles):
+        while self.next <= cycles:
+            self.next += self[0x04] + 1
+            self.registers[0x00] = self[0x00] | 1 << 16
+            self.pending = True
 
 
 class Nvic(Peripheral):
@@ -576,12 +616,14 @@ class Board:
 
     def __init__(self):
         self.mistakes = []
+        self.cycles = 0  # of the core
         self.trail = []  # (amplifier, brake, volts) whenever one of them changes
         self.rcc, self.flash = Rcc(self), Flash(self)
         self.gpioa = Gpio(self, "A", 0xA8000000)
         self.gpiob = Gpio(self, "B", 0x00000280)
         self.gpioc = Gpio(self, "C", 0)
-        self.tim5, self.adc, self.dac = Tim5(self), Adc(self), Dac(self)
+        self.tim2, self.tim5 = Tim2(self), Tim5(self)
+        self.adc, self.dac = Adc(self), Dac(self)
         self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
         self.systick, self.nvic, self.scb = Systick(self), Nvic(self), Scb(self)
         self.places = [
@@ -590,6 +632,7 @@ class Board:
             (GPIOC, self.gpioc, (0x30, 2)),
             (RCC, self.rcc, None),
             (FLASH, self.flash, None),
+            (TIM2, self.tim2, (0x40, 0)),
             (TIM5, self.tim5, (0x40, 3)),
             (DAC, self.dac, (0x40, 29)),
             (CAN1, self.can, (0x40, 25)),
@@ -601,6 +644,10 @@ class Board:
             (SCB, self.scb, None),
         ]
         self.look()
+
+    def advance(self, cycles):
+        self.cycles += cycles
+        self.systick.reached(self.cycles)
 
     def look(self):
         """What stands at the terminals: an output that is not driven is pulled down."""

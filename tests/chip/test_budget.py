@@ -12,14 +12,11 @@ from cortex_m4 import (
     Chip,
     Host,
     Inputs,
-    build_counter,
-    build_image,
 )
 from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
-from tick_profile import CAN_MAILBOXES, Profile
+from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
 
-INTERRUPT = 1500  # the whole of it
 AXIS = 250  # axis_tick() and what it calls
 BETWEEN = 1500  # what follows it in most ticks; resets and the store are apart
 COVERAGE = 0.95
@@ -33,11 +30,12 @@ def profile():
 
 def test_the_interrupt_fits_into_its_budget(profile):
     path = ", ".join(f"{name} {count}" for count, name in profile.worst.shares)
-    assert profile.worst.count + profile.port <= INTERRUPT, path
+    assert profile.interrupt <= LIMITS.interrupt_instructions, path
+    assert profile.from_adc_to_dac <= LIMITS.adc_to_dac_instructions
     assert profile.axis.count <= AXIS, profile.axis.shares
     assert max(profile.between.count, profile.late.count) <= BETWEEN
-    for root in ("axis_tick", "fw_interrupt"):
-        done, total, missed = profile.coverage(root)
+    for roots in (["axis_tick"], Port.CALLS):
+        done, total, missed = profile.coverage(*roots)
         assert done >= COVERAGE * total, missed
 
 
@@ -50,8 +48,8 @@ class Pair:
     """The chip, which ticks in two, and the host, which does not: whatever is asked of them is
     asked of both, and answered alike."""
 
-    def __init__(self, folder):
-        self.chip, self.host = Chip(build_image(folder), build_counter(folder)), Host(folder)
+    def __init__(self):
+        self.chip, self.host = Chip(), Host()
         self.outputs = self.chip.outputs
 
     def __getattr__(self, name):
@@ -69,8 +67,8 @@ class Pair:
         assert self.chip.outputs == self.outputs
 
 
-def test_the_chip_sends_what_the_host_sends(tmp_path):
-    pair = Pair(tmp_path)
+def test_the_chip_sends_what_the_host_sends():
+    pair = Pair()
     fuzz, inputs, frames = Fuzz(BY_NAME, 301), Inputs(0, (0, 0), 1, 1), 0
     for tick in range(SAME_TICKS):
         fuzz.step(pair, inputs)
@@ -81,10 +79,10 @@ def test_the_chip_sends_what_the_host_sends(tmp_path):
     assert frames > SAME_TICKS // 4
 
 
-def test_a_late_main_loop_loses_no_time(tmp_path):
+def test_a_late_main_loop_loses_no_time():
     """A heartbeat every 10 ms, 15 ticks: held up by a late fw_between(), it comes with that, and
     the next one when it would have come anyway."""
-    chip = Chip(build_image(tmp_path), build_counter(tmp_path))
+    chip = Chip()
     chip.write(LOCAL, BY_NAME["producer_heartbeat_time"].number, 10)
     beats = []
     for tick in range(160):

@@ -21,7 +21,7 @@ def sdo_read(chip, index, sub=0):
     return answers[0]
 
 
-# --- CAN
+# CAN.
 
 
 def test_bit_timing(chip):
@@ -120,7 +120,7 @@ def test_what_finds_no_room_waits_for_a_mailbox(chip):
     assert ids[:3] == [0x700] * 3 and 0x581 in ids[3:]
 
 
-def test_an_overrun_is_counted_and_told(chip):
+def test_an_overrun_is_counted_and_reported(chip):
     can = chip.board.can
     before = chip.read("can_lost")
     for i in range(5):  # the interrupt does not come in between
@@ -229,7 +229,7 @@ def test_a_controller_that_does_not_answer_never_blocks_a_tick():
     assert chip.board.trail == [(0, 0, 0.0)]
 
 
-# --- the serial line
+# The serial line.
 
 
 def crc(frame):

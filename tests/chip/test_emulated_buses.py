@@ -1,4 +1,4 @@
-"""Clients nobody here wrote at the emulated chip, in real time: python-canopen and libmodbus.
+"""Independent clients at the emulated chip, in real time: python-canopen and libmodbus.
 
 Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RTU over USART2, as on
 the board.
@@ -15,11 +15,10 @@ import can
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
-from chip import ROOT
+from chip import BOARD, EMULATED, ROOT
 from forceaxis import objects
 from forceaxis.chip import emulator as chip
 
-IMAGE = ROOT / "build/image/forceaxis-stm32f446-emulated.elf"
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
 CLIENT = ROOT / "build/release/tests/wire/modbus_client"
 NODE = 1
@@ -46,8 +45,8 @@ class SerialBus(can.BusABC):
     def _recv_internal(self, timeout):
         end = time.monotonic() + (timeout or 0)
         while len(self.bytes) < FRAME.size:
-            left = end - time.monotonic()
-            if not select.select([self.socket], [], [], max(left, 0))[0]:
+            remaining = end - time.monotonic()
+            if not select.select([self.socket], [], [], max(remaining, 0))[0]:
                 return None, False
             self.bytes += self.socket.recv(4096)
         can_id, length, _, data = FRAME.unpack(self.bytes[: FRAME.size])
@@ -62,14 +61,10 @@ class SerialBus(can.BusABC):
         self.socket.close()
 
 
-def emulator(*serial):
-    """QEMU in real time with these at its second and third serial line."""
+def emulator(**lines):
+    """The emulated chip in real time, with these at its serial lines."""
     return subprocess.Popen(
-        [
-            *(chip.QEMU, "-M", "netduinoplus2", "-nographic", "-monitor", "none"),
-            *("-serial", "null", *serial),
-            *("-semihosting-config", "enable=on,target=native", "-kernel", str(IMAGE)),
-        ],
+        chip.command(BOARD, EMULATED, **lines),
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -78,7 +73,7 @@ def emulator(*serial):
 def frames(tmp_path):
     """The socket of the chip's frames."""
     path = tmp_path / "frames"
-    process = emulator("-serial", "null", "-serial", f"unix:{path},server=on,wait=off")
+    process = emulator(can=f"unix:{path},server=on,wait=off")
     end = time.monotonic() + 20
     while not path.exists():
         assert process.poll() is None and time.monotonic() < end
@@ -91,7 +86,7 @@ def frames(tmp_path):
 @pytest.fixture
 def line():
     """libmodbus at the chip's serial line; a call is a request, its answer a list of numbers."""
-    process = emulator("-serial", "pty", "-serial", "null")
+    process = emulator(modbus="pty")
     said = process.stdout.readline()
     tty = re.search(r"redirected to (\S+)", said)
     assert tty, said

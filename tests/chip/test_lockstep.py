@@ -11,13 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from chip import BOARD
 from forceaxis import _core
 from forceaxis.chip import emulator as chip
 from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
-CHIP = link.Link(link.CHIP)
+CHIP = link.Link("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
@@ -33,11 +34,11 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     path = EXPERIMENTS / name
     here = _core.run(str(path), overrides)
-    result, told = link.run(CHIP, path, overrides)
-    assert told["same"]
-    assert told["hashes"]["axis"] == here.trace_hash
+    result, report = link.run(CHIP, path, overrides)
+    assert report["same"]
+    assert report["hashes"]["axis"] == here.trace_hash
     # Each interrupt did a tick, and no tick was done without one.
-    assert told["interrupts"] == told["ticks"] == len(here.tick)
+    assert report["interrupts"] == report["ticks"] == len(here.tick)
     assert result.refused == here.refused
     assert len(set(result.columns()["dac"])) > 5  # it was driven
 
@@ -49,9 +50,9 @@ def test_the_stability_tables_are_those_of_the_runs_in_process():
     assert tables.run_jobs(jobs, 1, "tables", CHIP) == tables.run_jobs(jobs, 1, "tables")
 
 
-def test_a_chip_that_ends_is_told(tmp_path):
+def test_a_chip_that_ends_is_reported(tmp_path):
     """A power-up that another program cuts short."""
-    with chip.Emulator(link.program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+    with chip.Emulator(BOARD) as emulator:
         os.kill(emulator.process.pid, signal.SIGKILL)
         emulator.process.wait()
         with pytest.raises(_core.TransportError, match=r"emulated chip: (ended|said nothing)"):
@@ -60,7 +61,7 @@ def test_a_chip_that_ends_is_told(tmp_path):
 
 def test_the_verb_says_where_the_firmware_was():
     done = subprocess.run(
-        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", link.CHIP],
+        [FORCEAXIS, "run", EXPERIMENTS / "contact.toml", "--link", "pil-stm32"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -124,7 +124,7 @@ class Fuzz:
             crc(bytes([NODE, 8, 0, 0, 1, 2])),
         ]
 
-    # --- the master ------------------------------------------------------------------------------
+    # The master.
 
     def set(self, side, name, value, source=LOCAL):
         return side.write(source, self.objects[name].number, signed(value))
@@ -285,7 +285,7 @@ class Fuzz:
             data = (value % (1 << 32)).to_bytes(4, "little")[: SIZES[o.type]].ljust(4, b"\0")
             return struct.pack("<BHB", command, o.index, o.sub) + data
         if kind < 0.8:
-            # An upload of text; left lying, its time runs out.
+            # An upload of text; abandoned, it times out.
             return bytes.fromhex("4008100000000000")
         return bytes([rng.choice([0x60, 0x70, 0x60, 0x70, 0x05, 0x80])]) + bytes(7)
 
@@ -300,7 +300,7 @@ class Fuzz:
         if rng.random() < 0.003:
             side.overrun()
 
-    # --- the plant -------------------------------------------------------------------------------
+    # The plant.
 
     def sense(self, outputs, inputs):
         """A crude axis: the code drives the speed, a wall presses back."""

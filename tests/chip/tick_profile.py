@@ -1,13 +1,12 @@
 """Where the instructions of a tick go: a fuzzed run on the emulated Cortex-M4, and its table."""
 
-import tempfile
 from collections import Counter, defaultdict
-from pathlib import Path
 
 import chip as released
-from cortex_m4 import Chip, Code, Inputs, build_counter, build_image, run
+from cortex_m4 import Chip, Code, Inputs, run
 from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
+from unicorn import UC_HOOK_CODE
 
 SEED = 6
 TICKS = 100_000
@@ -36,6 +35,7 @@ OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
 # Both channels take 2.57 us, 432 cycles of the core; a poll of them takes 28 at least.
 ADC_POLLS = 16
+LIMITS = released.BOARD.limits
 
 
 class Worst:
@@ -94,51 +94,75 @@ class Watched:
         return "RPDO, up to 8 objects"
 
 
-def port_share():
-    """Instructions of the tick's interrupt of the released image that are not of fw_interrupt():
+class Port:
+    """What the port adds in the tick's interrupt of the released image to the firmware's calls:
     at most, of ticks that are off, go on, are on and go off."""
-    run(released.ROOT / "tools/image")
-    owner = Code(released.IMAGE).owner
-    board = released.Chip()
-    board.board.adc.ready_reads = ADC_POLLS
-    count, inside = 0, False
 
-    def watch(address, size):
-        nonlocal count, inside
-        name = owner.get(address)
-        inside = address == board.symbols["fw_interrupt"] & ~1 or (inside and name != "port_tick")
-        if not inside:
-            count += sum(a in owner for a in range(address, address + size, 2))
+    CALLS = ("fw_prepare", "fw_control", "fw_report")
+    LAST_INPUT, OUTPUT = 0x40, 0x08  # JDR2 of the ADC, DHR12R1 of the DAC
 
-    def tick():
-        nonlocal count
-        count, board.watch = 0, watch
-        board.tick(hung=True)
-        board.watch = None
-        board.main()
-        return count
+    def __init__(self):
+        run(released.ROOT / "tools/image")
+        self.owner = Code(released.IMAGE).owner
+        self.board = released.Chip()
+        self.board.board.adc.ready_reads = ADC_POLLS
+        self.starts = {self.board.symbols[name] & ~1 for name in self.CALLS}
+        self.total = self.from_adc_to_dac = 0
+        self.notice(self.board.board.adc, "read", self.LAST_INPUT, self.sample_taken)
+        self.notice(self.board.board.dac, "write", self.OUTPUT, self.output_written)
+        self.count, self.inside, self.sampled = 0, False, None
+        # From the start: what was translated before would not be counted.
+        self.board.uc.hook_add(UC_HOOK_CODE, self.executed)
+        self.run()
 
-    released.release(board)
-    assert board.write("open_loop_code", 100) == 0
-    open_loop = BY_NAME["mode"].enum.index("open_loop")
-    worst = 0
-    for mode in (0, open_loop, 0):
-        assert board.write("mode", mode) == 0
-        worst = max(worst, *(tick() for _ in range(3)))
-        assert board.terminals()[0] == (mode == open_loop)
-    return worst
+    def notice(self, peripheral, access, register, what):
+        original = getattr(peripheral, access)
+
+        def noticed(offset, *value):
+            if offset == register:
+                what()
+            return original(offset, *value)
+
+        setattr(peripheral, access, noticed)
+
+    def sample_taken(self):
+        self.sampled = self.count
+
+    def output_written(self):
+        if self.sampled is not None:
+            self.from_adc_to_dac = max(self.from_adc_to_dac, self.count - self.sampled)
+        self.sampled = None
+
+    def executed(self, _uc, address, _size, _data):
+        name = self.owner.get(address)
+        self.inside = address in self.starts or (self.inside and name != "port_tick")
+        self.count += name is not None and not self.inside
+
+    def tick(self):
+        self.count, self.inside, self.sampled = 0, False, None
+        self.board.tick(hung=True)
+        self.total = max(self.total, self.count)
+        self.board.main()
+
+    def run(self):
+        released.release(self.board)
+        assert self.board.write("open_loop_code", 100) == 0
+        open_loop = BY_NAME["mode"].enum.index("open_loop")
+        for mode in (0, open_loop, 0):
+            assert self.board.write("mode", mode) == 0
+            for _ in range(3):
+                self.tick()
+            assert self.board.terminals()[0] == (mode == open_loop)
 
 
 class Profile:
     def __init__(self, ticks=TICKS, seed=SEED):
-        with tempfile.TemporaryDirectory() as folder:
-            image = build_image(Path(folder))
-            self.chip = Chip(image, build_counter(Path(folder)))
+        self.chip = Chip()
         self.ticks, self.seed = ticks, seed
         self.modes = defaultdict(Worst)
         self.between, self.late = Worst(), Worst()
         self.run()
-        self.port = port_share()
+        self.port = Port()
 
     def run(self):
         state = BY_NAME["drive_state"].number
@@ -148,11 +172,13 @@ class Profile:
         resets = [chip.code.names.index(name) for name in RESET]
         waiting = False
         self.resets, self.axis = Worst(), Worst()
+        self.control = 0
         axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
         for _ in range(self.ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
             self.axis.take(chip, axis)
+            self.control = max(self.control, chip.control_count)
             mode = chip.byte(display)
             mode = mode - 256 if mode > 127 else mode
             enabled = chip.byte(state) == ENABLED
@@ -175,11 +201,19 @@ class Profile:
     def worst(self):
         return max(self.modes.values(), key=lambda w: w.count)
 
-    def coverage(self, root):
-        """(executed, all) instructions of what a function can come to, and those missed by name."""
+    @property
+    def interrupt(self):
+        return self.worst.count + self.port.total
+
+    @property
+    def from_adc_to_dac(self):
+        return self.control + self.port.from_adc_to_dac
+
+    def coverage(self, *roots):
+        """(executed, all) instructions of what functions can come to, and those missed by name."""
         code, executed = self.chip.code, self.chip.executed()
         missed, total = {}, 0
-        for name in sorted(code.reachable(root)):
+        for name in sorted(code.reachable(*roots)):
             addresses = code.instructions[name]
             total += len(addresses)
             left = sum(a not in executed for a in addresses)
@@ -188,7 +222,7 @@ class Profile:
         return total - sum(missed.values()), total, missed
 
     def table(self):
-        done, total, missed = self.coverage("fw_interrupt")
+        done, total, missed = self.coverage(*Port.CALLS)
         axis_done, axis_total, _ = self.coverage("axis_tick")
         lines = [
             "# Instructions of a tick",
@@ -200,7 +234,7 @@ class Profile:
             "PDO, SYNC, NMT, SDO and Modbus traffic, eight recorder channels, broken sensors and",
             "masters. Instructions that a condition skips count.",
             "",
-            "## fw_interrupt()",
+            "## fw_prepare(), fw_control() and fw_report()",
             "",
             "| mode of operation | ticks | median | 99 % | at most |",
             "| --- | ---: | ---: | ---: | ---: |",
@@ -229,12 +263,17 @@ class Profile:
             "",
             "## The whole interrupt",
             "",
-            "| what | at most |",
-            "| --- | ---: |",
-            f"| fw_interrupt() | {self.worst.count} |",
+            "| what | at most | limit |",
+            "| --- | ---: | ---: |",
+            f"| fw_prepare(), fw_control() and fw_report() | {self.worst.count} | |",
             f"| the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
-            f" {self.port} |",
-            f"| together | {self.worst.count + self.port} |",
+            f" {self.port.total} | |",
+            f"| together | {self.interrupt} | {LIMITS.interrupt_instructions} |",
+            f"| fw_control() | {self.control} | |",
+            "| the port from the last reading of the ADC to the DAC |"
+            f" {self.port.from_adc_to_dac} | |",
+            f"| ADC read to DAC write | {self.from_adc_to_dac} |"
+            f" {LIMITS.adc_to_dac_instructions} |",
             "",
             "## After it, before the next one",
             "",

@@ -6,6 +6,7 @@ import json
 import struct
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,101 @@ def test_the_good_model_of_those_cases_is_taken(tmp_path):
 )
 def test_bad_usage_is_one_line_and_status_2(arguments, words):
     refused(forceaxis(*arguments), *words)
+
+
+WHOLE_LINES = [
+    (
+        ["firmware.force_setpoint=12 mm/s"],
+        f'{CONTACT}: firmware.force_setpoint: expected a force in N, got "12 mm/s", a velocity; '
+        "correct the value or its unit",
+    ),
+    (
+        ["m_w=3.5 lb"],
+        f'{CONTACT}: set.m_w: expected a mass in kg, got "3.5 lb", whose unit is not known; '
+        "correct the value or its unit",
+    ),
+    (
+        ["m_w=nan"],
+        f"{CONTACT}: set.m_w: expected a finite number in kg, got nan; correct the override's "
+        "value",
+    ),
+    (
+        ["firmware.force_gain=nan"],
+        f"{CONTACT}: firmware.force_gain: expected a number 0 to 255.99609375 code/count, got nan; "
+        "choose a value in that range",
+    ),
+    (
+        ["m_w=1", "firmware.force_gain=2", "m_w=3"],
+        "--set: m_w: expected one value, got 1 and 3; remove one of them",
+    ),
+    (
+        ["firmware.force_gian=2", "firmware.laws=3"],
+        f"{CONTACT}: firmware.force_gian: expected the name of a firmware object, got "
+        '"force_gian", "laws"; did you mean force_gain?; `forceaxis objects` lists them',
+    ),
+    (
+        ["m_b=1", "k_b=1"],
+        f"{CONTACT}: set.k_b: expected parameters that the model or the experiment uses, got k_b, "
+        "m_b, which change nothing here; remove them",
+    ),
+    (
+        ["verdict.windw_s=1"],
+        f"{CONTACT}: verdict.windw_s: expected one of the keys window_s, force_ripple_max_count, "
+        'position_ripple_max_count, contact_held, got "windw_s"; did you mean window_s?; remove or '
+        "rename this key",
+    ),
+]
+
+
+@pytest.mark.parametrize(("sets", "line"), WHOLE_LINES, ids=lambda v: v[0] if v else "")
+def test_a_wrong_override_is_this_line(sets, line):
+    done = forceaxis("run", CONTACT, *(word for text in sets for word in ("--set", text)))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"forceaxis: {line}\n"
+
+
+def test_a_quantity_is_the_number_it_stands_for():
+    """2.5 N a count, so 75 N is the file's set-point of 30; 4 codes a newton are a gain of 10."""
+    wanted = tomllib.loads((ROOT / CONTACT).read_text())
+    assert wanted["firmware"]["force_setpoint"] == 30
+
+    def hash_of(*sets):
+        words = [word for text in sets for word in ("--set", text)]
+        return json.loads(forceaxis("run", CONTACT, *words, "--json").stdout)["trace_hash"]
+
+    assert hash_of("firmware.force_setpoint=75 N") == wanted["expect"]["trace_hash"]
+    assert hash_of("experiment.duration_s=500 ms", "verdict.window_s=0.1 s") == hash_of(
+        "experiment.duration_s=0.5", "verdict.window_s=0.1"
+    )
+    assert hash_of("firmware.force_gain=19.53125 mV/N", "m_w=6 kg") == hash_of(
+        "firmware.force_gain=10", "m_w=6000 g"
+    )
+
+
+def test_quantities_override_models_in_python(tmp_path):
+    from forceaxis import _core, toml
+
+    model = str(ROOT / "sim/models/laboratory.toml")
+    number = _core.facts(model, {"m_w": 3.5, "k_w": 250000.0})["parameters"]
+    quantity = _core.facts(model, {"m_w": "3500 g", "k_w": "250 N/mm"})["parameters"]
+    assert quantity == number
+    assert number["m_w"] == (3.5, "kg")
+    with pytest.raises(_core.InputError, match="m_w: expected a mass in kg, got"):
+        _core.facts(model, {"m_w": "3 N"})
+    assert _core.quantity("400 kN/m") == 4e5
+    # The one reader of TOML gives what Python's own gives, in the order of the file.
+    for file in sorted((ROOT / "sim").rglob("*.toml")):
+        assert repr(toml.read(file)) == repr(tomllib.loads(file.read_text())), file
+
+
+def test_every_column_of_a_trace_can_be_plotted(tmp_path):
+    """The names that [plot] takes are those that a trace has."""
+    (tmp_path / "model.toml").write_text(MODEL.format(**GOOD))
+    (tmp_path / "e.toml").write_text(EXPERIMENT)
+    assert forceaxis("run", tmp_path / "e.toml", "--out", tmp_path).returncode == 0
+    columns = (tmp_path / "trace.csv").read_text().splitlines()[0].split(",")
+    (tmp_path / "e.toml").write_text(f"{EXPERIMENT}[plot]\nrows = [{json.dumps(columns)}]\n")
+    assert forceaxis("run", tmp_path / "e.toml").returncode == 0
 
 
 def test_a_truncated_experiment_is_one_line_and_status_2(tmp_path):

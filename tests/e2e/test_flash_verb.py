@@ -318,7 +318,7 @@ def test_openocd_is_missing(bench, elf, tmp_path):
     assert bench.flash(elf, "--dry-run", path=empty).returncode == 0
 
 
-# --- files that are no image for this chip -------------------------------------------------------
+# Files that are no image for this chip.
 
 
 @pytest.mark.parametrize(
@@ -406,7 +406,7 @@ def test_other_machines(bench, tmp_path):
         ("empty.hex", b":00000001FF\n", "nothing to be written"),
         ("text.elf", b"hello", "expected an ELF file"),
         ("text.hex", b"hello", "hex:1: expected a record of Intel HEX"),
-        ("text.bin", b"hello", "vector table"),
+        ("text.bin", b"hello", "expected one identity"),
         ("cut.elf", b"\x7fELF\x01\x01", "it ends too early"),
         ("elf.bin", b"\x7fELF\x01\x01", "this is an ELF file"),
         ("sum.hex", b":0100000001FF\n", "hex:1: expected a checksum"),

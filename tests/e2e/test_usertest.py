@@ -364,9 +364,9 @@ def test_a_bad_table_is_one_line(bad, index):
         ("signal", "expect.signal: expected a column"),
         ("late", "expect.from_s: expected a time before the end"),
         ("table", "expect: expected a table"),
-        ("cut", "file: expected valid TOML"),
-        ("binary", "file: "),
-        ("deep", "file: "),
+        ("cut", "line 1, column 9: expected valid TOML"),
+        ("binary", "line 1, column 1: expected valid TOML"),
+        ("deep", "line 1"),
         ("nomodel", "model: expected"),
     ],
 )

@@ -54,8 +54,13 @@ static inline void node_tick(node_t *node, uint32_t ticks) {
 static inline void node_wait(node_t *node, uint32_t ticks) {
   node_tick(node, 1);
   for (uint32_t i = 1; i < ticks; i++) {
-    canopen_tick_begin(&node->fw.canopen, &node->fw, false);
-    canopen_tick_end(&node->fw.canopen, &node->fw);
+    const canopen_axis_t axis = {.error_code = node->fw.drive.signals.error_code,
+                                 .fault = node->fw.axis.signals.fault};
+    canopen_tick_begin(&node->fw.canopen, &node->fw.objects, false, false);
+    while (canopen_is_behind(&node->fw.canopen)) {
+      canopen_tick_timers(&node->fw.canopen, false);
+      canopen_tick_end(&node->fw.canopen, &node->fw.objects, axis);
+    }
   }
 }
 

@@ -24,7 +24,7 @@ static void check_entries(const uint32_t *entries, uint8_t count, int transmit) 
     if (!transmit && index >= 1 && index <= 7) {
       continue;
     }
-    const axis_address_t *at = fw_address(index, (uint8_t)(entries[i] >> 8));
+    const axis_address_t *at = dictionary_address(index, (uint8_t)(entries[i] >> 8));
     require(at != NULL && at->what == AXIS_ADDRESS_OBJECT);
     const axis_object_t *object = &axis_objects[at->value];
     static const uint8_t bits[] = {8, 8, 16, 16, 32, 32};

@@ -121,8 +121,6 @@ TEST(SpringChainAlone, WhatIsFarAwayStirsAsItsSeriesSays) {
   }
 }
 
-// ---- Runge-Kutta of fourth order, fixed steps -------------------------------------------------
-
 struct Line {
   std::vector<double> x, v;  // displacements from the places where neighbours just touch
   double spring = 0.0;       // of each body to the one before it, the first one's to ground
@@ -191,8 +189,6 @@ TEST(SpringChainAlone, MeetsAWallAgainAndAgain) {
     EXPECT_LE(std::fabs(plant.energy().residual), 1e-12 * plant.energy().initial);
   }
 }
-
-// ---- bodies that just touch -------------------------------------------------------------------
 
 // Bodies at spacing * i, the first at 1 m/s toward the others; hardly damped, so that the loader
 // finds a way to ground.

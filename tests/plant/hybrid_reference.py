@@ -170,8 +170,6 @@ class Reference:
         self.tick = 0
         self._settle(0.0, record=False)
 
-    # ---- what the model is made of
-
     def _body(self, name):
         return -1 if name == "ground" else self.names.index(name)
 
@@ -234,8 +232,6 @@ class Reference:
             if "force_limit" in drive:
                 self._curve(Curve.clamp("drive.effort", drive["force_limit"]))
 
-    # ---- physics, for one choice of states
-
     def _bent(self, name, x, guards):
         """The curve's value at x, and its guards."""
         curve = self.curves[name]
@@ -244,11 +240,15 @@ class Reference:
         return curve.value(now, x)
 
     def _everything(self, y, u):
-        """Rates of y, signals by name, guards (value, element, next state)."""
+        """Rates of y, signals by name, guards (value, element, next state).
+
+        y and u have one column for each of many points, and so has what they give.
+        """
         n = self.n
-        x, v = np.append(y[:n], 0.0), np.append(y[n : 2 * n], 0.0)  # the last is ground
-        push = np.zeros(n + 1)
-        rates = np.zeros(self.states)
+        ground = np.zeros_like(u)
+        x, v = np.vstack([y[:n], ground]), np.vstack([y[n : 2 * n], ground])
+        push = np.zeros_like(x)
+        rates = np.zeros_like(y)
         signals, guards = {}, []
 
         def link(name, ends, force, spring_force, spring_rate, deflection):
@@ -313,7 +313,7 @@ class Reference:
                 push[f.ends[1]] += now * f.coulomb
                 guards.append((now * (v[f.ends[0]] - v[f.ends[1]]), f.name, 0))
         weight = np.append(1 / self.mass, 0.0)
-        acceleration = push * weight
+        acceleration = push * weight[:, None]
         hold = {}
         if stuck:
             sign = np.zeros((len(stuck), n + 1))
@@ -321,7 +321,7 @@ class Reference:
                 row[f.ends[0]] += 1
                 row[f.ends[1]] -= 1
             forces = np.linalg.solve(sign * weight @ sign.T, sign @ acceleration)
-            acceleration = acceleration - weight * (sign.T @ forces)
+            acceleration = acceleration - weight[:, None] * (sign.T @ forces)
             for f, force in zip(stuck, forces, strict=True):
                 hold[f.name] = force
                 guards.append((f.stiction - force, f.name, 1))
@@ -395,21 +395,15 @@ class Reference:
         signals["drive.force"] = force
         signals["drive.command"] = u
 
-    # ---- one mode as matrices
-
     def _matrices(self):
         key = (self.enabled, *self.mode.values())
         if key not in self.cache:
-
-            def column(y, u):
-                rates, signals, guards = self._everything(y, u)
-                return np.concatenate([rates, list(signals.values()), [g[0] for g in guards]])
-
-            y = np.zeros(self.states)
-            _, signals, guards = self._everything(y, 0.0)
-            constant = column(y, 0.0)
-            units = np.eye(self.states + 1)
-            matrix = np.array([column(e[:-1], e[-1]) - constant for e in units]).T
+            points = np.eye(self.states + 1, self.states + 2)  # the last is 0
+            rates, signals, guards = self._everything(points[:-1], points[-1])
+            rows = [*rates, *signals.values(), *(g[0] for g in guards)]
+            values = np.array([np.broadcast_to(row, points.shape[1]) for row in rows])
+            constant = values[:, -1]
+            matrix = values[:, :-1] - constant[:, None]
             names = list(signals)
             self.cache[key] = (matrix, constant, names, [g[1:] for g in guards])
         return self.cache[key]
@@ -421,8 +415,6 @@ class Reference:
         matrix, constant, names, _ = self._matrices()
         values = matrix @ self._input() + constant
         return dict(zip(names, values[self.states :], strict=False))
-
-    # ---- changes of state
 
     def _change(self, name, to, time, record=True):
         if record:
@@ -492,8 +484,6 @@ class Reference:
         v = self.y[self.n : 2 * self.n]
         weight = 1 / self.mass
         v -= weight * (sign.T @ np.linalg.solve(sign * weight @ sign.T, sign @ v))
-
-    # ---- time
 
     def impulse(self, body, impulse_N_s):
         i = self._body(body)
@@ -608,8 +598,6 @@ class Reference:
                     return falls_through_zero(value, peak, end) if value(peak) > 0 else a
                 return falls_through_zero(value, a, end)
         return None
-
-    # ---- what the axis controller reads
 
     def codes(self):
         """encoder, adc0, adc1, and the distance of the closest to an edge of its code, LSB."""

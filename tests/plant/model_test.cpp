@@ -90,7 +90,7 @@ TEST(Model, Overrides) {
                  {{"mm", 1.0}});
   expect_refusal(
       kAxis,
-      {"parameters.m.value", "expected a finite number, got nan; correct the override's value"},
+      {"parameters.m", "expected a finite number in kg, got nan; correct the override's value"},
       {{"m", std::numeric_limits<double>::quiet_NaN()}});
   expect_refusal(kAxis,
                  {"body[0].mass",

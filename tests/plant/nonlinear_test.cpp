@@ -22,8 +22,6 @@ std::string link(const std::string &kind, const std::string &name, const std::st
          more;
 }
 
-// ---- friction -----------------------------------------------------------------------------------
-
 // 2 kg on 5000 N/m from 12.3 mm: each turn lies 2 F_c / k = 4 mm nearer to the middle, until the
 // spring's 21.5 N at the second one are less than the stiction.
 TEST(Friction, StictionHoldsWhereCoulombFrictionWouldNot) {
@@ -92,8 +90,6 @@ TEST(StickSlip, EveryBreakawayAndStop) {
   EXPECT_EQ(events.size(), i);
   EXPECT_GT(i, 20U);
 }
-
-// ---- backlash and stops -------------------------------------------------------------------------
 
 // Two bodies with 1 mm of play. Their relative motion is that of the reduced mass, 0.75 kg: flights
 // at constant speed, and on either flank half a sine at 400 rad/s.
@@ -196,8 +192,6 @@ TEST(Stop, IsEnteredAgainOutOfTheOverlap) {
   EXPECT_EQ(events[0].to, "pressed");
   EXPECT_NEAR(events[0].time_s, t, 1e-16);
 }
-
-// ---- switching without end ----------------------------------------------------------------------
 
 // Three small blocks on stiff ropes over one table stick and slip 1e6 times a second each.
 TEST(Chattering, OfFrictionEndsWithAnError) {

@@ -673,8 +673,6 @@ TEST_F(Axis, EveryModeCanFollowEveryOther) {
         EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), mode);
         EXPECT_EQ(outputs_.amp_enable, mode != AXIS_MODE_DISABLED);
       }
-      EXPECT_EQ(mode_next(to, false), to);
-      EXPECT_EQ(mode_next(to, true), AXIS_MODE_DISABLED);
     }
   }
 }

@@ -116,6 +116,21 @@ TEST_F(Canopen, BusStatesAreTold) {
                                         Emergency(0, 0, 0)}));
 }
 
+TEST_F(Canopen, AStateOfTheBusThatIsNoChangeIsNotTold) {
+  Take();
+  for (int state : {+CAN_BUS_ACTIVE, +CAN_BUS_PASSIVE, +CAN_BUS_PASSIVE, 3, 255}) {
+    fw_can_bus(&fw_, static_cast<uint8_t>(state));
+  }
+  NodeTick(3);
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8120, 0x11, 0)});
+  fw_can_bus(&fw_, CAN_BUS_OFF);
+  fw_can_bus(&fw_, CAN_BUS_OFF);
+  fw_can_bus(&fw_, CAN_BUS_PASSIVE);
+  NodeTick(3);
+  EXPECT_EQ(Take(0x85),
+            (std::vector<Frame>{Emergency(0x8140, 0x11, 0), Emergency(0x8120, 0x11, 0)}));
+}
+
 TEST_F(Canopen, AResetKeepsWhatThePortToldOfTheBus) {
   fw_can_bus(&fw_, CAN_BUS_PASSIVE);
   Tick();

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <random>
 #include <vector>
 
 #include "tests/unit/canopen_fixture.hpp"
@@ -81,7 +82,9 @@ TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
   ASSERT_EQ(Download(0x1016, 1, 0x000A0064, 4), 0u);  // node 10, 100 ms
   ASSERT_EQ(Download(0x1016, 2, 0x000B0032, 4), 0u);  // node 11, 50 ms
   EXPECT_EQ(Download(0x1016, 3, 0x000A0001, 4), 0x06040043u) << "one consumer for each node";
-  EXPECT_EQ(Download(0x1016, 3, 0x010A0001, 4), 0x06090030u) << "reserved bits";
+  for (uint32_t reserved = 0x01000000; reserved < 0x80000000; reserved <<= 1) {
+    EXPECT_EQ(Download(0x1016, 3, 0x000C0001 | reserved, 4), 0x06090030u) << "reserved bits";
+  }
   EXPECT_EQ(Download(0x1016, 3, 0x000A0000, 4), 0u) << "no time, no consumer";
   Start();
   NodeTick(1000);
@@ -105,6 +108,85 @@ TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
   NodeTick(1);
   EXPECT_EQ(Take(0x80 + kNode), std::vector<Frame>{Emergency(0, 0, 0)});
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0);
+}
+
+// All 16 bits of the time count.
+TEST_F(Canopen, AHeartbeatMayTakeLong) {
+  for (uint32_t ms : {0x8000u, 0xFFFFu}) {
+    PowerUp();
+    ASSERT_EQ(Download(0x1016, 1, 0x000A0000 | ms, 4), 0u);
+    Send(0x70A, {5});
+    NodeTick(static_cast<int>((3 * ms + 1) / 2));
+    EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0) << ms;
+    NodeTick(1);
+    EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0x11) << ms;
+  }
+}
+
+// The end of a tick may be left to the main loop at any tick: the frames are the same, in the same
+// order.
+TEST_F(Canopen, WhereATickIsServedMakesNoDifference) {
+  ASSERT_EQ(Download(0x1016, 1, 0x000A0014, 4), 0u);
+  ASSERT_EQ(Download(0x1029, 1, 1, 1), 0u);
+  ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
+  ASSERT_EQ(Download(0x1800, 3, 20, 2), 0u);
+  ASSERT_EQ(Download(0x1800, 1, 0x40000185, 4), 0u);
+  Remap(0x1802, 0x1A02, 0x40000385, {0x60640020}, 254);
+  Start();
+  std::mt19937 random(301);
+  std::array<fw_t, 2> nodes{fw_, fw_};
+  std::array<std::vector<Frame>, 2> sent;
+  int frames = 0;
+  for (int tick = 0; tick < 20000; ++tick) {
+    const uint32_t what = random() % 40, value = random(), drain = random() % 8;
+    for (size_t i = 0; i < nodes.size(); ++i) {
+      fw_t &node = nodes[i];
+      can_frame_t heartbeat{};
+      heartbeat.id = 0x70A;
+      heartbeat.length = 1;
+      heartbeat.data[0] = 5;
+      can_frame_t upload{};
+      upload.id = 0x605;
+      upload.length = 8;
+      upload.data[0] = 0x40;
+      upload.data[2] = 0x10;
+      switch (what) {
+        case 0:
+        case 1:
+          node.drive.signals.statusword = static_cast<uint16_t>(value % 3);
+          break;
+        case 2:
+        case 3:
+          node.drive.signals.position_actual = static_cast<int32_t>(value % 3);
+          break;
+        case 4:
+          node.drive.signals.error_code = (value & 1) != 0 ? 0x8611 : 0;
+          node.axis.signals.fault = (value & 1) != 0 ? AXIS_FAULT_FOLLOWING_ERROR : AXIS_FAULT_NONE;
+          break;
+        case 5:
+          canopen_emergency(&node.canopen, 0xFF04, 0);
+          break;
+        case 6:
+          fw_can_receive(&node, &heartbeat);
+          break;
+        case 7:
+        case 8:
+          fw_can_receive(&node, &upload);
+          break;
+        default:
+          break;
+      }
+      NodeTickOf(node, i == 1);
+      if (drain != 0) continue;
+      sent[i].clear();
+      for (can_frame_t f{}; fw_can_transmit(&node, &f);) {
+        sent[i].push_back({f.id, {f.data, f.data + f.length}});
+      }
+    }
+    ASSERT_EQ(sent[0], sent[1]) << tick;
+    frames += static_cast<int>(sent[0].size());
+  }
+  EXPECT_GT(frames, 2000);
 }
 
 TEST_F(Canopen, ErrorBehaviourChoosesTheState) {

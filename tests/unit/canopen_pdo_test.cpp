@@ -45,6 +45,58 @@ TEST_F(Canopen, TheEventTimerAndChangesSendATpdo) {
   EXPECT_TRUE(Take(0x185).empty()) << "not operational";
 }
 
+TEST_F(Canopen, AnEventTimeOfZeroIsNone) {
+  Start();
+  ASSERT_EQ(Download(0x1800, 5, 0, 2), 0u);
+  NodeTick(1);
+  Take();
+  NodeTick(200);
+  EXPECT_TRUE(Take(0x185).empty()) << "neither the old time nor a new one";
+  fw_.drive.signals.statusword = 0x1234;
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u) << "a change is sent all the same";
+  NodeTick(200);
+  EXPECT_TRUE(Take(0x185).empty());
+}
+
+// The processor stood still: what was due meanwhile is sent once, at the next tick, and from there
+// on at its interval; what ends later ends when it would have ended anyway.
+TEST_F(Canopen, TicksThatWereMissedAreMadeUpForAtOnce) {
+  Start();
+  fw_.drive.signals.statusword = 0x1234;
+  NodeTick(1);
+  ASSERT_EQ(Take(0x185).size(), 1u);  // again after 30 ticks
+  NodeTick(10);
+  const uint32_t ticks = fw_.axis.signals.tick_count;
+  fw_overrun(&fw_, 15);
+  EXPECT_EQ(fw_.axis.signals.tick_count, ticks + 15);
+  NodeTick(4);
+  EXPECT_TRUE(Take(0x185).empty());
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u) << "10 + 15 + 5 ticks after it was last sent";
+  fw_overrun(&fw_, 450);
+  EXPECT_EQ(fw_.device_signals.overruns, 15 + 450);
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u);
+  NodeTick(29);
+  EXPECT_TRUE(Take(0x185).empty());
+  NodeTick(1);
+  EXPECT_EQ(Take(0x185).size(), 1u);
+}
+
+// While they are missed nothing can be received, so a deadline is put off by as many ticks.
+TEST_F(Canopen, TicksThatWereMissedAreNoSilenceOfAMaster) {
+  ASSERT_EQ(Download(0x1016, 1, 9 << 16 | 100, 4), 0u);  // 150 ticks
+  Send(0x709, {5});
+  Tick(100);
+  fw_overrun(&fw_, 1000);
+  Take();
+  Tick(50);
+  EXPECT_EQ(fw_.canopen.heartbeats_lost, 0);
+  Tick(1);
+  EXPECT_EQ(fw_.canopen.heartbeats_lost, 1);
+}
+
 TEST_F(Canopen, TheInhibitTimeHoldsChangesBack) {
   EXPECT_EQ(Download(0x1800, 3, 50, 2), 0x08000022u) << "not while it is valid";
   ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
@@ -85,6 +137,10 @@ TEST_F(Canopen, SynchronousTypes) {
   EXPECT_TRUE(Take(0x285).empty());
   Send(0x80, {});
   EXPECT_EQ(Take(0x285).size(), 1u);
+  for (int type : {0, 1, 240, 254, 255}) {
+    EXPECT_EQ(Download(0x1801, 2, static_cast<uint32_t>(type), 1), 0u) << type;
+    EXPECT_EQ(Download(0x1401, 2, static_cast<uint32_t>(type), 1), 0u) << type;
+  }
   for (int type = 241; type <= 253; ++type) {
     EXPECT_EQ(Download(0x1801, 2, static_cast<uint32_t>(type), 1), 0x06090030u);
     EXPECT_EQ(Download(0x1401, 2, static_cast<uint32_t>(type), 1), 0x06090030u);
@@ -99,6 +155,10 @@ TEST_F(Canopen, SynchronousRpdosWaitForSync) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0);
   Send(0x80, {});
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2);
+  Set(AXIS_OBJ_TARGET_POSITION, 7);
+  Send(0x80, {});
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 7) << "a frame acts once";
+  Set(AXIS_OBJ_TARGET_POSITION, 2);
   Send(0x305, {0x00, 0x00, 3, 0, 0, 0});
   Nmt(128);
   Nmt(1);
@@ -218,6 +278,16 @@ TEST_F(Canopen, PdoLengthErrorsAreToldOnce) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2) << "the first bytes";
   EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8220, 0x11, 2)});
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0) << "it does not last";
+}
+
+TEST_F(Canopen, AnRpdoWithNothingMappedDoesNothing) {
+  Start();
+  Remap(0x1403, 0x1603, 0x505, {}, 255);
+  Send(0x505, {1, 2, 3});
+  Send(0x505, {});
+  Tick();
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{});
+  EXPECT_EQ(Read(AXIS_OBJ_ERROR_HISTORY_COUNT), 0);
 }
 
 TEST_F(Canopen, ARefusedValueIsToldAndTheOthersAreTaken) {

@@ -92,7 +92,7 @@ TEST_F(Canopen, AbortCodesOfValues) {
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SIGN), -1) << "signs are extended";
   EXPECT_EQ(Download(0x1010, 1, 0x73617665, 4), 0x08000020u) << "\"save\" backwards";
   EXPECT_EQ(Download(0x1011, 1, 0x65766173, 4), 0x08000020u) << "the other's signature";
-  EXPECT_EQ(Download(0x1010, 1, 0x65766173, 4), 0x08000022u) << "without a memory";
+  EXPECT_EQ(Download(0x1010, 1, 0x65766173, 4), 0x06060000u) << "without a memory";
   EXPECT_EQ(Download(0x2001, 0, 3, 1), 0x08000022u) << "a native mode over a bus";
   EXPECT_EQ(UploadAbort(0x2120, 0), 0x08000024u) << "no recording";
   EXPECT_EQ(Download(0x2107, 0, 1, 1), 0x06090030u) << "arm without a channel";
@@ -234,7 +234,7 @@ TEST_F(Canopen, ProtocolErrorsOfUploads) {
 TEST_F(Canopen, AClientsAbortIsNotAnswered) {
   EXPECT_EQ(Ask(Request(0x40, 0x1008, 0))[0], 0x41);
   EXPECT_TRUE(Ask(Request(0x80, 0x1008, 0, 0x08000000)).empty());
-  EXPECT_EQ(Word(Ask({0x60})), 0x05040001u);
+  EXPECT_EQ(Ask({0x60}), Request(0x80, 0, 0, 0x05040001)) << "of no object";
 }
 
 TEST_F(Canopen, ANewRequestReplacesAPendingOne) {
@@ -259,6 +259,17 @@ TEST_F(Canopen, APendingTransferTimesOut) {
   EXPECT_EQ(frames[0].data, Request(0x80, 0x1008, 0, 0x05040000));
   NodeTick(10000);
   EXPECT_TRUE(Take(0x585).empty());
+}
+
+// Each segment of a download has its 5 s, 7500 ticks, too.
+TEST_F(Canopen, EverySegmentOfADownloadHasItsTime) {
+  ASSERT_EQ(Download(0x1017, 0, 0, 2), 0u);
+  ASSERT_EQ(Ask(Request(0x20, 0x607A, 0))[0], 0x60);
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x0A, 0x78, 0x56})[0], 0x20);  // two of four bytes
+  NodeTick(7000);
+  EXPECT_EQ(Ask({0x1B, 0x34, 0x12})[0], 0x30);  // and the last two
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 0x12345678);
 }
 
 TEST_F(Canopen, TruncatedRequestsGetNoAnswer) {

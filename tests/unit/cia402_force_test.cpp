@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 
 #include "tests/unit/cia402_fixture.hpp"
 
@@ -66,12 +67,57 @@ TEST_F(Drive, LosingTheContactNeverRunsAway) {
 }
 
 TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
+  for (const int target : {750, 1, -1, -750}) {
+    PowerUp();
+    Enable(kTq);
+    stuck_ = true;
+    Set(AXIS_OBJ_TARGET_FORCE, target);
+    Tick(3000);
+    // A quarter second of approach, 16 counts, and the way of the ramp: 2^2 / (2 x 0.1).
+    EXPECT_LE(std::abs(Demand()), 750 + 16 + 21) << target;
+    EXPECT_GE(std::abs(Demand()), 750) << target;
+    EXPECT_EQ(Demand() > 0, target > 0);
+  }
+}
+
+// A target force acts if it was written since the last fault.
+TEST_F(Drive, ATargetForceFromBeforeAFaultMovesNothing) {
+  for (const int mode : {kTq, kCst}) {
+    PowerUp();
+    Enable(mode);
+    Set(AXIS_OBJ_TARGET_FORCE, 750);
+    inputs_.sensor_valid = 0;
+    Tick();
+    inputs_.sensor_valid = 1;
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_FAULT);
+    Control(0x80);
+    Enable(mode);
+    const double from = place_;
+    Tick(300);
+    EXPECT_EQ(place_, from) << mode;
+    EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 750) << "it is still what was written";
+    Set(AXIS_OBJ_TARGET_FORCE, 750);
+    Tick(300);
+    EXPECT_GT(place_, from + 100) << mode;
+  }
+}
+
+TEST_F(Drive, LossesAndPeakBeginAnewWithForceControl) {
   Enable(kTq);
-  stuck_ = true;
   Set(AXIS_OBJ_TARGET_FORCE, 750);
-  Tick(3000);
-  // A quarter second of approach, 16 counts, and the way of the ramp: 2^2 / (2 x 0.1).
-  EXPECT_LE(Demand(), 750 + 16 + 21);
+  wall_ = place_ - 100;
+  Tick(2);
+  wall_ = 1e9;
+  Tick(2);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1);
+  ASSERT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 50 * 256);
+  Control(0x07);
+  Tick(300);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1) << "until then they can be read";
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 50 * 256);
+  Enable(kTq);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 0);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_PEAK), 0);
 }
 
 TEST_F(Drive, LimitCyclesAreNamed) {
@@ -96,8 +142,10 @@ TEST_F(Drive, LimitCyclesAreNamed) {
 
 TEST_F(Drive, AForceReadingAtItsEndIsTold) {
   Enable(kTq);
+  EXPECT_EQ(Status() & 0x80, 0);
   wall_ = -1000;
   Tick();
+  EXPECT_EQ(Status() & 0x80, 0x80);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SATURATED), 1);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_RAW), 255);
 }
@@ -147,6 +195,22 @@ TEST_F(Drive, StiffnessIsASpring) {
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE) / 256.0, 20, 2);
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_DEMAND), 500, 50);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 0);
+}
+
+// The set-point that a spring asks for is bounded as a target force is: 500 per mille, 20 counts.
+TEST_F(Drive, TheForceLimitBoundsTheSpring) {
+  for (const int sign : {1, -1}) {
+    PowerUp();
+    Set(AXIS_OBJ_STIFFNESS, 32768);
+    Set(AXIS_OBJ_FORCE_LIMIT, 500);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    stuck_ = true;
+    Enable(-6);
+    Set(AXIS_OBJ_TARGET_POSITION, sign * 5000);
+    Tick(3000);
+    EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), sign * 500);
+    EXPECT_EQ(outputs_.dac_code, sign * 100) << "gain 5 x 20 counts";
+  }
 }
 
 TEST_F(Drive, DampingFollowsASpeedAndYields) {

@@ -63,6 +63,20 @@ TEST_F(Drive, ARewriteOfTheModeChangesNothing) {
   EXPECT_EQ(Demand(), 5000);
 }
 
+// What was reached was the target of the mode that is left.
+TEST_F(Drive, AChangeOfModeShowsNothingReached) {
+  for (const int to : {kPv, kCsv, kCsp}) {
+    PowerUp();
+    Enable(kPp);
+    MoveTo(10);
+    ASSERT_GE(TicksUntil(kReached, kReached, 500), 0);
+    Tick(300);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, to);
+    ASSERT_EQ(Mode(), to) << "at once: the axis stands";
+    EXPECT_EQ(Status() & kReached, 0) << to;
+  }
+}
+
 TEST_F(Drive, AChangeOfModeStopsFirstWithoutABump) {
   const int modes[] = {kPp, kPv, kTq, kHm, kCsp, kCsv, kCst, 0, -1, -2, -4, -5, -6, -7, -8};
   for (const int from : {kPv, kCsv}) {

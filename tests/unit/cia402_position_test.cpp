@@ -102,11 +102,38 @@ TEST_F(Drive, ChangeOnSetpointDoesNotStop) {
       if (Demand() > 500) {
         slowest = std::min(slowest, Speed());
       }
+      if (std::abs(Demand() - 1000) > 4) {
+        ASSERT_EQ(Status() & kBit12, Demand() < 1000 ? kBit12 : 0)
+            << "room once the first is passed";
+      }
     }
     EXPECT_EQ(slowest, blend ? 2.0 : 0.0);
     ASSERT_GE(TicksUntil(kReached, kReached, 5000), 0);
     EXPECT_EQ(Demand(), 2000);
   }
+}
+
+// Of two set-points, the one pursued and the one behind it, neither is there when the mode comes
+// back.
+TEST_F(Drive, LeavingProfilePositionDropsItsSetpoints) {
+  Enable(kPp);
+  MoveTo(500);
+  MoveTo(900);
+  ASSERT_EQ(Status() & kBit12, kBit12);
+  Tick(50);
+  Control(0x07);
+  Tick(400);
+  ASSERT_EQ(State(), AXIS_DRIVE_STATE_SWITCHED_ON);
+  Enable(kPp);
+  const int32_t here = Demand();
+  ASSERT_LT(here, 400);
+  EXPECT_EQ(Status() & kBit12, 0) << "there is room";
+  Tick(500);
+  EXPECT_EQ(Demand(), here);
+  MoveTo(here + 100);
+  EXPECT_EQ(Status() & kBit12, 0) << "taken, and room behind it";
+  Tick(1500);
+  EXPECT_EQ(Demand(), here + 100);
 }
 
 TEST_F(Drive, NothingMovesWithoutASetpoint) {

@@ -95,6 +95,18 @@ TEST_F(Drive, SlowingDownCanBeCalledOff) {
   EXPECT_NEAR(Speed(), 10.0, 1e-4);
 }
 
+// Without its owner an axis that is to go on does what it was last asked for.
+TEST_F(Drive, AnAxisThatIsToGoOnKeepsItsTarget) {
+  Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 0);
+  Enable(kPv);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
+  Tick(100);
+  cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_SOURCE_LOST);
+  Tick(100);
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+  EXPECT_EQ(Speed(), 2.0);
+}
+
 // A deceleration of next to nothing, and nobody there to see it.
 TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
@@ -103,7 +115,7 @@ TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
   Tick(200);
   cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
-  EXPECT_EQ(fw_object_check(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
+  EXPECT_EQ(dictionary_check(&fw_.objects, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
             FW_ERROR_STATE);
   Tick(14999);
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);

@@ -9,6 +9,27 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/frames.hpp"
 
+// What a memory does wrong; as it stands, nothing.
+struct FlashFaults {
+  enum class Erase {
+    kSound,
+    kRefused,  // reports a failure and erases nothing
+    kNothing,  // reports success and erases nothing
+    kHalf      // reports success and leaves the second half of the sector as it was
+  };
+  enum class Program {
+    kSound,
+    kRefused,  // clears all but one bit of the byte, and reports a failure
+    kStuck,    // clears all but one bit of each byte, and reports success
+    kNothing,  // reports success and programs nothing
+    kHalf      // reports success and programs the first half of what it is given
+  };
+  Erase erase = Erase::kSound;
+  Program program = Program::kSound;
+  uint32_t program_from = 0;  // the addresses that `program` is about
+  uint32_t program_to = UINT32_MAX;
+};
+
 // Flash: programming clears bits of blank bytes, erasing sets those of a sector. Each byte is one
 // step, an erase kEraseSteps; after `life` steps the power is gone in the middle of the next one.
 class Flash {
@@ -19,6 +40,9 @@ class Flash {
   explicit Flash(uint32_t sector_bytes = STORE_SECTOR_MIN)
       : bytes_(2 * sector_bytes, kErased),
         memory_{this, sector_bytes, &Flash::Read, &Flash::Program, &Flash::Erase} {}
+
+  Flash(const Flash &) = delete;
+  Flash &operator=(const Flash &) = delete;
 
   const store_memory_t *memory() const { return &memory_; }
   Bytes &bytes() { return bytes_; }
@@ -34,11 +58,10 @@ class Flash {
   int64_t bytes_read() const { return bytes_read_; }
   int most_per_call() const { return most_per_call_; }
 
-  // A worn memory: programming fails where a byte at or behind an address is touched.
-  uint32_t worn_from = UINT32_MAX;
-  uint32_t worn_to = UINT32_MAX;
-  bool worn_says_so = true;  // false: the bytes are just not as wanted
-  bool erase_works = true;
+  FlashFaults faults;
+
+  // A bit that changes by itself, either way.
+  void Flip(size_t at, int bit) { bytes_[at] ^= static_cast<uint8_t>(1 << bit); }
 
  private:
   static Flash &Of(void *context) { return *static_cast<Flash *>(context); }
@@ -54,6 +77,10 @@ class Flash {
     Flash &f = Of(context);
     f.misused_ |= address % 4 != 0 || count % 4 != 0 || address + count > f.bytes_.size();
     f.most_per_call_ = std::max(f.most_per_call_, static_cast<int>(count));
+    const auto fault = [&](uint32_t i) {
+      const bool here = address + i >= f.faults.program_from && address + i < f.faults.program_to;
+      return here ? f.faults.program : FlashFaults::Program::kSound;
+    };
     for (uint32_t i = 0; i < count; ++i) {
       uint8_t &byte = f.bytes_[address + i];
       if (f.life_ == 0) return false;
@@ -64,12 +91,21 @@ class Flash {
         byte &= static_cast<uint8_t>(from[i] | f.random_());
         return false;
       }
-      if (address + i >= f.worn_from && address + i < f.worn_to) {
-        byte &= static_cast<uint8_t>(from[i] | 0x40);
-        if (f.worn_says_so) return false;
-        continue;
+      switch (fault(i)) {
+        case FlashFaults::Program::kRefused:
+          byte &= static_cast<uint8_t>(from[i] | 0x40);
+          return false;
+        case FlashFaults::Program::kStuck:
+          byte &= static_cast<uint8_t>(from[i] | 0x40);
+          break;
+        case FlashFaults::Program::kNothing:
+          break;
+        case FlashFaults::Program::kHalf:
+          if (i < count / 2) byte &= from[i];
+          break;
+        case FlashFaults::Program::kSound:
+          byte &= from[i];
       }
-      byte &= from[i];
     }
     return true;
   }
@@ -81,7 +117,8 @@ class Flash {
     if (f.life_ == 0) return false;
     f.misused_ |= sector > 1;
     ++f.erases_;
-    if (!f.erase_works) return false;
+    if (f.faults.erase == FlashFaults::Erase::kRefused) return false;
+    if (f.faults.erase == FlashFaults::Erase::kNothing) return true;
     for (int step = 1; step <= kEraseSteps; ++step) {
       ++f.steps_;
       if (f.life_ > 0 && --f.life_ == 0) {
@@ -95,7 +132,7 @@ class Flash {
         return false;
       }
     }
-    std::fill_n(begin, size, kErased);
+    std::fill_n(begin, f.faults.erase == FlashFaults::Erase::kHalf ? size / 2 : size, kErased);
     return true;
   }
 

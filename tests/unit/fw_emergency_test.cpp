@@ -8,6 +8,7 @@
 
 #include "tests/unit/flash.hpp"
 #include "tests/unit/fw_fixture.hpp"
+#include "tests/unit/store_fixture.hpp"
 
 namespace {
 
@@ -98,7 +99,7 @@ TEST_F(Fw, ASaturatedSensorIsTold) {
 
 TEST_F(Fw, OverrunsAreToldOnceASecond) {
   for (int i = 0; i < 3000; ++i) {
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     Take();
   }
@@ -112,7 +113,7 @@ TEST_F(Fw, OverrunsAreToldOnceASecond) {
 TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
   std::vector<int> given;
   for (int i = 0; i < 4600; ++i) {
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     if (CountTold(0xFF04) != 0) given.push_back(i);
   }
@@ -120,11 +121,11 @@ TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
   PowerUp();
   for (const int wait : {1499, 1500}) {
     PowerUp();
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     EXPECT_EQ(CountTold(0xFF04), 1);
     Tick(wait - 1);
-    fw_overrun(&fw_);
+    fw_overrun(&fw_, 0);
     Tick();
     EXPECT_EQ(CountTold(0xFF04), wait == 1500 ? 1 : 0) << wait;
   }
@@ -132,7 +133,7 @@ TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
 
 // Each of them has a second of its own.
 TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   inputs_.adc_code[0] = 255;
   Tick();
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
@@ -142,7 +143,7 @@ TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
 // recently it was told before.
 TEST_F(Fw, AResetOfTheNodeTellsAnew) {
   inputs_.adc_code[0] = 255;
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   Tick(2);
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
   inputs_.adc_code[0] = 0;
@@ -152,26 +153,18 @@ TEST_F(Fw, AResetOfTheNodeTellsAnew) {
   ASSERT_EQ(Inner(AXIS_OBJ_NMT_STATE), AXIS_NMT_STATE_PRE_OPERATIONAL);
   Told();
   inputs_.adc_code[0] = 255;
-  fw_overrun(&fw_);
+  fw_overrun(&fw_, 0);
   Tick(2);
   EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
 }
 
-// A set is there, but of another object table: the axis runs on defaults.
+// A set is there, but nothing says what its values mean: the axis runs on defaults.
 TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
   Flash flash;
   PowerUp(flash.memory());
   Tick();
   EXPECT_EQ(CountTold(0x5530), 0);
-  Set(AXIS_OBJ_FORCE_GAIN, 1234);
-  Set(AXIS_OBJ_STORE_PARAMETERS, 1);
-  Tick(3000);
-  ASSERT_EQ(Inner(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVED);
-  Bytes &image = flash.bytes();
-  const size_t set = image[0] != Flash::kErased ? 0 : STORE_SECTOR_MIN;
-  image[set + 4] ^= 1;  // the hash
-  const size_t length = STORE_HEAD_BYTES + (image[set + 12] | image[set + 13] << 8);
-  PutWord(image, set + length, Crc32(&image[set], length));
+  PutOldSet(flash.bytes(), 0, 0x12345678, 1, {0x200A00, 1234});
   PowerUp(flash.memory());
   Tick();
   ASSERT_EQ(Inner(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_OTHER_TABLE);
@@ -179,6 +172,40 @@ TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
   Send(0, {129, kNode});
   Tick(2);
   EXPECT_EQ(CountTold(0x5530), 1) << "also after a reset";
+}
+
+// The emergency names the first parameter that is not as stored, and says how many there are.
+TEST_F(Fw, AStoreThatIsLoadedPartlyNamesWhatIsNot) {
+  Flash flash;
+  Entry bits = EntryOf(AXIS_OBJ_ADC_BITS, 10);
+  bits.first |= 1u << 24;  // a default then, another one today
+  PutSet(flash.bytes(), 0, ~AXIS_OBJECTS_HASH32, 1, {{0x609902, 7, 0}, bits});
+  PowerUp(flash.memory());
+  Tick();
+  EXPECT_EQ(
+      Take(0x80 + kNode),
+      (std::vector<Frame>{
+          {0x80 + kNode, {0x30, 0x55, 1, AXIS_STORE_STATE_LOADED_PARTLY, 0x99, 0x60, 2, 2}}}));
+  Flash other;
+  PutSet(other.bytes(), 0, ~AXIS_OBJECTS_HASH32, 1, {bits});
+  PowerUp(other.memory());
+  Tick();
+  EXPECT_EQ(Take(0x80 + kNode),
+            (std::vector<Frame>{
+                {0x80 + kNode,
+                 {0x30, 0x55, 1, AXIS_STORE_STATE_LOADED_OLD_DEFAULTS, 0x0F, 0x20, 0, 1}}}));
+}
+
+// Without a memory a save is not a matter of the axis's state.
+TEST_F(Fw, WithoutAMemoryEachWaySaysSo) {
+  for (const Way way : kWays) {
+    ASSERT_TRUE(Takes(way));
+    const uint32_t refusal = way == kRtu ? 4u : 0x06060000u;
+    EXPECT_EQ(Write(way, AXIS_OBJ_STORE_PARAMETERS, 1), refusal) << way;
+    EXPECT_EQ(Write(way, AXIS_OBJ_RESTORE_DEFAULTS, 1), refusal) << way;
+    ASSERT_EQ(Write(way, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN), 0u);
+  }
+  EXPECT_EQ(Download(kCanopen, 0x1010, 1, 0x65766173, 4), 0x06060000u);
 }
 
 TEST_F(Fw, AResetByTheWatchdogIsToldOnce) {

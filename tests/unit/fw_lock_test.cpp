@@ -41,6 +41,29 @@ TEST_F(Fw, WhatAnOwnerAskedForEndsWithIt) {
   }
 }
 
+// The set-points of the native modes too, which have no other flag than 0.
+TEST_F(Fw, NativeSetpointsEndWithTheirOwner) {
+  for (Way way : {kGateway, kLcm, kRtu}) {
+    PowerUp();
+    Set(AXIS_OBJ_WATCHDOG, 20);
+    Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 2);
+    ASSERT_TRUE(Takes(way));
+    ASSERT_EQ(Write(way, AXIS_OBJ_FORCE_SETPOINT, 256), 0u);
+    ASSERT_EQ(Write(way, AXIS_OBJ_EXCITATION_AMPLITUDE, 10), 0u);
+    Drive(way);
+    Tick(40);
+    ASSERT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+    EXPECT_EQ(Inner(AXIS_OBJ_OPEN_LOOP_CODE), 0) << way;
+    EXPECT_EQ(Inner(AXIS_OBJ_FORCE_SETPOINT), 0) << way;
+    EXPECT_EQ(Inner(AXIS_OBJ_EXCITATION_AMPLITUDE), 0) << way;
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Tick(10);
+    EXPECT_EQ(outputs_.amp_enable, 1);
+    EXPECT_EQ(outputs_.dac_code, 0) << way;
+  }
+}
+
 TEST_F(Fw, NativeSetpointsEndWithAFault) {
   for (int how = 0; how < 2; ++how) {
     PowerUp();

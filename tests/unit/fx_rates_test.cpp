@@ -124,21 +124,6 @@ TEST(FxRates, TimesRoundUpToTicks) {
   }
 }
 
-// 3.5 characters of 11 bits; 1.75 ms, which are 2.6 ticks, above 19200 baud.
-TEST(FxRates, TheSilenceOfModbusRoundsUpToTicks) {
-  EXPECT_EQ(fx_ticks_of_silence(9600), 7u);   // 6.02
-  EXPECT_EQ(fx_ticks_of_silence(19200), 4u);  // 3.01
-  EXPECT_EQ(fx_ticks_of_silence(19201), 3u);
-  EXPECT_EQ(fx_ticks_of_silence(115200), 3u);
-  EXPECT_EQ(fx_ticks_of_silence(UINT32_MAX), 3u);
-  EXPECT_EQ(fx_ticks_of_silence(0), 57750u);
-  EXPECT_EQ(fx_ticks_of_silence(1), 57750u);
-  for (uint32_t baud = 1; baud <= 19200; ++baud) {
-    // 38.5 bits at `baud` bits a second, 1500 ticks a second.
-    ASSERT_EQ(Wide{fx_ticks_of_silence(baud)}, CeilDivide(Wide{385} * 1500, Wide{10} * baud));
-  }
-}
-
 // The step that gets there in n more ticks: no longer than a 1/n part, shorter by less than 2^-10
 // count, never above the bound; and n of them do get there.
 TEST(FxRates, PartsOfADistanceGetThere) {

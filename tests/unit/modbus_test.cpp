@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "firmware/modbus/map.h"
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
-#include "firmware/modbus/map.h"
 #include "tests/unit/bus_fixture.hpp"
 
 namespace {
@@ -95,9 +95,13 @@ TEST(FxSerial, CrcsSilenceAndBits) {
   EXPECT_EQ(crc16, 0x4B37);
   EXPECT_EQ(~crc32, 0xCBF43926u);
   const std::pair<uint32_t, uint32_t> silences[] = {
-      {0, 57750}, {1, 57750}, {1200, 49}, {9600, 7},   {19200, 4},
+      {0, 3},     {1, 57750}, {1200, 49}, {9600, 7},   {19200, 4},
       {19201, 3}, {57600, 3}, {57750, 3}, {115200, 3}, {UINT32_MAX, 3}};
-  for (const auto &[baud, ticks] : silences) EXPECT_EQ(fx_ticks_of_silence(baud), ticks) << baud;
+  for (const auto &[baud, ticks] : silences) {
+    modbus_t server;
+    modbus_init(&server, 1, baud);
+    EXPECT_EQ(server.silence_ticks, ticks) << baud;
+  }
   uint8_t row[3] = {0xFF, 0xFF, 0xFF};
   for (uint32_t n = 0; n < 10; ++n) fx_bit_append(row, n, n % 3 == 0);
   EXPECT_EQ(row[0], 0x49);

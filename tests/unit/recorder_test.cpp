@@ -48,6 +48,7 @@ TEST_F(Recorder, ImmediateFillsTheLength) {
   TickTo(1);
   EXPECT_EQ(Read(AXIS_OBJ_RECORDER_STATE), AXIS_RECORDER_STATE_DONE);
   TickTo(10);
+  EXPECT_EQ(fw_.live, 0) << "a recording of the axis alone wakes no drive";
   EXPECT_EQ(Column(0), Range(5, 10));
   EXPECT_EQ(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX), 0);
 }
@@ -242,10 +243,10 @@ TEST_F(Recorder, EveryTurnOfTheRingReadsBackWhole) {
                           {static_cast<uint8_t>(place), static_cast<uint8_t>(place >> 8), 0, 0,
                            static_cast<uint8_t>(200 - t), 0});
         }
-        ASSERT_EQ(fw_recording_size(&fw_), expected.size());
+        ASSERT_EQ(dictionary_domain_size(&fw_.objects), expected.size());
         for (uint32_t offset = 0; offset <= expected.size(); ++offset) {
           std::vector<uint8_t> bytes(expected.size() + 1, 0xEE);
-          bytes.resize(fw_recording_bytes(&fw_, offset, bytes.data(), kSamples * kBytes + 1));
+          bytes.resize(dictionary_domain_read(&fw_.objects, offset, bytes.data(), kSamples * kBytes + 1));
           ASSERT_EQ(bytes, std::vector<uint8_t>(expected.begin() + offset, expected.end()))
               << "from byte " << offset << ", " << pretrigger << " " << trigger;
         }
@@ -266,16 +267,16 @@ TEST_F(Recorder, BytesAreHandedOverInPieces) {
   Set(AXIS_OBJ_RECORDER_ARM, 1);
   std::array<uint8_t, 4> piece{};
   TickTo(2);
-  EXPECT_EQ(fw_recording_size(&fw_), 0u) << "not done";
-  EXPECT_EQ(fw_recording_bytes(&fw_, 0, piece.data(), 4), 0u) << "not done";
+  EXPECT_EQ(dictionary_domain_size(&fw_.objects), 0u) << "not done";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "not done";
   TickTo(1);
-  EXPECT_EQ(fw_recording_size(&fw_), 6u);
-  EXPECT_EQ(fw_recording_bytes(&fw_, 1, piece.data(), 3), 3u) << "no more than asked for";
+  EXPECT_EQ(dictionary_domain_size(&fw_.objects), 6u);
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 1, piece.data(), 3), 3u) << "no more than asked for";
   EXPECT_EQ(piece, (std::array<uint8_t, 4>{0x01, 0x23, 0x01, 0}));
-  EXPECT_EQ(fw_recording_bytes(&fw_, 5, piece.data(), 4), 1u) << "no more than there are";
-  EXPECT_EQ(fw_recording_bytes(&fw_, 6, piece.data(), 4), 0u);
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 5, piece.data(), 4), 1u) << "no more than there are";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 6, piece.data(), 4), 0u);
   Set(AXIS_OBJ_RECORDER_ARM, 0);
-  EXPECT_EQ(fw_recording_bytes(&fw_, 0, piece.data(), 4), 0u) << "stopped";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "stopped";
 }
 
 TEST_F(Recorder, RefusesWhatItCannotDo) {

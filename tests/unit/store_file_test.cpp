@@ -10,7 +10,6 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
-#include <random>
 #include <string>
 
 #include "tests/unit/store_fixture.hpp"
@@ -64,40 +63,51 @@ TEST_F(StoreFile, AnotherFileIsRefusedAndNotTouched) {
   EXPECT_STREQ(store_file_open(&file, folder_.c_str()), "Is a directory");
 }
 
-// A process that saves without end is killed, over and over.
+// A process that is killed in the middle of a save, at known places of it: before it, after so many
+// ticks, and after its end.
 TEST_F(StoreFile, AKilledProcessLeavesAWholeSet) {
-  std::minstd_rand random(5);
-  uint32_t last = 0;
-  for (int round = 0; round < 30; ++round) {
+  // Longer than a save: an erase, a sector that is seen to be blank, the set there and back.
+  constexpr int kTicks = 2 + STORE_FILE_SECTOR_BYTES / 64 + AXIS_STORED_COUNT + 40;
+  Values before = Axis(nullptr).Stored();
+  int old_sets = 0;
+  int new_sets = 0;
+  for (int round = 1; round <= 24; ++round) {
+    const int ticks = (round - 1) * kTicks / 23;
+    Axis made(nullptr);  // what the child is about to save
+    made.Change(static_cast<uint32_t>(round), 100);
     const pid_t child = fork();
     ASSERT_GE(child, 0);
     if (child == 0) {
       store_file_t file;
       if (store_file_open(&file, path_.c_str()) != nullptr) _exit(1);
       Axis axis(&file.memory);
-      for (uint32_t i = last + 1;; ++i) {
-        axis.Change(i, 100);
-        axis.Save();
+      for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
+        if (axis_objects[i].stored != 0) dictionary_restore(&axis.fw().objects, i, made.Read(i));
       }
+      if (axis.Stored() != made.Stored()) _exit(2);
+      if (axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1) != FW_OK) _exit(3);
+      for (int i = 0; i < ticks; ++i) axis.Tick();
+      kill(getpid(), SIGKILL);
     }
-    usleep(3000 + static_cast<useconds_t>(random() % 20000));
-    kill(child, SIGKILL);
     int status = 0;
-    waitpid(child, &status, 0);
-    ASSERT_TRUE(WIFSIGNALED(status));
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFSIGNALED(status)) << "round " << round << ", status " << status;
     store_file_t file;
     ASSERT_EQ(store_file_open(&file, path_.c_str()), nullptr);
-    Axis axis(&file.memory);
-    const auto number = static_cast<uint32_t>(axis.Read(AXIS_OBJ_SPEED_MAX));
-    ASSERT_GE(number, last);
-    // The set of this number, as the child made it: each one changes every parameter.
-    Axis made(nullptr);
-    for (uint32_t i = 1; i <= number; ++i) made.Change(i, 100);
-    EXPECT_EQ(axis.Stored(), made.Stored()) << number;
-    last = number;
+    const Values found = Axis(&file.memory).Stored();
     store_file_close(&file);
+    ASSERT_TRUE(found == before || found == made.Stored()) << "killed after tick " << ticks;
+    if (ticks == 0) {
+      EXPECT_EQ(found, before);
+    }
+    if (ticks == kTicks) {
+      EXPECT_EQ(found, made.Stored());
+    }
+    (found == before ? old_sets : new_sets) += 1;
+    before = found;
   }
-  EXPECT_GT(last, 30u);
+  EXPECT_GE(old_sets, 4) << "killed in the middle";
+  EXPECT_GE(new_sets, 1);
 }
 
 }  // namespace

@@ -5,12 +5,63 @@
 
 #include <cstdint>
 #include <random>
+#include <string_view>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/flash.hpp"
 
 using Values = std::vector<int32_t>;
+
+// Records by hand, as record.h and store.h describe them: each returns where the next one goes.
+struct Entry {
+  uint32_t first;  // index times 256 plus sub-index; bit 24: at its default
+  uint32_t value;
+  uint32_t signature;
+};
+
+inline size_t PutRecord(Bytes &bytes, size_t at, const std::vector<uint32_t> &head,
+                        const std::vector<uint32_t> &entries) {
+  size_t next = at;
+  for (const auto &words : {head, {static_cast<uint32_t>(4 * entries.size())}, entries}) {
+    for (const uint32_t word : words) {
+      PutWord(bytes, next, word);
+      next += 4;
+    }
+  }
+  PutWord(bytes, next, Crc32(&bytes[at], next - at));
+  return next + 4;
+}
+
+// "FAS2"
+inline size_t PutSet(Bytes &bytes, size_t at, uint32_t hash, uint32_t sequence,
+                     const std::vector<Entry> &entries) {
+  std::vector<uint32_t> words;
+  for (const Entry &entry : entries) {
+    words.insert(words.end(), {entry.first, entry.value, entry.signature});
+  }
+  return PutRecord(bytes, at, {0x32534146, hash, sequence}, words);
+}
+
+// "FAS1", of version 0.1.0: pairs of address and value
+inline size_t PutOldSet(Bytes &bytes, size_t at, uint32_t hash, uint32_t sequence,
+                        const std::vector<uint32_t> &words) {
+  return PutRecord(bytes, at, {0x31534146, hash, sequence}, words);
+}
+
+inline uint32_t SignatureOf(std::string_view text) {
+  return Crc32(reinterpret_cast<const uint8_t *>(text.data()), text.size());
+}
+
+inline Entry EntryOf(uint16_t object, uint32_t value) {
+  for (const axis_address_t &a : axis_addresses) {
+    if (a.what == AXIS_ADDRESS_OBJECT && a.value == object) {
+      const auto first = static_cast<uint32_t>(a.index) << 8 | a.sub;
+      return {first, value, axis_objects[object].signature};
+    }
+  }
+  return {};
+}
 
 // An axis with its parameters in a memory.
 class Axis {
@@ -31,6 +82,15 @@ class Axis {
   }
   int32_t State() const { return Read(AXIS_OBJ_STORE_STATE); }
 
+  // What the store reports of the loaded set.
+  std::vector<uint32_t> Changes() const {
+    std::vector<uint32_t> changes;
+    for (uint16_t i = AXIS_OBJ_STORE_CHANGE_1; i <= AXIS_OBJ_STORE_CHANGE_8; ++i) {
+      if (Read(i) != 0) changes.push_back(static_cast<uint32_t>(Read(i)));
+    }
+    return changes;
+  }
+
   void Tick() {
     const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
     axis_outputs_t outputs;
@@ -39,7 +99,7 @@ class Axis {
     EXPECT_EQ(outputs.dac_code, 0);
   }
 
-  // Until the store is at rest; how many ticks that took.
+  // Until the store is idle; how many ticks that took.
   int Run() {
     int ticks = 0;
     while (State() == AXIS_STORE_STATE_SAVING && ticks < 2000) {

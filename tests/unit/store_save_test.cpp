@@ -17,11 +17,11 @@ TEST(Store, IsEmptyOnABlankMemory) {
 
 TEST(Store, WithoutAMemoryItRefuses) {
   Axis axis(nullptr);
-  EXPECT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_STATE);
-  EXPECT_EQ(axis.Write(AXIS_OBJ_RESTORE_DEFAULTS, 1), FW_ERROR_STATE);
-  Flash small(1024);
+  EXPECT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_NO_MEMORY);
+  EXPECT_EQ(axis.Write(AXIS_OBJ_RESTORE_DEFAULTS, 1), FW_ERROR_NO_MEMORY);
+  Flash small(STORE_SECTOR_MIN - 16);
   Axis too_small(small.memory());
-  EXPECT_EQ(too_small.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_STATE);
+  EXPECT_EQ(too_small.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_NO_MEMORY);
 }
 
 TEST(Store, KeepsEveryStoredParameterAndNoOther) {
@@ -37,9 +37,10 @@ TEST(Store, KeepsEveryStoredParameterAndNoOther) {
   EXPECT_NE(next.Read(AXIS_OBJ_SPEED_MAX), 0);
   EXPECT_FALSE(flash.misused());
   EXPECT_LE(flash.most_per_call(), 16);
-  // 1 erase, 40 looks at the blank sector, head, 2 entries a tick, CRC, 64 bytes a tick back.
+  // An erase, 64 bytes a tick to see that it is blank, head, an entry a tick, CRC, 64 bytes a tick
+  // read back.
   const int entries = static_cast<int>(axis.Stored().size());
-  EXPECT_LE(ticks, 1 + 40 + 1 + (entries + 1) / 2 + 1 + (16 + 8 * entries) / 64 + 1);
+  EXPECT_EQ(ticks, 1 + STORE_SECTOR_MIN / 64 + 1 + entries + 1 + (16 + 12 * entries + 63) / 64);
 }
 
 TEST(Store, ASavedDefaultIsLoadedToo) {

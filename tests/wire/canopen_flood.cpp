@@ -130,8 +130,8 @@ class Flood {
       unsigned bit = 0;
       for (uint8_t k = 0; k < mapped; ++k) {
         const uint32_t entry = fw_.canopen.params.tpdo_mapping[8 * i + k];
-        const axis_address_t *at =
-            fw_address(static_cast<uint16_t>(entry >> 16), static_cast<uint8_t>(entry >> 8));
+        const axis_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
+                                                      static_cast<uint8_t>(entry >> 8));
         const unsigned width = entry & 0xFF;
         const uint64_t mask = (uint64_t{1} << width) - 1;
         value |= (static_cast<uint64_t>(static_cast<uint32_t>(Read(at->value))) & mask) << bit;
@@ -142,7 +142,7 @@ class Flood {
         Log(kValue, i, 0, 0, value);
       }
     }
-    const uint32_t size = fw_recording_size(&fw_);
+    const uint32_t size = dictionary_domain_size(&fw_.objects);
     if (size != recording_) {
       recording_ = size;
       Log(kRecording, 0, 0, size);
@@ -165,11 +165,13 @@ class Flood {
   void Tick() {
     fw_tick(&fw_, &inputs_, &outputs_);
     LogValues();
+    const uint8_t fault = fw_.axis.signals.fault;
     Log(kTick,
         static_cast<uint8_t>(Read(AXIS_OBJ_CONTACT) | Read(AXIS_OBJ_FORCE_SATURATED) << 1 |
                              Read(AXIS_OBJ_LIMIT_CYCLE) << 2 | fw_.drive.controlled << 3),
         0,
-        static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) | fw_fault(&fw_) << 16) |
+        static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) |
+                              (fault != AXIS_FAULT_NONE ? fault : fw_.drive.fault) << 16) |
             static_cast<uint32_t>(Read(AXIS_OBJ_ACTIVE_MODE)) << 24);
     LogState();
   }
@@ -194,11 +196,12 @@ class Flood {
     fw_can_receive(&fw_, &frame);
     uint8_t refused = 0;
     for (unsigned i = 0; i < 4; ++i) {
-      if ((fw_.canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) refused |= uint8_t(1u << i);
+      if ((fw_.canopen.rpdo[i].reported & PDO_REPORTED_REFUSED) != 0) refused |= uint8_t(1u << i);
     }
     // Only of what the drive judges does the model need this; within a tick it cannot be told
     // from a write before.
-    if (fw_.source_silence == 0) refused |= 0x10;
+    const bool wrote = (fw_.objects.writers >> fw_.device.command_source & 1) != 0;
+    if (fw_.source_silence == 0 || wrote) refused |= 0x10;
     if (refused != refused_) {
       refused_ = refused;
       Log(kRefused, refused);

@@ -600,7 +600,10 @@ class Node:
         elif server != self.owner:
             raise Abort(0x08000021)
         elif o.kind == "command" and o.part in ("canopen", "device"):
-            raise Abort(0x08000022)  # this node has no memory
+            # This node has no memory, which it only says while the axis may save at all.
+            refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06060000, 0x08000022)]
+            self.answer(server, *(choice for f in refusals for choice in exactly(f)))
+            return
         elif at == (0x2302, 0):
             self.watchdog, self.silence = value, 0
         elif o.part == "canopen":

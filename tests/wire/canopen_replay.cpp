@@ -86,8 +86,8 @@ class Log {
       unsigned bit = 0;
       for (uint8_t k = 0; k < fw_->canopen.params.tpdo_mapped[i]; ++k) {
         const uint32_t entry = fw_->canopen.params.tpdo_mapping[8 * i + k];
-        const axis_address_t *at =
-            fw_address(static_cast<uint16_t>(entry >> 16), static_cast<uint8_t>(entry >> 8));
+        const axis_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
+                                                      static_cast<uint8_t>(entry >> 8));
         const unsigned width = entry & 0xFF;
         const uint64_t mask = (uint64_t{1} << width) - 1;
         value |= (static_cast<uint64_t>(static_cast<uint32_t>(read(at->value))) & mask) << bit;
@@ -96,7 +96,7 @@ class Log {
       if (value != values_[i]) add(kValue, i, 0, 0, value);
       values_[i] = value;
     }
-    const uint32_t size = fw_recording_size(fw_);
+    const uint32_t size = dictionary_domain_size(&fw_->objects);
     if (size != recording_) add(kRecording, 0, 0, size);
     recording_ = size;
   }
@@ -105,9 +105,10 @@ class Log {
   void refused() {
     uint8_t now = 0;
     for (unsigned i = 0; i < 4; ++i) {
-      if ((fw_->canopen.rpdo[i].told & PDO_TOLD_REFUSED) != 0) now |= uint8_t(1u << i);
+      if ((fw_->canopen.rpdo[i].reported & PDO_REPORTED_REFUSED) != 0) now |= uint8_t(1u << i);
     }
-    if (fw_->source_silence == 0) now |= 0x10;
+    const bool wrote = (fw_->objects.writers >> fw_->device.command_source & 1) != 0;
+    if (fw_->source_silence == 0 || wrote) now |= 0x10;
     if (now != refused_) add(kRefused, now);
     refused_ = now;
   }

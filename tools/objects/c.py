@@ -1,5 +1,6 @@
 """C: the object dictionary of the firmware and its host metadata."""
 
+from objects.meaning import signature
 from objects.table import (
     PARTS,
     TYPES,
@@ -57,6 +58,31 @@ def enum_constants(table):
             ]
 
 
+def changes(table):
+    """[(address, initial, fits)] of version 0.1.0's stored objects that this table describes
+    otherwise: fits where only the default differs."""
+    today = {
+        canopen_address(o, i): (signature(o), o["defaults"][i])
+        for _, _, o, i in expand(table.entries)
+        if o["stored"]
+    }
+    return [
+        (index * 256 + sub, old.default, today.get((index, sub), (None,))[0] == old.signature)
+        for (index, sub), old in sorted(table.release.objects.items())
+        if today.get((index, sub)) != (old.signature, old.default)
+    ]
+
+
+def former_names(table):
+    """[(address, name)] of version 0.1.0's stored objects that no longer have their addresses."""
+    today = {canopen_address(o, i) for _, _, o, i in expand(table.entries)}
+    return [
+        (index * 256 + sub, old.name)
+        for (index, sub), old in sorted(table.release.objects.items())
+        if (index, sub) not in today
+    ]
+
+
 def generate_header(table):
     entries, specials, digest = table.entries, table.specials, table.digest
     objects = list(expand(entries))
@@ -90,9 +116,13 @@ def generate_header(table):
             )
         out.append(f"}} {type_name};\n\n")
     out.append(
-        "/* First 32 bits of the table's SHA-256: programs with the same one mean the same. */\n"
+        "/* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,\n"
+        " * scales, ranges, access, names of values. Programs with the same one mean the same.\n"
+        " * Defaults and wording are no part of it. */\n"
         f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
-        f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n\n'
+        f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n'
+        "/* That of version 0.1.0, as its parameter sets carry it. */\n"
+        f"#define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x{table.release.digest})\n\n"
     )
     out.append("enum {")
     out.append(",".join(f" AXIS_TYPE_{t.upper()} = {i}" for i, t in enumerate(TYPES)))
@@ -107,6 +137,8 @@ def generate_header(table):
         "  int32_t min;       /* raw; written values outside min..max are refused */\n"
         "  int32_t max;\n"
         "  int32_t initial;   /* raw value after power-up */\n"
+        "  uint32_t signature; /* of a stored object: CRC-32 of type, unit, scale, range, node_id\n"
+        "                         and names of values; a stored value fits where it is equal */\n"
         "  uint16_t offset;   /* bytes from the start of its structure */\n"
         "  uint8_t block;     /* AXIS_BLOCK_ */\n"
         "  uint8_t type;      /* AXIS_TYPE_ */\n"
@@ -139,7 +171,17 @@ def generate_header(table):
         "  uint16_t object;\n"
         "} axis_register_t;\n\n"
     )
+    out.append(
+        "/* A stored object of version 0.1.0 that this table describes otherwise. */\n"
+        "typedef struct {\n"
+        "  uint32_t address; /* CANopen index times 256 plus sub-index; 0 ends the list */\n"
+        "  int32_t initial;  /* its default then */\n"
+        "  uint8_t fits;     /* 1: only the default is another, a stored value still fits */\n"
+        "} axis_change_t;\n\n"
+        "extern const axis_change_t axis_changes_0_1_0[];\n\n"
+    )
     counts = {
+        "stored": sum(o["count"] for o in entries if o["stored"]),
         "addresses": len(addresses(entries, specials)),
         "holding": len(registers(entries, True)),
         "input": len(registers(entries, False)),
@@ -174,7 +216,8 @@ def generate_source(table):
         out.append(
             f"    [AXIS_OBJ_{name.upper()}] = {{{c_int(as_int32(o['min']))}, "
             f"{c_int(as_int32(o['max']))}, {c_int(as_int32(o['defaults'][index]))},\n"
-            f"        {offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
+            f"        UINT32_C(0x{signature(o) if o['stored'] else 0:08x}), "
+            f"{offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
             f"AXIS_ACCESS_{o['access'].upper()}, AXIS_WRITABLE_{o['writable'].upper()}, "
             f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}}},\n"
         )
@@ -186,14 +229,20 @@ def generate_source(table):
         }.get(at.what, f"0x{index:04X}")
         out.append(f"    {{0x{index:04X}, {sub}, AXIS_ADDRESS_{at.what}, {value}}},\n")
     out.append("};\n")
-    for table, writable in (("holding", True), ("input", False)):
-        count = f"AXIS_{table.upper()}_COUNT"
-        out.append(f"\nconst axis_register_t axis_{table}[{count}] = {{\n")
+    for space, writable in (("holding", True), ("input", False)):
+        count = f"AXIS_{space.upper()}_COUNT"
+        out.append(f"\nconst axis_register_t axis_{space}[{count}] = {{\n")
         out.extend(
             f"    {{0x{first:04X}, AXIS_OBJ_{name.upper()}}},\n"
             for first, _, name in registers(entries, writable)
         )
         out.append("};\n")
+    out.append("\nconst axis_change_t axis_changes_0_1_0[] = {\n")
+    out.extend(
+        f"    {{0x{address:06X}, {c_int(as_int32(initial))}, {int(fits)}}},\n"
+        for address, initial, fits in changes(table)
+    )
+    out.append("    {0, 0, 0},\n};\n")
     return "".join(out)
 
 
@@ -264,6 +313,16 @@ def generate_meta(table):
     out.extend(f'    {{{number}, {value}, "{text}"}},\n' for number, value, text in named)
     out.append(
         "};\n\n"
+        "/* Stored objects of version 0.1.0 at whose addresses there is none any more. */\n"
+        "typedef struct {\n"
+        "  uint32_t address; /* CANopen index times 256 plus sub-index; 0 ends the list */\n"
+        "  const char *name;\n"
+        "} axis_former_name_t;\n\n"
+        "static const axis_former_name_t axis_former_names[] = {\n"
+    )
+    out.extend(f'    {{0x{address:06X}, "{name}"}},\n' for address, name in former_names(table))
+    out.append('    {0, ""},\n};\n\n')
+    out.append(
         "/* Single bits of Modbus. */\n"
         "typedef struct {\n"
         "  uint16_t address;\n"

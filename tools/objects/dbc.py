@@ -1,6 +1,7 @@
 """The default PDOs as a DBC: what a CAN analyser shows of nodes 1 to 6."""
 
-from objects.table import TYPES, addresses, fail, number, value_texts
+from objects.meaning import value_texts
+from objects.table import TYPES, addresses, fail, number
 
 FILE = "firmware/objects/generated/forceaxis.dbc"
 

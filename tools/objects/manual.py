@@ -1,5 +1,6 @@
 """The manual's pages: every object, in Markdown and as a man page."""
 
+from objects.meaning import value_texts
 from objects.table import (
     PARTS,
     TABLE,
@@ -9,7 +10,6 @@ from objects.table import (
     describe_unit,
     register,
     register_width,
-    value_texts,
 )
 
 PAGE = "docs/objects/objects.md"
@@ -25,8 +25,8 @@ HEADINGS = {
 }
 WHEN = {"any": "", "disabled": "while disabled", "recorder_idle": "while the recorder is idle"}
 INTRO = """\
-What the firmware knows by name, the same over every interface. {count} objects; the table's SHA-256
-begins with `{digest}`.
+What the firmware knows by name, the same over every interface. {count} objects; the hash of what
+the table means begins with `{digest}`.
 
 * **address**: CANopen index:sub-index in hexadecimal, then the Modbus register: h holding, i input.
   The sub-index 0 of an index that has others reads the highest of them, where it is no object.
@@ -182,7 +182,7 @@ def generate_man(table):
         "s: kept by the parameter store.\n"
         "p: a PDO may carry it.\n"
         "+id: the node id is added.\n"
-        f"The SHA\\-256 of the table begins with {table.digest[:8]}.\n",
+        f"The hash of what the table means begins with {table.digest[:8]}.\n",
     ]
     for part in PARTS:
         objects = of_part(table, part)

@@ -33,8 +33,8 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
   object's registers; an 8-bit one is extended to 16 bits.
 * Engineering value = raw value x unit. One request sees the values of one tick.
 * Exceptions: 1 function, 2 no such register or bit, 3 value out of range or half of a 32-bit
-  object, 4 not in this state or another bus owns the axis (`command_source`), 6 the store is at
-  work. A refused request changes nothing.
+  object, 4 not in this state, or another bus owns the axis (`command_source`), or no memory for
+  parameters, 6 the store is at work. A refused request changes nothing.
 * `object_table_hash` reads {digest} with this table: compare it before you write.
 
 """

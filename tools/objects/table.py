@@ -1,10 +1,11 @@
 """The object table: read, checked, every default filled in."""
 
-import hashlib
 import itertools
 import re
 import tomllib
 from typing import NamedTuple
+
+from objects import meaning, released
 
 TABLE = "firmware/objects/axis_objects.toml"
 
@@ -69,7 +70,8 @@ class Table(NamedTuple):
     records: dict  # index: (title, is an array)
     coils: list
     discretes: list
-    digest: str  # SHA-256 of the file
+    digest: str  # SHA-256 of the meaning, see meaning.py
+    release: released.Release  # version 0.1.0
 
 
 class Address(NamedTuple):
@@ -437,17 +439,20 @@ def load_table(path):
     found = addresses(entries, specials)
     for writable in (True, False):
         registers(entries, writable)
-    return Table(
-        entries,
-        specials,
-        check_records(table, found),
-        check_bits(table, "coil"),
-        check_bits(table, "discrete"),
-        hashlib.sha256(data).hexdigest(),
-    )
+    records = check_records(table, found)
+    bits = check_bits(table, "coil"), check_bits(table, "discrete")
+    objects = [
+        (*canopen_address(o, i), name, register(o, i), o) for _, name, o, i in expand(entries)
+    ]
+    digest = meaning.digest(objects, specials, *bits)
+    return Table(entries, specials, records, *bits, digest, read_release(path))
 
 
-# --- texts that several outputs share ---
+def read_release(path):
+    try:
+        return released.load_release(path.parent / released.FILE)
+    except OSError as error:
+        raise TableError(f"{released.FILE}: cannot be read ({error.strerror})") from error
 
 
 def banner(comment):
@@ -468,8 +473,3 @@ def describe_unit(o):
     inverse = 1 / scale
     text = f"1/{int(inverse)}" if inverse == int(inverse) else f"{scale:.7g}"
     return f"{text} {o['unit']}"
-
-
-def value_texts(o):
-    """[(raw value, text)] of an object whose values have names."""
-    return list(enumerate(o["enum"])) or [tuple(v) for v in o["values"]]

@@ -68,4 +68,4 @@ uint16_t axis_host_modbus_transmit(axis_host_t *host, uint8_t *bytes, uint16_t r
   return fw_modbus_transmit(&host->fw, bytes, room);
 }
 
-void axis_host_overrun(axis_host_t *host) { fw_overrun(&host->fw); }
+void axis_host_overrun(axis_host_t *host) { fw_overrun(&host->fw, 0); }

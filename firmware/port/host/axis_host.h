@@ -31,10 +31,10 @@ void axis_host_tick(axis_host_t *host, const axis_inputs_t *inputs, axis_outputs
 
 int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
 
-/* The signals of the axis as they stand, for those who look at them every tick. */
+/* The signals of the axis as they stand, for callers that read them every tick. */
 const axis_signals_t *axis_host_signals(const axis_host_t *host);
 
-/* The firmware itself, for those who look where no object does. */
+/* The firmware itself, for what no object shows. */
 const fw_t *axis_host_firmware(const axis_host_t *host);
 
 /* As FW_SOURCE_LOCAL: the source lock does not hold it. */

@@ -2,6 +2,7 @@
 
 #include "firmware/port/stm32f4/board.h"
 
+#include "firmware/port/identity.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/tick.h"
 
@@ -18,7 +19,7 @@ const fw_config_t *port_config(void) {
   config.recorder_bytes = sizeof(recorder_buffer);
   config.memory = flash_memory();
   config.hardware = "stm32f446";
-  config.software = board_software;
+  config.software = identity_software;
   config.serial_number = io_serial_number();
   config.node_id = io_node_id();
   config.buses = 1;

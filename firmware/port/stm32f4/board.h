@@ -24,9 +24,14 @@ enum { PRIORITY_BUS = 0x40, PRIORITY_TICK = 0x80 };
 #define CLOCK_APB1_HZ UINT32_C(42000000)
 #define CLOCK_HSI_HZ UINT32_C(16000000)
 
-/* clock.c: 168 MHz. False: the PLL did not come; then the core stays at 16 MHz, the axis is told
- * that its sensors are not valid, and CAN, whose bit timing would be wrong, stays off. */
+/* clock.c: 168 MHz. False: the PLL did not come; then the core stays at 16 MHz, the sensors
+ * are reported as not valid, and CAN, whose bit timing would be wrong, stays off. */
 bool clock_start(void);
+
+/* clock.c, or emulated/io.c: a counter of 32 bits that also runs in sleep and while interrupts are
+ * off; half as fast as the core, or as fast without the PLL. Before it is started it stands. */
+void clock_counter_start(void);
+uint32_t clock_count(void);
 
 /* pins.c */
 enum { PIN_INPUT = 0, PIN_OUTPUT = 1, PIN_ALTERNATE = 2, PIN_ANALOG = 3 };
@@ -67,19 +72,16 @@ const store_memory_t *flash_memory(void);
 
 /* watchdog.c */
 void watchdog_start(void);
-bool watchdog_fired(void); /* it reset the chip; true once */
+bool watchdog_fired(void); /* it has reset the chip; true once */
 
 /* io.c, or emulated/io.c */
 void io_init(void); /* safe outputs, clock, all but the serial line */
 bool io_clock_is_right(void);
-void io_make_safe(void);  /* from a fault: outputs off, whatever state the chip is in */
+void io_make_safe(void);  /* outputs off, in any state of the chip */
 uint8_t io_node_id(void); /* 0 counts as 1 */
 uint32_t io_serial_number(void);
 
-/* startup.c: what is left to do when the program cannot go on. */
+/* startup.c: outputs off and reset, when the program cannot continue. */
 _Noreturn void board_fail(void);
-
-/* tools/image writes it: version, hash of the object table, hash of the source. */
-extern const char board_software[];
 
 #endif

@@ -23,11 +23,11 @@ static can_frame_t ring[RING];
 static volatile uint8_t ring_in;  /* of the interrupt */
 static volatile uint8_t ring_out; /* of the main loop */
 static volatile uint16_t dropped; /* counts up, of the interrupt */
-static uint16_t dropped_told;
+static uint16_t dropped_reported;
 
 static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
 static uint16_t waited_ticks;
-static uint8_t told;
+static uint8_t reported;
 
 static void enter_initialisation(void) {
   CAN1->MCR = MODE | CAN_MCR_INRQ;
@@ -54,10 +54,10 @@ static void configure_and_join(void) {
   waited_ticks = 0;
 }
 
-/* The controller is asked here; port_can_bus() goes on from tick to tick. */
+/* Requests initialisation; port_can_bus() continues with it from tick to tick. */
 void can_init(bool clock_is_right) {
   if (!clock_is_right) {
-    told = CAN_BUS_OFF;
+    reported = CAN_BUS_OFF;
     return;
   }
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOBEN;
@@ -74,9 +74,9 @@ uint8_t port_can_bus(void) {
   switch (state) {
     case RUNNING: {
       const uint32_t errors = CAN1->ESR;
-      told = ((errors & CAN_ESR_EPVF) != 0) ? CAN_BUS_PASSIVE : CAN_BUS_ACTIVE;
+      reported = ((errors & CAN_ESR_EPVF) != 0) ? CAN_BUS_PASSIVE : CAN_BUS_ACTIVE;
       if ((errors & CAN_ESR_BOFF) != 0) {
-        told = CAN_BUS_OFF;
+        reported = CAN_BUS_OFF;
         /* What waits there would come out of date. */
         CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
         enter_initialisation();
@@ -101,18 +101,18 @@ uint8_t port_can_bus(void) {
       break;
   }
   if (state != RUNNING && waited_ticks >= PATIENCE_TICKS) {
-    told = CAN_BUS_OFF;
+    reported = CAN_BUS_OFF;
     enter_initialisation();
   }
-  return told;
+  return reported;
 }
 
 uint16_t port_can_lost(void) {
   if (state == STOPPED) {
     return 0;
   }
-  uint16_t lost = (uint16_t)(dropped - dropped_told);
-  dropped_told = (uint16_t)(dropped_told + lost);
+  uint16_t lost = (uint16_t)(dropped - dropped_reported);
+  dropped_reported = (uint16_t)(dropped_reported + lost);
   /* At least one; the controller does not count. */
   if ((CAN1->RF0R & CAN_RF0R_FOVR0) != 0) {
     CAN1->RF0R = CAN_RF0R_FOVR0;

@@ -41,3 +41,13 @@ bool clock_start(void) {
   }
   return true;
 }
+
+/* Its clock is twice that of APB1 where that is divided. */
+void clock_counter_start(void) {
+  RCC->APB1ENR |= RCC_APB1ENR_TIM2EN;
+  (void)RCC->APB1ENR;
+  TIM2->ARR = UINT32_MAX;
+  TIM2->CR1 = TIM_CR1_CEN;
+}
+
+uint32_t clock_count(void) { return TIM2->CNT; }

@@ -10,8 +10,8 @@ enum { SECTOR_BYTES = 16384 };
 #define ERRORS \
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
 
-/* A word takes at most 100 us. While it lasts, what is fetched from the flash waits, so that polls
- * from there hardly count; they are the bound of a flash that never ends. */
+/* A word takes at most 100 us, during which fetches from the flash stall; the number of polls
+ * bounds a flash that never becomes ready. */
 enum { PROGRAM_POLLS_MAX = 10000 };
 
 /* An erase takes 250 ms, at most 800. A poll of the loop below takes about 1000 cycles. */
@@ -74,9 +74,9 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
   return done;
 }
 
-/* An erase keeps the flash busy for longer than the watchdog waits, and whatever is fetched from it
- * meanwhile stops the core. So this lies in RAM, lets no interrupt in and feeds the watchdog: the
- * drive is disabled, and no tick can come to feed it. What never ends is left to the watchdog. */
+/* The core stalls if it fetches from the flash during an erase, which outlasts the watchdog. So
+ * this function lies in RAM, masks interrupts, and feeds the watchdog in place of the ticks; the
+ * drive is disabled. If an erase never ends the watchdog resets the chip. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;

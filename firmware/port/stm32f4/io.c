@@ -11,6 +11,7 @@ void io_init(void) {
   dac_init();
   pins_init();
   clock_is_right = clock_start();
+  clock_counter_start();
   encoder_init();
   adc_init();
   can_init(clock_is_right);
@@ -34,10 +35,14 @@ uint32_t io_serial_number(void) {
   return id[0] ^ id[1] ^ id[2];
 }
 
-bool port_sense(axis_inputs_t *inputs) {
+bool port_sample(axis_inputs_t *inputs) {
   adc_start();
   inputs->encoder_cnt = encoder_read();
   inputs->din = pins_din();
+  return true;
+}
+
+void port_sense(axis_inputs_t *inputs) {
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
@@ -46,7 +51,6 @@ bool port_sense(axis_inputs_t *inputs) {
   for (uint8_t i = 0; i < 2; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }
-  return true;
 }
 
 /* Going on, the amplifier is enabled at mid-scale, where the DAC has stood since it was disabled,

@@ -16,7 +16,7 @@
 
 typedef volatile uint32_t reg_t;
 
-/* --- reset and clock control ------------------------------------------------------------------ */
+/* Reset and clock control. */
 
 typedef struct {
   reg_t CR;
@@ -51,6 +51,7 @@ typedef struct {
 #define RCC_AHB1ENR_GPIOAEN BIT(0)
 #define RCC_AHB1ENR_GPIOBEN BIT(1)
 #define RCC_AHB1ENR_GPIOCEN BIT(2)
+#define RCC_APB1ENR_TIM2EN BIT(0)
 #define RCC_APB1ENR_TIM5EN BIT(3)
 #define RCC_APB1ENR_USART2EN BIT(17)
 #define RCC_APB1ENR_CAN1EN BIT(25)
@@ -60,7 +61,7 @@ typedef struct {
 #define RCC_CSR_RMVF BIT(24)
 #define RCC_CSR_WDGRSTF BIT(29)
 
-/* --- flash ------------------------------------------------------------------------------------ */
+/* Flash. */
 
 typedef struct {
   reg_t ACR;
@@ -95,7 +96,7 @@ typedef struct {
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
 
-/* --- pins ------------------------------------------------------------------------------------- */
+/* Pins. */
 
 typedef struct {
   reg_t MODER;
@@ -116,7 +117,7 @@ typedef struct {
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
 
-/* --- timer 5, the encoder --------------------------------------------------------------------- */
+/* Timers: 5 is the encoder, 2 the free-running counter. */
 
 typedef struct {
   reg_t CR1;
@@ -132,6 +133,8 @@ typedef struct {
   reg_t PSC;
   reg_t ARR;
 } tim_t;
+#define TIM2_BASE 0x40000000
+#define TIM2 ((tim_t *)TIM2_BASE)
 #define TIM5_BASE 0x40000C00
 #define TIM5 ((tim_t *)TIM5_BASE)
 
@@ -142,7 +145,7 @@ typedef struct {
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
 
-/* --- analog-to-digital converter -------------------------------------------------------------- */
+/* Analog-to-digital converter. */
 
 typedef struct {
   reg_t SR;
@@ -177,7 +180,7 @@ typedef struct {
 #define ADC_JSQR_JL_2 FIELD(20, 2, 1)
 #define ADC_CCR_ADCPRE_4 FIELD(16, 2, 1)
 
-/* --- digital-to-analog converter -------------------------------------------------------------- */
+/* Digital-to-analog converter. */
 
 typedef struct {
   reg_t CR;
@@ -193,7 +196,7 @@ typedef struct {
 #define DAC_CR_BOFF1 BIT(1)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
 
-/* --- CAN -------------------------------------------------------------------------------------- */
+/* CAN. */
 
 typedef struct {
   reg_t MCR;
@@ -267,7 +270,7 @@ typedef struct {
 #define CAN_FS1R_FSC0 BIT(0)
 #define CAN_FA1R_FACT0 BIT(0)
 
-/* --- serial line ------------------------------------------------------------------------------ */
+/* Serial line. */
 
 typedef struct {
   reg_t SR;
@@ -298,7 +301,7 @@ typedef struct {
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7A10
 
-/* --- independent watchdog --------------------------------------------------------------------- */
+/* Independent watchdog. */
 
 typedef struct {
   reg_t KR;
@@ -310,12 +313,12 @@ typedef struct {
 #define IWDG ((iwdg_t *)IWDG_BASE)
 
 #define IWDG_PR_PR_16 FIELD(0, 3, 2)
-/* What KR takes. */
+/* Keys of KR. */
 #define IWDG_KEY_FEED UINT32_C(0xAAAA)
 #define IWDG_KEY_ACCESS UINT32_C(0x5555)
 #define IWDG_KEY_START UINT32_C(0xCCCC)
 
-/* --- the core: ARMv7-M ------------------------------------------------------------------------ */
+/* The core: ARMv7-M. */
 
 typedef struct {
   reg_t CSR;

@@ -58,7 +58,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
-    /* More may have come just now, from what this interrupted. */
+    /* The interrupted main loop may have added bytes. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {
@@ -90,7 +90,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   }
   if (taken > 0) {
     GPIOB->BSRR = BIT(PIN_DRIVE);
-    /* The interrupt takes this back only once nothing is left. */
+    /* The interrupt clears this when the last byte is out. */
     USART2->CR1 = LINE | USART_CR1_TXEIE;
   }
   return taken;

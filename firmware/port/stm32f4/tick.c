@@ -4,28 +4,47 @@
 #include "firmware/port/stm32f4/board.h"
 
 static volatile uint32_t entries;
-static bool overran;
+static uint32_t period; /* of a tick, in counts of clock_count() */
+static uint32_t due;    /* when the tick was to come, by that counter, or a moment before */
+static uint32_t missed;
+static bool is_late;
 
 void tick_start(void) {
+  period = io_clock_is_right() ? TICK_CYCLES / 2 : TICK_CYCLES;
   SYSTICK->RVR = TICK_CYCLES - 1;
   SYSTICK->CVR = 0;
   SCB->SHPR3 = FIELD(24, 8, PRIORITY_TICK);
+  due = clock_count();
   SYSTICK->CSR = SYSTICK_CSR_CLKSOURCE | SYSTICK_CSR_TICKINT | SYSTICK_CSR_ENABLE;
 }
 
 uint32_t tick_entries(void) { return entries; }
 
-/* Reading the flag clears it: set again at the end, the time of the next tick came and went. */
+/* An interrupt that is held up stands for one tick, however many times have passed. */
+static void count_missed(void) {
+  due += period;
+  const uint32_t behind = clock_count() - due;
+  if (behind >= period && behind <= INT32_MAX) {
+    const uint32_t ticks = behind / period;
+    missed += ticks;
+    due += ticks * period;
+  }
+}
+
+/* Reading the flag clears it: if it is set again at the end, the next tick is late. */
 void tick_interrupt(void) {
   entries++;
   (void)SYSTICK->CSR;
+  count_missed();
   port_tick();
-  overran = overran || (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0;
+  is_late = is_late || (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0;
 }
 
-bool port_overran(void) {
-  const bool result = overran;
-  overran = false;
+bool port_overran(uint32_t *ticks) {
+  const bool result = is_late || missed != 0;
+  *ticks = missed;
+  missed = 0;
+  is_late = false;
   return result;
 }
 

@@ -12,7 +12,9 @@
 #include <thread>
 
 #include "host/python/binding/result.hpp"
+#include "host/python/binding/toml.hpp"
 #include "host/run/experiment.hpp"
+#include "host/run/objects.hpp"
 #include "host/run/run.hpp"
 
 namespace py = pybind11;
@@ -23,6 +25,7 @@ void add_linear(py::module_ &m);   // linear.cpp
 void add_link(py::module_ &m);     // link.cpp
 void add_objects(py::module_ &m);  // objects.cpp
 void add_plant(py::module_ &m);    // plant.cpp
+void add_toml(py::module_ &m);     // toml.cpp
 
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
@@ -80,6 +83,25 @@ std::unique_ptr<Result> run_one(const std::filesystem::path &file,
   return result;
 }
 
+std::vector<std::string> contact_names(const forceaxis::sim::Model &model) {
+  std::vector<std::string> names;
+  for (const auto &contact : model.contacts) names.push_back(contact.name);
+  return names;
+}
+
+// The table [expect], or None.
+py::object expect_of(const Experiment &e) {
+  return e.expect ? py::object(::to_dict(*e.expect)) : py::none();
+}
+
+py::dict plot_of(const Experiment &e) {
+  py::dict d;
+  if (!e.plot.rows.empty()) d["rows"] = e.plot.rows;
+  if (e.plot.from_s) d["from_s"] = *e.plot.from_s;
+  if (e.plot.to_s) d["to_s"] = *e.plot.to_s;
+  return d;
+}
+
 // What an experiment is, without running it.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
   const Experiment e = forceaxis::host::load_experiment(file, overrides);
@@ -91,7 +113,17 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
     parameters[py::str(p.name)] = d;
   }
   py::dict d;
+  py::dict firmware;
+  for (const auto &w : e.initial) {
+    const auto &meta = forceaxis::host::object_meta(w.object);
+    const double raw = meta.min < 0 ? w.raw : static_cast<std::uint32_t>(w.raw);
+    firmware[py::str(meta.name)] = raw * meta.scale;
+  }
   d["title"] = e.title;
+  d["model"] = e.model->file;
+  d["contacts"] = contact_names(*e.model);
+  d["firmware"] = firmware;
+  d["expect"] = expect_of(e);
   d["inputs_hash"] = e.hash;
   d["criterion"] = to_dict(e.criterion);
   d["parameters"] = parameters;
@@ -226,6 +258,10 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("title", [](const Result &r) { return r.experiment.title; })
       .def_property_readonly("figure", [](const Result &r) { return r.experiment.figure; })
       .def_property_readonly("shows", [](const Result &r) { return r.experiment.shows; })
+      .def_property_readonly("model", [](const Result &r) { return r.experiment.model->file; })
+      .def_property_readonly(
+          "plot", [](const Result &r) { return plot_of(r.experiment); },
+          "[plot]: rows, from_s, to_s, those that are given")
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
@@ -259,9 +295,11 @@ PYBIND11_MODULE(_core, m) {
         py::arg("firmware_hash") = false,
         "Run one experiment file with overrides NAME=VALUE. Raises InputError. firmware_hash: the "
         "firmware's side hashes the trace as well.");
-  m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
-        "Read an experiment without running it: title, inputs_hash, criterion, parameters with "
-        "value and unit, and the overrides that change nothing. Raises InputError.");
+  m.def(
+      "inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+      "Read an experiment without running it: title, model, contacts, firmware (object -> value at "
+      "the start), expect, inputs_hash, criterion, parameters with value and unit, and the "
+      "overrides that change nothing. Raises InputError.");
   py::class_<Experiments>(m, "Experiments",
                           "Experiment files as they were first read, with the models and modes "
                           "met last: for several run_many() calls.")
@@ -288,4 +326,5 @@ PYBIND11_MODULE(_core, m) {
   add_link(m);
   add_objects(m);
   add_plant(m);
+  add_toml(m);
 }

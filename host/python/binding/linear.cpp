@@ -38,6 +38,22 @@ py::dict linear(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
+// The drive's numbers by their keys, as far as it is linear about zero error.
+py::dict drive_values(const forceaxis::sim::Drive &drive) {
+  using py::literals::operator""_a;
+  if (const auto *perfect = std::get_if<forceaxis::sim::PerfectDrive>(&drive.type))
+    return py::dict("force_per_volt"_a = perfect->force_per_volt);
+  if (const auto *simple = std::get_if<forceaxis::sim::FirstOrderDrive>(&drive.type))
+    return py::dict("k_act"_a = simple->k_act, "a_act"_a = simple->a_act,
+                    "velocity_per_volt"_a = simple->velocity_per_volt);
+  const auto &motor = std::get<forceaxis::sim::DcMotor>(drive.type);
+  return py::dict("k_preamp_cmd"_a = motor.k_preamp_cmd, "k_preamp_fdbk"_a = motor.k_preamp_fdbk,
+                  "a_preamp_fdbk"_a = motor.a_preamp_fdbk, "k_tach"_a = motor.k_tach,
+                  "k_torque"_a = motor.k_torque, "k_back_emf"_a = motor.k_back_emf,
+                  "L"_a = motor.inductance, "R"_a = motor.resistance, "r_trans"_a = motor.r_trans,
+                  "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
+}
+
 // What an analysis asks of a model besides its equations.
 py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
@@ -59,13 +75,19 @@ py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   d["masses_kg"] = masses;
   d["signals"] = units;
   d["parameters"] = parameters;
-  d["contacts"] = static_cast<int>(model.contacts.size());
+  py::list contacts;
+  for (const auto &contact : model.contacts)
+    contacts.append(
+        py::dict(py::arg("name") = contact.name,
+                 py::arg("between") = py::make_tuple(name(contact.ends.a), name(contact.ends.b))));
+  d["contacts"] = contacts;
   d["drive"] = py::none();
   if (model.drive) {
     static const char *const kTypes[] = {"dc_motor", "first_order", "perfect"};
     d["drive"] = py::dict(py::arg("type") = kTypes[model.drive->type.index()],
                           py::arg("body") = name(model.drive->body),
-                          py::arg("reaction") = name(model.drive->reaction));
+                          py::arg("reaction") = name(model.drive->reaction),
+                          py::arg("values") = drive_values(*model.drive));
   }
   d["reading"] = py::none();
   if (const auto &adc = model.adc[0])
@@ -103,7 +125,8 @@ void add_linear(py::module_ &m) {
         py::arg("free") = false, py::arg("drive") = true,
         "A, B, C, D and the names of the states in one mode: forceaxis.linear.linearise");
   m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
-        "masses, signals with units, used parameters (value, unit), drive, reading (per_count: its "
+        "masses, signals with units, used parameters (value, unit), contacts (name, between), "
+        "drive (values: its numbers by key), reading (per_count: its "
         "unit per 8-bit count), encoder, volts_per_code of a model");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");

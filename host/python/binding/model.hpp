@@ -3,26 +3,33 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "sim/model/model.hpp"
+#include "sim/model/text.hpp"
 
-using Overrides = std::map<std::string, double>;  // parameter -> value, in its own unit
+// Parameter -> number in its own unit, or text: a quantity or another parameter's name.
+using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
-// The model of a file under these overrides. Throws InputError, also for an override that nothing
-// in the model refers to: it would change nothing unnoticed.
+// The model of a file under these overrides. Throws InputError, also for overrides that nothing in
+// the model refers to: they would change nothing unnoticed.
 inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});
   forceaxis::sim::Model model = forceaxis::sim::load_model(file, values);
-  for (const auto &idle : model.parameters) {
-    if (!idle.overridden || idle.used) continue;
-    std::string names;
-    for (const auto &p : model.parameters)
-      if (p.used) names += (names.empty() ? "" : ", ") + p.name;
-    throw forceaxis::sim::InputError(
-        file.string(), "parameters." + idle.name,
-        "expected a parameter that the model uses (" + names + "), this one changes nothing here");
+  std::vector<std::string> idle;
+  std::vector<std::string> used;
+  for (const auto &p : model.parameters) {
+    if (p.used) used.push_back(p.name);
+    if (p.overridden && !p.used) idle.push_back(p.name);
   }
+  if (!idle.empty())
+    throw forceaxis::sim::InputError(
+        file.string(), "parameters." + idle.front(),
+        "expected a parameter that the model uses (" + forceaxis::sim::joined(used) + "), " +
+            (idle.size() == 1
+                 ? std::string("this one changes nothing here")
+                 : "got " + forceaxis::sim::joined(idle) + ", which change nothing here"));
   return model;
 }

@@ -98,15 +98,6 @@ inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// Refuses what changes nothing.
-inline void expect_used(const forceaxis::host::Experiment &experiment) {
-  if (experiment.unused.empty()) return;
-  throw forceaxis::sim::InputError(
-      experiment.file.string(), "set." + experiment.unused.front(),
-      "expected a parameter that the model or the experiment uses, this one changes nothing here; "
-      "remove it");
-}
-
 // Of a run that releases the lock: whether Python has been interrupted.
 inline bool interrupted() {
   const pybind11::gil_scoped_acquire acquire;

@@ -1,10 +1,12 @@
 /* In place of the peripherals that QEMU's netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC, pins,
  * watchdog. Inputs and outputs are records of the host, host/link/chip_side.hpp has their bytes:
  * each interrupt waits for one and answers it, and the emulator's time stands still meanwhile.
- * Without a host the axis has sensors that read zero and outputs that nobody sees. */
+ * Without a host the sensors read zero and the outputs go nowhere. */
 
 #include <stddef.h>
 
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/emulated/semihosting.h"
@@ -46,6 +48,9 @@ void io_init(void) { open_host(); }
 
 bool io_clock_is_right(void) { return true; }
 
+/* No tick is ever missed here. */
+uint32_t clock_count(void) { return tick_entries() * (TICK_CYCLES / 2); }
+
 void io_make_safe(void) {}
 
 uint8_t io_node_id(void) { return 1; }
@@ -59,8 +64,6 @@ void watchdog_start(void) {}
 bool watchdog_fired(void) { return false; }
 
 void port_feed_watchdog(void) {}
-
-/* --- inputs and outputs ----------------------------------------------------------------------- */
 
 static void answer(uint32_t first, uint32_t second) {
   uint8_t bytes[ANSWER_BYTES];
@@ -76,7 +79,7 @@ static void write_object(const uint8_t *record) {
   answer((uint32_t)fw_object_write(port_firmware(), FW_SOURCE_LOCAL, object, value), 0);
 }
 
-bool port_sense(axis_inputs_t *inputs) {
+bool port_sample(axis_inputs_t *inputs) {
   uint8_t record[RECORD_BYTES];
   if (!has_host) {
     *inputs = (axis_inputs_t){.din = AXIS_DIN_ENABLE, .sensor_valid = 1};
@@ -100,6 +103,8 @@ bool port_sense(axis_inputs_t *inputs) {
   return true;
 }
 
+void port_sense(axis_inputs_t *inputs) { (void)inputs; }
+
 void port_act(const axis_outputs_t *outputs) {
   const axis_signals_t *signals = &port_firmware()->axis.signals;
   const uint32_t out =
@@ -110,8 +115,7 @@ void port_act(const axis_outputs_t *outputs) {
   }
 }
 
-/* --- CAN: frames of 12 bytes over a serial line ------------------------------------------------
- */
+/* CAN: frames of 12 bytes over a serial line. */
 
 enum { FRAME_BYTES = 12 };
 
@@ -161,10 +165,9 @@ uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 
 uint16_t port_can_lost(void) { return 0; }
 
-/* The emulated USART asks for an interrupt when a byte comes, but not when one may be sent. In
- * front of a host there is no wfi: time is counted in instructions there, and QEMU doubles the
- * period of every timer by it. A round of the main loop would cost real time, because of its
- * registers. */
+/* The emulated USART requests an interrupt when a byte is received, but not when one may be sent.
+ * With a host there is no wfi, because QEMU, which counts instructions then, doubles the period of
+ * every timer by it; and no further round of the main loop, whose register accesses are slow. */
 void port_idle(void) {
   static uint32_t seen;
   if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {

@@ -37,16 +37,16 @@ int32_t semihosting_open(const char *name, uint32_t mode) {
   return call(SYS_OPEN, block);
 }
 
-/* The answer is how many bytes are left over; a pipe gives what is there. */
+/* The result is the number of bytes not read; a pipe returns what it holds. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const uint32_t block[3] = {(uint32_t)file, (uint32_t)bytes, count};
-    const int32_t left = call(SYS_READ, block);
-    if (left < 0 || (uint32_t)left >= count) {
+    const int32_t remaining = call(SYS_READ, block);
+    if (remaining < 0 || (uint32_t)remaining >= count) {
       semihosting_exit();
     }
-    bytes += count - (uint32_t)left;
-    count = (uint32_t)left;
+    bytes += count - (uint32_t)remaining;
+    count = (uint32_t)remaining;
   }
 }
 

@@ -14,7 +14,7 @@ void semihosting_command_line(char *text, uint32_t room);
 /* A file of the host; negative: it cannot be opened. */
 int32_t semihosting_open(const char *name, uint32_t mode);
 
-/* All of the bytes, waiting for as long as it takes; anything else ends the program. */
+/* All bytes, without a time-out; an error ends the program. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count);
 void semihosting_write(int32_t file, const uint8_t *bytes, uint32_t count);
 

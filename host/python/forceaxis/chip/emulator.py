@@ -1,8 +1,7 @@
-"""The image on an emulated chip: qemu-system-arm with two pipes to the plant.
+"""The image of a board on its emulator, QEMU, with two pipes to the plant.
 
-The machine is an STM32F405, whose addresses the STM32F446 shares. It counts instructions instead
-of time, so a run is the same every time. Only what the emulator has no model of is replaced in the
-image (firmware/port/stm32f4/emulated): start-up, interrupt and firmware are those that are flashed.
+Only what the emulator has no model of is replaced in the image: start-up, interrupt and firmware
+are those that are flashed.
 """
 
 import contextlib
@@ -12,44 +11,84 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from forceaxis._core import TransportError
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.chip import board as boards
 
-QEMU = "qemu-system-arm"
-# 2^6 ns an instruction, some 10,000 of them a tick; time stands still while the chip waits.
-CLOCK = ("-icount", "shift=6,sleep=off")
+LINK = "pil-"  # processor in the loop
+IMAGES = Path(__file__).resolve().parents[4] / "build/image"
+
+
+def links():
+    """Names of the links to the boards that have an emulator."""
+    return tuple(LINK + board.name for board in boards.known() if board.emulator)
+
+
+def board_of(link):
+    """The board of a link."""
+    (board,) = [b for b in boards.known() if b.emulator and LINK + b.name == link]
+    return board
+
+
+def command(board, image, *options, arguments=(), **lines):
+    """The emulator's command line for an image, with a command line of its own.
+
+    lines: QEMU's words for what is at the serial lines `modbus` and `can` (frames, since no chip
+    that QEMU knows has CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
+    Raises InputError if the program or the image is missing.
+    """
+    emulator = board.emulator
+    if not image.is_file():
+        raise InputError(
+            f"{paths.display(image)}: expected an image, there is none; "
+            "`tools/image --emulated` builds it"
+        )
+    if shutil.which(emulator.program) is None:
+        raise InputError(
+            f"{emulator.program}: expected it on PATH; "
+            f"install it with `apt install {emulator.package}`"
+        )
+    serial = [w for line in emulator.serial_lines for w in ("-serial", lines.get(line, "null"))]
+    words = "".join(f",arg={word}" for word in arguments)
+    return [
+        *(emulator.program, "-M", emulator.machine, "-nographic", "-monitor", "none"),
+        *serial,
+        *("-semihosting-config", f"enable=on,target=native{words}"),
+        *("-kernel", str(image)),
+        *options,
+    ]
 
 
 class Emulator:
-    """A chip at power-up. `pipes`: file descriptors to it and from it.
+    """A board at power-up, with the image that tools/image built; counts instructions instead of
+    time, so a run is the same every time. `pipes`: file descriptors to it and from it. Raises as
+    command() does."""
 
-    serial, can: QEMU's words for what is at the two serial lines, Modbus RTU and CAN frames (no
-    chip that QEMU knows has CAN), each {identifier u16, length u8, remote u8, data 8 bytes}.
-    """
-
-    def __init__(self, image, serial="null", can="null", clock=CLOCK):
-        if shutil.which(QEMU) is None:
-            raise TransportError(f"{QEMU}: expected it on PATH; apt-get install qemu-system-arm")
+    def __init__(self, board):
+        self.board = board
         self._stack = contextlib.ExitStack()
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="forceaxis.")))
         names = [folder / "to_chip", folder / "from_chip"]
+        try:
+            line = command(
+                board,
+                IMAGES / f"{board.image}-emulated.elf",
+                *board.emulator.clock,
+                arguments=["forceaxis", *names],
+            )
+        except InputError:
+            self._stack.close()
+            raise
         for name in names:
             os.mkfifo(name)
-        # Opened so that neither waits for the other end nor breaks when it goes.
+        # Opened so that neither waits for the other end nor breaks when it closes.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)
-        arguments = "".join(f",arg={word}" for word in ("forceaxis", *names))
         self._log = self._stack.enter_context((folder / "log").open("w+"))
-        # Its first two serial lines are USART1, which is not used, and USART2.
         self.process = subprocess.Popen(
-            [
-                *(QEMU, "-M", "netduinoplus2", "-nographic", "-monitor", "none", *clock),
-                *("-serial", "null", "-serial", serial, "-serial", can),
-                *("-semihosting-config", f"enable=on,target=native{arguments}"),
-                *("-kernel", str(image)),
-            ],
-            stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+            line, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
+        )
 
     def __enter__(self):
         return self
@@ -58,14 +97,13 @@ class Emulator:
         try:
             self.process.wait(0.5)
         except subprocess.TimeoutExpired:
-            self.process.kill()  # while it waits in a pipe it heeds nothing else
+            self.process.kill()  # it ignores other signals while it waits in a pipe
             self.process.wait()
         self._stack.close()
 
     def last_words(self):
-        """What the emulator said last, for a message."""
+        """The last line that the emulator printed, for a message."""
         self._log.flush()
         self._log.seek(0)
-        lines = self._log.read().split("\n")
-        said = [line.strip() for line in lines if line.strip()]
-        return f"{QEMU} said: {said[-1]}" if said else f"{QEMU} said nothing"
+        lines = [line.strip() for line in self._log.read().split("\n") if line.strip()]
+        return f"{self.board.emulator.program} said {lines[-1] if lines else 'nothing'}"

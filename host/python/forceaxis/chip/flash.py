@@ -1,36 +1,27 @@
-"""An image onto a NUCLEO-F446RE: checked here, written and verified by openocd."""
+"""An image onto its board: checked here, written and verified by openocd."""
 
 import re
 import shlex
 import shutil
 import subprocess
+from types import SimpleNamespace
 from typing import NamedTuple
 
 from forceaxis import objects
 from forceaxis._core import InputError
+from forceaxis.chip import board as boards
 from forceaxis.chip import image as images
-
-BOARD = "nucleo-f446re"
-BOARD_FILE = "board/st_nucleo_f4.cfg"  # openocd's own: on-board ST-Link, any STM32F4
-DEVICE_ID, DEVICE = 0x421, "STM32F446"  # RM0390 33.6.1, DBGMCU_IDCODE
-IDCODE = 0xE0042000
-
-KIB = 1024
-FLASH = range(0x08000000, 0x08080000)
-SECTORS = [FLASH.start + KIB * at for at in (0, 16, 32, 48, 64, 128, 256, 384)]  # RM0390 table 5
-PARAMETERS = range(0x08004000, 0x0800C000)  # sectors 1 and 2: the store of the port
-RAM = range(0x20000000, 0x20020000)
 
 TIMEOUT_S = 120
 # What openocd says, and what it means. The first that is found counts.
 FAILURES = (
     (
         r"LIBUSB_ERROR_ACCESS|Permission denied",
-        "expected to be allowed to use the ST-Link; install openocd's udev rules, plug it in again",
+        "expected to be allowed to use the {probe}; install openocd's udev rules, plug it in again",
     ),
     (
         r"open failed|unable to open|[Nn]o device found|unable to find a matching",
-        "expected an ST-Link on USB, there is none; plug in the board at its ST-Link's connector",
+        "expected an {probe} on USB, there is none; plug in the board at its {probe}'s connector",
     ),
     (
         r"\*\* Verify Failed \*\*",
@@ -43,7 +34,7 @@ FAILURES = (
     (
         r"init mode failed|unable to connect to the target|OpenOCD init failed"
         r"|Unable to reset target|Could not find MEM-AP|not halted",
-        "the ST-Link is there, but the chip does not answer; look at its supply and its jumpers",
+        "the {probe} is there, but the chip does not answer; look at its supply and its jumpers",
     ),
 )
 
@@ -53,6 +44,7 @@ class FlashError(Exception):
 
 
 class Plan(NamedTuple):
+    board: SimpleNamespace
     image: images.Image
     identity: images.Identity
     sectors: list[int]
@@ -71,45 +63,65 @@ class Plan(NamedTuple):
         )
 
 
+def board_of(image, identity):
+    """The board that the image is for. Raises InputError."""
+    flashable = [b for b in boards.known() if b.probe]
+    for board in flashable:
+        if board.released.identity == identity.board:
+            return board
+    names = ", ".join(b.released.identity for b in flashable)
+    raise InputError(f"{image.path}: expected an image for {names}, this is for {identity.board}")
+
+
 def plan(path, address=None, erase_parameters=False, serial=""):
-    """What would be written. Raises InputError for a file that must not go onto this chip."""
+    """What would be written. Raises InputError for a file that must not go onto its chip."""
     image = images.load(path, address)
+    identity = images.identity(image)
+    board = board_of(image, identity)
+    flash, ram, parameters = board.memory.flash, board.memory.ram, board.memory.parameters
+    if image.kind == "bin" and address is None:
+        image = image.moved(flash.start)
     for s in image.segments:
-        if s.address not in FLASH or s.end > FLASH.stop:
+        if s.address not in flash or s.end > flash.stop:
             raise InputError(
-                f"{path}: expected addresses {span(FLASH)} (flash), "
+                f"{path}: expected addresses {span(flash)} (flash), "
                 f"it has {span(range(s.address, s.end))}"
             )
-    stack, reset = image.word(FLASH.start), image.word(FLASH.start + 4)
+    stack, reset = image.word(flash.start), image.word(flash.start + 4)
     if stack is None or reset is None:
-        raise InputError(f"{path}: expected a vector table at {FLASH.start:#010x}, there is none")
-    if stack % 4 or not RAM.start < stack <= RAM.stop or not reset % 2 or reset - 1 not in image:
+        raise InputError(f"{path}: expected a vector table at {flash.start:#010x}, there is none")
+    if stack % 4 or not ram.start < stack <= ram.stop or not reset % 2 or reset - 1 not in image:
         raise InputError(
-            f"{path}: expected a vector table at {FLASH.start:#010x} with a stack in "
-            f"{span(RAM)} and a start in the image, got {stack:#010x} and {reset:#010x}"
+            f"{path}: expected a vector table at {flash.start:#010x} with a stack in "
+            f"{span(ram)} and a start in the image, got {stack:#010x} and {reset:#010x}"
         )
-    identity = images.identity(image)
-    if identity.board != BOARD:
-        raise InputError(f"{path}: expected an image for {BOARD}, this is for {identity.board}")
-    if not erase_parameters and any(overlaps(s, PARAMETERS) for s in image.segments):
+    if not erase_parameters and any(overlaps(s, parameters) for s in image.segments):
         hint = "; a .hex or .elf may leave them out" if image.kind == "bin" else ""
         raise InputError(
             f"{path}: expected --erase-parameters, it would write over the stored parameters "
-            f"{span(PARAMETERS)}{hint}"
+            f"{span(parameters)}{hint}"
         )
-    # Within its braces Tcl takes every other character as it is.
+    # Within its braces Tcl reads every other character literally.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError("expected a file name without { } \\ and control characters, for openocd")
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
         raise InputError(f"--serial: expected letters and digits, got {serial}")
     sectors = [
         n
-        for n, first in enumerate(SECTORS)
-        for sector in [range(first, (*SECTORS, FLASH.stop)[n + 1])]
+        for n, sector in enumerate(sectors_of(board))
         if any(overlaps(s, sector) for s in image.segments)
-        or (erase_parameters and sector.start in PARAMETERS)
+        or (erase_parameters and sector.start in parameters)
     ]
-    return Plan(image, identity, sectors, erase_parameters, serial)
+    return Plan(board, image, identity, sectors, erase_parameters, serial)
+
+
+def sectors_of(board):
+    """Their addresses, in order."""
+    sectors, first = [], board.memory.flash.start
+    for size in board.memory.sectors:
+        sectors.append(range(first, first + size))
+        first += size
+    return sectors
 
 
 def overlaps(segment, addresses):
@@ -121,9 +133,10 @@ def span(addresses):
 
 
 def describe(plan):
-    who, image = plan.identity, plan.image
+    who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
+    starts = [sector.start for sector in sectors_of(plan.board)]
     sectors = ", ".join(
-        f"{n} ({'parameters, ' if SECTORS[n] in PARAMETERS else ''}{SECTORS[n]:#010x})"
+        f"{n} ({'parameters, ' if starts[n] in parameters else ''}{starts[n]:#010x})"
         for n in plan.sectors
     )
     rows = (
@@ -153,8 +166,8 @@ def summary(plan):
     }
 
 
-def probe_options(serial):
-    return ["-f", BOARD_FILE, *(["-c", f"adapter serial {serial}"] if serial else [])]
+def probe_options(board, serial):
+    return ["-f", board.probe.config, *(["-c", f"adapter serial {serial}"] if serial else [])]
 
 
 def command(plan):
@@ -162,11 +175,12 @@ def command(plan):
     steps = []
     if plan.erase_parameters:
         steps += ["init", "reset init"]
-        steps.append(f"flash erase_address {PARAMETERS.start:#010x} {len(PARAMETERS):#x}")
+        parameters = plan.board.memory.parameters
+        steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
     options = [word for step in steps for word in ("-c", step)]
-    return ["openocd", *probe_options(plan.serial), *options]
+    return ["openocd", *probe_options(plan.board, plan.serial), *options]
 
 
 def quoted(words):
@@ -178,41 +192,43 @@ def expect_openocd():
         raise InputError("openocd: expected it on PATH; install it with `apt install openocd`")
 
 
-def find_probe(serial=""):
-    """(ST-Link, chip) as texts, nothing changed on the chip. Raises FlashError."""
-    told = run(
+def find_probe(plan):
+    """(probe, chip) as texts, nothing changed on the chip. Raises FlashError."""
+    probe = plan.board.probe
+    said = run(
+        plan.board,
         [
             "openocd",
-            *probe_options(serial),
+            *probe_options(plan.board, plan.serial),
             *("-c", "init"),
-            *("-c", f"echo [format {{device %08x}} [mrw {IDCODE:#x}]]"),
+            *("-c", f"echo [format {{device %08x}} [mrw {probe.chip_id_address:#x}]]"),
             *("-c", "shutdown"),
-        ]
+        ],
     )
-    device = re.search(r"^device ([0-9a-f]{8})\s*$", told, re.M)
+    device = re.search(r"^device ([0-9a-f]{8})\s*$", said, re.M)
     if device is None:
-        raise FlashError("openocd: expected to be told what chip it is; " + last_line(told))
+        raise FlashError("openocd: expected to be told what chip it is; " + last_line(said))
     idcode = int(device.group(1), 16)
-    if idcode & 0xFFF != DEVICE_ID:
+    if idcode & 0xFFF != probe.chip_id:
         raise FlashError(
-            f"expected an {DEVICE} ({DEVICE_ID:#x}) at the ST-Link, this chip says "
+            f"expected an {probe.chip} ({probe.chip_id:#x}) at the {probe.title}, this chip says "
             f"{idcode & 0xFFF:#x}"
         )
-    link = re.search(r"STLINK (V\S+)", told)
-    supply = re.search(r"Target voltage: ([\d.]+)", told)
-    text = f"ST-Link {link.group(1)}" if link else "ST-Link"
+    version = re.search(probe.version, said)
+    supply = re.search(r"Target voltage: ([\d.]+)", said)
+    text = f"{probe.title} {version.group(1)}" if version else probe.title
     text += f", {float(supply.group(1)):.1f} V" if supply else ""
-    return text, f"{DEVICE}, revision {idcode >> 16:#x}"
+    return text, f"{probe.chip}, revision {idcode >> 16:#x}"
 
 
 def write(plan):
     """Erases, writes, verifies, resets. Raises FlashError."""
-    told = run(command(plan))
-    if "** Verified OK **" not in told:
-        raise FlashError("openocd: expected `Verified OK`; " + last_line(told))
+    said = run(plan.board, command(plan))
+    if "** Verified OK **" not in said:
+        raise FlashError("openocd: expected `Verified OK`; " + last_line(said))
 
 
-def run(words):
+def run(board, words):
     """What openocd printed. Raises FlashError with its reason."""
     done = subprocess.run(
         words,
@@ -228,12 +244,12 @@ def run(words):
         return done.stdout
     for pattern, meaning in FAILURES:
         if re.search(pattern, done.stdout):
-            raise FlashError(f"openocd: {meaning}")
+            raise FlashError("openocd: " + meaning.format(probe=board.probe.title))
     raise FlashError(f"openocd: ended with status {done.returncode}; {last_line(done.stdout)}")
 
 
-def last_line(told):
+def last_line(said):
     """The line that says most: openocd's last error, else its last line."""
-    lines = [line.strip() for line in told.splitlines() if line.strip()]
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]
     return "it said: " + (errors or lines or ["nothing"])[-1]

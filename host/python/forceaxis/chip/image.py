@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from forceaxis._core import InputError
 
-BIN_ADDRESS = 0x08000000
 MAGIC = b"FAXI"
 IDENTITY = struct.Struct("<4sI16s16sI16s")
 ARM, EXECUTABLE, LOADED = 40, 2, 1  # ELF: e_machine, e_type, p_type
@@ -42,6 +41,12 @@ class Image(NamedTuple):
     def size(self):
         return sum(len(s.data) for s in self.segments)
 
+    def moved(self, address):
+        """A .bin that begins there."""
+        by = address - self.address
+        segments = tuple(Segment(s.address + by, s.data) for s in self.segments)
+        return self._replace(address=address, segments=segments)
+
     def word(self, address):
         """The 32-bit word there, or None."""
         for s in self.segments:
@@ -54,7 +59,8 @@ class Image(NamedTuple):
 
 
 def load(path, address=None):
-    """The image in a file, its kind told by the file's name. Raises InputError, OSError."""
+    """The image in a file, whose name tells the kind; a .bin begins at `address`, by default at 0.
+    Raises InputError, OSError."""
     path = Path(path)
     kind = path.suffix.lower().lstrip(".")
     if kind not in READERS:
@@ -65,7 +71,7 @@ def load(path, address=None):
         raise InputError(f"{path}: expected an image, which is smaller than {BYTES_MAX} bytes")
     data = path.read_bytes()
     if kind == "bin":
-        address = BIN_ADDRESS if address is None else address
+        address = address or 0
         if data.startswith(b"\x7fELF"):  # openocd would read it as one
             raise InputError(f"{path}: expected a .bin, this is an ELF file")
     segments = READERS[kind](path, data, address)

@@ -35,7 +35,8 @@ from forceaxis.experiments import run as runs
     multiple=True,
     metavar="NAME=VALUE",
     help="A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
-    "experiment.duration_s or a key of the verdict (verdict.window_s=2). Repeatable.",
+    "experiment.duration_s or a key of the verdict (verdict.window_s=2); a number or a quantity "
+    '("75 N"). Repeatable, once for each name.',
 )
 @click.option(
     "--out",

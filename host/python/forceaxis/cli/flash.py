@@ -36,24 +36,26 @@ class Address(click.ParamType):
 )
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
-    "--address", type=Address(), help="Where a .bin begins, which does not say.  [0x08000000]"
+    "--address",
+    type=Address(),
+    help="Where a .bin begins.  [its board's flash]",
 )
 @click.option(
     "--erase-parameters",
     is_flag=True,
     help="Erase the stored parameters too; the axis then starts with defaults.",
 )
-@click.option("--serial", default="", help="Serial number of the ST-Link, where there are several.")
+@click.option("--serial", default="", help="Serial number of the probe, where there are several.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @click.option("--dry-run", is_flag=True, help="Write nothing; the last line is openocd's command.")
 @as_json
 def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
-    """Write an image (.elf, .hex, .bin) onto a NUCLEO-F446RE through its ST-Link, with openocd.
+    """Write an image (.elf, .hex, .bin) onto its board through the debug probe, with openocd.
 
     Shows what is in the file and which sectors it takes, asks, writes, verifies and resets. The
     stored parameters are kept. The drive's power should be off: a chip that is being written holds
-    no output. Exit status 1 if there is no ST-Link, another chip, or the write or its verification
-    fails; 2 if the file is no image of this firmware for this chip.
+    no output. Exit status 1 if there is no probe, another chip, or the write or its verification
+    fails; 2 if the file is no image of this firmware for a board that is known.
     """
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
@@ -65,7 +67,7 @@ def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
     if not yes and (as_json or not sys.stdin.isatty()):
         raise InputError("flash: expected --yes where there is no terminal to ask at")
     tell(plan, as_json, quiet=as_json)
-    probe, chip = flash.find_probe(serial)
+    probe, chip = flash.find_probe(plan)
     if not as_json:
         click.echo(f"probe        {probe}\nchip         {chip}")
     if not yes and not click.confirm("Write it? The drive's power should be off."):

@@ -250,7 +250,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
         if name in held:
             raise InputError(
                 f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
-                f"to start as --fit {name}={held[name]:g}"
+                f"to start as --fit {name}={linear.shown(held[name])}"
             )
     found = fit_response.fit(measured, starts)
     summary = fit_response.summarise(found, measured, units)

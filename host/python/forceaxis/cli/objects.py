@@ -75,7 +75,10 @@ def details(o):
 def objects_(pattern, as_json, **files):
     """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept, with CANopen
     index:sub-index and Modbus register (h holding, i input) in hexadecimal. With an object's full
-    name, everything about it. Or write the files that describe them to other programs."""
+    name, everything about it. Or write the files that describe them to other programs.
+
+    A value is a number in the object's unit, or a quantity that the model's converters turn into
+    it: "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m"; prefixes n u m c k M."""
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
         raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")

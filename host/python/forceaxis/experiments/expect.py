@@ -22,13 +22,12 @@ final_value below 1e-9 of the largest value counts as 0.
 """
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from forceaxis import _core, objects
+from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
 
@@ -135,18 +134,6 @@ def shown(value):
     return text if len(text) < 64 else text[:16] + "..."
 
 
-def load(file):
-    """The experiment as TOML. Raises InputError."""
-    try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file}: file: expected valid TOML, {error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: file: expected UTF-8") from None
-    except RecursionError:
-        raise InputError(f"{file}: file: expected fewer nested brackets") from None
-
-
 class Reader:
     """Checks the keys of one [expect] table; `file` is named in errors."""
 
@@ -210,22 +197,17 @@ class Reader:
 
 
 def read(file, data):
-    """The Expectation of a loaded experiment, None without [expect]. Raises InputError."""
-    if "expect" not in data:
-        return None
+    """The Expectation of `_core.inputs`, None without [expect]. Raises InputError."""
     table, reader = data["expect"], Reader(file)
+    if table is None:
+        return None
     fail, number = reader.fail, reader.number
-    if not isinstance(table, dict):
-        fail("", "expected a table, write [expect]")
-    known = (*TEXTS, *TOLERANCES, *HOW)
-    for key in table:
-        if key not in known:
-            fail(key, f"expected one of {', '.join(known)}; remove or rename this key")
+    toml.expect_keys(table, (*TEXTS, *TOLERANCES, *HOW), fail)
     faults = objects.BY_NAME["fault"].enum
     for key, texts in (("verdict", ("stable", "unstable")), ("fault", faults)):
         if key in table and table[key] not in texts:
             fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
-    if "verdict" in table and "verdict" not in data:
+    if "verdict" in table and not data["criterion"]:
         fail("verdict", "expected a [verdict] table that says when the run is stable; add it")
     text = table.get("trace_hash", "0" * 64)
     if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
@@ -295,11 +277,10 @@ def measure(done, expect, contacts):
 def examine(file, overrides=()):
     """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
-    data = load(file) if file.is_file() else {}
-    expect = read(file, data)  # a bad table is refused before the run
+    given = _core.inputs(str(file), list(overrides))
+    expect = read(file, given)  # a bad table is refused before the run
     done = runs.run(file, overrides)
-    contacts = [c["name"] for c in load(file.parent / data["model"]).get("contact", [])]
-    measured = measure(done, expect or read(file, {"expect": {}}), contacts)
+    measured = measure(done, expect or read(file, {"expect": {}}), given["contacts"])
     wanted = expect.wanted if expect else {}
     checks = [Check(key, value, measured.values[key]) for key, value in wanted.items()]
     return Examined(done, expect, measured, checks)

@@ -21,8 +21,8 @@ from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
 from forceaxis.chip import emulator as chip
 
-CHIP = "pil-stm32"
-KINDS = ("inproc", "lcm", "socketcan", CHIP)
+CHIPS = chip.links()
+KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
 _CHECKOUT = Path(__file__).resolve().parents[4]
 _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
@@ -218,8 +218,9 @@ def run_with(node, experiment, overrides, trace=True):
 
 
 def run_on_chip(link, experiment, overrides, trace=True):
-    """One run with the firmware on an emulated chip. Returns (the result, the link's report)."""
-    with chip.Emulator(program("image/forceaxis-stm32f446-emulated.elf")) as emulator:
+    """One run with the firmware on an emulated chip. Returns (the result, what it has to tell)."""
+    board = chip.board_of(link.kind)
+    with chip.Emulator(board) as emulator:
         try:
             result, details = _core.run_on_chip(
                 str(experiment), list(overrides), *emulator.pipes, timeout_s=5.0, trace=trace
@@ -228,7 +229,7 @@ def run_on_chip(link, experiment, overrides, trace=True):
             raise LinkError(f"{error}; {emulator.last_words()}") from None
     return result, {
         "kind": link.kind,
-        "where": "netduinoplus2 in qemu-system-arm",
+        "where": f"{board.emulator.machine} in {board.emulator.program}",
         "run_id": None,
         "pids": {"plant": os.getpid(), "axis": emulator.process.pid},
         "hashes": {"plant": result.trace_hash, "axis": result.firmware_hash},
@@ -244,8 +245,8 @@ def run_on_chip(link, experiment, overrides, trace=True):
 
 
 def run(link, experiment, overrides):
-    """One run over `link`. Returns (the result, the report of the link)."""
-    if link.kind == CHIP:
+    """One run over `link`. Returns (the result, what the link has to tell)."""
+    if link.kind in CHIPS:
         return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":
         with AxisNode(link) as node:
@@ -273,7 +274,7 @@ def run_many(link, jobs, progress=None):
     """(experiment, overrides) pairs one after the other, as _core.run_many; one axis_node."""
     outcomes = []
     with contextlib.ExitStack() as stack:
-        if link.kind == CHIP:  # powered up anew for each of them
+        if link.kind in CHIPS:  # powered up anew for each of them
             one = functools.partial(run_on_chip, link)
         else:
             one = functools.partial(run_with, stack.enter_context(AxisNode(link)))

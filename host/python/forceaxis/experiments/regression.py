@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import _core, paths, toml
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, rewrite
 
@@ -58,8 +58,8 @@ def is_test(file):
     """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
     one; None: not an experiment."""
     try:
-        data = expect.load(file)
-    except (InputError, OSError):
+        data = toml.read(file)
+    except InputError:
         return True
     if "expect" in data:
         return True
@@ -133,7 +133,7 @@ def write_update(outcome):
         new = mark + rewrite.rewritten(file, text.removeprefix("\ufeff"), examined)
         if new != text:
             paths.replace_text(file, new)
-        wanted = expect.read(file, expect.load(file)).wanted
+        wanted = expect.read(file, _core.inputs(str(file))).wanted
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return

@@ -3,8 +3,8 @@
 import difflib
 import json
 import re
-import tomllib
 
+from forceaxis import toml
 from forceaxis._core import InputError
 from forceaxis.experiments.expect import TOLERANCES, Number
 
@@ -59,7 +59,7 @@ def rewritten(file, text, examined):
     new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
     changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
     lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
-    before, after = ({**tomllib.loads(t), "expect": None} for t in (old, new))
+    before, after = ({**toml.read_text(t), "expect": None} for t in (old, new))
     filled_nothing = new == old and not examined.checks
     if before != after or lost > len(examined.differences) or filled_nothing:
         raise InputError(

@@ -2,12 +2,10 @@
 
 import math
 import shlex
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from forceaxis import _core, objects, paths
-from forceaxis._core import InputError
 from forceaxis.experiments import link
 
 
@@ -86,35 +84,8 @@ def finished(experiment, result, report, command):
     }
     if report:
         summary["link"] = {k: v for k, v in report.items() if k != "refused"}
-    text = tomllib.loads(experiment.read_text(encoding="utf-8-sig"))
-    plot = text.get("plot", {})
-    check_plot(experiment, plot, columns)
-    model = (experiment.parent / text["model"]).resolve()
-    return Run(experiment, model, summary, columns, result.events, plot, result.shows)
-
-
-def check_plot(experiment, plot, columns):
-    """Refuse a [plot] that could not be drawn."""
-
-    def fail(key, message):
-        raise InputError(f"{experiment}: {key}: {message}")
-
-    if not isinstance(plot, dict):
-        fail("plot", "expected a table, write [plot]")
-    for key in set(plot) - {"rows", "from_s", "to_s"}:
-        fail(f"plot.{key}", "expected one of rows, from_s, to_s; remove or rename this key")
-    for key in ("from_s", "to_s"):
-        value = plot.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e6:
-            fail(f"plot.{key}", "expected a time in s")
-    if plot.get("from_s", 0.0) >= plot.get("to_s", 1e6):
-        fail("plot.from_s", "expected a time before to_s")
-    rows = plot.get("rows", [["encoder"]])
-    if not (isinstance(rows, list) and rows and all(isinstance(r, list) and r for r in rows)):
-        fail("plot.rows", 'expected a list of lists of columns, [["encoder"], ["adc0"]]')
-    for name in (name for row in rows for name in row):
-        if name not in columns:
-            fail("plot.rows", f"expected columns of the trace ({', '.join(columns)}), got {name!r}")
+    model = Path(result.model).resolve()
+    return Run(experiment, model, summary, columns, result.events, result.plot, result.shows)
 
 
 def reasons(criterion, metrics, fault):

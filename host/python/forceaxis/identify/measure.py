@@ -197,8 +197,8 @@ def measure_setup(setup, where, plant_set=None):
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
-    overrides = dict(setup.set)
-    facts = linear.facts(setup.model, overrides)
+    facts = linear.facts(setup.model, setup.set)
+    overrides = {name: facts["parameters"][name][0] for name in setup.set}
     units = facts["signals"] | {
         "adc0": "count",
         "adc1": "count",

@@ -39,8 +39,8 @@ def run(target, options=None, plant_set=None):
         text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
         command += [f"--{option}"] if value is True else [f"--{option}", text]
     for option, values in (("--set", (options or {}).get("set")), ("--plant-set", plant_set)):
-        for name, value in (values or {}).items():
-            command += [option, f"{name}={value!r}"]
+        for text in linear.override_texts(values or {}):
+            command += [option, text]
     contacts = {
         name: shares.get("pressed", 0.0)
         for name, shares in measured.states.items()

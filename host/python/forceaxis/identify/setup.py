@@ -2,11 +2,10 @@
 
 import math
 import os
-import tomllib
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import paths, toml
 from forceaxis._core import InputError
 
 CODES = ("adc0", "adc1", "encoder", "dac_code")
@@ -56,10 +55,7 @@ def read_setup(target, options=None):
     if path.suffix != ".toml" and path.parent == Path() and known.exists():
         path, where = Path(paths.display(known)), paths.display(known)
     if path.suffix == ".toml":
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{where}: expected TOML, {error}") from None
+        table = toml.read(path)
         if isinstance(table.get("model"), str):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}
         elif not any(key in table for key in ("body", "drive", "parameters_file")):
@@ -101,8 +97,10 @@ KEYS = {
     "free": ("true or false", lambda v: isinstance(v, bool)),
     "seed": ("a whole number 0..2^31 - 1", lambda v: is_whole(v) and 0 <= v < 2**31),
     "set": (
-        "a table of numbers",
-        lambda v: isinstance(v, dict) and all(is_number(x) for x in v.values()),
+        "a table of numbers or quantities",
+        lambda v: (
+            isinstance(v, dict) and all(is_number(x) or isinstance(x, str) for x in v.values())
+        ),
     ),
 }
 
@@ -122,9 +120,8 @@ def check(given, where):
         raise InputError(f"{where}: {key}: {text}")
 
     names = [f.name for f in fields(Setup)]
+    toml.expect_keys(given, names, fail)
     for key, value in given.items():
-        if key not in names:
-            fail(key, f"expected one of {', '.join(names)}; remove or rename this key")
         text, holds = KEYS.get(
             key, ("a text of one line", lambda v: isinstance(v, str) and v.isprintable())
         )

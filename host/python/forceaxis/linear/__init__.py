@@ -6,8 +6,20 @@ from forceaxis.linear.system import (
     facts,
     find_model,
     linearise,
+    override_texts,
     overrides,
+    shown,
     states,
 )
 
-__all__ = ["TICK_S", "System", "facts", "find_model", "linearise", "overrides", "states"]
+__all__ = [
+    "TICK_S",
+    "System",
+    "facts",
+    "find_model",
+    "linearise",
+    "override_texts",
+    "overrides",
+    "shown",
+    "states",
+]

@@ -6,8 +6,6 @@ the drive's force, from the equations of the model without its drive. The result
 assembled model gives, by another way.
 """
 
-import tomllib
-
 import numpy as np
 
 from forceaxis._core import InputError
@@ -26,14 +24,8 @@ def actuator(model, overrides=None):
     if not facts["drive"]:
         raise InputError(f"{path}: expected a [drive]")
 
-    def value(key, default=None):
-        given = drive.get(key, default)
-        if not isinstance(given, str):
-            return float(given)
-        sign, name = (-1, given[1:]) if given.startswith("-") else (1, given)
-        return sign * facts["parameters"][name][0]
-
-    drive = tomllib.loads(path.read_text("utf-8"))["drive"]
+    drive = facts["drive"]
+    value = drive["values"].__getitem__
     if drive["type"] == "perfect":
         return control.tf(value("force_per_volt"), 1), control.tf(0, 1)
     if drive["type"] == "first_order":
@@ -44,7 +36,7 @@ def actuator(model, overrides=None):
     r, a, k_t = value("r_trans"), value("a_preamp_fdbk"), value("k_torque")
     k_amp, k_tach = value("k_amp"), value("k_preamp_fdbk") * value("k_tach")
     loop = [value("L"), value("R") + k_amp * value("k_current")]
-    k_b, b = value("k_back_emf"), value("b_m", 0.0) / r**2
+    k_b, b = value("k_back_emf"), value("b_m") / r**2
     filtered = np.polymul(loop, [1, a])
     speed = np.polymul([k_t / r**2], np.polyadd([k_amp * k_tach * a], [k_b, k_b * a]))
     g_av = control.tf(-np.polyadd(speed, b * filtered), filtered)

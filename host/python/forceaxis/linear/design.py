@@ -3,13 +3,12 @@
 import contextlib
 import math
 import tempfile
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import tomlkit
 
-from forceaxis import _core, paths
+from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
@@ -57,28 +56,29 @@ class Design:
 
     def __init__(self, text, overrides=None, timing=None):
         path = find(text)
-        table = read(path)
+        table = toml.read(path)
         if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
             raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
         self.experiment = path if "model" in table else None
         self.overrides = dict(overrides or {})
         if self.experiment:
             self.model = (path.parent / table["model"]).resolve()
-            given = [f"{name}={value!r}" for name, value in self.overrides.items()]
-            values = _core.inputs(str(path), given)["parameters"]
-            own = {name: values[name]["value"] for name in table.get("set", {})}
-            self.overrides = own | self.overrides
+            values = _core.inputs(str(path), linear.override_texts(self.overrides))["parameters"]
+            named = table.get("set", {}) | self.overrides
+            self.overrides = {name: values[name]["value"] for name in named}
         else:
             self.model = path.resolve()
             own = paths.EXPERIMENTS / f"{path.stem}.toml"
-            named = read(own).get("model") if own.exists() else None
+            named = toml.read(own).get("model") if own.exists() else None
             if named and (own.parent / named).resolve() == self.model:
                 self.experiment = own
-        settings = read(self.experiment).get("firmware", {}) if self.experiment else {}
+        settings = _core.inputs(str(self.experiment))["firmware"] if self.experiment else {}
         self.timing = timing or ("zoh+1" if settings.get("latency_ticks") == 1 else "zoh")
         self.present_gain = settings.get("force_gain")
         self.facts = linear.facts(self.model, self.overrides)
-        self.table = read(self.model)
+        used = self.facts["parameters"]
+        self.overrides = {n: used[n][0] if n in used else v for n, v in self.overrides.items()}
+        self.table = toml.read(self.model)
         self._stack = contextlib.ExitStack()
         self._folder = None
         self._files = {}
@@ -173,14 +173,6 @@ def find(text):
     return linear.find_model(text)
 
 
-def read(path):
-    """A TOML file as a dictionary."""
-    try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: expected a TOML file, {error}") from None
-
-
 def roles(table):
     """{parameter: its role}: "arm stiffness", "tip mass"."""
     found = {}
@@ -215,8 +207,10 @@ def contact_of(table):
 
 def value_of(design, given):
     """A number of the model file: itself, or its parameter's value. None if it is neither."""
-    if isinstance(given, str):
+    if isinstance(given, str) and given[:1].isidentifier():
         return design.facts["parameters"].get(given, (None,))[0]
+    if isinstance(given, str):
+        return _core.quantity(given)
     return given if isinstance(given, int | float) else None
 
 

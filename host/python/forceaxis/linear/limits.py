@@ -307,12 +307,15 @@ def varied(overrides, vary):
         name, _, values = text.partition("=")
         try:
             settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+            texts = [v for s in settings for v in s.values() if isinstance(v, str)]
+            if any(text[:1].isalpha() for text in texts):
+                raise _core.InputError("a name")
         except _core.InputError:
             raise _core.InputError(f"--vary: {text}: expected NAME=NUMBER,NUMBER,...") from None
         if name in runs[0][1] or len({s[name] for s in settings}) < len(settings):
             raise _core.InputError(f"--vary: {text}: expected each parameter and each value once")
         runs = [
-            (f"{label}, {name} = {s[name]:g}".removeprefix(", "), given | s)
+            (f"{label}, {name} = {linear.shown(s[name])}".removeprefix(", "), given | s)
             for label, given in runs
             for s in settings
         ]
@@ -321,5 +324,5 @@ def varied(overrides, vary):
 
 def loop_of(model, settings, modes, law, timing, output, free, given):
     """The loop of the options that `forceaxis limit` has, with `settings` for its --set."""
-    texts = [f"{name}={value!r}" for name, value in settings.items()]
+    texts = linear.override_texts(settings)
     return from_options(model, texts, modes, law, timing, output, free, **given)

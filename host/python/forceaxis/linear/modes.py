@@ -15,7 +15,6 @@ dampers still couple it to input and output, poles and zeros lie side by side, a
 in Figure 2.16a: colocated. If nothing does, it is neither: the loop does not see it.
 """
 
-import tomllib
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,7 +99,7 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
 def default_output(facts, apart):
     """Output of the force loop: the reading's signal, or the position of the body that would touch.
 
-    facts: as of linear.facts; apart: the model's [[contact]] tables if none of them is pressed.
+    facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
     """
     for contact in apart:
         return next(end for end in contact["between"] if end != "ground") + ".position"
@@ -135,7 +134,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
     states = states or {}
-    contacts = tomllib.loads(path.read_text("utf-8")).get("contact", [])
+    contacts = facts["contacts"]
     otherwise = "apart" if free else "pressed"
     pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")

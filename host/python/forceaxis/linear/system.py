@@ -214,17 +214,31 @@ def find_model(text):
 
 
 def overrides(texts):
-    """NAME=VALUE texts of `--set` as {name: value}."""
+    """NAME=VALUE texts of `--set` as {name: number, or a quantity's or a parameter's text}."""
     values = {}
     for text in texts:
         name, _, value = text.partition("=")
+        if not name or not value:
+            raise _core.InputError(f"--set: {text}: expected NAME=VALUE, a number or a quantity")
+        if name in values:
+            raise _core.InputError(
+                f"--set: {name}: expected one value, got {values[name]} and {value}; remove one"
+            )
         try:
             values[name] = float(value)
         except ValueError:
-            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER") from None
-        if not name or not np.isfinite(values[name]):
-            raise _core.InputError(f"--set: {text}: expected NAME=NUMBER, a finite one")
+            values[name] = value
     return values
+
+
+def shown(value):
+    """An override's value for a reader."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def override_texts(values):
+    """{name: number or text} as `--set` says it."""
+    return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
 def states(texts):

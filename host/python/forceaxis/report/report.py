@@ -4,13 +4,12 @@ import base64
 import io
 import os
 import re
-import tomllib
 from datetime import UTC, datetime
 from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, drawing, objects, paths
+from forceaxis import _core, drawing, objects, paths, toml
 from forceaxis.experiments import run as experiments
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots, trace
@@ -68,7 +67,7 @@ def models(runs):
         users.setdefault(r.model, []).append(r)
     rows = []
     for path, used_by in users.items():
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = toml.read(path)
         figure = re.search(r"Figs? (\S+)", text.get("title", ""))
         row = {
             "name": path.stem,

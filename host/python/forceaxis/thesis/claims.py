@@ -2,13 +2,12 @@
 
 import functools
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis import linear, paths
+from forceaxis import linear, paths, toml
 from forceaxis.linear import loops
 from forceaxis.thesis import tables
 
@@ -70,7 +69,7 @@ def crossing_hz(model, **overrides):
 
 def raised(model, experiment, without):
     """Critical gain with the workpiece of an experiment over that of a rigid workpiece."""
-    settings = tomllib.loads((paths.EXPERIMENTS / f"{experiment}.toml").read_text())["set"]
+    settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
     return limit(model, **settings).gain / limit(without).gain
 
 

@@ -10,14 +10,13 @@ import hashlib
 import itertools
 import json
 import os
-import tomllib
 from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from forceaxis import _core, paths
+from forceaxis import _core, paths, toml
 from forceaxis.experiments import link
 
 FILE = paths.EXPERIMENTS / "tables.toml"
@@ -76,13 +75,13 @@ class Tables:
             *self.workpieces[cell["workpiece"]],
             *sets_of(constants or {}),
         ]
-        return str(paths.EXPERIMENTS / experiment), sets
+        return str(paths.EXPERIMENTS / experiment), latest(sets)
 
 
 @functools.cache
 def load():
     """Read tables.toml."""
-    data = tomllib.loads(FILE.read_text())
+    data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
     return Tables(
         cells=cells,
@@ -105,7 +104,7 @@ def load():
 
 def parameters():
     """The shared parameter file: name -> {value, unit, source}."""
-    return tomllib.loads((paths.MODELS / "thesis.toml").read_text())["parameters"]
+    return toml.read(paths.MODELS / "thesis.toml")["parameters"]
 
 
 def fitted():
@@ -189,7 +188,7 @@ def score_with(variants, threads, title):
     """Score of the tables under each list of extra overrides; one pool of jobs for all."""
     tables = load()
     jobs = [
-        (path, sets + extra)
+        (path, latest([*sets, *extra]))
         for extra in variants
         for path, sets in (tables.job(c) for c in tables.cells)
     ]
@@ -217,6 +216,11 @@ def readings(values, threads=None):
     rows = [(r["name"], a["what"], a["set"]) for r in load().readings for a in r["alternatives"]]
     scores = score_with([sets_of(values) + sets for _, _, sets in rows], threads, "readings")
     return [[name, what, s] for (name, what, _), s in zip(rows, scores, strict=True)]
+
+
+def latest(sets):
+    """Overrides with the last value of each name."""
+    return list({text.partition("=")[0]: text for text in sets}.values())
 
 
 def sets_of(values):
@@ -265,8 +269,8 @@ def evidence_hash():
     asked = (tables.fit_on, grid, tables.cells, tables.workpieces, tables.readings, fixed)
     digest.update(repr(asked).encode())
     for name in sorted(set(tables.experiments.values())):
-        experiment = tomllib.loads((paths.EXPERIMENTS / name).read_text())
-        model = tomllib.loads((paths.EXPERIMENTS / experiment["model"]).read_text())
+        experiment = toml.read(paths.EXPERIMENTS / name)
+        model = toml.read(paths.EXPERIMENTS / experiment["model"])
         for table in (experiment, model):  # descriptions do not count
             said = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in said}).encode())

@@ -1,0 +1,38 @@
+#include "firmware/canopen/cob_id.h"
+
+#include "firmware/fx/bytes.h"
+#include "firmware/objects/access.h"
+
+/* CiA 301, table of restricted CAN-IDs. */
+enum { RESTRICTED = 6 };
+static const struct {
+  uint16_t first;
+  uint16_t last;
+} restricted[RESTRICTED] = {
+    {0x000, 0x07F},                 /* NMT, and reserved for safety */
+    {0x101, 0x180}, {0x581, 0x5FF}, /* SDO, from the server */
+    {0x601, 0x67F},                 /* SDO, to the server */
+    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* NMT error control, and reserved */
+};
+
+bool canopen_is_restricted(uint16_t id) {
+  for (uint8_t i = 0; i < RESTRICTED; i++) {
+    if (id >= restricted[i].first && id <= restricted[i].last) {
+      return true;
+    }
+  }
+  return false;
+}
+
+int canopen_check_cob_id(uint32_t present, uint32_t wanted) {
+  const bool becomes_valid = canopen_cob_valid(wanted);
+  if (wanted == present) {
+    return FW_OK;
+  }
+  if (fx_field(wanted, 11, 19) != 0 ||
+      (becomes_valid && canopen_is_restricted(canopen_can_id(wanted)))) {
+    return FW_ERROR_RANGE;
+  }
+  const bool moves = canopen_can_id(wanted) != canopen_can_id(present);
+  return (moves && becomes_valid && canopen_cob_valid(present)) ? FW_ERROR_STATE : FW_OK;
+}

@@ -1,0 +1,73 @@
+#include "firmware/canopen/heartbeat.h"
+
+#include "firmware/canopen/emcy.h"
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
+
+/* An entry of 1016h, taken apart; the node is 0 if it watches none. */
+static uint8_t watched_node(uint32_t entry) {
+  const uint32_t node = fx_field(entry, 16, 8);
+  return (uint8_t)((fx_field(entry, 0, 16) != 0 && node <= 127) ? node : 0);
+}
+
+static void heartbeat_found(canopen_t *canopen, uint8_t i) {
+  if (canopen_has(canopen->heartbeats_lost, i)) {
+    canopen_drop(&canopen->heartbeats_lost, i);
+    emcy_raise(canopen, AXIS_ERROR_CODE_NONE, 0);
+  }
+}
+
+void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
+  const uint32_t node = (uint32_t)frame->id - HEARTBEAT_ID;
+  if (frame->length != 1 || node == 0) {
+    return;
+  }
+  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
+    const uint32_t entry = canopen->params.consumer_heartbeat[i];
+    if (watched_node(entry) == node) {
+      heartbeat_found(canopen, i);
+      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
+                          fx_ticks_from_ms(fx_field(entry, 0, 16)));
+      /* A boot-up message: the master no longer knows that it enabled the axis. */
+      if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
+        canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
+      }
+    }
+  }
+}
+
+void heartbeat_missed(canopen_t *canopen, uint8_t i) {
+  /* It was not lost before: what runs out was started by a heartbeat. */
+  canopen_put(&canopen->heartbeats_lost, i);
+  emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
+             watched_node(canopen->params.consumer_heartbeat[i]));
+  canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
+}
+
+void heartbeat_restart(canopen_t *canopen, uint8_t i) {
+  heartbeat_found(canopen, i);
+  canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i);
+}
+
+bool heartbeat_runs(const canopen_t *canopen) {
+  for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
+    if (canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_CONSUMER + i)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+int heartbeat_check(const canopen_t *canopen, uint8_t i, uint32_t wanted) {
+  if (fx_field(wanted, 24, 8) != 0) {
+    return FW_ERROR_RANGE;
+  }
+  const uint8_t node = watched_node(wanted);
+  for (uint8_t k = 0; k < CANOPEN_HEARTBEATS; k++) {
+    if (k != i && node != 0 && watched_node(canopen->params.consumer_heartbeat[k]) == node) {
+      return FW_ERROR_MAPPING;
+    }
+  }
+  return FW_OK;
+}

@@ -1,0 +1,66 @@
+#include "firmware/canopen/mapping.h"
+
+#include <stddef.h>
+
+#include "firmware/fx/bytes.h"
+#include "firmware/objects/value.h"
+
+/* Bits of the types that CiA 301 numbers 1 to 7: boolean, i8, i16, i32, u8, u16, u32. */
+static const uint8_t bits_of_dummy[] = {0, 1, 8, 16, 32, 8, 16, 32};
+
+/* An entry of a mapping, taken apart. */
+static uint16_t entry_index(uint32_t entry) { return (uint16_t)fx_field(entry, 16, 16); }
+static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8); }
+
+static bool is_mappable(const axis_object_t *object, bool transmit) {
+  const uint8_t refusing = transmit ? AXIS_ACCESS_WO : AXIS_ACCESS_RO;
+  return object->mappable != 0 && object->access != refusing;
+}
+
+int mapping_resolve(uint32_t entry, bool transmit, uint16_t *object) {
+  const uint16_t index = entry_index(entry);
+  *object = AXIS_OBJ_NONE;
+  if (!transmit && index != 0 && index < sizeof(bits_of_dummy)) {
+    const bool fits = entry_sub(entry) == 0 && mapping_bits(entry) == bits_of_dummy[index];
+    return fits ? FW_OK : FW_ERROR_MAPPING;
+  }
+  const axis_address_t *address = dictionary_address(index, entry_sub(entry));
+  if (address == NULL) {
+    return FW_ERROR_NO_OBJECT;
+  }
+  if (address->what != AXIS_ADDRESS_OBJECT ||
+      !is_mappable(&axis_objects[address->value], transmit) ||
+      mapping_bits(entry) != value_bytes(axis_objects[address->value].type) * 8) {
+    return FW_ERROR_MAPPING;
+  }
+  *object = address->value;
+  return FW_OK;
+}
+
+int mapping_objects(const uint32_t *entries, uint8_t count, bool transmit,
+                    uint16_t mapped[PDO_ENTRIES]) {
+  int bits = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    const int refusal = mapping_resolve(entries[i], transmit, &mapped[i]);
+    bits += mapping_bits(entries[i]);
+    if (refusal != FW_OK || bits > PDO_BITS) {
+      return FW_ERROR_MAPPING;
+    }
+  }
+  return bits;
+}
+
+void mapping_places(const dictionary_t *objects, const uint16_t mapped[PDO_ENTRIES], uint8_t count,
+                    uint16_t places[PDO_BYTES]) {
+  uint8_t at = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    const uint16_t first = dictionary_place(objects, mapped[i]);
+    const uint8_t bytes = value_bytes(axis_objects[mapped[i]].type);
+    for (uint8_t byte = 0; byte < bytes; byte++, at++) {
+      places[at] = (uint16_t)(first + byte);
+    }
+  }
+  for (; at < PDO_BYTES; at++) {
+    places[at] = dictionary_place(objects, AXIS_OBJ_NONE);
+  }
+}

@@ -1,0 +1,117 @@
+#include "firmware/drive/force_modes.h"
+
+#include "firmware/drive/motion.h"
+#include "firmware/drive/position_modes.h"
+#include "firmware/drive/state.h"
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+
+/* Range of force_setpoint. */
+#define FORCE_SETPOINT_MAX INT32_C(65536)
+
+static void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
+  motion_override(drive, axis);
+  axis->params.force_setpoint = fx_clamp(setpoint_q8, -FORCE_SETPOINT_MAX, FORCE_SETPOINT_MAX);
+  axis->params.mode = AXIS_MODE_FORCE;
+}
+
+/* Out of contact: in position mode, toward the sign of the target, at most at
+ * approach_velocity_max. */
+static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
+  const int32_t speed = cia402_speed_q16(drive, drive->params.approach_velocity_max);
+  if (!motion_track(drive, axis, CIA402_TRACKING_AXIS, speed)) {
+    return;
+  }
+  trajectory_limits_t limits = cia402_limits(drive, 0);
+  /* An axis that is held up must not find the trajectory far ahead when it comes free: no more than
+   * the way of a quarter second, which a position loop of more than 4 rad/s does not need. */
+  const int32_t lead =
+      fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
+  const int32_t most = fx_floor_shift((int32_t)drive->params.approach_velocity_max, 2) + 16;
+  const bool ahead = (target > 0) ? lead > most : lead < -most;
+  motion_move_at(drive, (target == 0 || ahead) ? 0 : ((target > 0) ? speed : -speed), &limits);
+  motion_follow(drive, axis);
+}
+
+/* Force of a standard client: per mille of rated force; a profile ramps its demand. */
+static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
+  const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
+  const int32_t limit = drive->params.force_limit;
+  int32_t target = (drive->force_written != 0 && !halted) ? drive->params.target_force : 0;
+  drive->limited |= (uint8_t)!fx_within(target, limit);
+  target = fx_clamp(target, -limit, limit);
+  if (drive->signals.contact == 0) {
+    if (drive->pressing != 0) {
+      /* Lost: brake at once, without the bias that would carry the pressing code on. */
+      motion_override(drive, axis);
+      axis->params.bump_decay_shift = 0;
+      drive->pressing = 0;
+    }
+    drive->force_demand_q16 = 0;
+    approach(drive, axis, target);
+    return;
+  }
+  if (drive->pressing == 0) {
+    /* Go on from the force that is there. */
+    const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
+    drive->force_demand_q16 = fx_scale(fx_clamp(reading, -limit, limit), 16);
+    drive->pressing = 1;
+  }
+  const int32_t wanted_q16 = fx_scale(target, 16);
+  const int32_t step = fx_q16_from_per_s(drive->params.force_slope);
+  const int64_t change = (int64_t)wanted_q16 - drive->force_demand_q16;
+  drive->force_demand_q16 =
+      (cyclic && !halted) ? wanted_q16 : drive->force_demand_q16 + fx_saturate(change, -step, step);
+  drive->tracking = CIA402_TRACKING_NONE;
+  press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
+}
+
+void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, false); }
+
+void force_cyclic(cia402_t *drive, axis_t *axis) { control_force(drive, axis, true); }
+
+/* Stiffness, damping, impedance (thesis, 1.1.3): the errors of position and velocity give the force
+ * set-point, f_d = K (x_d - x) + D (v_d - v); the force law does the rest. */
+static void control_impedance(cia402_t *drive, axis_t *axis, bool springs, bool damps) {
+  const drive_params_t *params = &drive->params;
+  if (!motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0)) {
+    return;
+  }
+  trajectory_limits_t limits =
+      cia402_limits(drive, cia402_speed_q16(drive, params->trajectory_velocity));
+  if (!springs) {
+    position_follow_velocity(drive, false);
+  } else if (drive->position_written != 0) {
+    motion_move_to(drive, motion_within_limits(drive, params->target_position), &limits);
+  } else {
+    trajectory_ramp(&drive->trajectory, 0, &limits);
+  }
+  const int32_t position_error =
+      fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
+  const int32_t velocity_error_q16 = drive->trajectory.velocity_q16 - motion_axis_speed(axis);
+  const int64_t spring =
+      !springs ? 0 : fx_floor_shift_wide(fx_mul((int32_t)params->stiffness, position_error), 8);
+  const int64_t damper =
+      !damps ? 0 : fx_floor_shift_wide(fx_mul((int32_t)params->damping, velocity_error_q16), 16);
+  const int32_t limit = fx_ratio_apply(params->force_limit, drive->reading_of_force, 0);
+  press(drive, axis, fx_saturate(spring + damper, -limit, limit));
+}
+
+void force_stiffness(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, true, false); }
+
+void force_damping(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, false, true); }
+
+void force_impedance(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, true, true); }
+
+bool force_target_reached(const cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  const int32_t limit = params->force_limit;
+  const int32_t wanted =
+      (drive->force_written != 0) ? fx_clamp(params->target_force, -limit, limit) : 0;
+  if (drive->pressing == 0) {
+    return wanted == 0;
+  }
+  const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
+  return drive->force_demand_q16 == fx_scale(wanted, 16) &&
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), params->contact_force);
+}

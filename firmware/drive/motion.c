@@ -1,0 +1,116 @@
+#include "firmware/drive/motion.h"
+
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+
+void motion_override(cia402_t *drive, axis_t *axis) {
+  axis_params_t *params = &axis->params;
+  if (drive->overridden.active == 0) {
+    drive->overridden = (cia402_overridden_t){.position_setpoint = params->position_setpoint,
+                                              .force_setpoint = params->force_setpoint,
+                                              .profile_enable = params->profile_enable,
+                                              .bump_decay_shift = params->bump_decay_shift,
+                                              .active = 1};
+  }
+}
+
+void motion_restore(cia402_t *drive, axis_t *axis) {
+  axis_params_t *params = &axis->params;
+  if (drive->overridden.active != 0) {
+    params->position_setpoint = drive->overridden.position_setpoint;
+    params->force_setpoint = drive->overridden.force_setpoint;
+    params->profile_enable = drive->overridden.profile_enable;
+    params->bump_decay_shift = drive->overridden.bump_decay_shift;
+    drive->overridden.active = 0;
+  }
+}
+
+void motion_rest(cia402_t *drive, axis_t *axis) {
+  axis->params.mode = AXIS_MODE_DISABLED;
+  drive->tracking = CIA402_TRACKING_NONE;
+}
+
+void motion_follow(cia402_t *drive, axis_t *axis) {
+  motion_override(drive, axis);
+  const int32_t setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
+  axis->params.profile_enable = AXIS_PROFILE_ENABLE_RAW_STEP;
+  axis->params.position_setpoint = setpoint;
+  axis->params.mode = AXIS_MODE_POSITION;
+  if (axis->signals.active_mode != AXIS_MODE_POSITION) {
+    /* To be pursued by the position mode that begins. */
+    axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, setpoint, setpoint);
+  }
+}
+
+bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most) {
+  if (axis->primed == 0) {
+    motion_rest(drive, axis);
+    return false;
+  }
+  if (drive->tracking != tracking) {
+    drive->settling_tick = 0;
+    profile_set(&drive->trajectory, axis->signals.position);
+    drive->trajectory.velocity_q16 = fx_clamp(motion_axis_speed(axis), -most, most);
+    drive->tracking = tracking;
+  }
+  return true;
+}
+
+bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate) {
+  if (!motion_track_axis(drive, axis)) {
+    return true;
+  }
+  const trajectory_limits_t limits = {.deceleration = rate};
+  trajectory_ramp(&drive->trajectory, 0, &limits);
+  motion_follow(drive, axis);
+  if (drive->trajectory.velocity_q16 != 0) {
+    drive->settling_tick = 0;
+    return false;
+  }
+  if (drive->settling_tick < CIA402_SETTLING_TICKS) {
+    drive->settling_tick = (uint8_t)(drive->settling_tick + 1);
+  }
+  return motion_stands(drive) || drive->settling_tick >= CIA402_SETTLING_TICKS;
+}
+
+bool motion_stands(const cia402_t *drive) {
+  return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0 &&
+         fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
+}
+
+motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
+  const uint64_t position_q32 = drive->trajectory.position_q32;
+  const int32_t at = cia402_user(drive, fx_cnt_from_q32(position_q32));
+  motion_way_t way;
+  way.distance_q16 =
+      fx_distance_q16(fx_q32_from_cnt(cia402_encoder(drive, user)), position_q32, &way.negative);
+  const bool forth = fx_diff_wrap(user, at) > 0;
+  if (user != at && forth != (user > at) && motion_has_limits(drive)) {
+    way.distance_q16 = FX_DISTANCE_MAX_Q16;
+    way.negative = !way.negative;
+  }
+  return way;
+}
+
+int32_t motion_bounded_speed(cia402_t *drive, int32_t count_per_s) {
+  const uint32_t size = fx_magnitude(count_per_s);
+  drive->limited |= (uint8_t)(size > drive->params.velocity_max);
+  const int32_t speed = cia402_speed_q16(drive, size);
+  return cia402_signed_by(drive, (count_per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
+}
+
+void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits) {
+  limits->speed = (int32_t)fx_magnitude(speed);
+  if (speed != 0 && motion_has_limits(drive)) {
+    const int32_t at = cia402_user(drive, fx_cnt_from_q32(drive->trajectory.position_q32));
+    const bool up = cia402_signed_by(drive, speed, CIA402_POLARITY_POSITION) > 0;
+    const int32_t end = up ? drive->params.position_limit_max : drive->params.position_limit_min;
+    if (up ? at < end : at > end) {
+      motion_move_to(drive, end, limits);
+      return;
+    }
+    drive->limited = 1;
+    speed = 0;
+  }
+  trajectory_ramp(&drive->trajectory, speed, limits);
+}

@@ -1,0 +1,90 @@
+#ifndef FIRMWARE_DRIVE_MOTION_H_
+#define FIRMWARE_DRIVE_MOTION_H_
+
+/* How a mode of operation moves the axis: along the drive's trajectory, within its limits. All of
+ * it writes mode and set-points of the axis for the coming tick. Positions are the user's, speeds
+ * Q16 per tick in the direction of the encoder. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/drive/drive.h"
+#include "firmware/drive/trajectory.h"
+#include "firmware/fx/fx.h"
+
+/* How long an axis may take to come to a stand behind its trajectory: 100 ms. */
+enum { CIA402_SETTLING_TICKS = 150 };
+
+/* Parameters of the axis may be overridden for the coming tick, until motion_restore(). */
+void motion_override(cia402_t *drive, axis_t *axis);
+void motion_restore(cia402_t *drive, axis_t *axis);
+
+/* The axis disabled. */
+void motion_rest(cia402_t *drive, axis_t *axis);
+
+/* Chooses the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL; a new one begins at the place and speed
+ * of the axis, at most `most`. False: the axis has not had a valid count yet, and rests. */
+bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most);
+static inline bool motion_track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most) {
+  return (axis->primed != 0 && drive->tracking == tracking) ||
+         motion_begin(drive, axis, tracking, most);
+}
+static inline bool motion_track_axis(cia402_t *drive, axis_t *axis) {
+  return motion_track(drive, axis, CIA402_TRACKING_AXIS, drive->speed_max);
+}
+
+/* The axis goes where the trajectory is. */
+void motion_follow(cia402_t *drive, axis_t *axis);
+
+/* One tick of slowing down at a rate (Q16), then of holding. True once trajectory and axis
+ * stand, or the trajectory alone for CIA402_SETTLING_TICKS: an amplifier that is switched off lets
+ * the axis coast. It begins at the place and speed of the axis unless the axis follows it
+ * already. */
+bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
+
+/* Trajectory and axis both stand: the latter within velocity_threshold. */
+bool motion_stands(const cia402_t *drive);
+
+/* Fastest axis that a trajectory may begin with, count a tick. */
+enum { MOTION_SPEED_MAX_CNT = 2048 };
+
+/* Speed of the axis, at most that. */
+static inline int32_t motion_axis_speed(const axis_t *axis) {
+  return fx_scale(fx_clamp(axis->signals.velocity, -MOTION_SPEED_MAX_CNT, MOTION_SPEED_MAX_CNT),
+                  16);
+}
+
+/* The position limits: whether there are any, and a position drawn within them. */
+static inline bool motion_has_limits(const cia402_t *drive) {
+  return drive->params.position_limit_min != INT32_MIN ||
+         drive->params.position_limit_max != INT32_MAX;
+}
+static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
+  const int32_t drawn =
+      fx_clamp(user, drive->params.position_limit_min, drive->params.position_limit_max);
+  drive->limited |= (uint8_t)(drawn != user);
+  return drawn;
+}
+
+/* From the trajectory to a position: the shorter way round, but with position limits the one that
+ * does not cross them. */
+typedef struct {
+  uint64_t distance_q16;
+  bool negative;
+} motion_way_t;
+motion_way_t motion_way_to(const cia402_t *drive, int32_t user);
+
+/* One tick of the trajectory toward a position. */
+static inline void motion_move_to(cia402_t *drive, int32_t user,
+                                  const trajectory_limits_t *limits) {
+  const motion_way_t way = motion_way_to(drive, user);
+  trajectory_move(&drive->trajectory, way.distance_q16, way.negative, limits);
+}
+
+/* A user's speed in count/s, bounded, in the direction of the encoder. */
+int32_t motion_bounded_speed(cia402_t *drive, int32_t count_per_s);
+
+/* One tick toward a speed; a position limit ahead is a place to stop at. */
+void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits);
+
+#endif

@@ -1,0 +1,177 @@
+#include "firmware/drive/position_modes.h"
+
+#include "firmware/drive/motion.h"
+#include "firmware/drive/state.h"
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+
+void position_take_setpoint(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  const bool at_once = (params->controlword & CIA402_CW_MODE_5) != 0;
+  if (drive->setpoint_buffered != 0 && !at_once) {
+    return; /* no room: stays unacknowledged */
+  }
+  cia402_setpoint_t setpoint = {.position = params->target_position,
+                                .speed = params->trajectory_velocity};
+  if ((params->controlword & CIA402_CW_MODE_6) != 0) {
+    const int64_t wide = (int64_t)drive->setpoint.position + params->target_position;
+    setpoint.position = motion_has_limits(drive)
+                            ? fx_saturate(wide, INT32_MIN, INT32_MAX)
+                            : fx_sum_wrap(drive->setpoint.position, params->target_position);
+  }
+  if (drive->setpoint_active == 0 || at_once) {
+    drive->setpoint = setpoint;
+    drive->setpoint_active = 1;
+    drive->setpoint_buffered = 0;
+  } else {
+    drive->buffered = setpoint;
+    drive->setpoint_buffered = 1;
+  }
+  drive->position_written = 0; /* it was written for this, not for a cyclic mode to come */
+  drive->acknowledged = 1;
+  drive->reached_tick = 0;
+  drive->stopped_by_contact = 0;
+}
+
+/* The set-point was reached or passed: on to the buffered one, if there is one. */
+static void end_setpoint(cia402_t *drive) {
+  drive->setpoint_active = drive->setpoint_buffered;
+  if (drive->setpoint_buffered != 0) {
+    drive->setpoint = drive->buffered;
+    drive->setpoint_buffered = 0;
+  }
+}
+
+static void pursue_setpoint(cia402_t *drive) {
+  const trajectory_limits_t limits =
+      cia402_limits(drive, cia402_speed_q16(drive, drive->setpoint.speed));
+  profile_t *trajectory = &drive->trajectory;
+  if (drive->setpoint_active == 0) {
+    trajectory_ramp(trajectory, 0, &limits);
+    drive->setpoint.position = cia402_user(drive, fx_cnt_from_q32(trajectory->position_q32));
+    return;
+  }
+  const int32_t place = motion_within_limits(drive, drive->setpoint.position);
+  motion_way_t way = motion_way_to(drive, place);
+  if (drive->setpoint_buffered != 0 &&
+      (drive->params.controlword & CIA402_CW_CHANGE_ON_SETPOINT) != 0) {
+    const motion_way_t on =
+        motion_way_to(drive, motion_within_limits(drive, drive->buffered.position));
+    if (on.negative == way.negative && on.distance_q16 >= way.distance_q16) {
+      trajectory_move(trajectory, on.distance_q16, on.negative, &limits);
+      way = motion_way_to(drive, place);
+      if (way.negative != on.negative || way.distance_q16 == 0) {
+        end_setpoint(drive);
+      }
+      return;
+    }
+  }
+  trajectory_move(trajectory, way.distance_q16, way.negative, &limits);
+  if (way.distance_q16 == 0 && trajectory->velocity_q16 == 0) {
+    end_setpoint(drive);
+  }
+}
+
+/* Contact in the direction of the way: stop where the axis is, without the trajectory's lead. */
+static void guard_move(cia402_t *drive, const axis_t *axis) {
+  if (drive->setpoint_active == 0 || drive->signals.contact == 0) {
+    return;
+  }
+  const motion_way_t way =
+      motion_way_to(drive, motion_within_limits(drive, drive->setpoint.position));
+  const bool pressing = way.negative == (axis->signals.force < 0);
+  if (pressing && way.distance_q16 != 0) {
+    profile_set(&drive->trajectory, axis->signals.position);
+    drive->setpoint_active = 0;
+    drive->setpoint_buffered = 0;
+    drive->stopped_by_contact = 1;
+  }
+}
+
+void position_follow_velocity(cia402_t *drive, bool at_once) {
+  trajectory_limits_t limits = cia402_limits(drive, 0);
+  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
+  if (at_once) {
+    limits.acceleration = TRAJECTORY_RATE_MAX;
+    limits.deceleration = TRAJECTORY_RATE_MAX;
+  }
+  motion_move_at(drive, motion_bounded_speed(drive, wanted), &limits);
+}
+
+/* Cyclic position: in equal steps over the interpolation period, then wait for the next target. */
+void position_cyclic(cia402_t *drive, axis_t *axis) {
+  (void)axis;
+  const int32_t most = drive->speed_max;
+  if (drive->position_written == 0) {
+    const trajectory_limits_t limits = cia402_limits(drive, most);
+    trajectory_ramp(&drive->trajectory, 0, &limits);
+    return;
+  }
+  const motion_way_t way =
+      motion_way_to(drive, motion_within_limits(drive, drive->params.target_position));
+  const uint32_t ticks = (drive->interpolation_remaining == 0) ? 1 : drive->interpolation_remaining;
+  drive->interpolation_remaining = ticks - 1;
+  const int32_t step = fx_part_q16(way.distance_q16, ticks, most);
+  drive->limited |= (uint8_t)(step == most);
+  trajectory_step(&drive->trajectory, way.negative ? -step : step);
+}
+
+/* Methods 35 and 37: the place where the axis stands is home_offset. An axis that still moves
+ * behind its trajectory would call a place home that it has left. */
+void position_home(cia402_t *drive, axis_t *axis) {
+  const trajectory_limits_t limits = cia402_limits(drive, 0);
+  trajectory_ramp(&drive->trajectory, 0, &limits);
+  if (drive->homing != CIA402_HOMING_BEGUN || !motion_stands(drive)) {
+    return;
+  }
+  if (drive->params.homing_method == 0) {
+    drive->homing = CIA402_HOMING_ERROR;
+    return;
+  }
+  const int32_t offset =
+      cia402_signed_by(drive, drive->params.home_offset, CIA402_POLARITY_POSITION);
+  drive->origin_cnt = fx_diff_wrap(offset, axis->signals.position);
+  drive->position_written = 0; /* it was meant from another origin */
+  drive->homing = CIA402_HOMING_DONE;
+}
+
+void position_guarded_move(cia402_t *drive, axis_t *axis) {
+  guard_move(drive, axis);
+  pursue_setpoint(drive);
+}
+
+void position_profile(cia402_t *drive, axis_t *axis) {
+  (void)axis;
+  pursue_setpoint(drive);
+}
+
+void position_profile_velocity(cia402_t *drive, axis_t *axis) {
+  (void)axis;
+  position_follow_velocity(drive, false);
+}
+
+void position_cyclic_velocity(cia402_t *drive, axis_t *axis) {
+  (void)axis;
+  position_follow_velocity(drive, true);
+}
+
+static bool is_in_position_window(const cia402_t *drive, int32_t target) {
+  return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
+         drive->params.position_window;
+}
+
+bool position_velocity_reached(const cia402_t *drive) {
+  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
+  return fx_magnitude(fx_diff_wrap(wanted, drive->signals.velocity_actual)) <=
+         drive->params.velocity_window;
+}
+
+bool position_setpoint_reached(const cia402_t *drive) {
+  return drive->setpoint_active == 0 &&
+         (drive->stopped_by_contact != 0 || is_in_position_window(drive, drive->setpoint.position));
+}
+
+bool position_target_reached(const cia402_t *drive) {
+  return drive->position_written == 0 ||
+         is_in_position_window(drive, drive->params.target_position);
+}

@@ -1,0 +1,148 @@
+#include "firmware/objects/dictionary.h"
+
+#include <stddef.h>
+
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
+
+void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner) {
+  objects->owner = owner;
+  objects->writers = 0;
+  objects->zero = 0;
+}
+
+static bool exists(uint16_t object) { return object != AXIS_OBJ_NONE && object < AXIS_OBJ_COUNT; }
+
+bool dictionary_has_value(uint16_t object) {
+  return exists(object) && axis_objects[object].block != AXIS_BLOCK_NONE;
+}
+
+static bool in_range(const axis_object_t *entry, int32_t value) {
+  if (entry->type == AXIS_TYPE_U32) {
+    return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
+  }
+  return value >= entry->min && value <= entry->max;
+}
+
+static uint16_t place_of(const dictionary_t *objects, const axis_object_t *entry) {
+  return (uint16_t)(objects->owner->blocks[entry->block].offset + entry->offset);
+}
+
+uint16_t dictionary_place(const dictionary_t *objects, uint16_t object) {
+  return (object == AXIS_OBJ_NONE) ? (uint16_t)offsetof(dictionary_t, zero)
+                                   : place_of(objects, &axis_objects[object]);
+}
+
+int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value) {
+  if (!exists(object)) {
+    return FW_ERROR_NO_OBJECT;
+  }
+  const axis_object_t *entry = &axis_objects[object];
+  if (entry->access == AXIS_ACCESS_WO) {
+    return FW_ERROR_WRITE_ONLY;
+  }
+  /* A command has no value of its own. */
+  *value = (entry->block == AXIS_BLOCK_NONE)
+               ? entry->initial
+               : value_load(objects, place_of(objects, entry), entry->type);
+  return FW_OK;
+}
+
+/* What the table, the lock and the state say. */
+static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  if (!exists(object)) {
+    return FW_ERROR_NO_OBJECT;
+  }
+  const axis_object_t *entry = &axis_objects[object];
+  if (entry->access == AXIS_ACCESS_RO) {
+    return FW_ERROR_READ_ONLY;
+  }
+  if (!in_range(entry, value)) {
+    return FW_ERROR_RANGE;
+  }
+  const int refusal = objects->owner->permit(objects, source, object, value);
+  if (refusal != FW_OK || entry->block == AXIS_BLOCK_NONE) {
+    return refusal;
+  }
+  const dictionary_block_t *block = &objects->owner->blocks[entry->block];
+  return (block->check == NULL) ? FW_OK : block->check(objects, source, object, value);
+}
+
+int dictionary_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  return refusal_of(objects, source, object, value);
+}
+
+static void store_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  const axis_object_t *entry = &axis_objects[object];
+  const dictionary_block_t *block = &objects->owner->blocks[entry->block];
+  const uint32_t place = (uint32_t)block->offset + entry->offset;
+  const int32_t previous = value_load(objects, place, entry->type);
+  value_store(objects, place, entry->type, value);
+  if (block->written != NULL) {
+    block->written(objects, source, object, previous, value);
+  }
+}
+
+int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  int refusal = refusal_of(objects, source, object, value);
+  if (refusal != FW_OK) {
+    return refusal;
+  }
+  if (axis_objects[object].block == AXIS_BLOCK_NONE) {
+    refusal = objects->owner->command(objects, object, value);
+  } else {
+    store_value(objects, source, object, value);
+  }
+  if (refusal == FW_OK) {
+    objects->writers = (uint8_t)(objects->writers | fx_bit(source));
+  }
+  return refusal;
+}
+
+bool dictionary_restorable(uint16_t object, int32_t value) {
+  return exists(object) && axis_objects[object].stored != 0 &&
+         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
+}
+
+void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value) {
+  const axis_object_t *entry = &axis_objects[object];
+  value_store(objects, place_of(objects, entry), entry->type, value);
+}
+
+const axis_address_t *dictionary_address(uint16_t index, uint8_t sub) {
+  uint16_t low = 0;
+  uint16_t high = AXIS_ADDRESSES_COUNT;
+  while (low < high) {
+    const uint16_t middle = fx_half(low + high);
+    const axis_address_t *address = &axis_addresses[middle];
+    if (address->index == index && address->sub == sub) {
+      return address;
+    }
+    if (address->index < index || (address->index == index && address->sub < sub)) {
+      low = (uint16_t)(middle + 1);
+    } else {
+      high = middle;
+    }
+  }
+  return NULL;
+}
+
+uint16_t dictionary_object_at(uint32_t address) {
+  const axis_address_t *found =
+      dictionary_address((uint16_t)fx_field(address, 8, 16), (uint8_t)address);
+  return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
+}
+
+const char *dictionary_text(const dictionary_t *objects, uint16_t index) {
+  return objects->owner->text(objects, index);
+}
+
+uint32_t dictionary_domain_size(const dictionary_t *objects) {
+  return objects->owner->domain_size(objects);
+}
+
+uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
+                                uint32_t count) {
+  return objects->owner->domain_read(objects, offset, bytes, count);
+}

@@ -1,0 +1,194 @@
+#include "sim/hybrid/detector.hpp"
+
+#include <limits>
+
+#include "sim/hybrid/crossing.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+using kernel::magnitude;
+
+constexpr int kCalmTicks = 15;  // that the second test comes first; costs speed only
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+}  // namespace
+
+void Detector::enter(const Mode &mode) {
+  mode_ = &mode;
+  const auto grow = [](auto &buffer, std::size_t size) {
+    if (buffer.size() < size) buffer.resize(size);
+  };
+  grow(result_, mode.tick_stride);
+  grow(curve_, mode.curve_stride);
+  grow(calm_, mode.calm_stride);
+  grow(absolute_, mode.columns);
+  grow(grid_signal_, mode.grid_signal_stride);
+  grow(grid_dip_, mode.grid_dip_stride);
+  grow(parts_in_doubt_, mode.channels);
+  grow(polynomial_, mode.series_stride);
+}
+
+bool Detector::still_calm(const double *z) {
+  --calm_left_;
+  multiply_(mode_->tick.data(), mode_->tick_stride, z, mode_->columns, result_.data());
+  if (passes_second_test(z)) return true;
+  calm_left_ = 0;
+  return false;
+}
+
+bool Detector::calm(const double *z) {
+  if (!passes_second_test(z)) return false;
+  calm_mode_ = mode_;
+  calm_left_ = kCalmTicks;
+  return true;
+}
+
+// The second test of Mode, on the signals that the first one has left in result_.
+bool Detector::passes_second_test(const double *z) {
+  const Mode &m = *mode_;
+  const double *signal = result_.data() + m.signal_place;
+  const double *at = signal;
+  for (std::size_t k = 0; k <= m.samples; ++k, at += m.channel_stride)
+    for (std::size_t i = 0; i < m.channels; ++i)
+      if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return false;
+  double largest = 0.0;
+  for (std::size_t j = 0; j < m.columns; ++j)
+    if (const double size = magnitude(z[j]); !(size <= largest)) largest = size;
+  multiply_(m.calm_head.data(), m.calm_stride, z, m.columns, calm_.data());
+  for (std::size_t j = 0; j < m.states; ++j) calm_[j] = magnitude(calm_[j]);
+  multiply_(m.calm_tail.data(), m.curve_stride, calm_.data(), m.states, curve_.data());
+  const double *bend = calm_.data() + kernel::padded(m.states);
+  bool calm = true;
+  for (std::size_t k = 0; k < m.samples; ++k) {
+    const std::size_t row = k * m.channel_stride;
+    const double *a = signal + row;
+    const double *b = a + m.channel_stride;
+    for (std::size_t i = 0; i < m.channels; ++i) {
+      double &dip = curve_[row + i];
+      dip += magnitude(bend[row + i]) + m.calm_doubt[row + i] * largest;
+      calm &= kernel::inside(a[i], b[i], dip, m.low[i], m.high[i]);
+    }
+  }
+  return calm;
+}
+
+bool Detector::beyond_after(double change) const {
+  const Mode &m = *mode_;
+  const double *at = result_.data() + m.signal_place + m.samples * m.channel_stride;
+  for (const std::size_t i : m.fed) {
+    const double value = at[i] + m.signal[(i + 1) * m.columns - 1] * change;
+    if (!(value >= m.low[i] && value <= m.high[i])) return true;
+  }
+  return false;
+}
+
+bool Detector::beyond_now() const {
+  const Mode &m = *mode_;
+  if (m.samples == 0) return true;
+  const double *at = result_.data() + m.signal_place;
+  for (std::size_t i = 0; i < m.channels; ++i)
+    if (!(at[i] >= m.low[i] && at[i] <= m.high[i])) return true;
+  return false;
+}
+
+// polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
+Detector::Verdict Detector::examine_side(std::size_t channel, double bound, double end,
+                                         double *root) {
+  const Mode &m = *mode_;
+  const std::size_t c = m.columns;
+  const double *q = polynomial_.data();
+
+  // A signal on its bound: the sign of its first Taylor coefficient that is not rounding decides,
+  // and the rest is searched with the root at the start divided out. If none differs from rounding
+  // then neither does the signal on this part. Rounding is that of the state in the balanced norm
+  // (Mode::doubt): places known to 1e-18 m only make speeds of less than 1e-18 m times the fastest
+  // rate mean nothing, or contacts that just touch would switch with the last bits of their places.
+  const double *doubt = &m.doubt[channel * (m.order + 1) * c];
+  for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
+    double scale = k == 0 ? magnitude(bound) : 0.0;
+    for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * absolute_[j];
+    if (!(magnitude(q[k]) > kChannelRounding * scale)) continue;
+    if (q[k] < 0.0) return Verdict::at_once;
+    if (k == m.order) return Verdict::none;
+    return first_crossing(q + k, m.order - k, end, root) ? Verdict::later : Verdict::none;
+  }
+  return Verdict::none;
+}
+
+Detector::Verdict Detector::examine(const double *z, std::size_t channel, double end, double *root,
+                                    bool *above) {
+  const Mode &m = *mode_;
+  const Channel &watched = m.channel[channel];
+  double *q = polynomial_.data();
+  multiply_(&m.series[channel * m.columns * m.series_stride], m.series_stride, z, m.columns, q);
+  const double value = q[0];
+  Verdict verdict = Verdict::none;
+  if (watched.low > -kInfinity) {
+    q[0] = value - watched.low;
+    verdict = examine_side(channel, watched.low, end, root);
+    *above = false;
+    if (verdict == Verdict::at_once) return verdict;
+    if (verdict == Verdict::later) end = *root;
+  }
+  if (watched.high < kInfinity) {
+    q[0] = watched.high - value;
+    for (std::size_t k = 1; k <= m.order; ++k) q[k] = -q[k];
+    const Verdict upper = examine_side(channel, watched.high, end, root);
+    if (upper != Verdict::none) {
+      *above = true;
+      verdict = upper;
+    }
+  }
+  return verdict;
+}
+
+// The parts of the grid in which one signal may reach a bound.
+std::uint64_t Detector::parts_in_doubt(const double *z, std::size_t channel, std::size_t wanted) {
+  const Mode &m = *mode_;
+  const std::size_t c = m.columns;
+  const double low = m.low[channel];
+  const double high = m.high[channel];
+  const double *at = result_.data() + m.signal_place + channel;
+  const double *dip = curve_.data() + channel;
+  bool clear = m.samples > 0;
+  for (std::size_t k = 0; k < m.samples; ++k, at += m.channel_stride, dip += m.channel_stride)
+    clear &= kernel::inside(at[0], at[m.channel_stride], dip[0], low, high);
+  if (clear) return 0;
+  const kernel::GridTest test{&m.grid_signal[channel * c * m.grid_signal_stride],
+                              &m.grid_dip[channel * c * m.grid_dip_stride],
+                              m.grid,
+                              c,
+                              low,
+                              high};
+  const std::uint64_t doubt = grid_(test, z, grid_signal_.data(), grid_dip_.data());
+  return doubt & (~std::uint64_t{0} >> (64 - wanted));
+}
+
+std::uint64_t Detector::doubtful_parts(const double *z, std::size_t wanted) {
+  std::uint64_t doubtful = 0;
+  for (std::size_t i = 0; i < mode_->channels; ++i)
+    doubtful |= parts_in_doubt_[i] = parts_in_doubt(z, i, wanted);
+  return doubtful;
+}
+
+bool Detector::first_change(const double *z, std::size_t part, double end, Change *found) {
+  for (std::size_t j = 0; j < mode_->columns; ++j) absolute_[j] = magnitude(z[j]);
+  bool any = false;
+  found->after = end;
+  for (std::size_t i = 0; i < mode_->channels; ++i) {
+    if ((parts_in_doubt_[i] >> part & 1U) == 0) continue;
+    double root = found->after;
+    bool above = false;
+    const Verdict verdict = examine(z, i, found->after, &root, &above);
+    if (verdict == Verdict::none) continue;
+    if (verdict == Verdict::at_once) root = 0.0;
+    if (any && !(root < found->after)) continue;
+    *found = {i, above, root};
+    any = true;
+    if (verdict == Verdict::at_once) break;
+  }
+  return any;
+}
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,107 @@
+#include "sim/hybrid/energy.hpp"
+
+namespace forceaxis::sim {
+namespace {
+
+// 1 / k, rounded once.
+struct Reciprocals {
+  double value[64];
+  constexpr Reciprocals() : value{} {
+    for (int k = 1; k < 64; ++k) value[k] = 1.0 / k;
+  }
+};
+constexpr Reciprocals kReciprocal;
+
+double stored_in(std::size_t storage, const Mode &mode, const ModeAudit &audit, const double *z) {
+  const std::size_t c = mode.columns;
+  return 0.5 * kernel::dot(&audit.store_first[storage * c], z, c) *
+             kernel::dot(&audit.store_second[storage * c], z, c) +
+         audit.store_constant[storage];
+}
+
+}  // namespace
+
+std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z) {
+  std::vector<double> energies;
+  for (std::size_t i = 0; i < audit.store_constant.size(); ++i)
+    energies.push_back(stored_in(i, mode, audit, z));
+  return energies;
+}
+
+EnergyAccount::EnergyAccount(const Network &network)
+    : supplied_(network.supplies().size()), dissipated_(network.dampers().size()) {}
+
+void EnergyAccount::Sum::add(double term) {
+  const double next = value + term;
+  lost += kernel::magnitude(value) >= kernel::magnitude(term) ? (value - next) + term
+                                                              : (term - next) + value;
+  value = next;
+}
+
+void EnergyAccount::enter(const Mode &mode, const ModeAudit &audit) {
+  mode_ = &mode;
+  audit_ = &audit;
+  if (forms_.size() < audit.form_stride * mode.columns)
+    forms_.resize(audit.form_stride * mode.columns);
+  if (integrals_.size() < audit.form_stride) integrals_.resize(audit.form_stride);
+}
+
+void EnergyAccount::add_tick(const double *z) {
+  const std::size_t stride = audit_->form_stride;
+  const std::size_t c = mode_->columns;
+  // All forms times z, column by column, is again a matrix by columns: its product with z are the
+  // integrals.
+  multiply_(audit_->forms.data(), stride * c, z, c, forms_.data());
+  multiply_(forms_.data(), stride, z, c, integrals_.data());
+  const double *value = integrals_.data();
+  for (Sum &sum : supplied_) sum.add(*value++);
+  for (Sum &sum : dissipated_) sum.add(*value++);
+}
+
+// Products of two polynomials, integrated term by term over s ticks of the expansion at hand.
+void EnergyAccount::add_part(const double *z, const double *chain, double s, double rate_hz) {
+  const Mode &m = *mode_;
+  const std::size_t c = m.columns;
+  const auto integral = [&](std::size_t product) {
+    double a[64];
+    double b[64];
+    double power = 1.0;
+    for (std::size_t k = 0; k <= m.order; ++k, power *= s) {
+      const double *x = chain + k * m.flow_stride;
+      a[k] = kernel::dot(&audit_->first[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
+      b[k] = kernel::dot(&audit_->second[product * c], k == 0 ? z : x, k == 0 ? c : m.states);
+      a[k] *= power;
+      b[k] *= power;
+    }
+    double sum = 0.0;
+    for (std::size_t degree = 2 * m.order + 1; degree-- > 0;) {
+      double coefficient = 0.0;
+      const std::size_t from = degree > m.order ? degree - m.order : 0;
+      const std::size_t to = degree < m.order ? degree : m.order;
+      for (std::size_t i = from; i <= to; ++i) coefficient += a[i] * b[degree - i];
+      sum += coefficient * kReciprocal.value[degree + 1];
+    }
+    return sum * s / rate_hz;
+  };
+  for (std::size_t i = 0; i < supplied_.size(); ++i) supplied_[i].add(integral(i));
+  for (std::size_t i = 0; i < dissipated_.size(); ++i)
+    dissipated_[i].add(integral(supplied_.size() + i));
+}
+
+double EnergyAccount::stored(const double *z) const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < audit_->store_constant.size(); ++i)
+    sum += stored_in(i, *mode_, *audit_, z);
+  return sum;
+}
+
+EnergyIntegrals EnergyAccount::integrals() const {
+  EnergyIntegrals result;
+  for (const Sum &sum : supplied_) result.supplied.push_back(sum.total());
+  for (const Sum &sum : dissipated_) result.dissipated.push_back(sum.total());
+  result.discarded = discarded_.total();
+  result.impulse = impulse_.total();
+  return result;
+}
+
+}  // namespace forceaxis::sim

@@ -1,0 +1,154 @@
+"""A board of another name, memory and identity is a folder; no other file names it."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from chip import BOARD, ROOT
+from forceaxis import InputError
+from forceaxis.chip import board, emulator, flash
+
+KIB = 1024
+
+
+def changed(text, *changes):
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.fixture(scope="module")
+def ports(tmp_path_factory):
+    """A folder of boards with one in it, whose peripherals are the emulator's; its images."""
+    ports = tmp_path_factory.mktemp("ports")
+    folder, port = ports / "press", BOARD.folder
+    folder.mkdir()
+    (folder / "board.toml").write_text(
+        changed(
+            (port / "board.toml").read_text(),
+            ('name = "stm32"', 'name = "press"'),
+            ('image = "forceaxis-stm32f446"', 'image = "forceaxis-press"'),
+            ('script = "stm32f446.ld"', 'script = "press.ld"'),
+            ('"nucleo-f446re"', '"press-controller"'),
+            ('"emulated-f405"', '"emulated-press"'),
+            ("flash = [0x08000000, 0x80000]", "flash = [0x08000000, 0x20000]"),
+            (
+                "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000, 0x20000, 0x20000, 0x20000]",
+                "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000]",
+            ),
+            ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0x8000]"),
+            ("flash_bytes = 98304", "flash_bytes = 65536"),
+            ("ram_bytes = 65536", "ram_bytes = 32768"),
+            ('["adc.c", "can.c", "clock.c", "dac.c", "encoder.c", "flash.c", "io.c", "watchdog.c"]',
+             f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
+            ('"emulated/io.c", "emulated/semihosting.c"',
+             f'"{port}/emulated/io.c", "{port}/emulated/semihosting.c"'),
+            ('["board.c", "memory.c", "pins.c", "serial.c", "startup.c", "tick.c"]',
+             str([f"{port}/{n}" for n in BOARD.build.sources]).replace("'", '"')),
+            ('"firmware/port/stm32f4/flash.c" = ["erase_from_ram"]\n', ""),
+            ('["read_bytes", "program_bytes", "erase_sector"]', '["nothing"]'),
+        )
+    )  # fmt: skip
+    (folder / "press.ld").write_text(
+        changed(
+            (port / "stm32f446.ld").read_text(),
+            ("LENGTH = 512K - 48K", "LENGTH = 128K - 48K"),
+            ("LENGTH = 128K\n", "LENGTH = 32K\n"),
+        )
+    )
+    done = subprocess.run(
+        [ROOT / "tools/image", "--emulated", "--out", ports / "out", folder],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return ports
+
+
+@pytest.fixture
+def known(ports, monkeypatch):
+    """The boards that the package knows are those of the folder."""
+    monkeypatch.setattr(board, "PORTS", ports)
+    return ports
+
+
+def test_its_image_is_reported_beside_its_limits(ports):
+    elf = ports / "out/forceaxis-press.elf"
+    # Its store has no memory, so the calls through the memory's pointers lead nowhere.
+    text = (ports / "press/board.toml").read_text()
+    (ports / "press/board.toml").write_text(text.replace('["nothing"]', "[]"))
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/image_report", "--board", ports / "press", elf],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"\*\*flash\*\* \| \d+ \| 65536 \|", done.stdout), done.stdout
+    assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 32768 \|", done.stdout), done.stdout
+
+
+def test_it_is_flashed_as_its_own_and_not_as_another(known):
+    plan = flash.plan(known / "out/forceaxis-press.elf")
+    assert plan.identity.board == "press-controller"
+    assert plan.sectors == [0, 3, 4]
+    with pytest.raises(InputError, match="expected an image for press-controller, this is for nuc"):
+        flash.plan(ROOT / f"build/image/{BOARD.image}.elf")
+    larger = known / "out/larger.bin"
+    binary = (known / "out/forceaxis-press.bin").read_bytes()
+    larger.write_bytes(binary.ljust(128 * KIB + 1, b"\xff"))
+    with pytest.raises(InputError, match=r"expected addresses 0x08000000\.\.0x0801ffff"):
+        flash.plan(larger, erase_parameters=True)
+
+
+def test_its_link_follows_from_its_name(known, monkeypatch):
+    assert emulator.links() == ("pil-press",)
+    assert emulator.board_of("pil-press").image == "forceaxis-press"
+    monkeypatch.setattr(emulator, "IMAGES", known / "out")
+    with emulator.Emulator(emulator.board_of("pil-press")) as chip:
+        assert chip.process.poll() is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('name = "press"', "name = 5", "name: expected a text"),
+        ('tools = "arm-none-eabi-"', "", "build: expected tools"),
+        ("[limits]", "[limits]\nspeed = 1", "limits: speed: expected one of"),
+        ('script = "press.ld"', 'script = "none.ld"', "none.ld: expected such a file"),
+        ("0x4000, 0x10000]", "0x4000]", "sectors: expected 131072 bytes in all"),
+        ("[build]", "[build", "expected TOML"),
+        ('tools = "arm-none-eabi-"', 'tools = "none-"', "none-gcc: expected it on PATH; install"),
+    ],
+)
+def test_a_description_that_is_wrong_is_refused_in_one_line(ports, tmp_path, old, new, text):
+    folder = tmp_path / "press"
+    shutil.copytree(ports / "press", folder)
+    (folder / "board.toml").write_text(changed((folder / "board.toml").read_text(), (old, new)))
+    done = subprocess.run(
+        [ROOT / "tools/image", "--out", tmp_path, folder],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert text in done.stderr, done.stderr
+
+
+def test_a_folder_without_a_description_is_refused_in_one_line(tmp_path):
+    done = subprocess.run(
+        [ROOT / "tools/image", tmp_path], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "expected the description of a board, there is none" in done.stderr
+
+
+@pytest.mark.parametrize("missing", ["program", "image"])
+def test_what_is_missing_is_named_with_its_remedy(missing, tmp_path, monkeypatch):
+    if missing == "program":
+        monkeypatch.setenv("PATH", str(tmp_path))
+        remedy = "install it with `apt install qemu-system-arm`"
+    else:
+        monkeypatch.setattr(emulator, "IMAGES", tmp_path)
+        remedy = "`tools/image --emulated` builds it"
+    with pytest.raises(InputError) as refused:
+        emulator.Emulator(BOARD)
+    assert remedy in str(refused.value) and "\n" not in str(refused.value)
