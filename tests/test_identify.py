@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import verbs
 from click.testing import CliRunner
 from forceaxis import _core, linear
 from forceaxis._core import InputError
@@ -322,8 +323,23 @@ def test_a_wrong_model_is_told(response):
     found = run("fit", "fig4_19", response, "--fit", "m_r", "--set", "k_w=412700")
     assert found["p_value"] < 1e-6
     assert any("does not explain" in text for text in found["warnings"])
+    assert found["rejected"] and found["set"] is None
+    row = found["parameters"]["m_r"]
+    assert row["interval"] is row["joint_interval"] is None and row["value"] > 0
     far = run("fit", "fig4_19", response, "--fit", "m_r=5000", "--set", "k_w=412700")
     assert any("edge of what was searched" in text for text in far["warnings"])
+
+
+def test_a_rejected_model_has_no_intervals_and_nothing_to_set(response):
+    """A value from a model that cannot be the plant must not look like an answer."""
+    asked = ["identify", "fit", "fig4_19", response, "--fit", "m_r"]
+    wrong = verbs.forceaxis(*asked, "--set", "k_w=412700").stdout
+    assert "verdict      the model is rejected, p " in wrong
+    assert "best, but rejected" in wrong
+    assert "95 %" not in wrong and "--set" not in wrong and ".." not in wrong
+    right = verbs.forceaxis(*asked, "--set", "k_w=520000").stdout
+    assert "95 % interval" in right and "use          --set m_r=" in right
+    assert "rejected" not in right
 
 
 def test_a_csv_file_of_another_analyzer(response, tmp_path):

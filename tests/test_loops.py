@@ -15,7 +15,7 @@ from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
 from forceaxis.linear import loops
-from scipy import optimize, signal
+from scipy import linalg, optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]
 TICK = 1 / 1500
@@ -199,8 +199,8 @@ BY_HAND = {
     "positive feedback at rest": ([-1], [1, 1], (1, 0), [(1, 0, 1)], [(0, 1)]),
     "through infinity": ([-0.5, 1], [1, 1], (2, None), [(2, None, 1)], [(0, 2)]),
     "direct path": ([2, 1], [1, 1], (None, None), [], [(0, None)]),
-    "undamped": ([1], [1, 0, 1], (0, None), [], []),
-    "undamped pair pushed out": ([1, 0, 4], [1, 1, 1, 1], (0, None), [], []),
+    "undamped": ([1], [1, 0, 1], (0, None), [(0, 1, 0)], []),
+    "undamped pair pushed out": ([1, 0, 4], [1, 1, 1, 1], (0, None), [(0, 1, 1)], []),
     "undamped pair drawn in": ([1, 0, 1], [1, 1, 4, 4], (None, None), [], [(0, None)]),
     "touches": (
         [1, 2, 3], [1, 0.9, 0.8, 0.7], (0.1, 1), [(0.1, 1, 0)], [(0, 0.1), (0.1, None)],
@@ -212,7 +212,7 @@ BY_HAND = {
         [(3 - 3**0.5, (2 + 3**0.5) ** 0.5, -1), (3 + 3**0.5, (2 - 3**0.5) ** 0.5, 1)],
         [(3 - 3**0.5, 3 + 3**0.5)],
     ),
-    "undamped with an integrator": ([1], [1, 0, 1, 0], (0, None), [], []),
+    "undamped with an integrator": ([1], [1, 0, 1, 0], (0, None), [(0, 0, -1), (0, 1, 1)], []),
     "drifts unseen": ([1, 0], [1, 3, 3, 1, 0], (8, 3**0.5), [(8, 3**0.5, 1)], [(0, 8)]),
 }  # fmt: skip
 
@@ -238,6 +238,84 @@ def test_limits_known_by_hand(case):
     for own, expected in zip(found.stable_ranges, ranges, strict=True):
         assert near(own[0], expected[0])
         assert near(own[1], expected[1])
+
+
+UNDAMPED = """
+title = "A row of which nothing is damped"
+[parameters]
+k = { value = 1e5, unit = "N/m" }
+[[body]]
+name = "robot"
+mass = 20.0
+[[body]]
+name = "arm"
+mass = 4.0
+[[body]]
+name = "tip"
+mass = 1.0
+[[spring]]
+name = "link"
+between = ["robot", "arm"]
+stiffness = 5e4
+[[spring]]
+name = "wrist"
+between = ["arm", "tip"]
+stiffness = 8e4
+[[contact]]
+name = "sensor"
+between = ["tip", "ground"]
+stiffness = "k"
+damping = 0.0
+[drive]
+type = "perfect"
+body = "robot"
+force_per_volt = 1.0
+[encoder]
+body = "robot"
+scale = 1e5
+[[adc]]
+channel = 0
+signal = "sensor.spring_force"
+per_count = 0.001
+bits = 16
+[dac]
+range = 2048
+"""
+
+
+@pytest.fixture
+def undamped(tmp_path):
+    (tmp_path / "undamped.toml").write_text(UNDAMPED)
+    return tmp_path / "undamped.toml"
+
+
+@pytest.mark.parametrize("derivative_s", [0.0, 1e-4, 0.0019415877, 0.019415877, 0.05, 1.0])
+def test_an_undamped_plant_tells_where_its_poles_leave_the_axis(undamped, derivative_s):
+    K = np.array([[5e4, -5e4, 0], [-5e4, 13e4, -8e4], [0, -8e4, 18e4]])
+    w2, shapes = linalg.eigh(K, np.diag([20.0, 4.0, 1.0]))
+    law = {"derivative_s": derivative_s} if derivative_s else {}
+    loop = loops.force_loop(undamped, "pd" if law else "p", "continuous", **law)
+    found = loop.limit()
+    assert (found.gain, found.reason) == (0, "stable at no gain")
+    at_0 = [c for c in found.crossings if c.gain == 0]
+    assert [c.frequency_hz for c in at_0] == pytest.approx(w2**0.5 / (2 * math.pi), rel=1e-9)
+    # A force -k (f + T f') on the robot adds k k_s T robot tip / 2 to a mode's decay.
+    decays = derivative_s * shapes[0] * shapes[2]
+    assert [c.direction for c in at_0] == [-int(np.sign(d)) for d in decays]
+    held = loops.force_loop(undamped, "pd" if law else "p", "zoh", **law).limit()
+    assert [c.gain for c in held.crossings][:3] == [0, 0, 0]
+    assert all(c.gain > 1e-3 for c in held.crossings[3:])
+
+
+def test_the_verb_says_which_undamped_poles_leave(undamped):
+    pd = ["--law", "pd", "--derivative-s", 0.019415877, "--timing", "continuous"]
+    done = forceaxis("limit", undamped, *pd)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "limit        0: stable at no gain" in done.stdout
+    assert re.search(r"0 \S+ at 24.52 Hz, an undamped pole of the plant leaves", done.stdout)
+    assert done.stdout.count("is drawn in") == 2
+    done = forceaxis("limit", undamped, *pd, "--json")
+    assert [c["direction"] for c in json.loads(done.stdout)["crossings"]] == [-1, 1, -1]
 
 
 def test_sampled_integrator_leaves_at_minus_one():

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+import verbs
 from forceaxis import InputError
 from forceaxis.experiments import points as points_of
 from forceaxis.experiments import run as runs
@@ -67,9 +68,7 @@ def command(*arguments):
 
 
 def forceaxis_sweep(*arguments):
-    return subprocess.run(
-        command(*arguments), cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis("sweep", *arguments, cwd=ROOT)
 
 
 def done(*arguments):
@@ -288,14 +287,20 @@ def test_another_firmware_or_journal_in_the_folder_is_refused(small, tmp_path):
     _, out = small
     header = json.loads(journal(out)[0])
     arguments = [CONTACT, "--grid", "firmware.force_gain=2:12:3", *BRIEF, "--out", tmp_path]
-    for first, word in (
-        (json.dumps(header | {"firmware_hash": "0" * 64}), "firmware_hash"),
-        (json.dumps(header | {"simulator_hash": "0" * 64}), "simulator_hash"),
-        ('{"some": "thing"}', "line 1"),
+    torn = '\n{"key": "torn'
+    for text, word in (
+        (json.dumps(header | {"firmware_hash": "0" * 64}) + torn, "firmware_hash"),
+        (json.dumps(header | {"simulator_hash": "0" * 64}) + "\n", "simulator_hash"),
+        ('{"some": "thing"}' + torn, "line 1"),
+        ("notes without a line's end", "line 1"),
+        (json.dumps(header | {"inputs_hash": "0" * 64}), "line 1"),
     ):
-        (tmp_path / "journal.jsonl").write_text(first + "\n")
+        (tmp_path / "journal.jsonl").write_text(text)
         refused(forceaxis_sweep(*arguments), "journal.jsonl", word)
-        assert (tmp_path / "journal.jsonl").read_text() == first + "\n"
+        assert (tmp_path / "journal.jsonl").read_text() == text
+    # A journal of this very sweep, killed in its first line, is begun anew.
+    (tmp_path / "journal.jsonl").write_text(json.dumps(header)[:40])
+    assert done(*arguments)["counts"]["runs"] == 3
 
 
 def test_two_sweeps_in_one_folder_are_refused(small):

@@ -114,6 +114,9 @@ class Gateway:
             return  # this answer gets lost: the client must ask again
         self.event(*arguments)
         if c.kind == axis_command_t.KIND_CAPTURE:
+            self.values[axis, "recorder_state"] = 1  # armed
+            if dict(items).get("recorder_trigger_level") == 2**31 - 1:
+                return  # no force fires that
             self.capture(axis, c, dict(items).get("recorder_length") or 100)
 
     def capture(self, axis, command, total, lose=None):

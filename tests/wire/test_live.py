@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import pty
+import runpy
 import select
 import socket
 import struct
@@ -32,7 +33,13 @@ from forceaxis.bus import log_tables, state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
 from forceaxis.bus.gateway import MODES, Session
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
-from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.messages import (
+    axis_capture_t,
+    axis_command_t,
+    axis_event_t,
+    axis_state_t,
+    sim_truth_t,
+)
 from forceaxis.bus.monitor import AxisPanel, Monitor
 from forceaxis.bus.monitor_state import Watch
 from forceaxis.bus.sources import Live, Replay
@@ -674,6 +681,57 @@ def test_damage_inside_a_log_costs_only_what_it_hit(recorded, tmp_path):
     assert [t["rows"] for t in summary["tables"]] == [1]
 
 
+def block_of(kind):
+    """Two samples of one signal."""
+    block = blank(kind)
+    block.run_id, block.seq, block.first_tick, block.decimation = 1, 0, 5, 3
+    block.num_signals, block.signal, block.num_samples, block.value = 1, ["x"], 2, [[4], [5]]
+    if kind is axis_capture_t:
+        block.first_sample, block.total_samples, block.trigger_sample = 2, 8, 2
+    else:
+        block.unit = [""]
+    return block
+
+
+@pytest.mark.parametrize(
+    ("kind", "damage", "ticks"),
+    [
+        (sim_truth_t, {"first_tick": 2**63 - 2}, [5, 8]),
+        (sim_truth_t, {"first_tick": 2**63 - 1}, [5, 8]),
+        (axis_capture_t, {"first_tick": 2**63 - 2}, range(-1, 21, 3)),
+        (axis_capture_t, {"first_tick": -(2**63) + 1}, range(-1, 21, 3)),
+        (axis_capture_t, {"decimation": 2**31 - 1, "first_tick": 2**63 - 2**32}, range(-1, 21, 3)),
+    ],
+)
+def test_ticks_beyond_64_bits_cost_only_their_block(kind, damage, ticks, tmp_path):
+    channel = "SIM_TRUTH" if kind is sim_truth_t else "AXIS_1_CAPTURE"
+    path, damaged, good = tmp_path / "damaged.log", block_of(kind), block_of(kind)
+    for name, value in damage.items():
+        setattr(damaged, name, value)
+    good.seq = 1
+    with path.open("wb") as file:
+        for message in (damaged, good):
+            data = message.encode()
+            header = logs.HEADER.pack(logs.SYNC, 0, 1, len(channel), len(data))
+            file.write(header + channel.encode() + data)
+    done = forceaxis("log", "export", path, "--out", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1 messages that are damaged" in done.stdout
+    with np.load(next((tmp_path / "out").glob("*.npz"))) as table:
+        assert table["tick"].tolist() == list(ticks)
+        assert table["x"][np.isin(table["tick"], [5, 8])].tolist() == [4, 5]
+
+
+@pytest.mark.parametrize("channel", ["../outside", "a/b", "\0"])
+def test_a_channel_of_any_name_is_a_file_in_the_folder(channel, tmp_path):
+    path, data = tmp_path / "odd.log", block_of(sim_truth_t).encode()
+    header = logs.HEADER.pack(logs.SYNC, 0, 1, len(channel), len(data))
+    path.write_bytes(header + channel.encode() + data)
+    summary = log_tables.export(path, tmp_path / "out")
+    assert {f.name for f in tmp_path.iterdir()} == {"odd.log", "out"}
+    assert {f.name for f in (tmp_path / "out").iterdir()} == set(summary["tables"][0]["files"])
+
+
 def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
     path = tmp_path / "foreign.log"
     log = lcm.EventLog(str(path), "w")
@@ -868,6 +926,27 @@ def test_a_full_disk_ends_the_recording_and_not_the_watching(url):
         assert "No space left" in source.trouble and source.writer is None
     finally:
         source.close()
+
+
+def test_a_trigger_that_does_not_fire_is_not_a_missing_gateway(url):
+    with gateway(url, axes="1"), AxisClient(1, url) as axis:
+        with pytest.raises(NoAnswer) as error:
+            axis.capture(["force"], timeout_s=0.3, trigger_level=2**31 - 1)
+        assert "its trigger has not fired" in str(error.value)
+        assert "gateway" not in str(error.value)
+        with pytest.raises(NoAnswer) as error:
+            axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=0.3)
+        assert "running?" not in str(error.value)
+
+
+def test_the_example_ends_in_one_line(monkeypatch):
+    def nobody(*_):
+        raise NoAnswer("axis 1: expected a capture within 30 s, its trigger has not fired")
+
+    monkeypatch.setattr("forceaxis.gateway.Session", nobody)
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(ROOT / "examples" / "session.py"), run_name="__main__")
+    assert str(end.value).startswith("session.py: axis 1: expected a capture")
 
 
 def test_nobody_answers(url):

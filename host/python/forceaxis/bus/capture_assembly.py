@@ -21,23 +21,28 @@ class Assembly:
     def take(self, block):
         """Adds an axis_capture_t; False if it does not fit what came before."""
         shape = (block.total_samples, block.num_signals)
-        if not self.signals:
-            if not (0 < shape[0] <= LARGEST and 0 < shape[1] <= 64):
-                return False
-            self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
-            self.have = np.zeros(shape[0], bool)
-            self.decimation = max(1, block.decimation)
+        decimation = self.decimation or max(1, block.decimation)
         stop = block.first_sample + block.num_samples
-        if tuple(block.signal) != self.signals or not 0 <= block.first_sample <= stop <= shape[0]:
+        known = block.first_tick != axis_capture_t.NOT_AVAILABLE
+        back = block.first_sample if known else block.trigger_sample
+        first_tick = (block.first_tick if known else 0) - back * decimation
+        if not (0 < shape[0] <= LARGEST and 0 < shape[1] <= 64):
             return False
-        if shape != self.raw.shape:
+        if self.signals and (tuple(block.signal), shape) != (self.signals, self.raw.shape):
             return False
+        if not (0 <= block.first_sample <= stop <= shape[0]):
+            return False
+        if not fits(first_tick, shape[0], decimation):
+            return False
+        if not self.signals:
+            self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
+            self.have, self.decimation = np.zeros(shape[0], bool), decimation
         if block.num_samples:
             self.raw[block.first_sample : stop] = block.value
             self.have[block.first_sample : stop] = True
         self.trigger_sample, self.newest_us = block.trigger_sample, block.wall_utime
-        if block.first_tick != axis_capture_t.NOT_AVAILABLE:
-            self.first_tick = block.first_tick - block.first_sample * self.decimation
+        if known:
+            self.first_tick = first_tick
         return True
 
     @property
@@ -67,6 +72,12 @@ class Assembly:
         if known and known.scale != 1:
             column = column * known.scale
         return column if self.complete else np.where(self.have, column, np.nan)
+
+
+def fits(first_tick, samples, decimation):
+    """Whether the ticks of so many samples are 64-bit integers, as all that are not damaged."""
+    ends = first_tick, first_tick + max(0, samples - 1) * decimation
+    return all(-(2**63) <= tick < 2**63 for tick in ends)
 
 
 def unit_of(name):

@@ -14,6 +14,7 @@ A refused command raises Refused with the reason, an unacknowledged one NoAnswer
 or value that is not in the object table raises InputError before anything is sent.
 """
 
+import math
 import re
 import threading
 import time
@@ -34,6 +35,7 @@ from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import BY_NAME, texts
 
 STRAGGLERS_S = 1.0
+HEARD_S = 1.0  # a gateway sends states more often
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
@@ -103,7 +105,7 @@ class AxisClient:
         self.gaps, self.undecodable = {}, 0
         self._state, self._captures, self._command_id = None, {}, 0
         self._events, self._heard, self._since = deque(maxlen=10_000), 0, 0
-        self._news = threading.Condition()
+        self._news, self._received_s = threading.Condition(), -math.inf
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 
     def close(self):
@@ -174,8 +176,22 @@ class AxisClient:
         if ended and ended.code < 0:
             raise Refused(ended)
         if found is None or held is None:
-            raise self._silence(f"a capture within {timeout_s:g} s")
+            raise self._no_capture(timeout_s)
         return held
+
+    def _no_capture(self, timeout_s):
+        """Why an acknowledged capture has no samples."""
+        try:
+            state = self.read("recorder_state")
+        except (NoAnswer, Refused):
+            return self._silence(f"a capture within {timeout_s:g} s")
+        why = f"its recorder is {state} and no samples were received"
+        if state == "armed":
+            why = (
+                "its trigger has not fired; wait longer, or check trigger_source, trigger_level "
+                "and trigger_edge"
+            )
+        return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
     def _ended(self, command_id):
         """The event that ends a capture of this client."""
@@ -253,6 +269,7 @@ class AxisClient:
             self.undecodable += 1
             return
         with self._news:
+            self._received_s = time.monotonic()
             if not self.gaps.setdefault(channel, Gaps()).take(message.run_id, message.seq):
                 return
             if isinstance(message, axis_state_t):
@@ -276,6 +293,8 @@ class AxisClient:
     def _silence(self, wanted):
         if self._bus.trouble:
             return NoAnswer(self._bus.trouble)
+        if time.monotonic() - self._received_s < HEARD_S:
+            return NoAnswer(f"axis {self.axis}: expected {wanted}, other messages came, not that")
         return NoAnswer(
             f"axis {self.axis}: expected {wanted}, nothing came on {self._bus.url}; "
             "is its gateway running?"

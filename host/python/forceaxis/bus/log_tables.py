@@ -2,12 +2,13 @@
 
 import csv
 from array import array
+from urllib.parse import quote
 
 import numpy as np
 
 from forceaxis import paths
 from forceaxis.bus import state_names
-from forceaxis.bus.capture_assembly import Assembly, unit_of
+from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.bus.log import LogReader, expect_messages
 from forceaxis.bus.messages import axis_event_t, axis_state_t
@@ -84,8 +85,11 @@ def export(path, out, kinds=("csv", "npz")):
             continue  # a duplicated datagram
         if kind == "CAPTURE":
             key = (entry.channel, message.run_id, message.capture_id)
-            captures.setdefault(key, Assembly()).take(message)
+            undecodable += not captures.setdefault(key, Assembly()).take(message)
         elif kind == "TRUTH":
+            if not fits(message.first_tick, message.num_samples, message.decimation):
+                undecodable += 1
+                continue
             for row in truth_rows(message):
                 tables.setdefault(entry.channel, Columns()).add(row)
         else:
@@ -99,7 +103,7 @@ def export(path, out, kinds=("csv", "npz")):
             numbers[channel] = numbers.get(channel, 0) + 1
             named[f"{channel}_{numbers[channel]}"] = capture_columns(held)
     for name, columns in sorted(named.items()):
-        files = [f"{name}.{kind}" for kind in kinds]
+        files = [f"{quote(name, safe=' ')}.{kind}" for kind in kinds]  # a channel may be named a/b
         with paths.replacing(out, *files) as places:
             for kind, place in zip(kinds, places, strict=True):
                 (write_csv if kind == "csv" else write_npz)(place, columns)
@@ -230,5 +234,7 @@ def describe_export(summary):
     if summary["not_exported"]:
         lines.append(f"left out     {', '.join(summary['not_exported'])}")
     if summary["undecodable"]:
-        lines.append(f"left out     {summary['undecodable']} messages of another type")
+        lines.append(
+            f"left out     {summary['undecodable']} messages that are damaged or of another type"
+        )
     return "\n".join(lines)

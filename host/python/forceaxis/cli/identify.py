@@ -237,7 +237,8 @@ def fit(model, response, names, overrides, out, as_json, **given):
     RESPONSE is what `forceaxis measure --out` wrote, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). Prints for each parameter its 95 % interval
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
-    and what is poorly determined or hard to tell apart.
+    and what is poorly determined or hard to tell apart. A model that does not (p < 0.001) is
+    rejected: it has best values, but no intervals and nothing to --set.
     """
     from forceaxis import linear
     from forceaxis.identify import fit as fit_response

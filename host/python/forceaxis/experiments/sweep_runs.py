@@ -38,7 +38,8 @@ def identity_of(experiment, overrides):
 class Journal:
     """Outcomes of finished runs by key; a file that only grows, one JSON object a line.
 
-    The first line is the identity of what was run. Lines cut off by a kill are dropped.
+    The first line is the identity of what was run. Lines cut off by a kill are dropped; a file that
+    is no journal of this identity stays as it is.
     """
 
     def __init__(self, path, identity):
@@ -63,13 +64,13 @@ class Journal:
         self.file.seek(0)
         data = self.file.read()
         whole = data[: data.rfind(b"\n") + 1]
-        self.file.truncate(len(whole))
         lines = [read_line(line) for line in whole.splitlines()]
-        if not lines:
+        if not lines and self._line(identity).startswith(data):  # new, or killed in line 1
+            self.file.truncate(0)
             self._write(identity)
             self.file.flush()
             return
-        if lines[0] is None or not set(identity) <= set(lines[0]):
+        if not lines or lines[0] is None or not set(identity) <= set(lines[0]):
             raise InputError(
                 f"{path}: line 1: expected a journal of forceaxis sweep; give another --out"
             )
@@ -80,12 +81,17 @@ class Journal:
                     f"{path}: {name}: expected the same {what} as the runs in this folder, "
                     f"{lines[0][name][:12]}, got {identity[name][:12]}; give another --out"
                 )
+        self.file.truncate(len(whole))
         for line in lines[1:]:
             if line is not None and "key" in line and "outcome" in line:
                 self.known[line["key"]] = line["outcome"]
 
+    @staticmethod
+    def _line(entry):
+        return json.dumps(entry, allow_nan=False).encode() + b"\n"
+
     def _write(self, entry):
-        self.file.write(json.dumps(entry, allow_nan=False).encode() + b"\n")
+        self.file.write(self._line(entry))
 
     def add(self, key, values, outcome):
         """Keep one finished run."""

@@ -19,7 +19,7 @@ CORRELATED = 0.95  # two parameters whose estimates are: a warning
 VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
 ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters act only together
 BLIND = 1e-9  # relative change of a response that is none
-MISFIT = 1e-3  # probability of the chi-square below which other starts are tried
+MISFIT = 1e-3  # probability of the chi-square below which other starts are tried, then rejected
 STARTS = 24
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
 REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twentieth
@@ -49,6 +49,12 @@ class Fit:
     def p_value(self):
         """Probability of a chi-square as large, were the model right."""
         return float(stats.chi2.sf(self.chi_square, self.dof))
+
+    @property
+    def rejected(self):
+        """Whether no values of the parameters make the model explain the data: `values` are the
+        best, but not the plant's, and no interval means anything."""
+        return self.p_value < MISFIT
 
     @property
     def correlation(self):
@@ -340,8 +346,8 @@ def summarise(found, measured, units):
             "value": float(value),
             "unit": units[name],
             "start": float(start),
-            "interval": ends[0],
-            "joint_interval": ends[1],
+            "interval": None if found.rejected else ends[0],
+            "joint_interval": None if found.rejected else ends[1],
         }
     return {
         "model": paths.display(measured.model),
@@ -353,8 +359,11 @@ def summarise(found, measured, units):
         "chi_square": found.chi_square,
         "dof": found.dof,
         "p_value": found.p_value,
+        "rejected": found.rejected,
         "warnings": list(found.warnings),
-        "set": " ".join(
+        "set": None
+        if found.rejected
+        else " ".join(
             f"--set {name}={value:.6g}"
             for name, value in zip(found.names, found.values, strict=True)
         ),
@@ -363,22 +372,35 @@ def summarise(found, measured, units):
 
 def describe(summary):
     """The summary of a fit for a terminal."""
+    p = f"p = {summary['p_value']:.2g}" if summary["p_value"] else "p below 1e-300"
     lines = [
         f"model        {summary['model']}, {summary['input']} to {summary['output']}",
         f"fit          chi-square {summary['chi_square']:.4g}, {summary['dof']} degrees of "
-        f"freedom, p = {summary['p_value']:.2g}, {summary['points']} frequencies",
-        f"{'':12} {'value':>11} {'95 % interval':>25} {'all at once':>25} {'start':>11}",
+        f"freedom, {p}, {summary['points']} frequencies",
     ]
-    for name, row in summary["parameters"].items():
-        spans = [
-            " .. ".join(f"{end:.5g}" for end in row[k]) for k in ("interval", "joint_interval")
+    rows = summary["parameters"].items()
+    if summary["rejected"]:
+        lines.append(f"verdict      the model is rejected, {p}")
+        lines.append(f"{'':12} {'best, but rejected':>18} {'start':>11}")
+        lines += [
+            f"{name:12} {row['value']:>18.5g} {row['start']:>11.5g} {row['unit']}".rstrip()
+            for name, row in rows
         ]
+    else:
         lines.append(
-            f"{name:12} {row['value']:>11.5g} {spans[0]:>25} {spans[1]:>25} {row['start']:>11.5g} "
-            f"{row['unit']}".rstrip()
+            f"{'':12} {'value':>11} {'95 % interval':>25} {'all at once':>25} {'start':>11}"
         )
+        for name, row in rows:
+            spans = [
+                " .. ".join(f"{end:.5g}" for end in row[k]) for k in ("interval", "joint_interval")
+            ]
+            lines.append(
+                f"{name:12} {row['value']:>11.5g} {spans[0]:>25} {spans[1]:>25} "
+                f"{row['start']:>11.5g} {row['unit']}".rstrip()
+            )
     lines += [f"warning      {text}" for text in summary["warnings"]]
-    lines.append(f"use          {summary['set']}")
+    if not summary["rejected"]:
+        lines.append(f"use          {summary['set']}")
     return "\n".join(lines)
 
 

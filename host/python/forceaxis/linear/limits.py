@@ -117,12 +117,13 @@ def describe_limit(summary):
         largest = summary["largest_firmware_gain"]
         below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
         lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-    turns = {1: "leaves", -1: "returns", 0: "touches"}
+    turns = {1: "a pole leaves", -1: "a pole returns", 0: "a pole touches"}
+    undamped = {1: "leaves", -1: "is drawn in", 0: "stays on the boundary"}
     for c in summary["crossings"]:
-        lines.append(
-            f"crossing     {c['gain']:.6g} {unit} {_hz_text(c['frequency_hz'])}, a pole "
-            f"{turns[c['direction']]}"
-        )
+        what = turns[c["direction"]]
+        if c["gain"] == 0:
+            what = f"an undamped pole of the plant {undamped[c['direction']]}"
+        lines.append(f"crossing     {c['gain']:.6g} {unit} {_hz_text(c['frequency_hz'])}, {what}")
     at = summary.get("at")
     if at:
         own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""

@@ -204,10 +204,35 @@ class Loop:
     def _poles(self):
         return linalg.eigvals(self._plane[0])
 
+    @cached_property
+    def _boundary_poles(self):
+        """(frequency of the plane, how a small gain moves it or None) of each pole that is on the
+        boundary without a gain, to rounding. None: a multiple pole."""
+        A, B, C, _ = self._plane
+        poles, left, right = linalg.eig(A, left=True)
+        left = left.conj().T
+        found = []
+        for i in np.argsort(poles.imag):
+            if abs(poles[i].real) <= 1e-12 * np.linalg.norm(A) and poles[i].imag >= 0:
+                turn = left[i] @ right[:, i]  # of the eigenvectors, 0 where two poles are one
+                move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
+                found.append((float(poles[i].imag), move))
+        return found
+
+    @property
+    def _at_gain_0(self):
+        """Crossings at gain 0: simple poles of the plant that nothing damps."""
+        found = [(w, move) for w, move in self._boundary_poles if move is not None]
+        sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
+        return [
+            Crossing(0.0, self._hz(w), 0 if along else int(np.sign(move.real)))
+            for (w, move), along in zip(found, sideways, strict=True)
+        ]
+
     def _phase(self, w):
-        """Sine of the phase of G: 0 where G is real."""
+        """Sine of the phase of G: 0 where G is real, and on a pole."""
         G = self._at(w)
-        return G.imag / np.abs(G)
+        return G.imag / np.abs(G) if np.isfinite(G) else 0.0
 
     @cached_property
     def _real_points(self):
@@ -263,9 +288,11 @@ class Loop:
                         found.append((w, 0))
         crossings = []
         for w, direction in dict.fromkeys(found):
+            if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
+                continue  # the pole turns the phase, at no gain
             w, value = self._polished(w)
-            # A zero or a pole on the axis turns the phase too, at an infinite or no gain; a gain
-            # that rounding decides is left out.
+            # A zero on the axis turns the phase too, at an infinite gain; a gain that rounding
+            # decides is left out.
             sharp = abs(w * self._slope(w)) > 1e9 * abs(value)
             if value < 0 and not sharp and self._rounding([w])[0] < 0.1 * abs(value):
                 crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
@@ -340,11 +367,12 @@ class Loop:
         return ranges
 
     def limit(self):
-        """The smallest gain at which stability is lost on the way from 0, with all crossings."""
+        """The smallest gain at which stability is lost on the way from 0, with all crossings; where
+        that is 0 also the plant's own poles on the boundary, as crossings at gain 0."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
-            return Limit(0.0, None, crossings, ranges, reason)
+            return Limit(0.0, None, self._at_gain_0 + crossings, ranges, reason)
         if ranges[0][1] is None:
             return Limit(None, None, crossings, ranges, "stable at every gain")
         first = next(c for c in crossings if c.gain == ranges[0][1])
