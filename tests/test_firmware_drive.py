@@ -18,7 +18,7 @@ from test_firmware_targets import (  # noqa: F401 (built is a fixture)
     run,
 )
 
-INSTRUCTIONS_MAX = 750  # of cia402_before() and cia402_after() together
+INSTRUCTIONS_MAX = 850  # of cia402_before() and cia402_after() together
 TICK_MAX = (
     950  # of fw_tick() with the drive, without buses: leaves them 550 of the interrupt's 1500
 )
