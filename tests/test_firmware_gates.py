@@ -293,11 +293,11 @@ def test_an_include_that_leaves_sim_is_found(gate, tree, include):
 
 @pytest.mark.parametrize("include", ['"axis_host.h"', '"plant.hpp"', "<plant.hpp>", '"../x.hpp"'])
 def test_an_include_in_host_that_is_not_rooted_is_found(gate, tree, include):
-    (tree / "host/link").mkdir()
-    (tree / "host/link/run.cpp").write_text(f'#include "sim/plant.hpp"\n#include {include}\n')
+    (tree / "host/run").mkdir()
+    (tree / "host/run/run.cpp").write_text(f'#include "sim/plant.hpp"\n#include {include}\n')
     done = gate(tree)
     assert done.returncode == 1, done.stdout
-    assert done.stdout.startswith("host/link/run.cpp:2: layering: ")
+    assert done.stdout.startswith("host/run/run.cpp:2: layering: ")
 
 
 CIRCLES = {

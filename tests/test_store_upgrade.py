@@ -39,7 +39,7 @@ int main(int argc, char **argv) {
   for (int i = 2; i < argc; ++i) {
     char *end;
     const unsigned long address = strtoul(argv[i], &end, 16);
-    const axis_address_t *at = fw_address((uint16_t)(address >> 8), (uint8_t)address);
+    const axis_address_t *at = dictionary_address((uint16_t)(address >> 8), (uint8_t)address);
     const int32_t value = (int32_t)strtol(end + 1, NULL, 10);
     if (fw_object_write(&fw, FW_SOURCE_LOCAL, at->value, value) != FW_OK) return 5;
   }

@@ -1,26 +1,46 @@
 #ifndef FIRMWARE_MODBUS_REQUEST_H_
 #define FIRMWARE_MODBUS_REQUEST_H_
 
-/* One Modbus request: how long it is, and what it does.
+/* One Modbus request, from its bytes to those of its answer, for every server of the map: RTU in
+ * the firmware and TCP at the gateway. Passive: it asks for one access to an object at a time, and
+ * whoever serves it carries that out, at once or over a bus.
+ *
+ *   modbus_request_begin(&request, unit, pdu, length, counters);
+ *   while (!modbus_request_ended(&request)) {
+ *     ... carry out request.access, fill in its result ...
+ *     modbus_request_resume(&request);
+ *   }
+ *   ... pdu holds the answer, request.length bytes ...
  *
  * Functions: 1, 2 read coils, discrete inputs; 3, 4 read holding, input registers; 5, 15 write
  * coils; 6, 16 write registers; 22 mask write; 23 write, then read; 8 diagnostics: 0 echo, 10 clear
  * counters, 11 to 18 counters; 17 server id; 43 with MEI type 14 device identification, objects 0
  * to 2, 4, 5 and 80h (hash of the object table). Any other function is exception 1. */
 
-#include "firmware/modbus/server.h"
+#include "firmware/modbus/step.h"
+
+/* Function code and data of the longest request or answer. */
+enum { MODBUS_PDU_BYTES = 253 };
 
 /* What modbus_request_bytes() cannot say: */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* an unknown function: the frame ends where its CRC closes */
+  MODBUS_BYTES_OPEN = 0,     /* an unknown function: only the frame says where it ends */
   MODBUS_BYTES_MORE = 0xFFFF /* too little of it is there */
 };
 
-/* How long the request of which `length` bytes are there will be, with unit and CRC. */
-uint16_t modbus_request_bytes(const uint8_t *frame, uint16_t length);
+/* How long the PDU of which `length` bytes are there will be. */
+uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length);
 
-/* Carries out the request in modbus->frame, of `length` bytes without its CRC, at least two of them
- * unit and function, and puts the answer in its place. Returns its length, without CRC. */
-uint16_t modbus_request_serve(modbus_t *modbus, dictionary_t *objects, uint16_t length);
+/* `pdu`: `length` bytes, at least one, of MODBUS_PDU_BYTES that stay until the request has ended.
+ * `counters`: MODBUS_COUNTERS of them. No state of `request` is needed before. */
+void modbus_request_begin(modbus_request_t *request, uint8_t unit, uint8_t *pdu, uint16_t length,
+                          uint16_t *counters);
+
+static inline bool modbus_request_ended(const modbus_request_t *request) {
+  return request->part == MODBUS_ENDED;
+}
+
+/* Goes on with the result of request->access. */
+void modbus_request_resume(modbus_request_t *request);
 
 #endif

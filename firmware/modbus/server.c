@@ -5,6 +5,7 @@
 #include "firmware/modbus/request.h"
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
+enum { UNIT = 0, PDU = 1 }; /* where they lie in a frame */
 enum { TOO_LONG = 0xFFFF }; /* as a length: nothing of it counts */
 
 static void begin_frame(modbus_t *modbus) {
@@ -30,7 +31,9 @@ void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud) {
   modbus->heard = 0;
   modbus->answer_length = 0;
   modbus->answer_sent = 0;
-  modbus_clear_counters(modbus);
+  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
+    modbus->counters[i] = 0;
+  }
   begin_frame(modbus);
 }
 
@@ -47,19 +50,54 @@ static bool writes(uint8_t function) {
   return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
 }
 
+static void access_object(dictionary_t *objects, modbus_access_t *access) {
+  switch (access->kind) {
+    case MODBUS_READ:
+      access->refusal = dictionary_read(objects, access->object, &access->value);
+      break;
+    case MODBUS_READ_TEXT:
+      access->text = dictionary_text(objects, access->object);
+      access->refusal = FW_OK;
+      break;
+    case MODBUS_CHECK:
+      access->refusal = dictionary_check(objects, FW_SOURCE_MODBUS, access->object, access->value);
+      break;
+    case MODBUS_CHECK_OWNER:
+      access->refusal = dictionary_check(objects, FW_SOURCE_LOCAL, access->object, access->value);
+      break;
+    default:
+      access->refusal = dictionary_write(objects, FW_SOURCE_MODBUS, access->object, access->value);
+      break;
+  }
+}
+
+/* Carries out the request in the frame, with a PDU of `length` bytes; returns that of the answer.
+ */
+static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) {
+  modbus_request_t request;
+  modbus_request_begin(&request, modbus->frame[UNIT], &modbus->frame[PDU], length,
+                       modbus->counters);
+  while (!modbus_request_ended(&request)) {
+    access_object(objects, &request.access);
+    modbus_request_resume(&request);
+  }
+  return request.length;
+}
+
 /* The frame so far is a whole one. */
 static void take_frame(modbus_t *modbus, dictionary_t *objects) {
-  const uint8_t unit = modbus->frame[0];
+  const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;
   begin_frame(modbus);
   count(modbus, MODBUS_COUNT_MESSAGES);
   if (unit != BROADCAST && unit != modbus->unit) {
     return;
   }
-  if (unit == BROADCAST && !writes(modbus->frame[1])) {
+  if (unit == BROADCAST && !writes(modbus->frame[PDU])) {
     return;
   }
-  const uint16_t answer = modbus_request_serve(modbus, objects, (uint16_t)(length - BYTES_CRC));
+  const uint16_t answer =
+      (uint16_t)(PDU + serve(modbus, objects, (uint16_t)(length - PDU - BYTES_CRC)));
   if (unit == BROADCAST) {
     count(modbus, MODBUS_COUNT_UNANSWERED);
     return;
@@ -80,9 +118,10 @@ static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
   }
-  const bool foreign = modbus->frame[0] != BROADCAST && modbus->frame[0] != modbus->unit;
-  const uint16_t bytes = modbus_request_bytes(modbus->frame, modbus->length);
-  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == modbus->length;
+  const bool foreign = modbus->frame[UNIT] != BROADCAST && modbus->frame[UNIT] != modbus->unit;
+  const uint16_t pdu = (uint16_t)(modbus->length - PDU - BYTES_CRC);
+  const uint16_t bytes = modbus_request_bytes(&modbus->frame[PDU], pdu);
+  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == pdu;
 }
 
 void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes,

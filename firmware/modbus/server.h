@@ -14,23 +14,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/modbus/step.h"
 #include "firmware/objects/access.h"
 
 enum { MODBUS_FRAME_BYTES = 256, MODBUS_BAUD_DEFAULT = 115200 };
-
-/* Counters of function 8, by their sub-function minus MODBUS_COUNTER_FIRST. They wrap. */
-enum {
-  MODBUS_COUNTER_FIRST = 11,
-  MODBUS_COUNT_MESSAGES = 0,   /* whole frames on the bus, of whichever unit */
-  MODBUS_COUNT_ERRORS = 1,     /* frames that were broken, cut off or too long */
-  MODBUS_COUNT_EXCEPTIONS = 2, /* answered with one, or a broadcast that was refused */
-  MODBUS_COUNT_SERVED = 3,     /* requests of this unit, and broadcasts */
-  MODBUS_COUNT_UNANSWERED = 4, /* broadcasts */
-  MODBUS_COUNT_NAK = 5,        /* always 0 */
-  MODBUS_COUNT_BUSY = 6,       /* exception 6 */
-  MODBUS_COUNT_OVERRUNS = 7,   /* bytes came before the last answer was fetched */
-  MODBUS_COUNTERS = 8
-};
 
 typedef struct {
   uint32_t silence_ticks; /* end a frame */
@@ -48,13 +35,6 @@ typedef struct {
 /* unit 1..247: other units get no answer; 0, broadcast, is carried out without one. baud: of
  * characters with 11 bits; 0 counts as MODBUS_BAUD_DEFAULT. */
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
-
-/* Function 8, sub-function 10. */
-static inline void modbus_clear_counters(modbus_t *modbus) {
-  for (uint8_t i = 0; i < MODBUS_COUNTERS; i++) {
-    modbus->counters[i] = 0;
-  }
-}
 
 /* Bytes as they came, before the tick they came in. Cost: those bytes, and at most one request and
  * any number of broadcasts that are whole with them. */

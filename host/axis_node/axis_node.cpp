@@ -36,7 +36,7 @@ constexpr milliseconds kServe{100};
 // The plant may miss the last answer and ask again, at most every 100 ms.
 constexpr milliseconds kLinger{250};
 constexpr int kTicksPerFlush = 1500;  // of the journal: about a second
-// Of frames that an interface does not take; what comes then is lost, as on a bus that is down.
+// Frames that wait for room at the interface; further ones are lost, as on a bus that is down.
 constexpr std::size_t kMostUnsent = 256;
 
 // What only this node has.
@@ -68,8 +68,8 @@ std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
   return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
 }
 
-// What --store and --journal name can be used, seen before anything is opened for good: a run that
-// cannot begin leaves no file behind and none changed.
+// Checks the files of --store and --journal before anything is opened for good: a run that cannot
+// begin creates no file and changes none.
 void expect_files(const AxisOptions &options, const std::string &suffix) {
   if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
   if (options.store.empty()) return;
@@ -84,7 +84,7 @@ class Axis {
   Axis(int number, const host::Experiment &experiment, std::span<const std::string> overrides,
        const AxisOptions &options, const std::string &suffix)
       : number_(number), experiment_(experiment) {
-    // Files last: who finds the bus taken leaves them alone.
+    // Files last: if the bus cannot be opened they stay as they are.
     if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
     if (!options.store.empty()) {
       store_ = open_store(options.store + suffix);
@@ -107,16 +107,16 @@ class Axis {
       };
     }
     firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
-    // The journal is given with the coming tick, which FirmwareSide knows.
-    ears_.frame = [this](const can_frame_t &frame) {
+    // Each entry carries the tick that will see it.
+    handlers_.frame = [this](const can_frame_t &frame) {
       if (journal_) journal_->can(coming(), frame);
       axis_host_can_receive(axis(), &frame);
     };
-    ears_.lost = [this](std::uint16_t frames) {
+    handlers_.lost = [this](std::uint16_t frames) {
       if (journal_) journal_->lost(coming(), frames);
       axis_host_can_lost(axis(), frames);
     };
-    ears_.state = [this](std::uint8_t state) {
+    handlers_.state = [this](std::uint8_t state) {
       if (journal_) journal_->bus(coming(), state);
       axis_host_can_bus(axis(), state);
     };
@@ -127,26 +127,26 @@ class Axis {
       if (journal_) journal_->overrun(coming());
       axis_host_overrun(axis());
     }
-    if (can_) can_->receive(ears_);
+    if (can_) can_->receive(handlers_);
     const host::LinkOutputs out = firmware_->tick(in);
-    say(modbus);
+    transmit(modbus);
     if (journal_ && ++unflushed_ == kTicksPerFlush) {
       unflushed_ = 0;
       journal_->flush();
-      tell_broken_journal();
+      report_broken_journal();
     }
     return out;
   }
 
   // The tick after the plant fell silent, and those that hold the axis there.
   host::LinkOutputs lose_sensors(nodes::ModbusPort *modbus) {
-    if (can_) can_->receive(ears_);
+    if (can_) can_->receive(handlers_);
     const auto out = firmware_->lose_sensors(static_cast<std::uint8_t>(number_));
-    say(modbus);
+    transmit(modbus);
     return out;
   }
 
-  void hear_modbus(std::span<const std::uint8_t> bytes) {
+  void receive_modbus(std::span<const std::uint8_t> bytes) {
     if (journal_) journal_->modbus(coming(), bytes);
     axis_host_modbus_receive(axis(), bytes.data(), static_cast<std::uint16_t>(bytes.size()));
   }
@@ -163,7 +163,7 @@ class Axis {
     }
     const std::string hash = firmware_->hash();
     if (journal_) journal_->end(coming(), hash);
-    tell_broken_journal();
+    report_broken_journal();
     nodes::JsonObject o;
     o.add("axis", number_)
         .add("experiment", experiment_.file.string())
@@ -187,16 +187,15 @@ class Axis {
   axis_host_t *axis() { return firmware_->axis(); }
 
   // Once: the axis goes on, it may be driving something.
-  void tell_broken_journal() {
-    if (!journal_broken() || std::exchange(told_broken_, true)) return;
+  void report_broken_journal() {
+    if (!journal_broken() || std::exchange(reported_broken_, true)) return;
     std::cerr << "axis_node: " << journal_file_
               << ": expected to be able to write the journal, it is not whole\n";
   }
 
-  void say(nodes::ModbusPort *modbus) {
-    // Everything is taken from the firmware every tick, also what nobody listens to: that is what a
-    // replay does. Frames that the interface does not take now wait, but not for a lost bus to come
-    // back: they would tell of then as if it were now.
+  void transmit(nodes::ModbusPort *modbus) {
+    // The firmware's output is fetched every tick, with or without a bus, as a replay does. Frames
+    // wait for room at the interface, but not for an interface that is down: they would be stale.
     const bool off = !can_ || can_->is_off();
     if (off) unsent_.clear();
     for (can_frame_t frame; axis_host_can_transmit(axis(), &frame);) {
@@ -216,17 +215,16 @@ class Axis {
   host::LateTicks late_;
   int unflushed_ = 0;
   std::string journal_file_;
-  bool told_broken_ = false;
+  bool reported_broken_ = false;
   std::unique_ptr<store_file_t, StoreCloser> store_;
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<nodes::CanPort> can_;
-  nodes::CanPort::Ears ears_;
+  nodes::CanPort::Handlers handlers_;
   std::unique_ptr<host::FirmwareSide> firmware_;
   std::deque<can_frame_t> unsent_;
 };
 
-// The signal that asked for the end: journal and report are still written. A second one does not
-// wait for that.
+// The signal that ends the run: journal and report are still written. A second one ends at once.
 std::atomic<int> stopped{0};
 
 void end_by_signals() {
@@ -243,14 +241,14 @@ void end_by_signals() {
   }).detach();
 }
 
-// Whether somebody has written to standard input, or closed it.
+// Whether standard input has data or was closed.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   return poll(&input, 1, 0) == 1;
 }
 
-// After the silence, at the pace of the wall clock: the buses go on, so that everyone who asks is
-// told the fault.
+// Serves the buses after the silence, at the pace of the wall clock, so that clients can read the
+// fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
   using Clock = std::chrono::steady_clock;
   const auto start = Clock::now();
@@ -260,7 +258,7 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
     if (modbus != nullptr) {
       const auto bytes = modbus->receive();
       for (const auto &axis : axes) {
-        if (!bytes.empty()) axis->hear_modbus(bytes);
+        if (!bytes.empty()) axis->receive_modbus(bytes);
       }
     }
     for (const auto &axis : axes) axis->lose_sensors(modbus);
@@ -300,7 +298,7 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     if (modbus) {
       const auto bytes = modbus->receive();
       for (const auto &axis : axes) {
-        if (!bytes.empty()) axis->hear_modbus(bytes);
+        if (!bytes.empty()) axis->receive_modbus(bytes);
       }
     }
     return axes[static_cast<std::size_t>(in.axis - options.first_axis)]->tick(in, modbus.get());

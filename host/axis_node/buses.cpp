@@ -14,72 +14,73 @@
 namespace forceaxis::nodes {
 namespace {
 
-constexpr unsigned kCallsPerLook = 150;  // a tenth of a second: is an interface that was down up?
+constexpr unsigned kCallsPerCheck = 150;  // a tenth of a second
 constexpr std::size_t kModbusBytes = 1024;
 
 }  // namespace
 
-// Remote frames too: a node answers them, or says that it does not.
+// Remote frames are received too: the node decides what to do with them.
 CanPort::CanPort(const std::string &interface)
     : socket_(interface, {.filter = {0, CAN_EFF_FLAG},
                           .errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED,
                           .deep = true}) {}
 
-void CanPort::set_state(std::uint8_t state, const Ears &ears) {
+void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
   if (state == state_) return;
   state_ = state;
-  ears.state(state);
+  handlers.state(state);
 }
 
 // Ten times what a bus of 1 Mbit/s carries in a tick.
 constexpr int kFramesPerTick = 64;
 
-void CanPort::receive(const Ears &ears) {
-  // A bus that was lost is asked for now and then.
-  if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerLook == 0 && socket_.is_up()) {
-    set_state(CAN_BUS_ACTIVE, ears);
+void CanPort::receive(const Handlers &handlers) {
+  // An interface that was down is checked now and then.
+  if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerCheck == 0 && socket_.is_up()) {
+    set_state(CAN_BUS_ACTIVE, handlers);
   }
-  // A flood must not keep the tick waiting: what is left waits for the next one, and what the
-  // socket cannot hold is counted as lost.
+  // A flood must not delay the tick: the remaining frames wait for the next one, and those that
+  // the socket cannot hold are counted as lost.
   for (int i = 0; i < kFramesPerTick; ++i) {
     can_frame frame;
     const int n = socket_.receive({&frame, 1});
     if (n < 0) {
-      if (n == -ENETDOWN || n == -ENODEV) set_state(CAN_BUS_OFF, ears);
+      if (n == -ENETDOWN || n == -ENODEV) set_state(CAN_BUS_OFF, handlers);
       if (n == -EINTR || n == -ENETDOWN) continue;
       return;
     }
     if (const std::uint32_t lost = socket_.take_lost(); lost > 0) {
-      ears.lost(static_cast<std::uint16_t>(std::min<std::uint32_t>(lost, 65535)));
+      handlers.lost(static_cast<std::uint16_t>(std::min<std::uint32_t>(lost, 65535)));
     }
     if ((frame.can_id & CAN_EFF_FLAG) != 0) continue;
     if ((frame.can_id & CAN_ERR_FLAG) != 0) {
       constexpr int kPassive = CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE;
       const bool controller = (frame.can_id & CAN_ERR_CRTL) != 0;
       if ((frame.can_id & CAN_ERR_BUSOFF) != 0) {
-        set_state(CAN_BUS_OFF, ears);
+        set_state(CAN_BUS_OFF, handlers);
       } else if (controller && (frame.data[1] & kPassive) != 0) {
-        set_state(CAN_BUS_PASSIVE, ears);
+        set_state(CAN_BUS_PASSIVE, handlers);
       } else if ((frame.can_id & CAN_ERR_RESTARTED) != 0 ||
                  (controller && (frame.data[1] & CAN_ERR_CRTL_ACTIVE) != 0)) {
-        set_state(CAN_BUS_ACTIVE, ears);
+        set_state(CAN_BUS_ACTIVE, handlers);
       }
       continue;
     }
-    can_frame_t heard{};
-    heard.id = static_cast<std::uint16_t>(frame.can_id & CAN_SFF_MASK);
-    heard.remote = (frame.can_id & CAN_RTR_FLAG) != 0;
-    heard.length = heard.remote != 0 ? std::uint8_t{0} : std::min<std::uint8_t>(frame.can_dlc, 8);
-    std::copy_n(frame.data, heard.length, heard.data);
-    ears.frame(heard);
+    can_frame_t received{};
+    received.id = static_cast<std::uint16_t>(frame.can_id & CAN_SFF_MASK);
+    received.remote = (frame.can_id & CAN_RTR_FLAG) != 0;
+    received.length =
+        received.remote != 0 ? std::uint8_t{0} : std::min<std::uint8_t>(frame.can_dlc, 8);
+    std::copy_n(frame.data, received.length, received.data);
+    handlers.frame(received);
   }
 }
 
-bool CanPort::send(const can_frame_t &said) {
+bool CanPort::send(const can_frame_t &sent) {
   can_frame frame{};
-  frame.can_id = said.id | (said.remote != 0 ? CAN_RTR_FLAG : 0U);
-  frame.can_dlc = said.length;
-  std::copy_n(said.data, said.length, frame.data);
+  frame.can_id = sent.id | (sent.remote != 0 ? CAN_RTR_FLAG : 0U);
+  frame.can_dlc = sent.length;
+  std::copy_n(sent.data, sent.length, frame.data);
   return socket_.send({&frame, 1}) == 1;
 }
 
@@ -116,7 +117,7 @@ std::span<const std::uint8_t> ModbusPort::receive() {
 void ModbusPort::send(std::span<const std::uint8_t> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = write(device_, bytes.data(), bytes.size());
-    if (n <= 0) return;  // nobody reads: the client repeats its request
+    if (n <= 0) return;  // the line is blocked: the client repeats its request
     bytes = bytes.subspan(static_cast<std::size_t>(n));
   }
 }

@@ -1,7 +1,6 @@
 #pragma once
 // The buses of axis_node: sockets and devices on one side, the firmware's passive protocols on the
-// other. Everything here is without waiting: what has come is taken before a tick, what the
-// firmware wants to say is passed on after it.
+// other. Nothing here waits: frames and bytes are received before a tick and sent after it.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -14,28 +13,28 @@
 
 namespace forceaxis::nodes {
 
-// One axis's own socket on a CAN interface, so that axes of one process hear each other as nodes of
-// a bus do. Only classic frames with 11-bit identifiers are passed on.
+// One axis's own socket on a CAN interface, so that axes of one process receive each other's frames
+// as nodes of a bus do. Only classic frames with 11-bit identifiers are passed on.
 class CanPort {
  public:
   // Throws canopen::CanError.
   explicit CanPort(const std::string &interface);
 
-  struct Ears {
+  struct Handlers {
     std::function<void(const can_frame_t &)> frame;
     std::function<void(std::uint16_t)> lost;  // frames that the kernel had to drop
     std::function<void(std::uint8_t)> state;  // CAN_BUS_, at a change
   };
-  void receive(const Ears &ears);
+  void receive(const Handlers &handlers);
 
-  // Whether the bus is lost.
+  // Whether the interface is down.
   bool is_off() const { return state_ == CAN_BUS_OFF; }
 
   // False: the interface takes nothing now.
   bool send(const can_frame_t &frame);
 
  private:
-  void set_state(std::uint8_t state, const Ears &ears);
+  void set_state(std::uint8_t state, const Handlers &handlers);
 
   canopen::CanSocket socket_;
   std::uint8_t state_ = CAN_BUS_ACTIVE;
@@ -51,7 +50,7 @@ class ModbusPort {
   ModbusPort &operator=(const ModbusPort &) = delete;
   ~ModbusPort();
 
-  // What has come, possibly nothing.
+  // The bytes received since the last call, possibly none.
   std::span<const std::uint8_t> receive();
   void send(std::span<const std::uint8_t> bytes);
 

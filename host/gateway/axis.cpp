@@ -1,7 +1,6 @@
 #include "host/gateway/axis.hpp"
 
 #include <algorithm>
-#include <iostream>
 #include <span>
 
 #include "host/gateway/words.hpp"
@@ -60,7 +59,7 @@ std::string name_of(std::uint16_t object) { return host::object_meta(object).nam
 GatewayAxis::GatewayAxis(EventLoop &loop, lcm_bus::AxisChannels &lcm, SdoChannel::Send send,
                          const AxisSettings &settings)
     : loop_(loop),
-      lcm_(lcm),
+      publisher_(lcm, settings.number),
       send_(std::move(send)),
       settings_(settings),
       master_(loop, send_, 0x600U + static_cast<unsigned>(settings.number),
@@ -72,128 +71,15 @@ GatewayAxis::GatewayAxis(EventLoop &loop, lcm_bus::AxisChannels &lcm, SdoChannel
 
 void GatewayAxis::start() { loop_.spawn(supervise()); }
 
-// --- values and events
-// -----------------------------------------------------------------------------
-
-std::int64_t GatewayAxis::value(std::uint16_t object) const { return values_[object].value; }
-
-std::int64_t GatewayAxis::utime() const {
-  if (value(AXIS_OBJ_TICK_COUNT) == kNotAvailable) return kNotAvailable;
-  return static_cast<std::int64_t>(tick_ * 2000 / 3);
-}
-
-void GatewayAxis::update(std::uint16_t object, std::int64_t value) {
-  Value &held = values_[object];
-  const std::int64_t before = std::exchange(held.value, value);
-  held.at = EventLoop::Clock::now();
-  if (object == AXIS_OBJ_TICK_COUNT) {
-    const auto low = static_cast<std::uint32_t>(value);
-    tick_ = before == kNotAvailable ? low : tick_ + (low - static_cast<std::uint32_t>(tick_));
-  }
-  if (before != value) changed(object, before, value);
-}
-
-void GatewayAxis::changed(std::uint16_t object, std::int64_t before, std::int64_t now) {
-  const auto value = static_cast<std::int32_t>(now);
-  const std::string text = host::enum_text(object, value);
-  // What is found at the first look did not change, but a fault is worth being told.
-  const bool first = before == kNotAvailable;
-  switch (object) {
-    case AXIS_OBJ_FAULT:
-      if (first && now == 0) return;
-      event(axis_event_t::EVENT_FAULT, now, now == 0 ? "fault cleared" : "fault " + text);
-      return;
-    case AXIS_OBJ_STATUSWORD:
-      if (first || drive_state_text(before) != drive_state_text(now)) {
-        event(axis_event_t::EVENT_DRIVE_STATE, now, drive_state_text(now));
-      }
-      return;
-    case AXIS_OBJ_MODES_OF_OPERATION_DISPLAY:
-      if (!first) event(axis_event_t::EVENT_MODE, now, "mode " + mode_text(now));
-      return;
-    case AXIS_OBJ_COMMAND_SOURCE:
-      if (!first) event(axis_event_t::EVENT_LOCK, now, "the axis belongs to " + text);
-      return;
-    case AXIS_OBJ_LIMIT_REASON:
-      if (!first) event(axis_event_t::EVENT_LIMIT, now, now == 0 ? "no limit" : "limit " + text);
-      return;
-    default:
-      return;
-  }
-}
-
-void GatewayAxis::event(std::int64_t kind, std::int64_t code, const std::string &text,
-                        const std::vector<lcm_bus::Item> &items, lcm_bus::CommandId command) {
-  axis_event_t e{};
-  e.utime = utime();
-  e.kind = kind;
-  e.code = code;
-  e.command_run_id = command.run_id;
-  e.command_id = command.command_id;
-  e.text = text;
-  for (const lcm_bus::Item &item : items) {
-    e.object.push_back(item.object);
-    e.value.push_back(item.value);
-  }
-  e.num_items = static_cast<std::int32_t>(items.size());
-  lcm_.publish(number(), e);
-}
-
-void GatewayAxis::loud_event(std::int64_t kind, std::int64_t code, const std::string &text) {
-  std::cerr << "gateway: axis " << number() << ": " << text << std::endl;
-  event(kind, code, text);
-}
-
 void GatewayAxis::publish_state() {
   published_ = true;
-  axis_state_t s{};
-  const Value &status = values_[AXIS_OBJ_STATUSWORD];
-  s.utime = utime();
-  s.objects_hash = table_hash_;
-  s.nmt_state = nmt_state_;
-  s.age_us = kNotAvailable;
-  if (status.value != kNotAvailable) {
-    s.age_us =
-        std::chrono::duration_cast<std::chrono::microseconds>(EventLoop::Clock::now() - status.at)
-            .count();
-  }
-  s.tick = value(AXIS_OBJ_TICK_COUNT);
-  s.statusword = status.value;
-  s.controlword = value(AXIS_OBJ_CONTROLWORD);
-  s.mode_display = value(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY);
-  s.native_mode = value(AXIS_OBJ_ACTIVE_MODE);
-  s.fault = value(AXIS_OBJ_FAULT);
-  s.error_code = value(AXIS_OBJ_ERROR_CODE);
-  s.limit_reason = value(AXIS_OBJ_LIMIT_REASON);
-  s.command_source = value(AXIS_OBJ_COMMAND_SOURCE);
-  s.contact = value(AXIS_OBJ_CONTACT);
-  s.limit_cycle = value(AXIS_OBJ_LIMIT_CYCLE);
-  s.position_cnt = value(AXIS_OBJ_POSITION_ACTUAL);
-  s.velocity_cnt_per_s = value(AXIS_OBJ_VELOCITY_ACTUAL);
-  s.force_permille = value(AXIS_OBJ_FORCE_ACTUAL);
-  s.force_cnt_q8 = value(AXIS_OBJ_FORCE);
-  s.force_raw = value(AXIS_OBJ_FORCE_RAW);
-  s.current_permille = value(AXIS_OBJ_CURRENT_ACTUAL);
-  s.current_raw = value(AXIS_OBJ_CURRENT_RAW);
-  s.dac_code = value(AXIS_OBJ_DAC_CODE);
-  s.command_code = value(AXIS_OBJ_COMMAND_CODE);
-  s.target_position_cnt = value(AXIS_OBJ_TARGET_POSITION);
-  s.target_velocity_cnt_per_s = value(AXIS_OBJ_TARGET_VELOCITY);
-  s.target_force_permille = value(AXIS_OBJ_TARGET_FORCE);
-  s.demand_position_cnt = value(AXIS_OBJ_POSITION_DEMAND);
-  s.following_error_cnt = value(AXIS_OBJ_FOLLOWING_ERROR);
-  s.rated_force_mN = value(AXIS_OBJ_RATED_FORCE);
-  s.force_scale_uN = value(AXIS_OBJ_FORCE_SCALE);
-  lcm_.publish(number(), s);
+  publisher_.publish_state(table_hash_, nmt_state_);
 }
 
 void GatewayAxis::before_sync() {
   if (!published_) publish_state();
   published_ = false;
 }
-
-// --- what comes
-// --------------------------------------------------------------------------------------
 
 void GatewayAxis::receive(const canopen::Frame &frame) {
   const std::uint32_t node = static_cast<std::uint32_t>(number());
@@ -204,7 +90,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
     }
   }
   if (frame.id == kHeartbeat + node && frame.length == 1) {
-    heard_state(frame.data[0] & 0x7F);
+    receive_heartbeat(frame.data[0] & 0x7F);
   } else if (frame.id == kEmergency + node && frame.length == 8) {
     receive_emergency(frame);
   } else {
@@ -214,7 +100,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
   }
 }
 
-void GatewayAxis::heard_state(std::uint8_t state) {
+void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   silence_ = 0ms;
   heartbeats_ = true;
   const bool booted = state == 0;
@@ -222,16 +108,16 @@ void GatewayAxis::heard_state(std::uint8_t state) {
   present_ = true;
   if (state != nmt_state_ || booted) {
     nmt_state_ = state;
-    event(axis_event_t::EVENT_NODE, state, booted ? "boot-up" : "node is " + nmt_text(state));
+    publisher_.event(axis_event_t::EVENT_NODE, state,
+                     booted ? "boot-up" : "node is " + nmt_text(state));
   }
 }
 
-// Silence is counted in the gateway's own periods: while this machine stands still as a whole, time
-// passes but nobody could have sent anything.
+// Silence is counted in the gateway's own periods, so that a pause of the whole machine is none.
 void GatewayAxis::watch_heartbeat(std::chrono::milliseconds period) {
   if (!present_ || !heartbeats_) return;
   silence_ += period;
-  // At first with the period that the node itself has, which is 200 ms by default.
+  // Before the set-up the node has its own period, 200 ms by default.
   const auto beat = set_up_boots_ == boots_ && !mismatch_ ? settings_.heartbeat
                                                           : std::max(settings_.heartbeat, 1000ms);
   if (silence_ > kLateHeartbeats * beat) lose("heartbeat lost", silence_.count());
@@ -242,33 +128,33 @@ void GatewayAxis::lose(const std::string &why, std::int64_t milliseconds) {
   heartbeats_ = false;
   table_known_ = false;
   nmt_state_ = axis_state_t::NMT_SILENT;
-  loud_event(axis_event_t::EVENT_HEARTBEAT_LOST, milliseconds,
-             why + ": nothing heard of the node for " + std::to_string(milliseconds) + " ms");
+  publisher_.loud_event(
+      axis_event_t::EVENT_HEARTBEAT_LOST, milliseconds,
+      why + ": nothing heard of the node for " + std::to_string(milliseconds) + " ms");
 }
 
 void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
   const auto code = static_cast<std::uint16_t>(frame.data[0] | frame.data[1] << 8);
   const std::int64_t manufacturer = value_of(std::span(frame.data).subspan(3), false);
-  event(axis_event_t::EVENT_EMCY, code, emergency_text(code, std::span(frame.data).subspan(3)),
-        {{"error_register", frame.data[2]}, {"manufacturer", manufacturer}});
+  publisher_.event(axis_event_t::EVENT_EMCY, code,
+                   emergency_text(code, std::span(frame.data).subspan(3)),
+                   {{"error_register", frame.data[2]}, {"manufacturer", manufacturer}});
 }
 
 void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
-  // Until the set-up has made sure of it, a PDO may carry anything.
+  // Before the set-up a PDO may be mapped to anything.
   if (set_up_boots_ != boots_ || mismatch_) return;
   std::size_t at = 0;
   for (const std::uint16_t object : kPlans[static_cast<std::size_t>(pdo)].objects) {
     if (object == AXIS_OBJ_NONE) break;
     const ObjectAddress address = address_of(object);
     if (at + address.bytes > frame.length) return;
-    update(object, value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed));
+    publisher_.update(
+        object, value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed));
     at += address.bytes;
   }
   if (pdo == kLastPdo && !published_) publish_state();
 }
-
-// --- set-up and polling
-// --------------------------------------------------------------------------------
 
 Task<void> GatewayAxis::supervise() {
   while (loop_.running()) {
@@ -285,7 +171,7 @@ Task<void> GatewayAxis::supervise() {
   }
 }
 
-// A node that sends no heartbeat is asked.
+// Polls a node that sends no heartbeat.
 Task<bool> GatewayAxis::find() {
   const ObjectResult type = co_await master_port().read(AXIS_OBJ_DEVICE_TYPE);
   if (!type.silent) {
@@ -294,9 +180,10 @@ Task<bool> GatewayAxis::find() {
     silence_ = 0ms;
     co_return true;
   }
-  if (!told_waiting_) {
-    told_waiting_ = true;
-    loud_event(axis_event_t::EVENT_NOTE, kNotAvailable, "waiting for the node, it does not answer");
+  if (!reported_waiting_) {
+    reported_waiting_ = true;
+    publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
+                          "waiting for the node, it does not answer");
   }
   co_return false;
 }
@@ -304,19 +191,19 @@ Task<bool> GatewayAxis::find() {
 bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
   if (result.ok()) return false;
   if (result.silent) {
-    loud_event(axis_event_t::EVENT_BUS, 0, std::string(what) + ": no answer in time");
+    publisher_.loud_event(axis_event_t::EVENT_BUS, 0, std::string(what) + ": no answer in time");
     return true;
   }
   if (result.abort == canopen::kAbortLocked) {
-    if (!told_locked_) {
-      told_locked_ = true;
-      loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                 "set-up waits: another source owns the axis");
+    if (!reported_locked_) {
+      reported_locked_ = true;
+      publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
+                            "set-up waits: another source owns the axis");
     }
     return true;
   }
-  loud_event(axis_event_t::EVENT_NOTE, result.abort,
-             std::string(what) + ": " + canopen::abort_text(result.abort));
+  publisher_.loud_event(axis_event_t::EVENT_NOTE, result.abort,
+                        std::string(what) + ": " + canopen::abort_text(result.abort));
   return true;
 }
 
@@ -334,7 +221,7 @@ Task<bool> GatewayAxis::ensure(ObjectAddress address, std::int64_t value, std::s
 
 Task<bool> GatewayAxis::set_up() {
   const std::uint64_t boots = boots_;
-  for (Value &value : values_) value = {};
+  publisher_.forget();
   if (!co_await identify()) co_return false;
   if (!mismatch_) {
     if (!co_await watch_each_other()) co_return false;
@@ -342,15 +229,16 @@ Task<bool> GatewayAxis::set_up() {
       if (!co_await set_up_pdo(pdo)) co_return false;
     }
     if (!co_await set_parameters()) co_return false;
-    // A node that another master has stopped, or that reset itself, is started too.
+    // Also starts a node that another master has stopped, or that was reset.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
   }
   if (boots != boots_) co_return false;
   set_up_boots_ = boots;
-  told_locked_ = false;
-  told_waiting_ = false;
-  event(axis_event_t::EVENT_NODE, nmt_state_,
-        mismatch_ ? "watched only: its object table is another one" : "set up and started");
+  reported_locked_ = false;
+  reported_waiting_ = false;
+  publisher_.event(
+      axis_event_t::EVENT_NODE, nmt_state_,
+      mismatch_ ? "watched only: its object table is another one" : "set up and started");
   co_return true;
 }
 
@@ -367,14 +255,15 @@ Task<bool> GatewayAxis::identify() {
     const std::string found = !ours       ? "another product"
                               : hash.ok() ? "object table " + hash_text(table_hash_)
                                           : "no object table";
-    loud_event(axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
-               "expected object table " + hash_text(AXIS_OBJECTS_HASH32) + ", the axis has " +
-                   found + ": writes are refused; build gateway and firmware from one table");
+    publisher_.loud_event(axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
+                          "expected object table " + hash_text(AXIS_OBJECTS_HASH32) +
+                              ", the axis has " + found +
+                              ": writes are refused; build gateway and firmware from one table");
   }
   co_return true;
 }
 
-// The axis heeds the gateway's heartbeat, the gateway the axis's.
+// Heartbeats both ways: the axis consumes the gateway's, the gateway the axis's.
 Task<bool> GatewayAxis::watch_each_other() {
   const ObjectAddress period = address_of(AXIS_OBJ_PRODUCER_HEARTBEAT_TIME);
   if (!co_await ensure(period, settings_.heartbeat.count(), "heartbeat")) co_return false;
@@ -391,9 +280,10 @@ Task<bool> GatewayAxis::watch_each_other() {
     if ((held.value & 0xFFFF) == 0 && !place) place = entry;
   }
   if (!place) {
-    loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-               "expected a free heartbeat consumer (1016h), all four watch other nodes: the axis "
-               "will not notice when this gateway ends");
+    publisher_.loud_event(
+        axis_event_t::EVENT_NOTE, kNotAvailable,
+        "expected a free heartbeat consumer (1016h), all four watch other nodes: the axis "
+        "will not notice when this gateway ends");
     co_return true;
   }
   co_return co_await ensure(*place, wanted, "heartbeat consumer");
@@ -452,37 +342,30 @@ Task<bool> GatewayAxis::set_parameters() {
   for (const AxisSettings::Parameter &p : settings_.parameters) {
     const ObjectResult written = co_await master_port().write(p.object, p.raw);
     if (!failed(written, name_of(p.object))) continue;
-    // A value that the axis refuses is said, and does not keep it from being watched.
+    // A refused value is reported; the axis is watched nevertheless.
     if (written.silent || written.abort == canopen::kAbortLocked) co_return false;
   }
   co_return true;
 }
 
 Task<void> GatewayAxis::poll_next() {
-  const Time now = EventLoop::Clock::now();
   for (std::size_t i = 0; i < std::size(kPolled); ++i) {
     const std::uint16_t object = kPolled[next_poll_];
     next_poll_ = (next_poll_ + 1) % std::size(kPolled);
-    const Value &held = values_[object];
-    if (held.value != kNotAvailable && now - held.at < kFresh && i + 1 < std::size(kPolled)) {
-      continue;
-    }
+    if (publisher_.is_fresh(object, kFresh) && i + 1 < std::size(kPolled)) continue;
     const ObjectResult result = co_await master_port().read(object);
     if (result.ok()) {
-      update(object, result.value);
+      publisher_.update(object, result.value);
     } else if (result.silent && present_) {
       if (!heartbeats_) {
         lose("no answer", settings_.sdo_timeout.count());
       } else {
-        loud_event(axis_event_t::EVENT_BUS, 0, name_of(object) + ": no answer in time");
+        publisher_.loud_event(axis_event_t::EVENT_BUS, 0, name_of(object) + ": no answer in time");
       }
     }
     co_return;
   }
 }
-
-// --- the end
-// ---------------------------------------------------------------------------------------------
 
 Task<void> GatewayAxis::shut_down() {
   constexpr std::int64_t kQuickStop = 0x0002;
@@ -500,7 +383,7 @@ Task<void> GatewayAxis::shut_down() {
       state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
     }
   }
-  // An axis that is still active keeps its watch: the end of the heartbeat disables it.
+  // An axis that is still active keeps its watch: the lost heartbeat disables it.
   if (!state.ok() || state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state.value == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     co_return;

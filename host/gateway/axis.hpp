@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "host/gateway/object_port.hpp"
-#include "host/lcm/axis_channels.hpp"
+#include "host/gateway/publisher.hpp"
 
 extern "C" {
 #include "firmware/objects/generated/axis_objects.h"
@@ -44,14 +44,14 @@ class GatewayAxis {
   // Set-up, polling and watching go on until the loop is abandoned.
   void start();
 
-  // A frame from the bus; those of other nodes are passed over.
+  // A frame from the bus; those of other nodes are ignored.
   void receive(const canopen::Frame &frame);
   // A SYNC is about to be sent: publishes the state that the last one brought.
   void before_sync();
-  // To be called once a period, with all received frames given: says when the heartbeat is lost.
+  // To be called once a period, after all received frames: reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // Stops the axis if it is CANopen's, and ends its watch for the gateway.
+  // Stops the axis if CANopen owns it, and ends its watch for the gateway's heartbeat.
   Task<void> shut_down();
 
   // The axis has this program's object table, and is not silent.
@@ -65,25 +65,11 @@ class GatewayAxis {
   ObjectPort modbus_port() { return ObjectPort(modbus_); }
   ObjectPort lcm_port() { return ObjectPort(lcm_channel_); }
 
-  // The last value that was heard or read; lcm_bus::kNotAvailable where there is none.
-  std::int64_t value(std::uint16_t object) const;
-  // A value that was read or written: what changed becomes an event.
-  void update(std::uint16_t object, std::int64_t value);
-
-  // Firmware time of the last tick that was heard of, or not available.
-  std::int64_t utime() const;
-
-  // Publishes an event; `loud` also says it on standard error.
-  void event(std::int64_t kind, std::int64_t code, const std::string &text,
-             const std::vector<lcm_bus::Item> &items = {}, lcm_bus::CommandId command = {});
-  void loud_event(std::int64_t kind, std::int64_t code, const std::string &text);
+  AxisPublisher &publisher() { return publisher_; }
+  const AxisPublisher &publisher() const { return publisher_; }
 
  private:
   using Time = EventLoop::Time;
-  struct Value {
-    std::int64_t value = lcm_bus::kNotAvailable;
-    Time at;
-  };
 
   Task<void> supervise();
   Task<bool> find();
@@ -98,22 +84,21 @@ class GatewayAxis {
   bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
 
-  void heard_state(std::uint8_t state);
+  void receive_heartbeat(std::uint8_t state);
   void lose(const std::string &why, std::int64_t milliseconds);
   void receive_emergency(const canopen::Frame &frame);
   void receive_pdo(int pdo, const canopen::Frame &frame);
-  void changed(std::uint16_t object, std::int64_t before, std::int64_t now);
   void publish_state();
 
   EventLoop &loop_;
-  lcm_bus::AxisChannels &lcm_;
+  AxisPublisher publisher_;
   SdoChannel::Send send_;
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;       // it is heard
-  bool told_waiting_ = false;  // that it is not there was said
-  bool told_locked_ = false;
+  bool present_ = false;  // it answers or sends heartbeats
+  bool reported_waiting_ = false;
+  bool reported_locked_ = false;
   bool heartbeats_ = false;  // it sends them
   bool table_known_ = false;
   bool mismatch_ = false;
@@ -123,8 +108,6 @@ class GatewayAxis {
   std::uint64_t boots_ = 1, set_up_boots_ = 0;
   std::chrono::milliseconds silence_{0};  // since the last heartbeat
   std::size_t next_poll_ = 0;
-  std::uint64_t tick_ = 0;  // unwrapped
-  std::array<Value, AXIS_OBJ_COUNT> values_{};
 };
 
 }  // namespace forceaxis::nodes

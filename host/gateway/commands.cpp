@@ -38,15 +38,16 @@ bool late(const axis_command_t &command) {
 
 }  // namespace
 
-void GatewayCommands::say(Id id, const Answer &answer) {
-  axis_.event(answer.kind, answer.code, answer.text, answer.items, {id.first, id.second});
+void GatewayCommands::publish_answer(Id id, const Answer &answer) {
+  axis_.publisher().event(answer.kind, answer.code, answer.text, answer.items,
+                          {id.first, id.second});
 }
 
 void GatewayCommands::receive(const axis_command_t &command) {
   const Id id{command.run_id, command.command_id};
   const auto known = answers_.find(id);
   if (known != answers_.end()) {
-    if (known->second.kind != 0) say(id, known->second);
+    if (known->second.kind != 0) publish_answer(id, known->second);
     return;
   }
   // What is late stays undone: the client has given up by now, and nothing is to move late.
@@ -73,7 +74,7 @@ Task<void> GatewayCommands::serve() {
     const Answer answer = co_await carry_out(command);
     const auto place = answers_.find(id);
     if (place != answers_.end()) place->second = answer;
-    say(id, answer);
+    publish_answer(id, answer);
   }
 }
 
@@ -126,9 +127,6 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
   }
 }
 
-// --- items
-// ---------------------------------------------------------------------------------------------
-
 std::optional<GatewayCommands::Target> GatewayCommands::target_of(const std::string &name) {
   const auto object = host::find_object(name);
   if (object) return Target{address_of(*object), *object};
@@ -168,7 +166,7 @@ namespace {
 std::string reason_of(const ObjectResult &result, std::uint16_t object, const GatewayAxis &axis) {
   if (result.silent) return "the axis did not answer in time";
   if (result.abort == canopen::kAbortLocked) {
-    const std::int64_t owner = axis.value(AXIS_OBJ_COMMAND_SOURCE);
+    const std::int64_t owner = axis.publisher().value(AXIS_OBJ_COMMAND_SOURCE);
     return (owner == kNotAvailable
                 ? std::string("another source owns the axis")
                 : "the axis belongs to " +
@@ -208,14 +206,15 @@ Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t 
     const ObjectResult result = co_await axis_.lcm_port().write(target->address, value);
     if (result.abort == canopen::kAbortLocked) {
       const ObjectResult owner = co_await axis_.master_port().read(AXIS_OBJ_COMMAND_SOURCE);
-      if (owner.ok()) axis_.update(AXIS_OBJ_COMMAND_SOURCE, owner.value);
+      if (owner.ok()) axis_.publisher().update(AXIS_OBJ_COMMAND_SOURCE, owner.value);
     }
     if (!result.ok()) {
       co_return refused(std::move(answer), name, value, result.abort,
                         reason_of(result, target->object, axis_));
     }
     answer.items.push_back({name, value});
-    if (host::object_meta(target->object).access[0] == 'r') axis_.update(target->object, value);
+    if (host::object_meta(target->object).access[0] == 'r')
+      axis_.publisher().update(target->object, value);
   }
   answer.kind = axis_event_t::EVENT_DONE;
   answer.code = kNotAvailable;
@@ -249,7 +248,7 @@ Task<GatewayCommands::Answer> GatewayCommands::lock(std::int64_t source) {
     co_return refused(std::move(answer), "command_source", source, result.abort,
                       reason_of(result, AXIS_OBJ_COMMAND_SOURCE, axis_));
   }
-  axis_.update(AXIS_OBJ_COMMAND_SOURCE, source);
+  axis_.publisher().update(AXIS_OBJ_COMMAND_SOURCE, source);
   answer.kind = axis_event_t::EVENT_DONE;
   answer.code = kNotAvailable;
   answer.text = "the axis belongs to " +
@@ -257,9 +256,6 @@ Task<GatewayCommands::Answer> GatewayCommands::lock(std::int64_t source) {
   answer.items = {{"command_source", source}};
   co_return answer;
 }
-
-// --- captures
-// --------------------------------------------------------------------------------------------
 
 Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &command) {
   Answer answer;
@@ -307,7 +303,7 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
 void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
                                   const std::string &text) {
   capturing_ = false;
-  axis_.event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
+  axis_.publisher().event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
 }
 
 // Waits for the recorder and fetches what it holds. It is watched and read on the master's channel:

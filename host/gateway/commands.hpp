@@ -45,7 +45,7 @@ class GatewayCommands {
   static std::optional<Target> target_of(const std::string &name);
   Answer refused(Answer answer, const std::string &name, std::int64_t value, std::int64_t code,
                  const std::string &reason) const;
-  void say(Id id, const Answer &answer);
+  void publish_answer(Id id, const Answer &answer);
 
   EventLoop &loop_;
   lcm_bus::AxisChannels &lcm_;

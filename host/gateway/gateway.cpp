@@ -23,7 +23,7 @@ using namespace std::chrono_literals;
 constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
-// Taken from the bus at a time, so that a flood keeps neither SYNC and heartbeat nor LCM waiting.
+// Received at a time, so that a flood delays neither SYNC and heartbeat nor LCM.
 constexpr int kMostFrames = 256;
 // How long a gateway that starts listens for another one: longer than its heartbeat may be late.
 constexpr auto kClaim = 600ms;
@@ -43,7 +43,7 @@ class Gateway {
       modbus_ = std::make_unique<modbus::TcpServer>(
           options.modbus_address, options.modbus_port,
           [this](std::uint8_t unit) { return find(unit) != nullptr; },
-          [this](std::uint64_t client, std::uint8_t unit, const modbus::Request &request) {
+          [this](std::uint64_t client, std::uint8_t unit, const modbus::Pdu &request) {
             find(unit)->requests.push({client, request});
           });
     }
@@ -79,14 +79,14 @@ class Gateway {
  private:
   struct ModbusRequest {
     std::uint64_t client;
-    modbus::Request request;
+    modbus::Pdu pdu;
   };
   struct Axis {
     Axis(Gateway &g, const AxisSettings &settings)
         : node(
               g.loop_, g.lcm_, [&g](const canopen::Frame &frame) { g.can_.send(frame); }, settings),
           commands(g.loop_, g.lcm_, node),
-          modbus(node.modbus_port()),
+          modbus(node),
           requests(g.loop_) {}
     GatewayAxis node;
     GatewayCommands commands;
@@ -101,8 +101,9 @@ class Gateway {
     return nullptr;
   }
 
-  // Nobody else is to have this node id: first it is listened for, then claimed by a boot-up
-  // message. Two that start together wait for different times, so that one of them hears the other.
+  // The node id must be this gateway's alone: it listens for another owner, then claims the id by a
+  // boot-up message. Two that start together wait for different times, so that one receives the
+  // other's message.
   Task<void> begin() {
     std::random_device device;
     const auto jitter = std::chrono::milliseconds(std::uniform_int_distribution(0, 300)(device));
@@ -135,7 +136,7 @@ class Gateway {
               << std::endl;
   }
 
-  // All axes at once: none goes on moving while another one is waited for.
+  // All axes at once: none keeps moving while another one stops.
   void end() {
     ending_ = true;
     if (!claimed_) return loop_.stop();
@@ -152,7 +153,7 @@ class Gateway {
     can_.send({kHeartbeat + static_cast<std::uint32_t>(options_.node_id), 1, {state}});
   }
 
-  // Calls `what` now and then once a period; a late one does not move the others.
+  // Calls `what` now and once a period from then on; a late call does not move the others.
   void every(EventLoop::Time at, EventLoop::Clock::duration period, EventLoop::Call what) {
     what();
     EventLoop::Time next = at + period;
@@ -176,22 +177,22 @@ class Gateway {
 
   void watch() {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
-      serve_can();  // what came is not late because this program was
+      serve_can();  // frames already received are not late
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
-      tell_trouble();
+      report_trouble();
     });
   }
 
-  void tell_trouble() {
+  void report_trouble() {
     const CanQueue::Trouble trouble = can_.take_trouble();
-    if (trouble.text.empty() || (trouble.text == told_ && trouble.lost == 0)) return;
-    told_ = trouble.text;
+    if (trouble.text.empty() || (trouble.text == reported_ && trouble.lost == 0)) return;
+    reported_ = trouble.text;
     std::cerr << "gateway: " << options_.can << ": " << trouble.text;
     if (trouble.lost != 0) std::cerr << " (" << trouble.lost << " frames)";
     std::cerr << std::endl;
     for (const auto &axis : axes_) {
-      axis->node.event(axis_event_t::EVENT_BUS, static_cast<std::int64_t>(trouble.lost),
-                       options_.can + ": " + trouble.text);
+      axis->node.publisher().event(axis_event_t::EVENT_BUS, static_cast<std::int64_t>(trouble.lost),
+                                   options_.can + ": " + trouble.text);
     }
   }
 
@@ -214,11 +215,9 @@ class Gateway {
     if (!claimed_) throw OtherGateway(text + "; stop it, or give this one another --node-id");
     if (met_other_) return;
     met_other_ = true;
-    for (const auto &axis : axes_) axis->node.loud_event(axis_event_t::EVENT_BUS, 0, text);
+    for (const auto &axis : axes_)
+      axis->node.publisher().loud_event(axis_event_t::EVENT_BUS, 0, text);
   }
-
-  // --- Modbus
-  // --------------------------------------------------------------------------------------
 
   void accept() {
     const auto [client, socket] = modbus_->accept();
@@ -241,13 +240,8 @@ class Gateway {
   Task<void> serve_modbus(Axis &axis) {
     while (loop_.running()) {
       ModbusRequest next = co_await axis.requests;
-      modbus::Answer answer;
-      if (axis.node.present()) {
-        answer = co_await axis.modbus.serve(next.request, axis.node.writes_allowed());
-      } else {
-        answer.exception = modbus::kExceptionTarget;
-      }
-      if (!modbus_->answer(next.client, answer)) forget(next.client);
+      co_await axis.modbus.serve(next.pdu);
+      if (!modbus_->answer(next.client, next.pdu)) forget(next.client);
     }
   }
 
@@ -258,7 +252,7 @@ class Gateway {
   std::vector<std::unique_ptr<Axis>> axes_;
   std::unique_ptr<modbus::TcpServer> modbus_;
   std::map<std::uint64_t, int> sockets_;  // of Modbus clients
-  std::string told_;
+  std::string reported_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
   std::size_t unstopped_ = 0;  // axes, when ending
   int status_ = 0;

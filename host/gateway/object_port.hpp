@@ -41,6 +41,10 @@ class ObjectPort {
   }
   Task<ObjectResult> read(ObjectAddress address);
   Task<ObjectResult> write(ObjectAddress address, std::int64_t value);
+  // Of any length, such as a text.
+  Task<canopen::SdoResult> read_bytes(ObjectAddress address) {
+    return channel_.upload(address.index, address.sub);
+  }
 
  private:
   SdoChannel &channel_;

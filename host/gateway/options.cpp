@@ -126,7 +126,7 @@ void finish_gateway_options(GatewayOptions &o) {
   }
   const std::string wrong = lcm_bus::url_trouble(o.lcm_url);
   if (!wrong.empty()) throw UsageError(from + wrong);
-  // libmodbus listens everywhere when an address begins with 0, and checks none.
+  // 0.0.0.0 is every address of this machine; no other address of network 0 is one.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
       (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {

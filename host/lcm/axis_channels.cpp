@@ -14,7 +14,7 @@ AxisChannels::AxisChannels(const std::string &url) : lcm_(usable<LcmError>(url))
 
 void AxisChannels::listen(int axis, Command command) {
   listeners_.push_back(std::make_unique<Listener>(axis, std::move(command)));
-  lcm_.subscribe("AXIS_" + std::to_string(axis) + "_COMMAND", &Listener::hear,
+  lcm_.subscribe("AXIS_" + std::to_string(axis) + "_COMMAND", &Listener::receive,
                  listeners_.back().get())
       ->setQueueCapacity(1000);
 }

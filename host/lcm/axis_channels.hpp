@@ -41,7 +41,7 @@ class AxisChannels {
 
   explicit AxisChannels(const std::string &url);
 
-  // Calls for each command that comes on the axis's channel, from handle().
+  // Calls `command` for each command received on the axis's channel, from handle().
   void listen(int axis, Command command);
   int fd() { return lcm_.getFileno(); }
   void handle() { lcm_.handleTimeout(0); }
@@ -61,7 +61,7 @@ class AxisChannels {
   struct Listener {
     int axis;
     Command command;
-    void hear(const lcm::ReceiveBuffer *, const std::string &, const axis_command_t *message) {
+    void receive(const lcm::ReceiveBuffer *, const std::string &, const axis_command_t *message) {
       command(axis, *message);
     }
   };

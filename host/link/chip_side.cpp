@@ -30,7 +30,7 @@ std::uint32_t get(const std::uint8_t *from, int bytes) {
 
 ChipSide::ChipSide(const Experiment &experiment, const ChipPipes &pipes)
     : pipes_(pipes), writes_(experiment) {
-  writes_.give_initial(writer());
+  writes_.write_initial(writer());
 }
 
 ExperimentWrites::Write ChipSide::writer() const {
@@ -62,7 +62,7 @@ ChipSide::Answer ChipSide::ask(const Record &record) const {
 }
 
 LinkOutputs ChipSide::tick(const LinkInputs &in) {
-  if (writes_.due(in.tick)) writes_.give_due(in.tick, writer());
+  if (writes_.due(in.tick)) writes_.write_due(in.tick, writer());
   Record record{kTick, in.din, in.sensor_valid};
   put(&record[4], static_cast<std::uint32_t>(in.encoder_cnt), 4);
   put(&record[8], in.adc0_code, 2);

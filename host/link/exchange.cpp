@@ -12,11 +12,11 @@ using std::chrono::milliseconds;
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
-// The plant takes so many records of no use before it looks at the clock.
+// So many useless records the plant receives before it reads the clock.
 constexpr unsigned kUselessWithoutClock = 16;
 
-// The firmware looks at the clock when nothing came, and else every so many calls.
-constexpr unsigned kCallsPerLook = 512;
+// The firmware reads the clock when nothing was received, else every so many calls.
+constexpr unsigned kCallsPerClock = 512;
 
 std::string seconds_text(milliseconds time) {
   std::string text = std::to_string(static_cast<double>(time.count()) / 1000);
@@ -73,7 +73,7 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
       break;
     }
   }
-  for (const LinkInputs &in : inputs) heard_ |= bit(in.axis);
+  for (const LinkInputs &in : inputs) answered_ |= bit(in.axis);
 }
 
 // The answer is late: repeat what is missing until it comes or the time is over.
@@ -90,7 +90,7 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
     for (std::size_t i = 0; i < inputs.size(); ++i) {
       if ((missing >> i & 1U) == 0) continue;
       const unsigned axis = bit(inputs[i].axis);
-      const milliseconds limit = (heard_ & axis) != 0 ? timeouts_.running : timeouts_.start;
+      const milliseconds limit = (answered_ & axis) != 0 ? timeouts_.running : timeouts_.start;
       if (now - start >= limit) {
         silent |= axis;
         allowed = std::max(allowed, limit);
@@ -99,9 +99,9 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
     if (silent != 0) {
       throw LinkSilent("axis_node (" + axes_text(silent) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
-                       ((heard_ & silent) != 0 ? ": it ended, hangs or runs a shorter experiment"
-                                               : ": it never answered; is it running, on this "
-                                                 "link and with this run id?"));
+                       ((answered_ & silent) != 0 ? ": it ended, hangs or runs a shorter experiment"
+                                                  : ": it never answered; is it running, on this "
+                                                    "link and with this run id?"));
     }
     if (late) late();
     if (now >= repeat_at) {
@@ -131,12 +131,12 @@ AxisExchange::AxisExchange(AxisTransport &transport, const LinkTimeouts &timeout
     : transport_(transport),
       timeouts_(timeouts),
       compute_(std::move(compute)),
-      heard_(Clock::now()) {
+      received_(Clock::now()) {
   for (std::size_t i = 0; i < axes.size(); ++i) {
     Axis &axis = axes_[axes[i] - 1U];
     axis.hosted = true;
     axis.last_tick = last_ticks[i];
-    axis.heard = heard_;
+    axis.received = received_;
     axis.answer.tick = -1;
     running_ |= bit(axes[i]);
   }
@@ -167,7 +167,7 @@ unsigned AxisExchange::serve(milliseconds wait) {
     transport_.send({answers.data(), count});
     statistics_.sent += count;
   }
-  if (n > 0 && ++calls_ % kCallsPerLook != 0) return 0;
+  if (n > 0 && ++calls_ % kCallsPerClock != 0) return 0;
   return supervise();
 }
 
@@ -177,17 +177,17 @@ unsigned AxisExchange::supervise() {
   for (std::size_t i = 0; i < axes_.size(); ++i) {
     Axis &axis = axes_[i];
     if (!axis.hosted) continue;
-    if (axis.fresh) heard_ = axis.heard = now;
+    if (axis.fresh) received_ = axis.received = now;
     axis.fresh = false;
     const milliseconds limit = axis.answer.tick >= 0 ? timeouts_.running : timeouts_.start;
-    if ((running_ >> i & 1U) != 0 && now - axis.heard >= limit) silent |= 1U << i;
+    if ((running_ >> i & 1U) != 0 && now - axis.received >= limit) silent |= 1U << i;
   }
   running_ &= ~silent;
   return silent;
 }
 
 milliseconds AxisExchange::quiet() const {
-  return std::chrono::duration_cast<milliseconds>(Clock::now() - heard_);
+  return std::chrono::duration_cast<milliseconds>(Clock::now() - received_);
 }
 
 LinkStatistics AxisExchange::statistics() const {

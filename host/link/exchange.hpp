@@ -1,8 +1,8 @@
 #pragma once
-// Stop and wait. The plant is master: it sends the inputs of a tick, repeats them until the outputs
-// of that tick have come, and only then goes on. The firmware computes a tick once, answers a
-// repeated one from memory and ignores every other. So whatever a transport loses, doubles or
-// delays, both sides pass through the same ticks with the same values.
+// Stop and wait. The plant is master: it sends the inputs of a tick and repeats them until it has
+// received the outputs of that tick. The firmware computes a tick once, answers a repeated one from
+// memory and ignores every other. So whatever a transport loses, doubles or delays, both sides
+// compute the same ticks with the same values.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -25,7 +25,7 @@ struct LinkStatistics {
   std::uint64_t foreign = 0;     // not of this run, or malformed
 };
 
-// After how long without a word the partner counts as silent.
+// How long the partner may send nothing before it counts as silent.
 struct LinkTimeouts {
   std::chrono::milliseconds start{5000};  // before its first record
   std::chrono::milliseconds running{1000};
@@ -58,8 +58,8 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;   // nothing at all came in the last wait
-  unsigned heard_ = 0;  // bit axis - 1: it has answered before
+  bool idle_ = false;      // nothing at all came in the last wait
+  unsigned answered_ = 0;  // bit axis - 1: it has answered before
 };
 
 // The firmware's end, for some axes in one process.
@@ -72,7 +72,7 @@ class AxisExchange {
                std::span<const std::uint8_t> axes, std::span<const std::int64_t> last_ticks,
                Compute compute);
 
-  // Serves what has come within `wait`. Returns the axes of which the plant has fallen silent, as
+  // Answers the records received within `wait`. Returns the axes whose plant has fallen silent, as
   // bits axis - 1; those are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
@@ -88,9 +88,9 @@ class AxisExchange {
 
   struct Axis {
     bool hosted = false;
-    bool fresh = false;  // heard of since the last look at the clock
+    bool fresh = false;  // a record was received since the clock was last read
     std::int64_t last_tick = 0;
-    Clock::time_point heard{};
+    Clock::time_point received{};
     LinkOutputs answer{};  // to the tick done last; its tick is -1 before the first
   };
 
@@ -102,7 +102,7 @@ class AxisExchange {
   std::array<Axis, kMostAxes> axes_{};
   unsigned running_ = 0;  // bits axis - 1
   unsigned calls_ = 0;
-  Clock::time_point heard_;
+  Clock::time_point received_;
   LinkStatistics statistics_;
 };
 

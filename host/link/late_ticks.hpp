@@ -7,9 +7,9 @@ namespace forceaxis::host {
 
 class LateTicks {
  public:
-  // To be told when each tick came. True: more than a tick time after its own time, which is a tick
-  // time after that of the one before. One that is early catches up, one that is late moves those
-  // behind it: a partner that stands still once makes one late tick, one that is too slow many.
+  // To be called with the time at which each tick arrives. True: more than a tick time after it was
+  // due, which is a tick time after the one before. An early tick makes up for delay, a late one
+  // moves the ticks after it: a partner that stops once causes one late tick, a slow one many.
   bool late(std::int64_t now_ns) {
     due_ns_ += kTickNs + kSlackNs;
     const bool is_late = begun_ && now_ns > due_ns_ + kTickNs;

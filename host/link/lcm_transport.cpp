@@ -70,9 +70,10 @@ class LcmTransport : public Transport<Out, In> {
     lcm_.reset(lcm_create(url.c_str()));
     if (!lcm_) throw TransportError(url + ": expected a bus that LCM can join");
     for (int i = 0; i < kMostAxes; ++i) {
-      Ear &ear = ears_[static_cast<std::size_t>(i)];
-      ear = {this, static_cast<std::uint8_t>(i + 1)};
-      lcm_subscribe(lcm_.get(), channel(!kPlant, i + 1).c_str(), &LcmTransport::hear, &ear);
+      Subscription &s = subscriptions_[static_cast<std::size_t>(i)];
+      s = {this, static_cast<std::uint8_t>(i + 1)};
+      lcm_subscribe(lcm_.get(), channel(!kPlant, i + 1).c_str(), &LcmTransport::receive_message,
+                    &s);
       channels_[static_cast<std::size_t>(i)] = channel(kPlant, i + 1);
     }
   }
@@ -95,9 +96,9 @@ class LcmTransport : public Transport<Out, In> {
   }
 
   std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) override {
-    heard_ = records;
+    received_ = records;
     count_ = 0;
-    // One call hands over one message.
+    // One call handles one message.
     if (lcm_handle_timeout(lcm_.get(), static_cast<int>(wait.count())) < 0) {
       throw TransportError(url_ + ": expected to be able to receive");
     }
@@ -107,7 +108,7 @@ class LcmTransport : public Transport<Out, In> {
   std::uint64_t foreign() const override { return foreign_; }
 
  private:
-  struct Ear {
+  struct Subscription {
     LcmTransport *self;
     std::uint8_t axis;
   };
@@ -115,24 +116,24 @@ class LcmTransport : public Transport<Out, In> {
     void operator()(lcm_t *lcm) const { lcm_destroy(lcm); }
   };
 
-  static void hear(const lcm_recv_buf_t *buffer, const char *, void *user) {
-    const Ear &ear = *static_cast<const Ear *>(user);
-    LcmTransport &self = *ear.self;
+  static void receive_message(const lcm_recv_buf_t *buffer, const char *, void *user) {
+    const Subscription &s = *static_cast<const Subscription *>(user);
+    LcmTransport &self = *s.self;
     InMessage m;
     if (m.decode(buffer->data, 0, static_cast<int>(buffer->data_size)) < 0 ||
-        m.run_id != self.run_id_ || self.count_ == self.heard_.size()) {
+        m.run_id != self.run_id_ || self.count_ == self.received_.size()) {
       ++self.foreign_;
       return;
     }
-    self.heard_[self.count_++] = record_of(m, ear.axis);
+    self.received_[self.count_++] = record_of(m, s.axis);
   }
 
   std::string url_;
   std::int64_t run_id_;
   std::unique_ptr<lcm_t, Destroy> lcm_;
-  std::array<Ear, kMostAxes> ears_{};
+  std::array<Subscription, kMostAxes> subscriptions_{};
   std::array<std::string, kMostAxes> channels_;
-  std::span<In> heard_;  // where receive() wants what comes
+  std::span<In> received_;  // the caller's, during receive()
   std::size_t count_ = 0;
   std::uint64_t foreign_ = 0;
 };

@@ -36,7 +36,7 @@ struct LinkReport {
   std::int64_t overruns = 0;  // paced ticks that began more than a tick late
 };
 
-// Where a run is, for whoever looks on.
+// Where a run is, for a LinkWatch.
 struct LinkMoment {
   struct Axis {
     int number;
@@ -49,7 +49,7 @@ struct LinkMoment {
 constexpr std::int64_t kTicksBetweenMoments = 150;  // a tenth of a second
 using LinkWatch = std::function<void(const LinkMoment &)>;
 
-// The plants of a run. Opened (and known to be possible) before somebody is told that it is ready.
+// The plants of a run. Constructed, and so known to be possible, before the run counts as ready.
 class LinkedPlants {
  public:
   // experiments[i] is that of axis first_axis + i; they must outlive this. Throws TransportError.
@@ -60,7 +60,7 @@ class LinkedPlants {
   // All ticks. `real_time`: a tick begins at its time on the wall clock and not earlier. The
   // results' `refused` are empty, those are known to the other process. `watch` is called every
   // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. Throws what the run in
-  // process throws, LinkSilent, TransportError. report() tells in either case.
+  // process throws, LinkSilent, TransportError. report() is valid in either case.
   std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {});
 
   LinkReport report() const;

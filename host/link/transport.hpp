@@ -16,7 +16,7 @@ struct TransportError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// One end of a link; `Out` is what it sends, `In` what it hears. Belongs to one thread.
+// One end of a link; `Out` is what it sends, `In` what it receives. Belongs to one thread.
 template <class Out, class In>
 class Transport {
  public:

@@ -1,10 +1,11 @@
 #include "host/modbus/tcp_server.hpp"
 
-#include <fcntl.h>
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -16,48 +17,26 @@ namespace {
 constexpr std::size_t kHeader = 7, kBeforeLength = 6;
 constexpr unsigned kMostLength = 254;
 
-struct MappingDeleter {
-  void operator()(modbus_mapping_t *mapping) const { modbus_mapping_free(mapping); }
-};
-
-// A mapping of what the request is about, filled with what was read.
-std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping_of(const Request &r, const Answer &a) {
-  const bool coils =
-      r.function == kReadCoils || r.function == kWriteCoil || r.function == kWriteCoils;
-  const bool discretes = r.function == kReadDiscretes;
-  const bool input = r.function == kReadInput;
-  unsigned first = r.first, end = first + r.count;
-  if (r.function == kReadWriteRegisters) {
-    first = std::min<unsigned>(first, r.read_first);
-    end = std::max<unsigned>(end, r.read_first + r.read_count);
-  }
-  const unsigned count = end - first;
-  const auto only = [count](bool wanted) { return wanted ? count : 0; };
-  std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping(
-      modbus_mapping_new_start_address(first, only(coils), first, only(discretes), first,
-                                       only(!coils && !discretes && !input), first, only(input)));
-  if (!mapping) return mapping;
-  std::uint8_t *const bits = coils ? mapping->tab_bits : mapping->tab_input_bits;
-  for (std::size_t i = 0; i < a.bits.size(); ++i) bits[i] = a.bits[i] ? 1 : 0;
-  std::uint16_t *words = input ? mapping->tab_input_registers : mapping->tab_registers;
-  if (r.function == kReadWriteRegisters) words += r.read_first - first;
-  std::ranges::copy(a.words, words);
-  return mapping;
-}
-
 }  // namespace
 
 TcpServer::TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve)
-    : has_unit_(std::move(has_unit)),
-      serve_(std::move(serve)),
-      context_(modbus_new_tcp(address.c_str(), port)) {
+    : has_unit_(std::move(has_unit)), serve_(std::move(serve)) {
   const std::string where = address + ":" + std::to_string(port);
-  if (!context_) throw ServerError(where + ": expected an IPv4 address and a port");
-  listening_ = modbus_tcp_listen(context_.get(), static_cast<int>(kMostClients));
-  if (listening_ < 0) {
-    throw ServerError(where + ": expected a free port for Modbus TCP, " + std::strerror(errno));
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  at.sin_port = htons(static_cast<std::uint16_t>(port));
+  if (::inet_pton(AF_INET, address.c_str(), &at.sin_addr) != 1) {
+    throw ServerError(where + ": expected an IPv4 address and a port");
   }
-  ::fcntl(listening_, F_SETFL, O_NONBLOCK);
+  const int on = 1;
+  listening_ = ::socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (listening_ < 0 || ::setsockopt(listening_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
+      ::bind(listening_, reinterpret_cast<sockaddr *>(&at), sizeof at) != 0 ||
+      ::listen(listening_, static_cast<int>(kMostClients)) != 0) {
+    const std::string why = std::strerror(errno);
+    ::close(listening_);
+    throw ServerError(where + ": expected a free port for Modbus TCP, " + why);
+  }
 }
 
 TcpServer::~TcpServer() {
@@ -66,13 +45,15 @@ TcpServer::~TcpServer() {
 }
 
 std::pair<std::uint64_t, int> TcpServer::accept() {
-  // modbus_tcp_accept() closes the listening socket when a client has gone before it was accepted.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
   if (clients_.size() == kMostClients) {
     ::close(socket);
     return {0, -1};
   }
+  // Answers are whole and small: none waits for more to say.
+  const int on = 1;
+  ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   clients_[++last_client_].socket = socket;
   return {last_client_, socket};
 }
@@ -106,41 +87,33 @@ bool TcpServer::serve_next(std::uint64_t number, Client &client) {
     // What is no Modbus has no frames to find again: the connection ends.
     if (b[2] != 0 || b[3] != 0 || length < 2 || length > kMostLength) return false;
     if (b.size() < kBeforeLength + length) return true;
+    const auto body = b.begin() + static_cast<std::ptrdiff_t>(kHeader);
     const auto end = b.begin() + static_cast<std::ptrdiff_t>(kBeforeLength + length);
-    client.pending.assign(b.begin(), end);
+    const std::vector<std::uint8_t> header(b.begin(), body);
+    const Pdu request(body, end);
     client.bytes.erase(b.begin(), end);
-    const std::uint8_t unit = client.pending[6];
-    const Parsed parsed = parse(std::span(client.pending).subspan(kHeader));
-    client.request = parsed.request;
-    if (!has_unit_(unit)) {
-      client.pending.clear();
-    } else if (parsed.exception == 0) {
-      serve_(number, unit, client.request);
-    } else if (!reply(client, {parsed.exception, {}, {}})) {
-      return false;
-    }
+    const std::uint8_t unit = header.back();
+    if (!has_unit_(unit)) continue;
+    client.pending = header;
+    serve_(number, unit, request);
   }
   // A client that sends on and on without taking answers.
   return client.bytes.size() < 65536;
 }
 
-bool TcpServer::answer(std::uint64_t number, const Answer &answer) {
+bool TcpServer::answer(std::uint64_t number, const Pdu &answer) {
   const auto found = clients_.find(number);
   if (found == clients_.end()) return true;
-  if (reply(found->second, answer) && serve_next(number, found->second)) return true;
+  Client &client = found->second;
+  std::vector<std::uint8_t> frame = std::exchange(client.pending, {});
+  const std::size_t length = answer.size() + kHeader - kBeforeLength;
+  frame[4] = static_cast<std::uint8_t>(length >> 8);
+  frame[5] = static_cast<std::uint8_t>(length);
+  frame.insert(frame.end(), answer.begin(), answer.end());
+  const ssize_t sent = ::send(client.socket, frame.data(), frame.size(), MSG_NOSIGNAL);
+  if (sent == static_cast<ssize_t>(frame.size()) && serve_next(number, client)) return true;
   drop(number);
   return false;
-}
-
-bool TcpServer::reply(Client &client, const Answer &answer) {
-  const std::vector<std::uint8_t> frame = std::exchange(client.pending, {});
-  modbus_set_socket(context_.get(), client.socket);
-  if (answer.exception != 0) {
-    return modbus_reply_exception(context_.get(), frame.data(), answer.exception) > 0;
-  }
-  const auto mapping = mapping_of(client.request, answer);
-  return mapping && modbus_reply(context_.get(), frame.data(), static_cast<int>(frame.size()),
-                                 mapping.get()) > 0;
 }
 
 }  // namespace forceaxis::modbus

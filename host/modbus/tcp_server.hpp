@@ -1,23 +1,18 @@
 #pragma once
-// A Modbus TCP server over libmodbus, for several clients and units, that never blocks.
-//
-// libmodbus makes the sockets and the answers. Its own way of receiving is not used: it waits for
-// the rest of a frame, loses step with functions that it does not know, and answers every unit id.
-// Frames are taken from the stream by the length in their header, and an answer is made from a
-// mapping that holds just what the request is about.
-#include <modbus/modbus.h>
-
+// A Modbus TCP server for several clients and units, that never blocks. It knows frames and
+// connections; what a request means is firmware/modbus/request.h's.
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "host/modbus/request.hpp"
-
 namespace forceaxis::modbus {
+
+// Function code and data.
+using Pdu = std::vector<std::uint8_t>;
 
 // The port could not be had: the text says which and why.
 struct ServerError : std::runtime_error {
@@ -32,9 +27,9 @@ class TcpServer {
   using HasUnit = std::function<bool(std::uint8_t unit)>;
   // A request of a unit: answer(client, ...) follows, at any time but not within the call. The
   // client's next request waits for it.
-  using Serve =
-      std::function<void(std::uint64_t client, std::uint8_t unit, const Request &request)>;
+  using Serve = std::function<void(std::uint64_t client, std::uint8_t unit, const Pdu &request)>;
 
+  // `address`: IPv4 in numbers.
   TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve);
   ~TcpServer();
   TcpServer(const TcpServer &) = delete;
@@ -47,26 +42,20 @@ class TcpServer {
   // Reads what has come and serves what is whole. False: the client is gone and its socket closed.
   bool receive(std::uint64_t client);
   // False: as receive(). A client that is gone already is passed over.
-  bool answer(std::uint64_t client, const Answer &answer);
+  bool answer(std::uint64_t client, const Pdu &answer);
 
  private:
   struct Client {
     int socket = -1;
     std::vector<std::uint8_t> bytes;    // received, not served yet
-    std::vector<std::uint8_t> pending;  // the frame being served; empty: none
-    Request request;
-  };
-  struct ContextDeleter {
-    void operator()(modbus_t *context) const { modbus_free(context); }
+    std::vector<std::uint8_t> pending;  // header of the request being served; empty: none
   };
 
   bool serve_next(std::uint64_t number, Client &client);
-  bool reply(Client &client, const Answer &answer);
   void drop(std::uint64_t number);
 
   HasUnit has_unit_;
   Serve serve_;
-  std::unique_ptr<modbus_t, ContextDeleter> context_;
   int listening_ = -1;
   std::uint64_t last_client_ = 0;
   std::map<std::uint64_t, Client> clients_;

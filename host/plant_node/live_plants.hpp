@@ -1,5 +1,5 @@
 #pragma once
-// Plants for whoever watches: SIM_CLOCK and SIM_TRUTH of a linked run.
+// Publishes the plants of a linked run for monitors: SIM_CLOCK and SIM_TRUTH.
 #include <chrono>
 #include <optional>
 

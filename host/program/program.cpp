@@ -7,18 +7,18 @@
 namespace forceaxis::nodes {
 
 int guarded(const char *name, const std::function<int()> &program) {
-  const auto tell = [name](const std::string &what, int status) {
+  const auto report = [name](const std::string &what, int status) {
     std::cerr << name << ": " << what << '\n';
     return status;
   };
   try {
     return program();
   } catch (const UsageError &error) {
-    return tell(error.what(), 2);
+    return report(error.what(), 2);
   } catch (const sim::InputError &error) {
-    return tell(error.what(), 2);
+    return report(error.what(), 2);
   } catch (const std::exception &error) {
-    return tell(error.what(), 1);
+    return report(error.what(), 1);
   }
 }
 

@@ -19,7 +19,7 @@ const char *refusal_text(int error) {
 
 }  // namespace
 
-void ExperimentWrites::give_initial(const Write &write) const {
+void ExperimentWrites::write_initial(const Write &write) const {
   std::vector<ObjectWrite> left = experiment_->initial;
   while (!left.empty()) {
     std::vector<ObjectWrite> refused;
@@ -37,7 +37,7 @@ void ExperimentWrites::give_initial(const Write &write) const {
   }
 }
 
-void ExperimentWrites::give_due(std::int64_t tick, const Write &write) {
+void ExperimentWrites::write_due(std::int64_t tick, const Write &write) {
   for (; due(tick); ++action_) {
     for (const ObjectWrite &w : action_->writes) {
       const int error = write(tick, w);

@@ -1,6 +1,6 @@
 #pragma once
-// The writes of an experiment, for whoever is the firmware: the initial ones at power-up, those of
-// each [[at]] at its tick.
+// The writes of an experiment to a firmware, wherever that runs: the initial ones at power-up,
+// those of each [[at]] at its tick.
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -19,21 +19,21 @@ struct Refusal {
 
 class ExperimentWrites {
  public:
-  // Gives the firmware a write that comes before this tick; FW_OK or FW_ERROR_.
+  // Passes the firmware a write that precedes this tick; FW_OK or FW_ERROR_.
   using Write = std::function<int(std::int64_t tick, const ObjectWrite &)>;
 
   // The experiment must outlive this.
   explicit ExperimentWrites(const Experiment &experiment)
       : experiment_(&experiment), action_(experiment.actions.begin()) {}
 
-  // Objects that bound each other are taken in whatever order works. Throws sim::InputError if one
-  // is refused.
-  void give_initial(const Write &write) const;
+  // Objects that bound each other are written in whatever order works. Throws sim::InputError if
+  // one is refused.
+  void write_initial(const Write &write) const;
 
   bool due(std::int64_t tick) const {
     return action_ != experiment_->actions.end() && action_->tick <= tick;
   }
-  void give_due(std::int64_t tick, const Write &write);
+  void write_due(std::int64_t tick, const Write &write);
 
   const std::vector<Refusal> &refused() const { return refused_; }
 

@@ -11,7 +11,7 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
       writes_(experiment) {
   if (!axis_) throw std::bad_alloc();
   signals_ = axis_host_signals(axis_.get());
-  writes_.give_initial(writer());
+  writes_.write_initial(writer());
 }
 
 ExperimentWrites::Write FirmwareSide::writer() {

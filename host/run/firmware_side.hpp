@@ -18,13 +18,14 @@ namespace forceaxis::host {
 struct FirmwareOptions {
   bool hash = false;                    // whether hash() will be asked for
   const fw_config_t *config = nullptr;  // NULL: an axis on no bus
-  // Told of every write of the experiment, before it is given, with its tick; initial ones have 0.
+  // Called with every write of the experiment before the firmware receives it; initial writes have
+  // tick 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
 };
 
 class FirmwareSide {
  public:
-  // Powers up and gives the initial writes; objects that bound each other are taken in whatever
+  // Powers up and makes the initial writes; objects that bound each other are written in whatever
   // order works. Throws sim::InputError if the firmware refuses one. The experiment must outlive
   // the side.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
@@ -53,7 +54,7 @@ class FirmwareSide {
     return run_tick(inputs, next_tick_, axis);
   }
 
-  // Takes what the firmware wants to say on its buses, where nobody listens.
+  // Fetches and drops what the firmware transmits on its buses.
   void discard_output();
 
   // Ends the trace hash.
@@ -70,7 +71,7 @@ class FirmwareSide {
   };
 
   ExperimentWrites::Write writer();
-  void write_due(std::int64_t tick) { writes_.give_due(tick, writer()); }
+  void write_due(std::int64_t tick) { writes_.write_due(tick, writer()); }
   LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
     axis_outputs_t outputs{};
     axis_host_tick(axis_.get(), &inputs, &outputs);

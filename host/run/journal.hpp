@@ -1,7 +1,7 @@
 #pragma once
-// A journal is everything that a firmware on buses took in, with the tick that was to see it: the
-// stored parameters at power-up, frames, bytes, the experiment's writes, in their order. Buses live
-// in wall time; with its journal a run can be had again in process, to the last bit.
+// A journal is everything that a firmware on buses received, with the tick that sees it: the stored
+// parameters at power-up, frames, bytes, the experiment's writes, in their order. Buses run in wall
+// time; with its journal a run can be repeated in process, to the last bit.
 //
 // One axis, text, one entry a line:
 //   forceaxis-journal 1
@@ -65,7 +65,7 @@ void expect_journal(const std::filesystem::path &file);
 void expect_writable(const std::filesystem::path &file, const char *option);
 
 struct Journal {
-  // What an entry gives the firmware, besides writes and frames.
+  // What an entry passes to the firmware, besides writes and frames.
   struct FramesLost {
     std::uint16_t count;
   };
@@ -94,7 +94,7 @@ struct Journal {
   std::int64_t ticks = -1;  // -1: the journal has no end
   std::string trace_hash;
 
-  // How many ticks it tells of: without an end up to the last entry.
+  // How many ticks it covers: without an end up to the last entry.
   std::int64_t known_ticks() const;
 };
 

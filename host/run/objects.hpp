@@ -1,5 +1,5 @@
 #pragma once
-// The firmware's object table by name, for whoever has texts and engineering units.
+// The firmware's object table by name: texts and engineering units to objects and raw values.
 #include <cstdint>
 #include <optional>
 #include <string>

@@ -48,8 +48,8 @@ class RamStore {
   store_memory_t memory_{};
 };
 
-// What each kind of entry does to the firmware.
-struct Giver {
+// Passes each kind of entry to the firmware.
+struct Applier {
   axis_host_t *axis;
   void operator()(const ObjectWrite &w) const { axis_host_write(axis, w.object, w.raw); }
   void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
@@ -63,7 +63,9 @@ struct Giver {
 
 }  // namespace
 
-void apply(const Journal::Entry &entry, axis_host_t *axis) { std::visit(Giver{axis}, entry.what); }
+void apply(const Journal::Entry &entry, axis_host_t *axis) {
+  std::visit(Applier{axis}, entry.what);
+}
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
   Experiment silent = experiment;  // its writes come from the journal

@@ -22,8 +22,6 @@ using std::chrono::milliseconds;
 
 const std::string kContact = SIM_DIR "/experiments/contact.toml";
 
-// --- frames --------------------------------------------------------------------------------------
-
 // By hand: direction 0, axis 3 is 2 << 25 = 04000000h, tick 4097 is 1 mod 4096, 1 << 13 = 2000h,
 // inputs 1001b << 9 = 1200h; encoder -2 = FFFFFFFEh, adc0 300 = 012Ch, adc1 4095 = 0FFFh.
 TEST(Frames, InputsByHand) {
@@ -85,8 +83,6 @@ TEST(Frames, WhatIsNoRecordIsRefused) {
   // Identifier and data of two ticks.
   EXPECT_FALSE(link_outputs_of(with(out, [](can_frame &f) { f.data[3] ^= 1; })));
 }
-
-// --- stop and wait -------------------------------------------------------------------------------
 
 // A wire in one thread: when the plant waits, the firmware's end serves what has arrived. `fate`
 // says how often a record arrives.
@@ -255,8 +251,6 @@ TEST(Exchange, WithoutThePlantTheAxisIsDisabledInOneTick) {
   EXPECT_EQ(firmware.next_tick(), 1);
 }
 
-// --- late ticks ----------------------------------------------------------------------------------
-
 // How many of `ticks` come too late when tick k comes at when(k), in ticks.
 template <class When>
 int late_ticks(int ticks, When when) {
@@ -285,8 +279,6 @@ TEST(LateTicks, ComeMoreThanATickAfterTheirTime) {
   // Ten minutes of a plant whose clock is 100 ppm slow.
   EXPECT_EQ(late_ticks(900000, [](int k) { return 1.0001 * k; }), 0);
 }
-
-// --- injected faults -----------------------------------------------------------------------------
 
 TEST(Injection, IsReadAndRefused) {
   const Injection i = injection_of("drop=0.05,double=0.1,seed=7,flip=12,bit=33");

@@ -3,7 +3,9 @@
 #include <cmath>
 
 #include "firmware/objects/generated/axis_objects.h"
+#include "host/run/firmware_side.hpp"
 #include "host/run/objects.hpp"
+#include "host/run/plant_side.hpp"
 #include "host/run/run.hpp"
 #include "host/run/sha256.hpp"
 
@@ -27,6 +29,29 @@ TEST(Run, TwiceGivesTheSameHashAndAnotherGainAnother) {
   EXPECT_EQ(run_with(kContact, {"experiment.duration_s=1"}).trace_hash, once);
   EXPECT_NE(run_with(kContact, {"experiment.duration_s=1", "firmware.force_gain=5.25"}).trace_hash,
             once);
+}
+
+// Above 2^31 - 1 a conversion by way of int32 gives 2147483648, or whatever the machine does.
+TEST(Run, AnUnsignedObjectTakesItsWholeRange) {
+  const std::pair<const char *, std::uint32_t> values[] = {
+      {"2147483647", 2147483647U}, {"2147483648", 2147483648U}, {"3e9", 3000000000U},
+      {"4294967294", 4294967294U}, {"4294967295", 4294967295U}, {"0", 0U}};
+  for (const auto &[text, expected] : values) {
+    const std::vector<std::string> overrides{
+        "experiment.duration_s=0.01", "verdict.window_s=0.01",
+        std::string("firmware.following_error_window=") + text};
+    const Experiment experiment = load_experiment(kContact, overrides);
+    FirmwareSide firmware(experiment, {});
+    PlantSide plant(experiment, {});
+    while (plant.running()) plant.act(firmware.tick(plant.sense()));
+    EXPECT_EQ(static_cast<std::uint32_t>(firmware.read(AXIS_OBJ_FOLLOWING_ERROR_WINDOW)), expected)
+        << text;
+  }
+  for (const char *text : {"4294967296", "-1"}) {
+    const std::vector<std::string> overrides{std::string("firmware.following_error_window=") +
+                                             text};
+    EXPECT_THROW(load_experiment(kContact, overrides), sim::InputError) << text;
+  }
 }
 
 TEST(Run, WithoutTraceAndAuditNothingElseChanges) {

@@ -4,12 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <fstream>
 #include <map>
 #include <random>
 #include <string>
 #include <vector>
 
-#include "firmware/modbus/map.h"
 #include "firmware/objects/generated/axis_objects_meta.h"
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/bus_fixture.hpp"
@@ -75,6 +75,44 @@ class Modbus : public BusFixture {
   }
 };
 
+// The table that the gateway is held to as well.
+TEST_F(Modbus, EveryRequestOfTheTableHasItsAnswer) {
+  std::ifstream file(MODBUS_REQUESTS);
+  ASSERT_TRUE(file) << MODBUS_REQUESTS;
+  const auto bytes_of = [](const std::string &text) {
+    std::string digits;
+    for (size_t i = 0; i < text.size(); ++i) {
+      if (text.compare(i, 2, "UU") == 0) {
+        digits += "0123456789abcdef"[kUnit >> 4];
+        digits += "0123456789abcdef"[kUnit & 15];
+        ++i;
+      } else if (text[i] != ' ') {
+        digits += text[i];
+      }
+    }
+    Bytes bytes;
+    for (size_t i = 0; i < digits.size(); i += 2) {
+      bytes.push_back(static_cast<uint8_t>(std::stoul(digits.substr(i, 2), nullptr, 16)));
+    }
+    return bytes;
+  };
+  int number = 0, requests = 0;
+  for (std::string line; std::getline(file, line);) {
+    ++number;
+    line = line.substr(0, line.find('#'));
+    const size_t equals = line.find('=');
+    if (equals == std::string::npos) continue;
+    Send(RtuFrame(kUnit, bytes_of(line.substr(0, equals))));
+    Tick(kSilence);  // those of a wrong length end with it
+    const Bytes answer = Fetch();
+    ASSERT_GE(answer.size(), 5u) << "line " << number << ": " << line;
+    EXPECT_EQ(Bytes(answer.begin() + 1, answer.end() - 2), bytes_of(line.substr(equals + 1)))
+        << "line " << number << ": " << line;
+    ++requests;
+  }
+  EXPECT_GT(requests, 80);
+}
+
 TEST_F(Modbus, StateIsSmall) { EXPECT_LE(sizeof(modbus_t), 600u); }
 
 // The frame of the specification's own example (function 3, registers 107..109 of unit 17).
@@ -116,8 +154,6 @@ TEST(FxSerial, CrcsSilenceAndBits) {
     EXPECT_EQ(fx_octets(bits), octets);
   }
 }
-
-// --- registers ----------------------------------------------------------------------------------
 
 // Each object of the map reads as it is, alone, in both word orders.
 TEST_F(Modbus, EveryRegisterReadsItsObject) {
@@ -272,8 +308,6 @@ TEST_F(Modbus, CountsAreChecked) {
   EXPECT_EQ(Ask(Bytes{23, 0, 0, 0, 1, 0, 0, 0, 0, 0}), Exception(23, 3));
 }
 
-// --- the lock -----------------------------------------------------------------------------------
-
 TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
   EXPECT_EQ(Ask(6, {0x010C, 5}), Exception(6, 4));
   EXPECT_EQ(Ask(5, {0, 0xFF00}), Exception(5, 4));
@@ -309,8 +343,6 @@ TEST_F(Modbus, TheWatchdogIsFedByWritesThatAreAccepted) {
   Tick(2);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
 }
-
-// --- coils and discrete inputs ------------------------------------------------------------------
 
 TEST_F(Modbus, CoilsDriveTheStateMachine) {
   Own();
@@ -393,8 +425,6 @@ TEST_F(Modbus, DiscreteInputsAreTheStatusword) {
   EXPECT_EQ(Ask(2, {19, 1}), Exception(2, 2));
 }
 
-// --- store --------------------------------------------------------------------------------------
-
 struct Memory {
   Bytes bytes = Bytes(2 * STORE_SECTOR_MIN, 0xFF);
   store_memory_t memory{this, STORE_SECTOR_MIN,
@@ -433,7 +463,28 @@ TEST_F(Modbus, BusyWhileTheStoreIsAtWork) {
   EXPECT_EQ(Ask(6, {0x010C, 1}).size(), 5u);
 }
 
-// --- who it is ----------------------------------------------------------------------------------
+// A store at work refuses the old word, which would enable; halt must come with the new one.
+TEST_F(Modbus, HaltIsNotLostBesideStore) {
+  Memory memory;
+  fw_config_t config{};
+  config.memory = &memory.memory;
+  config.node_id = kUnit;
+  config.buses = 1;
+  fw_init(&fw_, &config);
+  Own();
+  Set(AXIS_OBJ_MODES_OF_OPERATION, 8);
+  Tick();
+  ASSERT_EQ(Ask(5, {0, 0xFF00}).size(), 5u);
+  const axis_inputs_t broken{0, {0, 0}, AXIS_DIN_ENABLE, 0};
+  fw_tick(&fw_, &broken, &outputs_);
+  Tick(3);
+  ASSERT_EQ(Read(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_FAULT);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTROLWORD), 0x000F);
+  // Not enable, no fault reset, halt, store.
+  EXPECT_EQ(Ask(Bytes{15, 0, 0, 0, 4, 1, 0b1100}), (Bytes{15, 0, 0, 0, 4}));
+  EXPECT_EQ(Read(AXIS_OBJ_CONTROLWORD), 0x0106);
+  EXPECT_EQ(Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVING);
+}
 
 std::string TextOf(const Bytes &answer, size_t at) {
   return {answer.begin() + static_cast<std::ptrdiff_t>(at) + 2,
@@ -470,8 +521,6 @@ TEST_F(Modbus, UnknownFunctions) {
   EXPECT_EQ(Ask(8, {1, 0}), Exception(8, 1));
   EXPECT_EQ(Ask(8, {19, 0}), Exception(8, 1));
 }
-
-// --- frames -------------------------------------------------------------------------------------
 
 const Bytes kRequest = Closed({kUnit, 4, 0, 0, 0, 1});
 

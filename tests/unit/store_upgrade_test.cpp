@@ -18,7 +18,7 @@ constexpr uint32_t kAtDefault = 1u << 24;
 constexpr uint32_t kOtherTable = ~AXIS_OBJECTS_HASH32;
 
 std::ifstream Open(const std::string &name) {
-  std::ifstream file(std::string(STORE_DATA) + "/" + name, std::ios::binary);
+  std::ifstream file(STORE_DATA "/" + name, std::ios::binary);
   EXPECT_TRUE(file.good()) << name;
   return file;
 }

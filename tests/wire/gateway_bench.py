@@ -31,9 +31,6 @@ PORT = 1502
 CAN_FRAME = "=IB3x8s"
 
 
-# --- raw ends ------------------------------------------------------------------------------------
-
-
 class Can:
     """A raw socket on vcan0."""
 
@@ -74,6 +71,19 @@ class Can:
             answered = frame and frame[0] == 0x580 + node and frame[1][0] in (0x60, 0x80)
             if answered and frame[1][1:4] == data[1:4]:
                 return frame[1][0]
+        return None
+
+    def read(self, node, index, sub):
+        """An expedited upload on the default channel: the number, unsigned."""
+        request = struct.pack("<BHBI", 0x40, index, sub, 0)
+        self.send(0x600 + node, request)
+        end = time.monotonic() + 1
+        while time.monotonic() < end:
+            frame = self.receive(0.2)
+            # Of the gateway's polls another object, as above.
+            if frame and frame[0] == 0x580 + node and frame[1][1:4] == request[1:4]:
+                assert frame[1][0] & 0xE3 == 0x43, frame[1].hex()
+                return int.from_bytes(frame[1][4 : 8 - (frame[1][0] >> 2 & 3)], "little")
         return None
 
 
@@ -139,9 +149,6 @@ def until(holds, timeout_s=5.0):
             return value
         time.sleep(0.02)
     return None
-
-
-# --- scenarios, in this order --------------------------------------------------------------------
 
 
 def states(axis):
@@ -421,7 +428,7 @@ def map_refuses(modbus):
         "counts": [wire.ask(1, struct.pack(">BHH", 3, 0, n)).hex() for n in (0, 126)],
         "short": wire.ask(1, b"\x03\x00").hex(),
         "device_id": wire.ask(1, b"\x2b\x0e\x01\x00").hex(),
-        # After functions that libmodbus cannot measure the stream is still in step.
+        # After functions of unknown length the stream is still in step.
         "in_step": wire.ask(1, struct.pack(">BHH", 3, gain, 1)).hex(),
     }
     before = registers(modbus, gain, 2)
@@ -465,6 +472,51 @@ def map_refuses(modbus):
     found["low_first"] = registers(modbus, where, 2)
     modbus.write_register(order, 0, device_id=1)
     return found
+
+
+def wide_values(axis, modbus):
+    """An u32 beyond 2^31 - 1: written over each bus, read over all of them."""
+    window, can = BY_NAME["following_error_window"], Can()
+
+    def written(write, value):
+        write(value)
+        high, low = registers(modbus, window.modbus, 2)
+        return [value, can.read(1, window.index, 0), high << 16 | low, axis.read(window.name)]
+
+    def over_canopen(value):
+        assert can.write(1, window.index, 0, value, 4) == 0x60
+
+    def over_modbus(value):
+        words = [value >> 16, value & 0xFFFF]
+        assert not modbus.write_registers(window.modbus, words, device_id=1).isError()
+
+    values, found = (3_000_000_000, 0xFFFFFFFF), {}
+    axis.take()
+    axis.release()
+    found["canopen"] = [written(over_canopen, value) for value in values]
+    modbus.write_registers(BY_NAME["command_source"].modbus, [1, 60_000], device_id=1)
+    found["modbus"] = [written(over_modbus, value) for value in values]
+    axis.take()
+    found["lcm"] = [written(lambda value: axis.write(window.name, value), v) for v in values]
+    axis.release()
+    return found
+
+
+def request_table():
+    """How many requests, and [number, line, answer] of those that are answered otherwise."""
+    differ, count, wire = [], 0, Tcp()
+    wire.ask(1, bytes.fromhex("0600070000"))  # to CANopen, should Modbus own the axis
+    text = Path(__file__).with_name("modbus_requests.txt").read_text()
+    for number, line in enumerate(text.splitlines(), 1):
+        request, equals, answer = line.partition("#")[0].partition("=")
+        if not equals:
+            continue
+        count += 1
+        asked, expected = (bytes.fromhex(t.replace("UU", "01")) for t in (request, answer))
+        got = wire.ask(1, asked)
+        if got != expected:
+            differ.append([number, line, got.hex() if got is not None else None])
+    return {"requests": count, "differ": differ}
 
 
 def streams():
@@ -830,6 +882,8 @@ def main():
             keep("captures", captures, axis)
             keep("map_reads", map_reads, axis, modbus)
             keep("map_refuses", map_refuses, modbus)
+            keep("request_table", request_table)
+            keep("wide_values", wide_values, axis, modbus)
             keep("streams", streams)
             keep("second_gateway", second_gateway)
             modbus.close()

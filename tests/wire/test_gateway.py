@@ -157,7 +157,7 @@ def test_modbus_exceptions_and_writes_that_are_all_or_none(of):
     assert got["hole"] == 2
     assert got["half_read"] == 1 and got["half_write"] == 3
     assert got["range"] == 3
-    assert got["function"] == "8701" and got["device_id"] == "ab01"
+    assert got["function"] == "8701" and got["device_id"].startswith("2b0e018300000300")
     assert got["counts"] == ["8303", "8303"] and got["short"] == "8303"
     assert got["in_step"].startswith("0302")
     assert got["all_or_none"] == [3, True]
@@ -165,6 +165,18 @@ def test_modbus_exceptions_and_writes_that_are_all_or_none(of):
     assert got["exchange"][0] == 770
     assert got["exchange_hole"] == ["9702", [770]]  # refused before it is written
     assert got["low_first"] == [0xFF00, 0xFFFF]
+
+
+def test_every_request_of_the_table_is_answered_as_on_rtu(of):
+    got = of("request_table")
+    assert got["differ"] == []
+    assert got["requests"] > 80
+
+
+def test_an_unsigned_object_has_its_whole_range_on_every_bus(of):
+    got = of("wide_values")
+    for bus in ("canopen", "modbus", "lcm"):
+        assert got[bus] == [4 * [3_000_000_000], 4 * [4_294_967_295]], bus
 
 
 def test_modbus_coils_drive_the_state_machine(of):
@@ -329,7 +341,6 @@ def gateway(*args):
                 ["--modbus-bind", bind],
                 f"--modbus-bind {bind}: expected an IPv4 address such as 127.0.0.1, or 0.0.0.0",
             )
-            # libmodbus would listen everywhere for the first two, nowhere for the others.
             for bind in ("0127.0.0.1", "0.1.2.3", "localhost", "999.1.1.1", "")
         ),
         (["--watch-ms", "100"], "--watch-ms: expected more than one heartbeat, 100 ms"),

@@ -77,11 +77,12 @@ class Excited {
     const auto number = forceaxis::host::find_object(object);
     if (!number) throw std::invalid_argument("no object named " + object);
     if (!axis_) power_up();
-    const double raw = value / forceaxis::host::object_meta(*number).scale;
-    // Half up; a value that no int32 holds is out of every object's range.
-    const bool fits = raw > -2147483648.5 && raw < 2147483647.5;
-    const auto rounded = fits ? static_cast<std::int32_t>(std::floor(raw + 0.5)) : 0;
-    if (!fits || axis_host_write(axis_.get(), *number, rounded) != FW_OK)
+    const axis_object_meta_t &meta = forceaxis::host::object_meta(*number);
+    const double raw = std::floor(value / meta.scale + 0.5);
+    const bool fits = raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max);
+    // A u32 travels as the same 32 bits.
+    const auto bits = static_cast<std::uint32_t>(fits ? static_cast<std::int64_t>(raw) : 0);
+    if (!fits || axis_host_write(axis_.get(), *number, static_cast<std::int32_t>(bits)) != FW_OK)
       throw std::invalid_argument("the firmware refuses " + object + " = " + std::to_string(value));
   }
 
