@@ -44,7 +44,8 @@ def limit(model, as_json, gain, firmware_gain, **given):
     The loop is linear: the model's equations in one mode, in contact. Prints every gain at which
     a closed-loop pole crosses the stability boundary, the largest setting of the firmware below
     the first, and with --gain or --firmware-gain the margins there. JSON: critical_gain in `unit`
-    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings.
+    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings, of
+    which those at gain 0 are undamped poles of the plant.
     """
     from forceaxis.linear import limits
 
