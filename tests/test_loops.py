@@ -307,6 +307,16 @@ def test_an_undamped_plant_tells_where_its_poles_leave_the_axis(undamped, deriva
     assert all(c.gain > 1e-3 for c in held.crossings[3:])
 
 
+def test_poles_of_a_plant_without_zeros(undamped):
+    """With drive, link, wrist and sensor in a row every zero is at infinity."""
+    done = forceaxis("poles", undamped, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["zeros"] == [] and len(found["poles"]) == 6
+    # Force of the sensor over that of the drive: k_1 k_2 k_s / (m_1 m_2 m_3) over s^6 + ...
+    assert found["numerator"] == pytest.approx([5e4 * 8e4 * 1e5 / 80], rel=1e-9)
+
+
 def test_the_verb_says_which_undamped_poles_leave(undamped):
     pd = ["--law", "pd", "--derivative-s", 0.019415877, "--timing", "continuous"]
     done = forceaxis("limit", undamped, *pd)
