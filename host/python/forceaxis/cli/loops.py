@@ -169,7 +169,8 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, **given):
     """Step response of the closed loop around MODEL, linear and in contact.
 
     The set-point steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
-    90 %), settle_s (2 %), overshoot, final and stable; null where an unstable loop has none.
+    90 %), settle_s (2 %), overshoot, final and stable; null where the loop is unstable, the
+    final value 0, or the response needs longer than --duration-s.
     """
     from forceaxis.linear import limits
 
