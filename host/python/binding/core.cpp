@@ -56,7 +56,7 @@ Criterion criterion_from(const py::dict &d) {
   c.window_s = d["window_s"].cast<double>();
   c.force_ripple_max_count = d["force_ripple_max_count"].cast<std::optional<double>>();
   c.position_ripple_max_count = d["position_ripple_max_count"].cast<std::optional<double>>();
-  c.contact_held = d["contact_held"].cast<bool>();
+  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // or names
   return c;
 }
 
