@@ -262,7 +262,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;
   m.attr("FIRMWARE_VERSION") = FW_VERSION;
   m.attr("FILE_FORMAT") = forceaxis::sim::kFileFormat;
-  m.attr("JOURNAL_FORMAT") = kJournalTitle;
+  m.attr("JOURNAL_FORMAT") = forceaxis::host::kJournalTitle;
   m.attr("PARAMETER_SET_FORMAT") = magic_text(RECORD_SET);
   py::register_exception<forceaxis::sim::InputError>(m, "InputError", PyExc_ValueError);
   py::register_exception<forceaxis::sim::SimulationError>(m, "SimulationError", PyExc_RuntimeError);
