@@ -443,7 +443,7 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
         ("title = 3\n", "title: expected a text"),
         ('unit = "N\\nm"\n', "unit: expected a text of one line"),
         ("[set]\nk_amp = true\n", "set: expected a table of numbers"),
-        ("level =\n", "expected TOML"),
+        ("level =\n", "expected valid TOML"),
     ],
 )
 def test_file_is_checked(tmp_path, text, words):

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
+from forceaxis import objects
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"
@@ -32,6 +34,19 @@ def test_the_program_is_what_the_tests_call(arguments):
         called.returncode, called.stdout, called.stderr,
     )  # fmt: skip
     assert done.returncode == (2 if "run" in arguments else 0)
+
+
+def test_version_tells_apart_what_has_a_version_of_its_own():
+    lines = dict(re.split(r" {2,}", line) for line in forceaxis("--version").stdout.splitlines())
+    header = (ROOT / "firmware/app/fw.h").read_text()
+    assert lines["firmware"] == re.search(r'FW_VERSION "(.*)"', header).group(1)
+    assert lines["object table"] == objects.OBJECTS_HASH[:8]
+    assert lines["parameter set"] == "FAS2"
+    assert lines["models and experiments"] == lines["axis journal"] == "1"
+    assert set(lines) == {
+        "forceaxis", "firmware", "object table", "LCM types", "models and experiments",
+        "parameter set", "axis journal",
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
