@@ -328,6 +328,49 @@ def test_the_verb_says_which_undamped_poles_leave(undamped):
     assert [c["direction"] for c in json.loads(done.stdout)["crossings"]] == [-1, 1, -1]
 
 
+def at_rest(model, output, timing, integral):
+    loop = loops.force_loop(model, "pi", timing, output=output, integral_rad_per_s=float(integral))
+    return [
+        c.gain for c in loop.crossings() if c.frequency_hz is not None and c.frequency_hz < 0.01
+    ]
+
+
+# G(0) is 0, or 0/0 where the plant drifts: its sign and size are those of rounding.
+ROUNDED = [
+    ("fig4_14", "sensor_mass.acceleration"),
+    ("fig4_25", "sensor_mass.acceleration"),
+    ("full_axis", "sensor_mass.acceleration"),
+    ("nl_backlash", "robot.position"),
+    ("nl_backlash", "screw.deflection"),
+]
+
+
+@pytest.mark.parametrize("timing", loops.TIMINGS)
+@pytest.mark.parametrize(("model", "output"), ROUNDED)
+def test_rounding_makes_no_crossing_at_0_hz(model, output, timing):
+    for integral in (7.3, 8, 8 * (1 + 1e-13), 50):
+        assert at_rest(model, output, timing, integral) == []
+
+
+def test_a_plants_zero_at_0_hz_under_the_integral_crosses_where_its_slope_says():
+    """(1 + w / s) P(s) at s = 0 with P(0) = 0 is w P'(0) = -w C A^-2 B, the sum's w T P'(z = 1)."""
+    for model, output, timing in (
+        ("fig2_16a", "base.velocity", "continuous"),
+        ("fig2_16a", "base.velocity", "zoh"),
+        ("fig4_14_ground", "mount.spring_force_rate", "zoh"),
+        ("fig2_11", "robot.acceleration", "zoh"),
+    ):
+        plant = linear.linearise(model, outputs=[output])
+        matrix, scale = -plant.A, 8
+        if timing == "zoh":
+            plant = plant.sampled()
+            matrix, scale = np.eye(len(plant.A)) - plant.A, 8 * TICK
+        slope = -(plant.C @ np.linalg.solve(matrix, np.linalg.solve(matrix, plant.B))).item()
+        slope -= plant.D.item()  # which acts one tick later: D / z
+        assert slope < 0
+        assert at_rest(model, output, timing, 8) == [pytest.approx(-1 / (scale * slope), rel=1e-6)]
+
+
 def test_sampled_integrator_leaves_at_minus_one():
     """x' = u sampled: z - 1 + k T = 0 is at z = -1 for k = 2 / T."""
     found = loop_of(rational([1], [1, 0]).sampled()).limit()

@@ -8,7 +8,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifiers: the client's, of a request, and the server's, shifted to their place. */
+/* Command specifiers: of a request (client), and of a response (server) in bits 5 to 7. */
 enum {
   CLIENT_DOWNLOAD_SEGMENT = 0,
   CLIENT_DOWNLOAD = 1,
@@ -25,7 +25,7 @@ enum {
 };
 enum { EXPEDITED = 0x02, SIZED = 0x01, TOGGLE = 0x10, LAST = 0x01, SEGMENT_BYTES = 7 };
 
-/* What one request needs on its way. */
+/* Context of one request. */
 typedef struct {
   canopen_t *canopen;
   dictionary_t *objects;
@@ -42,7 +42,7 @@ static uint16_t answer_id(const canopen_t *canopen, uint8_t server) {
   return canopen_can_id(cob_id);
 }
 
-/* An answer with command, index and sub-index. */
+/* A response with command specifier, index and sub-index. */
 static can_frame_t *answer(canopen_t *canopen, uint8_t server, uint8_t command, uint16_t index,
                            uint8_t sub) {
   can_frame_t *frame =
@@ -74,7 +74,7 @@ static void start_timer(const request_t *request) {
                       fx_ticks_from_ms(SDO_TIMEOUT_MS));
 }
 
-/* Index and sub-index of an initiating request. */
+/* Index and sub-index of an initiate request. */
 static uint16_t index_of(const uint8_t *data) { return (uint16_t)fx_load_le(data + 1, 2); }
 
 static void abort_initiate(const request_t *request, uint32_t code) {
@@ -89,7 +89,7 @@ static void abort_segment(const request_t *request, uint32_t code) {
                  pending ? server->sub : 0, code);
 }
 
-/* Whether there is anything at an index. */
+/* Whether any object has this index. */
 static bool has_index(uint16_t index) {
   return dictionary_address(index, 0) != NULL || dictionary_address(index, 1) != NULL;
 }
@@ -106,7 +106,7 @@ static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
   return (entry->type == AXIS_TYPE_U32) ? (uint32_t)value > (uint32_t)limit : value > limit;
 }
 
-/* Where CiA 301 has a code that says more than the refusal does. */
+/* The abort code of a refusal, the most specific one that CiA 301 defines. */
 static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   const axis_object_t *entry = &axis_objects[object];
   if (refusal == FW_ERROR_RANGE) {
@@ -132,7 +132,7 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   return abort_of_refusal[-refusal];
 }
 
-/* Writes the bytes of a finished download: 0 or an abort code. */
+/* Writes the bytes of a complete download; returns 0 or an abort code. */
 static uint32_t write_value(const request_t *request, uint16_t object, const uint8_t *bytes) {
   const uint8_t type = axis_objects[object].type;
   const int32_t value = value_from_bits(fx_load_le(bytes, value_bytes(type)), type);
@@ -140,13 +140,13 @@ static uint32_t write_value(const request_t *request, uint16_t object, const uin
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
-/* 0 or why the object at this address takes no download of that length. */
+/* 0, or the abort code of a download of this length to this address. */
 static uint32_t refuse_download(const request_t *request, const axis_address_t *address, bool sized,
                                 uint32_t size) {
   if (address == NULL) {
     return has_index(index_of(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
   }
-  /* First of all, so that a read-only object says so whatever the length. */
+  /* Checked first: a read-only object aborts as such at every length. */
   if (address->what != AXIS_ADDRESS_OBJECT ||
       axis_objects[address->value].access == AXIS_ACCESS_RO) {
     return SDO_ABORT_READ_ONLY;
@@ -188,7 +188,7 @@ static void initiate_download(const request_t *request) {
   (void)answer(request->canopen, request->number, SERVER_DOWNLOAD, index, data[3]);
 }
 
-/* Common to both kinds of segments: 0 or an abort code. */
+/* Checks common to upload and download segments: 0 or an abort code. */
 static uint32_t refuse_segment(const request_t *request, uint8_t state) {
   if (request->server->state != state) {
     return SDO_ABORT_COMMAND;
@@ -233,7 +233,7 @@ static void download_segment(const request_t *request) {
                0);
 }
 
-/* Answers an upload of up to 4 bytes at once. */
+/* Up to 4 bytes are uploaded expedited. */
 static void upload_value(const request_t *request, uint32_t value, uint32_t bytes) {
   can_frame_t *frame = answer(request->canopen, request->number,
                               (uint8_t)(SERVER_UPLOAD | EXPEDITED | SIZED | ((4 - bytes) * 4)),

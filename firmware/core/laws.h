@@ -4,8 +4,8 @@
 /* The control laws: scalar functions of counts, without state.
  *
  * A law returns its command in 1/65536 DAC code, unrounded. It is limited to one code outside the
- * range of the DAC on either side (LAW_MIN_Q16..LAW_MAX_Q16), which keeps it in 32 bits and still
- * tells the one rounding and the one saturation at the DAC that the range was left. */
+ * range of the DAC on either side (LAW_MIN_Q16..LAW_MAX_Q16), so that it fits in 32 bits and the
+ * saturation at the DAC still detects that it is out of range. */
 
 #include <stdint.h>
 
@@ -18,7 +18,7 @@
 #define LAW_MIN_Q16 (LAW_MIN_Q8 * 256)
 #define LAW_MAX_Q16 (LAW_MAX_Q8 * 256)
 
-/* Position error beyond which the position law sees no larger one, counts (1.1.2, Fig 1.2). */
+/* Largest position error that the position law acts on, counts (1.1.2, Fig 1.2). */
 #define LAW_POSITION_ERROR_MAX 32767
 
 /* f = sign (adc - zero) - tare, in 1/256 of an 8-bit count whatever the width of the ADC: one count

@@ -50,12 +50,12 @@ void recorder_stop(recorder_t *recorder) {
   recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
 }
 
-/* a < b as the type reads them: a u32 has no sign. */
+/* a < b; u32 values are compared unsigned. */
 static bool is_below(int32_t a, int32_t b, uint8_t type) {
   return (type == AXIS_TYPE_U32) ? (uint32_t)a < (uint32_t)b : a < b;
 }
 
-/* True in the tick in which the source passes the level in the chosen direction. */
+/* True in the tick in which the source crosses the level in the selected direction. */
 static bool triggered(recorder_t *recorder, const void *base) {
   const uint8_t edge = recorder->params.recorder_trigger_edge;
   if (edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
@@ -75,7 +75,7 @@ static bool triggered(recorder_t *recorder, const void *base) {
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
-  /* On a little-endian processor a value's own bytes are the packed ones. */
+  /* Samples are packed little-endian, as the processor stores its values. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
   const recorder_channel_t *end = &recorder->channels[recorder->channel_count];
   for (const recorder_channel_t *channel = recorder->channels; channel != end; channel++) {
@@ -96,7 +96,7 @@ static void store_sample(recorder_t *recorder, const void *base) {
   }
 }
 
-/* Keeps at most `pretrigger` of the samples taken so far and counts the ones to come. */
+/* The samples before the trigger are kept; the others of the capacity are still to be recorded. */
 static void start_recording(recorder_t *recorder) {
   recorder_signals_t *signals = &recorder->signals;
   signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;
@@ -127,7 +127,7 @@ void recorder_tick(recorder_t *recorder, const void *base) {
     }
     return;
   }
-  /* Waiting: the ring holds the last `pretrigger` samples. */
+  /* Armed: the ring buffer holds the last `pretrigger` samples. */
   if (recorder->params.recorder_pretrigger == 0) {
     return;
   }

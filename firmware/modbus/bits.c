@@ -5,7 +5,7 @@
 
 enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
 
-/* The access that a request waits for. */
+/* The object access that is pending. */
 enum {
   COIL,
   DISCRETE,
@@ -24,7 +24,7 @@ enum {
   DISABLE
 };
 
-/* The object behind a coil, or none. */
+/* The object that a coil is read from, or none. */
 static uint16_t coil_object(uint32_t n) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -40,7 +40,7 @@ static uint16_t coil_object(uint32_t n) {
   }
 }
 
-/* What a coil reads with its object's value. */
+/* The state of a coil at a value of its object. */
 static bool coil(uint32_t n, uint32_t value) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -73,7 +73,7 @@ static bool discrete(uint32_t n, uint32_t value) {
   return (n < AXIS_DISCRETE_LIMIT_ACTIVE) ? fx_field(value, n, 1) != 0 : value != 0;
 }
 
-/* Appends bits as far as the object that was read last shows them; asks for the next one's. */
+/* Appends the bits of the object read last and requests the object of the next bit. */
 static void next_bits(modbus_request_t *r, uint8_t step) {
   for (; r->first < r->after; r->first++) {
     const uint16_t object = (step == COIL) ? coil_object(r->first) : discrete_object(r->first);
@@ -131,8 +131,8 @@ static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t v
   modbus_ask(r, step, MODBUS_WRITE, object, fx_s32_from_u32(value));
 }
 
-/* From any state but a fault to operation enabled. Other bits start new: a set-point or homing that
- * was asked for before is not what this asks for. */
+/* From any state but a fault to operation enabled. Only the halt bit is kept: an earlier request of
+ * a set-point or homing must not be repeated. */
 static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
@@ -172,8 +172,8 @@ static void disarm(modbus_request_t *r) {
   }
 }
 
-/* What may be refused although the controlword may be written comes first, and at most one such
- * part is there. */
+/* Commands that can be refused while the controlword is writable are executed first; a request may
+ * contain one of them. */
 static void command(modbus_request_t *r) {
   const uint32_t state = (uint32_t)r->access.value;
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
@@ -182,7 +182,7 @@ static void command(modbus_request_t *r) {
     modbus_end(r, MODBUS_EXCEPTION_STATE);
   } else if (r->one[AXIS_COIL_STORE] &&
              (r->one[AXIS_COIL_RECORDER_TRIGGER] || r->one[AXIS_COIL_ENABLE])) {
-    /* The save would refuse the other when it is under way. */
+    /* A save in progress would refuse the other command. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
   } else if (r->one[AXIS_COIL_STORE]) {
     write(r, COMMAND, AXIS_OBJ_STORE_PARAMETERS, 1);
@@ -201,8 +201,8 @@ static void enable(modbus_request_t *r) {
   }
 }
 
-/* Whether the last access may end the request: those that were checked before are not refused, and
- * whether the axis could be enabled its state says. */
+/* Whether a refusal of the last access ends the request. The others were checked before, and the
+ * result of enabling is read from the drive's state. */
 static bool is_decisive(const modbus_request_t *r) {
   return r->step == PERMISSION || r->step == COMMAND || r->step == DISABLE;
 }

@@ -3,13 +3,13 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* The access that a request waits for. */
+/* The object access that is pending. */
 enum { STATE, NAME, IDENTITY };
 
 enum { TEXT_MAX = 30, HASH_DIGITS = 8, HASH = 0x80 };
 enum { INDEX_NAME = 0x1008, INDEX_HARDWARE = 0x1009, INDEX_SOFTWARE = 0x100A };
 
-/* Objects of the device identification, by number; 0 is the first. */
+/* Object ids of the device identification, ascending. */
 static const uint8_t identities[] = {0x00, 0x01, 0x02, 0x04, 0x05, HASH};
 enum { IDENTITIES = sizeof(identities) };
 
@@ -21,7 +21,7 @@ static bool is_identity(uint8_t number) {
   return found;
 }
 
-/* The last object of a category: basic, regular, extended. */
+/* The last object id of a category: basic, regular or extended. */
 static uint8_t identity_end(uint8_t category) {
   switch (category) {
     case 1:
@@ -44,7 +44,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text; returns how many characters. */
+/* Appends a text; returns its length. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {
@@ -60,7 +60,7 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Entries of `identities` from r->entry on are asked for one by one. */
+/* Requests the entries of `identities` one by one, from r->entry on. */
 static void next_identity(modbus_request_t *r) {
   if (r->entry == r->end) {
     modbus_end(r, MODBUS_OK);
@@ -100,7 +100,7 @@ void modbus_identify(modbus_request_t *r) {
   } else if (category == 4 && !is_identity(number)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
   } else {
-    /* An unknown first object begins with the first one of all. */
+    /* An unknown first object id restarts at the first one. */
     const uint8_t first = is_identity(number) ? number : 0;
     const uint8_t last = (category == 4) ? number : identity_end(category);
     r->entry = 0;
@@ -111,10 +111,10 @@ void modbus_identify(modbus_request_t *r) {
     while (r->end < IDENTITIES && identities[r->end] <= last) {
       r->end++;
     }
-    r->pdu[3] = 0x83; /* all categories, and single objects */
-    r->pdu[4] = 0;    /* nothing follows */
+    r->pdu[3] = 0x83; /* conformity: all categories, stream and individual access */
+    r->pdu[4] = 0;    /* no more objects follow */
     r->pdu[5] = 0;
-    r->pdu[6] = 0; /* how many objects */
+    r->pdu[6] = 0; /* number of objects */
     r->length = 7;
     r->part = MODBUS_IDENTITY;
     next_identity(r);

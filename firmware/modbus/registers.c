@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* The access that a request waits for. */
+/* The object access that is pending. */
 enum { ORDER_TO_READ, ORDER_TO_WRITE, VALUE, MASKED, CHECK, PREVIOUS, WRITE, TAKE_BACK };
 
 typedef struct {
@@ -25,7 +25,7 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* The last entry that begins at a register or before it; the first entry where there is none. */
+/* The last entry that starts at or before a register; else the first entry. */
 static uint16_t entry_at(map_t map, uint32_t at) {
   uint16_t low = 0;
   uint16_t high = map.count;
@@ -53,7 +53,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return true;
 }
 
-/* Finds the entries of registers that exist. */
+/* Selects the entries of a range; its registers must exist. */
 static void select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count) {
   const map_t map = map_of((uint8_t)table);
@@ -77,7 +77,7 @@ static bool has_32_bits(const modbus_request_t *r) {
   return found;
 }
 
-/* Register `n` of a value that takes `registers` of them. */
+/* Register `n` of a value of `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -102,7 +102,7 @@ static void next_value(modbus_request_t *r) {
   }
 }
 
-/* What of the entry's value is asked for. */
+/* Appends the requested registers of the entry's value. */
 static void append_value(modbus_request_t *r) {
   const axis_register_t *entry = entry_of(r);
   for (uint32_t at = entry->first; at < end_of(entry); at++) {
@@ -134,18 +134,18 @@ void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t f
   }
 }
 
-/* Whether a write acts at once and cannot be taken back. */
+/* Whether a write acts immediately and cannot be rolled back. */
 static bool is_irreversible(uint16_t object) {
   return object == AXIS_OBJ_CONTROLWORD || object == AXIS_OBJ_MODE ||
          axis_objects[object].block == AXIS_BLOCK_NONE;
 }
 
-/* Whether a write leaves the axis to another source. */
+/* Whether a write releases the axis to another command source. */
 static bool gives_axis_away(uint16_t object, int32_t value) {
   return object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
 }
 
-/* Whether the request takes the axis for Modbus. */
+/* Whether the request acquires the axis for Modbus. */
 static bool takes_axis(const modbus_request_t *r) {
   const uint8_t *words = r->words;
   for (uint16_t i = r->begin; i < r->end; i++) {
@@ -210,7 +210,7 @@ static void next_check(modbus_request_t *r) {
   }
 }
 
-/* One alone needs no check before: its write is the check. */
+/* A single write needs no check before it. */
 static void begin_writes(modbus_request_t *r) {
   if (r->end - r->begin == 1) {
     next_write(r);
@@ -222,7 +222,7 @@ static void begin_writes(modbus_request_t *r) {
 static void checked(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   if (access->kind == MODBUS_CHECK && access->refusal == FW_ERROR_LOCKED && takes_axis(r)) {
-    /* What it writes as the owner must be right too, or the axis would be taken in vain. */
+    /* Values to be written after the axis is acquired are checked as the owner's. */
     ask_for_entry(r, CHECK, MODBUS_CHECK_OWNER);
     return;
   }
@@ -232,7 +232,7 @@ static void checked(modbus_request_t *r) {
   }
   const bool gives_away = gives_axis_away(access->object, access->value);
   if (gives_away && r->entry + 1 < r->end) {
-    /* Nothing could be written after it, nor taken back. */
+    /* After the axis is released nothing can be written or rolled back. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }
@@ -243,8 +243,7 @@ static void checked(modbus_request_t *r) {
   next_check(r);
 }
 
-/* The entries before the one under way are given their previous values again, the last one first.
- */
+/* Restores the previous values of the entries before the current one, in reverse order. */
 static void take_back(modbus_request_t *r) {
   while (r->entry > r->begin) {
     r->entry--;
@@ -263,12 +262,12 @@ static void written(modbus_request_t *r) {
   if (r->access.refusal != FW_OK) {
     r->exception = modbus_exception_of(r->access.refusal);
     while (r->writes_those && r->entry < r->end) {
-      go_on(r); /* all others are written */
+      go_on(r); /* all other entries are written */
     }
     take_back(r);
     return;
   }
-  /* Its previous value takes the place of the one that was written. */
+  /* The previous value replaces the written one in the request, for a rollback. */
   for (uint32_t n = 0; n < registers_of(object); n++) {
     fx_store_be16(&r->place[2 * n], word_of(r->previous, registers_of(object), n, r->low_first));
   }
@@ -299,7 +298,7 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   }
 }
 
-/* Of half a 32-bit object the word is of no matter: the write refuses it. */
+/* For half a 32-bit object the word is irrelevant: the write is refused. */
 static void mask(modbus_request_t *r) {
   const uint32_t kept = (uint32_t)r->access.value & r->and_mask;
   const uint32_t given = (uint32_t)r->or_mask & ~(uint32_t)r->and_mask;

@@ -6,7 +6,7 @@
 #include "firmware/modbus/identity.h"
 #include "firmware/modbus/registers.h"
 
-/* The longest runs that the protocol allows. */
+/* Largest quantities that the protocol allows. */
 enum {
   READ_BITS_MAX = 2000,
   WRITE_BITS_MAX = 1968,
@@ -17,7 +17,7 @@ enum {
 
 enum { COIL_ON = 0xFF00, COIL_OFF = 0x0000 };
 
-/* Where things lie in a PDU: the function, then two words in most of them. */
+/* Offsets in a PDU: the function code, then 16-bit fields. */
 enum { FUNCTION = 0, FIRST = 1, SECOND = 3, THIRD = 5, FOURTH = 7 };
 
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length) {
@@ -85,7 +85,7 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* The answer repeats the request, which the write would use up. */
+/* A copy is written: the response echoes the request, and the write overwrites its data. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);
@@ -106,8 +106,7 @@ static void mask_register(modbus_request_t *r, uint16_t first, uint16_t and_mask
   modbus_mask_register(r, first);
 }
 
-/* The range that is read is looked up first: a request whose answer would be an exception writes
- * nothing. */
+/* The range to read is checked first: a request that is answered by an exception writes nothing. */
 static void exchange_registers(modbus_request_t *r, uint16_t first, uint16_t count) {
   const uint16_t write_first = fx_load_be16(&r->pdu[THIRD]);
   const uint16_t write_count = fx_load_be16(&r->pdu[FOURTH]);
@@ -140,7 +139,7 @@ static void diagnose(modbus_request_t *r, uint16_t what) {
   modbus_end(r, exception);
 }
 
-/* Of a length that fits its function. */
+/* Executes a request whose length matches its function code. */
 static void begin(modbus_request_t *r) {
   const uint16_t first = (r->length < SECOND) ? 0 : fx_load_be16(&r->pdu[FIRST]);
   const uint16_t second = (r->length < THIRD) ? 0 : fx_load_be16(&r->pdu[SECOND]);
@@ -194,7 +193,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
   r->read_count = 0;
   counters[MODBUS_COUNT_SERVED] = (uint16_t)(counters[MODBUS_COUNT_SERVED] + 1);
   const uint16_t bytes = modbus_request_bytes(pdu, length);
-  /* Only an echo may be of any length. */
+  /* Only an echo request may have any length. */
   const bool echo = pdu[FUNCTION] == 8 && length >= SECOND;
   if (bytes == MODBUS_BYTES_OPEN) {
     modbus_end(r, MODBUS_EXCEPTION_FUNCTION);
@@ -208,7 +207,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
 void modbus_request_resume(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   const bool reads = access->kind == MODBUS_READ || access->kind == MODBUS_READ_TEXT;
-  /* A command reads as 0. */
+  /* A write-only object reads as 0. */
   if (reads && access->refusal != FW_OK && access->refusal != FW_ERROR_WRITE_ONLY) {
     modbus_end(r, modbus_exception_of(access->refusal));
     return;

@@ -5,8 +5,8 @@
 #include "firmware/modbus/request.h"
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
-enum { UNIT = 0, PDU = 1 }; /* where they lie in a frame */
-enum { TOO_LONG = 0xFFFF }; /* as a length: nothing of it counts */
+enum { UNIT = 0, PDU = 1 }; /* offsets in a frame */
+enum { TOO_LONG = 0xFFFF }; /* length of a frame to be discarded */
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;
@@ -18,8 +18,8 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-/* Ticks of 1/1500 s that last at least as long as the silence that ends a frame: 3.5 characters of
- * 11 bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1). */
+/* The silent interval that ends a frame, in ticks of 1/1500 s, rounded up: 3.5 characters of 11
+ * bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1). */
 static uint32_t ticks_of_silence(uint32_t baud) {
   /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
   return (baud > 19200) ? 3 : fx_quotient(57749 + baud, baud);
@@ -45,7 +45,7 @@ static void append_crc(modbus_t *modbus, uint16_t length) {
   fx_store_le(&modbus->frame[length], crc, BYTES_CRC);
 }
 
-/* Functions that a broadcast may ask for. */
+/* Function codes that are valid in a broadcast. */
 static bool writes(uint8_t function) {
   return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
 }
@@ -71,8 +71,7 @@ static void access_object(dictionary_t *objects, modbus_access_t *access) {
   }
 }
 
-/* Carries out the request in the frame, with a PDU of `length` bytes; returns that of the answer.
- */
+/* Executes the request, a PDU of `length` bytes; returns the length of the response PDU. */
 static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) {
   modbus_request_t request;
   modbus_request_begin(&request, modbus->frame[UNIT], &modbus->frame[PDU], length,
@@ -84,7 +83,7 @@ static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) 
   return request.length;
 }
 
-/* The frame so far is a whole one. */
+/* Handles a complete frame. */
 static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;
@@ -107,13 +106,13 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   modbus->answer_sent = 0;
 }
 
-/* Whether what is there can be a whole frame: a CRC, run over it and its own two bytes, is 0. */
+/* Whether the received bytes can be a complete frame: the CRC including its own bytes is 0. */
 static bool closes(const modbus_t *modbus) {
   return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
 }
 
-/* Whether it must be one: the request ends here. Of other units only the CRC can say it; should it
- * close by chance, what follows is passed over as a broken frame. */
+/* Whether the frame is complete. For other units only the CRC decides; after a chance match the
+ * remaining bytes are discarded as an invalid frame. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
@@ -158,7 +157,7 @@ void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->silence < modbus->silence_ticks) {
     return;
   }
-  /* A frame that is not as long as its function says, but whole: its answer is an exception. */
+  /* A valid CRC, but not the length of its function code: answered by an exception. */
   if (closes(modbus)) {
     take_frame(modbus, objects);
     return;

@@ -1,4 +1,4 @@
-"""What test_link.py asks of real CAN, in one guest: run under tools/vcan, prints one JSON object.
+"""The checks of test_link.py on real CAN in a guest: run under tools/vcan, prints one JSON object.
 
 Only the standard library, so that the guest does not spend its time on imports.
 """
@@ -53,7 +53,7 @@ def with_candump():
         time.sleep(0.3)
         done = pair()
         size = -1
-        while size != os.fstat(log.fileno()).st_size:  # candump may be behind on a busy machine
+        while size != os.fstat(log.fileno()).st_size:  # candump may lag on a busy machine
             size = os.fstat(log.fileno()).st_size
             time.sleep(0.5)
         dump.send_signal(signal.SIGINT)
@@ -96,7 +96,7 @@ def six_axes():
 
 
 def with_buses():
-    """An axis on CAN and Modbus, in real time, under whatever may come on either."""
+    """An axis on CAN and Modbus, in real time, under random input on both."""
     client, device = os.openpty()
     with tempfile.TemporaryDirectory() as folder:
         journal, store = Path(folder) / "journal", Path(folder) / "store"
@@ -106,7 +106,7 @@ def with_buses():
         )  # fmt: skip
         plant = start("plant_node", *SHORT, "--pace", "real")
         noise = subprocess.Popen(["cangen", "vcan0", "-g", "2", "-n", "200", "-m"])
-        # A set-point and a mode over SDO, then reads; the noise is whatever it is.
+        # A set-point and a mode over SDO, then reads, under random frames.
         for frame in ("601#2F60600001000000", "601#4041600000000000", "000#0101"):
             subprocess.run(["cansend", "vcan0", frame], check=True)
         for request in (b"\x01\x04\x00\x00\x00\x0e\x71\xce", b"\xff" * 7, bytes(300)):

@@ -1,10 +1,10 @@
-"""A second CANopen node, written from CiA 301 and the object table: what the firmware's must do.
+"""An independent CANopen node, written from CiA 301 and the object table, as the reference.
 
-`Node` is fed what canopen_flood logged: frames in, ticks, what the port told, and what no model
-of communication can know (values of mapped objects, the drive's error code, whether an object of
-the drive refused the value of an RPDO or an SDO server). It predicts every frame out, the NMT
-state, the lock, and each object of the communication part; `check` compares them and names the
-record that differs.
+`Node` is fed the log of canopen_flood: received frames, ticks, the port's reports, and what no
+model of communication can know (values of mapped objects, the drive's error code, whether an object
+of the drive refused the value of an RPDO or an SDO server). It predicts every transmitted frame,
+the NMT state, the lock, and each object of the communication part; `check` compares them and names
+the record that differs.
 """
 
 import struct
@@ -32,7 +32,7 @@ BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 AT = {(o.index, o.sub): o for o in OBJECTS if o.index > 0}
 BY_NUMBER = {o.number: o for o in OBJECTS}
 INDICES = {index for index, _ in AT} | {0x1008, 0x1009, 0x100A, 0x2120}
-# Sub-index 0 of what has others: the highest of them.
+# Sub-index 0 of arrays and records: the highest sub-index.
 HIGHEST = {
     index: max(sub for i, sub in AT if i == index)
     for index in {i for i, sub in AT if sub > 0}
@@ -44,7 +44,7 @@ DUMMY_BITS = {1: 1, 2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32}
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 OFF = 1 << 31
 
-# Names of timers, in the order in which those of one tick act.
+# Names of timers, in the order in which they expire within a tick.
 HEARTBEAT, EMCY, CONSUMER, EVENT, INHIBIT, DEADLINE, SDO = 0, 1, 2, 6, 10, 14, 18
 TIMERS = 21
 NEVER = 1 << 60
@@ -54,7 +54,7 @@ KEEP_NMT, KEEP_EMCY, KEEP_PDO, KEEP_SDO = 0, 1, 2, 6
 
 
 class Mismatch(AssertionError):
-    """The firmware did something else."""
+    """The firmware differs from the model."""
 
 
 def ticks_of_ms(ms):
@@ -107,7 +107,7 @@ class Abort(Exception):
 
 
 class Node:
-    """The node, at its power-up."""
+    """The node, from power-up on."""
 
     def __init__(self, node_id, version):
         self.node_id = node_id
@@ -117,11 +117,11 @@ class Node:
             0x100A: f"{version} {OBJECTS_HASH[:8]}".encode(),
         }
         self.ring = deque()
-        self.lost = 0  # frames that are not counted yet
+        self.lost = 0  # frames not counted yet
         self.can_lost = 0
-        self.values = [0] * 4  # of what TPDOs map
+        self.values = [0] * 4  # of the objects that TPDOs map
         self.refused = 0
-        self.fed = False  # the owner's last write of a value that only the drive can judge
+        self.fed = False  # the owner's last write: only the drive can accept or refuse its value
         self.recording = 0
         self.active = 0
         self.bus = 0
@@ -129,14 +129,14 @@ class Node:
         self.power_up()
         self.start()
 
-    # --- resets ---------------------------------------------------------------------------------
+    # Resets.
 
     def power_up(self):
         self.owner = 0
         self.silence = 0
         self.watchdog = AT[0x2302, 0].default
         self.contact = 0
-        self.held_until = {}  # of emergencies that are not repeated at once
+        self.held_until = {}  # end of the inhibit time per emergency
 
     def start(self):
         self.od = {
@@ -174,7 +174,7 @@ class Node:
             self.start_rpdo(i)
             self.start_tpdo(i)
 
-    # --- output, timers -------------------------------------------------------------------------
+    # Output, timers.
 
     def add(self, can_id, length, choices, keep):
         if self.closed:
@@ -189,7 +189,7 @@ class Node:
         if ticks and self.timers[timer] < self.next:
             self.next = self.timers[timer]
 
-    # --- emergencies ----------------------------------------------------------------------------
+    # Emergencies.
 
     def update_register(self):
         register = error_class(self.drive_code)
@@ -224,7 +224,7 @@ class Node:
             self.overrun_told = True
             self.emergency(0x8110)
 
-    # --- NMT ------------------------------------------------------------------------------------
+    # NMT.
 
     def enter(self, state):
         before, self.nmt = self.nmt, state
@@ -269,7 +269,7 @@ class Node:
             self.enter(INITIALISING)
             self.reset = what
 
-    # --- what comes in --------------------------------------------------------------------------
+    # Received frames.
 
     def receive(self, length, can_id, data):
         if length > 8 or self.nmt == INITIALISING:  # remote frames have bit 7 set
@@ -334,7 +334,7 @@ class Node:
             if self.brought[i] is not None:
                 self.take_over(i)
 
-    # --- PDOs -----------------------------------------------------------------------------------
+    # PDOs.
 
     def entries(self, index):
         return [self.od[index, k + 1] for k in range(self.od[index, 0])]
@@ -403,14 +403,14 @@ class Node:
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
             if entry >> 8 == 0x230100 and data & 0xFF == 0:
-                self.own(0)  # CANopen takes the lock
+                self.own(0)  # CANopen acquires the lock
             data >>= width
         if self.refused >> i & 1:
             self.tell(i, 0x6320)
         else:
             self.told[i].discard(0x6320)
 
-    # --- SDO ------------------------------------------------------------------------------------
+    # SDO.
 
     def answer(self, server, *choices):
         can_id = (0x580, 0x5C0, 0x5E0)[server] + self.node_id
@@ -521,7 +521,7 @@ class Node:
             head = self.frame(0x43 | (4 - size) << 2, index, sub)
             value = self.value_of(o)
             if value is None:
-                # A value of the drive; but what lies behind it is 0.
+                # A value of the drive; the bytes beyond it are 0.
                 known = ((1 << 64) - 1) ^ (((1 << 8 * size) - 1) << 32)
                 self.answer(server, (head, known))
             else:
@@ -537,7 +537,7 @@ class Node:
             self.answer(server, *exactly(self.frame(0x41, index, sub, size)))
 
     def value_of(self, o):
-        """What is known of a value that may be read."""
+        """The value of a readable object where the model knows it."""
         at = o.index, o.sub
         if o.kind == "command":
             return o.default
@@ -580,7 +580,7 @@ class Node:
         else:
             self.start_timer(SDO + server, 7500)
 
-    # --- writing --------------------------------------------------------------------------------
+    # Writing.
 
     def write(self, server, o, raw, done):
         """Writes and answers `done`, or raises Abort."""
@@ -600,7 +600,7 @@ class Node:
         elif server != self.owner:
             raise Abort(0x08000021)
         elif o.kind == "command" and o.part in ("canopen", "device"):
-            # This node has no memory, which it only says while the axis may save at all.
+            # Saving is refused for lack of memory only where the axis could be saved.
             refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06060000, 0x08000022)]
             self.answer(server, *(choice for f in refusals for choice in exactly(f)))
             return
@@ -612,7 +612,7 @@ class Node:
         elif o.part == "device":
             self.silence = 0
         else:
-            # The axis or the drive decides.
+            # Accepted or refused by the axis or the drive.
             if self.fed:
                 self.silence = 0
             refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06090030, 0x08000022)]
@@ -645,7 +645,7 @@ class Node:
             self.start_tpdo(index & 3)
 
     def check(self, index, sub, before, value):
-        """Raises Abort if an object of communication may not become this."""
+        """Raises Abort if a communication object may not have this value."""
         if index == 0x1005:
             if value & 0x7FFFF800 or restricted(value & 0x7FF):
                 raise Abort(0x06090030)
@@ -710,7 +710,7 @@ class Node:
         if o is None or not o.mappable or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)
 
-    # --- time -----------------------------------------------------------------------------------
+    # Time.
 
     def own(self, source):
         before, self.owner = self.owner, source
@@ -779,7 +779,7 @@ class Node:
             if self.waiting_emcy:
                 self.send_emergencies()
         self.now += 1
-        # An axis that is active is at rest before its node powers up again, a tick later.
+        # An active axis is stopped before its node restarts, a tick later.
         if self.reset is not None and not (self.reset == 129 and active):
             self.after_reset()
 
@@ -819,7 +819,7 @@ class Node:
                 self.communication_error()
         self.next = min(self.timers)
 
-    # --- what the port tells --------------------------------------------------------------------
+    # Reports of the port.
 
     def told_lost(self, frames):
         self.can_lost = min(65535, self.can_lost + frames)
@@ -845,7 +845,7 @@ class Node:
         for transfer in self.servers:
             transfer.replaced = True
 
-    # --- comparison -----------------------------------------------------------------------------
+    # Comparison.
 
     def state(self):
         return (

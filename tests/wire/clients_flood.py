@@ -1,7 +1,7 @@
 """Item 6 of the clients' session: the axis under a flood of frames, and the 402 client after it.
 
-Frames that the node itself sends are left out of the flood, so that a recording tells who sent
-what; so are COB-IDs, the recorder and the count of lost frames, as in canopen_flood.cpp.
+The flood excludes identifiers that the node itself sends, so that each recorded frame has a known
+sender, and COB-IDs, the recorder and the count of lost frames, as in canopen_flood.cpp.
 """
 
 import random
@@ -22,7 +22,7 @@ FOREIGN = "2AA"  # no node's
 BURST = 30_000
 OWN = {0x081, 0x181, 0x281, 0x381, 0x481, 0x581, 0x5C1, 0x5E1, 0x701}
 HIDDEN = {0x1005, 0x1014, 0x2107, 0x2309, *range(0x1400, 0x1404), *range(0x1800, 0x1804)}
-# What requests name often; any other index now and then.
+# Frequent indices of requests; other indices are rare.
 INDICES = [
     0x1000, 0x1001, 0x1003, 0x1008, 0x100A, 0x1010, 0x1011, 0x1015, 0x1016, 0x1017, 0x1018, 0x1029,
     0x1600, 0x1A00, 0x1A02, 0x200A, 0x2021, 0x2301, 0x230A, 0x230B, 0x6040, 0x6041, 0x6060, 0x6061,
@@ -56,7 +56,7 @@ def record(log):
 
 
 def stop(dump, log):
-    """Ends candump on a quiet bus; it would leave what it has not yet read."""
+    """Ends candump on a quiet bus; frames that it has not read yet would be lost."""
     size, end = -1, time.monotonic() + 10
     while size != log.stat().st_size and time.monotonic() < end:
         size = log.stat().st_size
@@ -75,7 +75,7 @@ def request(rng):
 
 
 def random_frame(rng):
-    """Identifier and data: of the kinds that the node listens to, or of none."""
+    """Identifier and data of a frame that the node receives or ignores."""
     choice = rng.random()
     if choice < 0.35:
         identifier, data = request(rng)
@@ -108,7 +108,7 @@ def allowed(identifier, data):
 
 
 def random_frames(seconds):
-    """Sends random frames, some thousand a second; how many."""
+    """Sends random frames, some thousand a second; returns their number."""
     rng = random.Random(SEED)
     sent = 0
     with socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as bus:
@@ -126,7 +126,7 @@ def random_frames(seconds):
 
 
 def too_many(nodes):
-    """More frames than a socket holds, while axis_node stands still; the number sent."""
+    """More frames than a socket buffers, sent while axis_node is suspended; their number."""
     nodes.axis.send_signal(signal.SIGSTOP)
     words = ["cangen", "vcan0", "-I", FOREIGN, "-L", "8", "-g", "0", "-n", str(BURST), "-i"]
     subprocess.run(words, check=True, timeout=30)
@@ -135,8 +135,8 @@ def too_many(nodes):
 
 
 def lost(client):
-    """can_lost, once the axis has caught up: until then its answers are to frames of before, and
-    it may have been stopped."""
+    """can_lost after the axis has caught up: earlier responses belong to frames of the flood, and
+    the node may have been stopped."""
     for attempt in range(50):
         time.sleep(0.1)
         client.drive.nmt.state = "PRE-OPERATIONAL"
@@ -150,7 +150,7 @@ def lost(client):
 def flood(folder, steps, make_nodes, make_client, brief):
     dump = record(folder / "flood.log")
     nodes = make_nodes(folder, "flood")
-    # The session beside a flood that is none of the node's business.
+    # The session under a flood of identifiers that the node ignores.
     words = ["cangen", "vcan0", "-I", FOREIGN, "-L", "8", "-g", "1", "-i"]
     noise = subprocess.Popen(words)
     client = make_client()

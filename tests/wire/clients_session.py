@@ -1,6 +1,6 @@
-"""What test_clients.py asks of real CAN, in one guest: run under tools/vcan with a folder to write
-to. Clients that nobody here wrote work at axis_node; each step leaves its figures, or why it
-failed, in results.json, and all frames of the session are in session.log, as candump writes them.
+"""The session of test_clients.py on real CAN, in one guest: run under tools/vcan with a folder to
+write to. Third-party clients work at axis_node; each step writes its figures, or why it failed, to
+results.json, and all frames of the session are in session.log, as candump writes them.
 """
 
 import itertools
@@ -40,7 +40,7 @@ MODES = {
     "CYCLIC SYNCHRONOUS VELOCITY": 9,
     "CYCLIC SYNCHRONOUS TORQUE": 10,
 }
-# Each of CiA 402's transitions that a master can ask for, once.
+# Each of CiA 402's transitions that a master can command, once.
 WALK = [
     "SWITCH ON DISABLED", "READY TO SWITCH ON", "SWITCH ON DISABLED",  # T2 T7
     "READY TO SWITCH ON", "SWITCHED ON", "READY TO SWITCH ON",  # T3 T6
@@ -72,7 +72,7 @@ class Nodes:
         return process
 
     def finish(self):
-        """Ends the plant; the axis then ends itself and closes its journal. Its report."""
+        """Ends the plant; the axis then exits and closes its journal. Returns its report."""
         self.plant.kill()
         self.plant.communicate()
         report, _ = self.axis.communicate(timeout=30)
@@ -85,7 +85,7 @@ class Nodes:
 
 
 class Steps:
-    """Runs steps, keeps what they found."""
+    """Runs steps and stores their results."""
 
     def __init__(self):
         self.results = {}
@@ -112,14 +112,14 @@ def wait_until(what, condition, seconds=5.0):
 
 
 class Client:
-    """python-canopen's drive, as its manual says to use it."""
+    """python-canopen's drive, used as its manual describes."""
 
     def __init__(self):
         self.network = canopen.Network()
         self.network.connect(interface="socketcan", channel="vcan0")
         self.drive = BaseNode402(NODE, str(EDS))
         self.network.add_node(self.drive)
-        # Its 0.3 s are short for a guest on a busy machine; transitions keep their times.
+        # Its 0.3 s are too short on a busy machine; the timeouts of transitions are unchanged.
         self.drive.sdo.RESPONSE_TIMEOUT = 1.0
 
     def close(self):
@@ -135,7 +135,7 @@ class Client:
         return {"first_state": state, "state": self.settle("OPERATIONAL")}
 
     def settle(self, wanted):
-        """The NMT state by the node's heartbeats; one may have been under way at the command."""
+        """The NMT state by heartbeats; the first may have been sent before the command."""
         for _ in range(10):
             state = self.drive.nmt.wait_for_heartbeat(5)
             if state == wanted:
@@ -154,7 +154,7 @@ class Client:
         return found
 
     def reset(self, command):
-        """Seconds until the boot-up message, which may be there before a call could wait for it."""
+        """Seconds until the boot-up message, which may arrive before a call could wait for it."""
         heard = []
         waiting = threading.Thread(target=lambda: heard.append(self.drive.nmt.wait_for_bootup(5)))
         waiting.start()
@@ -170,10 +170,10 @@ class Client:
             self.drive.sdo[index].raw = value
         self.drive.sdo[0x2203].raw = 20000
 
-    # --- the state machine ----------------------------------------------------------------------
+    # The state machine.
 
     def go(self, state):
-        """One transition; seconds it took."""
+        """One transition; returns its duration in seconds."""
         before = self.drive.state
         since = time.monotonic()
         self.drive.state = state
@@ -182,7 +182,7 @@ class Client:
     def walk(self):
         if self.drive.state != "SWITCH ON DISABLED":
             self.drive.state = "SWITCH ON DISABLED"
-        # A quick stop that stays, so that T16 and T12 can be had.
+        # Quick stop remains active, which T16 and T12 require.
         self.drive.sdo[0x605A].raw = 6
         done = [self.go(state) for state in WALK[1:]]
         self.drive.sdo[0x605A].raw = 2
@@ -221,10 +221,10 @@ class Client:
         return self.drive.sdo[0x6064].raw
 
     def ticks(self):
-        """tick_count: the time that the axis had, which in a guest comes in bursts."""
+        """tick_count: the time of the axis, which in a guest advances in bursts."""
         return self.drive.sdo[0x201F].raw
 
-    # --- motion ---------------------------------------------------------------------------------
+    # Motion.
 
     def homing(self):
         self.drive.sdo[0x6098].raw = 35
@@ -268,7 +268,7 @@ class Client:
         second, then = self.position(), self.ticks()
         self.drive.sdo[0x60FF].raw = 0
         self.status_bits(0x1000, 0x1000, 5)
-        # Position and tick are two SDOs: some ticks apart.
+        # Position and tick are read by two SDOs, some ticks apart.
         return {"target": velocity, "seen": (second - first) * 1500 / (then - at)}
 
     def cyclic(self):
@@ -325,7 +325,7 @@ class Client:
         found["halt"] = [drive.state, self.position() - first]
         drive.controlword = 0x0F
         self.status_bits(0x1000, 0, 5)
-        # 605Ah = 2: slows down, then leaves quick stop by itself.
+        # 605Ah = 2: slow down, then switch on disabled.
         since = time.monotonic()
         drive.controlword = 0x02
         wait_until("switch on disabled", lambda: drive.state == "SWITCH ON DISABLED", 5)
@@ -343,7 +343,7 @@ class Client:
         return found
 
     def fault(self):
-        """A following error, provoked by a window no motion keeps."""
+        """A following error, provoked by a window that every motion exceeds."""
         drive = self.drive
         drive.op_mode = "PROFILED POSITION"
         self.enable()
@@ -375,7 +375,7 @@ class Client:
         found["t15"] = self.go("SWITCH ON DISABLED")
         return found
 
-    # --- communication --------------------------------------------------------------------------
+    # Communication.
 
     def remap(self):
         """TPDO3, TPDO4 and RPDO3 mapped anew with pdo.save(); read back by another reading."""
@@ -404,7 +404,7 @@ class Client:
         wait_until("ten TPDO3", lambda: len(ticks) == 10, 2)
         found["ticks_grow"] = all(b > a for a, b in itertools.pairwise(ticks))
         drive.sdo[0x60FF].raw = drive.sdo[0x6071].raw = 0
-        # Back to the defaults, by a reset.
+        # A reset restores the defaults.
         self.reset("RESET COMMUNICATION")
         drive.pdo.read()
         found["defaults"] = [hex(v.index) for v in drive.tpdo[3]] + [
@@ -453,14 +453,14 @@ class Client:
         drive.sdo[0x200A].raw = before
         return found
 
-    # --- what the session's frames are compared with --------------------------------------------
+    # Reference for the session's frames.
 
     def default_pdos(self):
         """Windows in time in which each default PDO was sent while SDO read steady values."""
         drive = self.drive
         drive.nmt.state = "OPERATIONAL"
         drive.state = "SWITCH ON DISABLED"
-        for pdo in (3, 4):  # off by default: only their COB-ID is written
+        for pdo in (3, 4):  # invalid by default: only their COB-ID is written
             cob_id = drive.sdo[0x1800 + pdo - 1][1].raw & 0x7FFFFFFF
             drive.sdo[0x1800 + pdo - 1][1].raw = cob_id
             drive.sdo[0x1800 + pdo - 1][2].raw = 1
@@ -480,7 +480,7 @@ class Client:
                 before = {i: drive.sdo[i].raw for pdo in seen.values() for i in pdo}
                 since = time.time()
                 self.network.sync.transmit()
-                time.sleep(0.06)  # TPDO1 comes every 20 ms
+                time.sleep(0.06)  # TPDO1 is sent every 20 ms
                 until = time.time()
                 after = {i: drive.sdo[i].raw for pdo in seen.values() for i in pdo}
                 if before == after:
@@ -510,7 +510,7 @@ class Client:
 
 
 def brief(client):
-    """The 402 client, shortly: all states, some modes, a move."""
+    """A short session of the 402 client: all states, some modes, a move."""
     found = {"set_up": client.set_up()}
     client.gains()
     found["walk"] = client.walk()
@@ -537,7 +537,7 @@ class ModbusLine:
 
 
 def libmodbus(line, *requests):
-    """Answers of libmodbus, as modbus_client prints them."""
+    """Responses to libmodbus, as modbus_client prints them."""
     words = "".join(" ".join(map(str, r)) + "\n" for r in requests)
     done = subprocess.run(
         [CLIENT, line.client, str(BAUD), str(NODE)],
@@ -555,7 +555,7 @@ def modbus(line, client):
         (4, 0, 14),  # one snapshot
         (6, 0x010C, 77),  # locked: CANopen owns
         (3, 9, 1),  # no such register
-        (16, 7, 1, 60000),  # takes the lock, watchdog one minute
+        (16, 7, 1, 60000),  # acquires the lock, watchdog one minute
         (6, 0x010C, 77),
         (3, 0x010C, 1),
         (6, 2, 1),  # half of 32 bits
@@ -581,7 +581,7 @@ def modbus(line, client):
         .information[0]
         .decode()
     )
-    # The axis by its coil, read on CANopen.
+    # The axis is enabled by its coil, its state read over CANopen.
     rtu.write_registers(1, [8], device_id=NODE)
     rtu.write_coil(0, True, device_id=NODE)
     found["enabled"] = sdo[0x6041].raw & 0x6F

@@ -1,4 +1,4 @@
-"""What test_faults.py does to real processes on real CAN, in one guest, under tools/vcan.
+"""The faults of test_faults.py, injected into real processes on real CAN, in one guest.
 
 Prints one JSON object. With an argument it is one of the masters that get killed.
 
@@ -24,7 +24,7 @@ from pymodbus.framer import FramerRTU
 ROOT = Path(__file__).resolve().parents[2]
 NODES = ROOT / "build" / "release" / "host"
 EXPERIMENT = ROOT / "sim" / "experiments" / "contact.toml"
-SECONDS = 60  # never over: each ends when it has seen enough
+SECONDS = 60  # longer than any scenario, each of which ends the processes itself
 FRAME = struct.Struct("<IB3x8s")
 HEARTBEAT_MS = 100
 WATCHDOG_MS = 200
@@ -48,7 +48,7 @@ class Bus:
             return None
         try:
             can_id, length, data = FRAME.unpack(self.socket.recv(FRAME.size))
-        except OSError:  # the interface went down: told once
+        except OSError:  # the interface went down: reported once
             return None
         if can_id == 0x81:
             self.emergencies.append(int.from_bytes(data[:2], "little"))
@@ -62,7 +62,7 @@ class Bus:
         return until()
 
     def ask(self, request):
-        """The answer of the first SDO server."""
+        """The response of the first SDO server."""
         self.send(0x601, request)
         end = time.monotonic() + 1
         while (left := end - time.monotonic()) > 0:
@@ -89,8 +89,8 @@ def crc(frame):
 
 
 def registers(fd, function, first, value):
-    """A request of one register to unit 1; its answer without CRC, or b""."""
-    while select.select([fd], [], [], 0)[0]:  # an answer to somebody who was killed
+    """A request of one register to unit 1; the response without CRC, or b""."""
+    while select.select([fd], [], [], 0)[0]:  # a response to a client that was killed
         os.read(fd, 64)
     os.write(fd, crc(struct.pack(">BBHH", 1, function, first, value)))
     answer = b""
@@ -99,7 +99,7 @@ def registers(fd, function, first, value):
     return answer[:-2]
 
 
-# --- the masters that get killed -----------------------------------------------------------------
+# The masters to be killed.
 
 
 def heartbeat_master():
@@ -116,7 +116,7 @@ def modbus_master(fd):
         time.sleep(0.03)
 
 
-# --- what happens to whom ------------------------------------------------------------------------
+# The faults.
 
 
 def start(name, *args):
@@ -144,7 +144,7 @@ def master(*args, **options):
 
 
 def outputs_of(log):
-    """{tick: (code, amplifier and brake, fault)} of what candump saw on the link."""
+    """{tick: (code, amplifier and brake, fault)} of the link's frames as candump recorded them."""
     outputs = {}
     for line in log.splitlines():
         if not line.startswith("("):
@@ -164,7 +164,7 @@ def entries(journal, kind):
 
 @contextlib.contextmanager
 def bench(*axis_args):
-    """An axis on its buses, its plant, and what was seen of them, filled in at the end."""
+    """An axis on its buses, its plant, and the observations, filled in at the end."""
     seen = {}
     client, device = os.openpty()
     tty.setraw(client)
@@ -225,7 +225,7 @@ def killed_plant():
 
 
 def late_ticks(*axis_args):
-    """The plant stands still for a moment: nothing is lost, but ticks come too late."""
+    """The plant is suspended for a moment: nothing is lost, but ticks are late."""
     with bench("--timeout", "5", *axis_args) as seen:
         bus = seen["bus"]
         bus.listen(0.5)
@@ -275,7 +275,7 @@ def two_masters():
         seen["owner_after"] = bus.read(0x2301)
         seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
         seen["rival_after"] = registers(line, 6, 0, 6).hex()
-    # What the rival sent, before this client asked once more.
+    # Frames of the rival before this client's next request.
     asked = [t for t, *_ in entries(seen["journal"], "modbus") if t <= seen["on"][1]]
     return seen | {"last": asked[-1], "journal": len(seen["journal"])}
 

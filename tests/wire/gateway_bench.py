@@ -1,4 +1,4 @@
-"""What test_gateway.py asks of a gateway, in one guest: run under tools/vcan, prints JSON.
+"""The gateway scenarios of test_gateway.py, in one guest: run under tools/vcan, prints JSON.
 
 Each scenario is a function; what it raises is its result, so that one failure hides no other.
 """
@@ -67,7 +67,7 @@ class Can:
         end = time.monotonic() + 1
         while time.monotonic() < end:
             frame = self.receive(0.2)
-            # The gateway polls on the same channel: only a download is answered so.
+            # The gateway polls on the same channel, but only uploads.
             answered = frame and frame[0] == 0x580 + node and frame[1][0] in (0x60, 0x80)
             if answered and frame[1][1:4] == data[1:4]:
                 return frame[1][0]
@@ -80,7 +80,7 @@ class Can:
         end = time.monotonic() + 1
         while time.monotonic() < end:
             frame = self.receive(0.2)
-            # Of the gateway's polls another object, as above.
+            # Responses to the gateway's polls have another object.
             if frame and frame[0] == 0x580 + node and frame[1][1:4] == request[1:4]:
                 assert frame[1][0] & 0xE3 == 0x43, frame[1].hex()
                 return int.from_bytes(frame[1][4 : 8 - (frame[1][0] >> 2 & 3)], "little")
@@ -103,7 +103,7 @@ class Tcp:
         return self.answer()
 
     def answer(self, timeout_s=3.0):
-        """PDU of the answer to the latest request; None: none came, b"": closed."""
+        """PDU of the response to the latest request; None: no response, b"": closed."""
         self.socket.settimeout(timeout_s)
         try:
             header = self.exactly(7)
@@ -202,9 +202,9 @@ def lock(axis, modbus):
 
 
 def refusals(axis):
-    """What a client is told, in words, with the code."""
+    """The texts and codes of refusals that a client receives."""
     axis.take()
-    axis.write("watchdog", 30_000)  # what is refused does not feed it
+    axis.write("watchdog", 30_000)  # refused commands do not feed it
     tried = {
         "range": ("latency_ticks", 3),
         "read_only": ("0x6041", 1),
@@ -237,7 +237,7 @@ def refusals(axis):
 
 
 def repetitions():
-    """A command that is doubled, one that is late, one of another table."""
+    """A duplicate command, a late one, one of another object table."""
     heard = []
     bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
     other = AxisClient(1)
@@ -270,7 +270,7 @@ def repetitions():
         command.command_id, command.kind, command.object = 3, axis_command_t.KIND_READ, ["0x200E"]
         bus.publish("AXIS_1_COMMAND", command)
         found["by_address"] = [[e.kind, list(e.value)] for e in until(answers)]
-        # Bus.publish stamps the time of now, so that what is late goes out by hand.
+        # Bus.publish uses the current time, so the late command is published directly.
         command.command_id, command.kind, command.objects_hash = 4, 1, TABLE_HASH
         command.value, command.wall_utime, command.timeout_us = (
             [33],
@@ -280,7 +280,7 @@ def repetitions():
         bus._lcm.publish("AXIS_1_COMMAND", command.encode())
         time.sleep(0.5)
         found["late"] = [len(answers()), other.read("0x200E")]
-        # A client that waits for ever: the sum of the two is beyond 64 bits.
+        # An unlimited timeout: the sum of the two exceeds 64 bits.
         command.command_id, command.value, command.timeout_us = 5, [44], 2**63 - 1
         bus.publish("AXIS_1_COMMAND", command)
         found["patient"] = [[e.kind, list(e.value)] for e in until(answers) or []]
@@ -291,7 +291,7 @@ def repetitions():
 
 
 def events(axis):
-    """What the axis does of itself: it is driven beyond its limits, then beyond its speed."""
+    """Events of the axis itself: its limits, then its speed are exceeded."""
     heard = []
     bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
     try:
@@ -343,7 +343,7 @@ def faulted(axis):
             found["in_order"] = ticks == sorted(ticks) and before[0].tick < ticks[0]
     finally:
         sessions.STATES_KEPT = kept
-    # A session leaves the axis ready; what follows wants it as it was.
+    # After a session the axis is ready to switch on; the next scenario needs its initial state.
     axis.take()
     axis.write("controlword", 0)
     return found
@@ -365,7 +365,7 @@ def captures(axis):
     slow = axis.capture(["tick_count"], samples=100, decimation=3)
     ticks = slow.values("tick_count").astype(int)
     found["decimated"] = [slow.total, sorted({int(s) for s in ticks[1:] - ticks[:-1]})]
-    # Armed for what never comes, and stopped.
+    # Armed for a trigger that never occurs, then disarmed.
     stopper = threading.Timer(0.5, lambda: stop_recorder())
     stopper.start()
     try:
@@ -390,7 +390,7 @@ def map_reads(axis, modbus):
     differ, count = [], 0
     axis.take()
     known = [o for o in objects.OBJECTS if o.modbus >= 0]
-    # Signals that move between two reads are compared by their width alone.
+    # Signals that change between two reads are compared by width only.
     for o in known:
         width = 2 if o.type in ("u32", "i32") else 1
         kind = "holding" if o.access == "rw" else "input"
@@ -428,7 +428,7 @@ def map_refuses(modbus):
         "counts": [wire.ask(1, struct.pack(">BHH", 3, 0, n)).hex() for n in (0, 126)],
         "short": wire.ask(1, b"\x03\x00").hex(),
         "device_id": wire.ask(1, b"\x2b\x0e\x01\x00").hex(),
-        # After functions of unknown length the stream is still in step.
+        # After functions of unknown length the stream is still synchronised.
         "in_step": wire.ask(1, struct.pack(">BHH", 3, gain, 1)).hex(),
     }
     before = registers(modbus, gain, 2)
@@ -464,7 +464,7 @@ def map_refuses(modbus):
         modbus.read_coils(0, count=1, device_id=1).bits[0],
         registers(modbus, store, 1, "input") == was,
     ]
-    # Words of 32 bits the other way round.
+    # The other word order of 32-bit values.
     order = BY_NAME["modbus_word_order"].modbus
     where = BY_NAME["target_velocity"].modbus
     modbus.write_registers(where, [0xFFFF, 0xFF00], device_id=1)
@@ -503,7 +503,7 @@ def wide_values(axis, modbus):
 
 
 def request_table():
-    """How many requests, and [number, line, answer] of those that are answered otherwise."""
+    """The number of requests, and [number, line, response] of unexpected responses."""
     differ, count, wire = [], 0, Tcp()
     wire.ask(1, bytes.fromhex("0600070000"))  # to CANopen, should Modbus own the axis
     text = Path(__file__).with_name("modbus_requests.txt").read_text()
@@ -532,7 +532,7 @@ def streams():
     found["pieces"] = wire.answer().hex()
     wire.socket.sendall(wire.frame(1, request) + wire.frame(7, request) + wire.frame(1, request))
     found["pipelined"] = [wire.answer().hex(), wire.answer().hex(), wire.answer(0.3)]
-    # A frame that never ends holds up nobody else.
+    # An incomplete frame does not block other clients.
     stuck = Tcp()
     stuck.socket.sendall(stuck.frame(1, request)[:9])
     clients = [Tcp() for _ in range(6)]
@@ -560,7 +560,7 @@ def second_gateway():
 
 def drive_on(can):
     """Operation enabled, open loop at code 0, by CANopen's own master. The gateway polls on the
-    same SDO channel, so a request may come between its own: then it is made again."""
+    same SDO channel, so requests may collide: then it is repeated."""
     requests = [(0x2301, 0, 1), (0x6060, 0xFE, 1), *((0x6040, word, 2) for word in (6, 7, 15))]
     return all(
         any(can.write(1, index, 0, value, size) == 0x60 for _ in range(10))
@@ -569,7 +569,7 @@ def drive_on(can):
 
 
 def killed(process, can, axis):
-    """The gateway dies: when the axis says so, and what the next gateway sees."""
+    """The gateway is killed: when the axis reports it, and what the next gateway reads."""
     found = {"driven": drive_on(can)}
     frames = []
     listener = threading.Thread(target=lambda: frames.extend(Can().frames(1.5)))
@@ -619,7 +619,7 @@ def ended(process, can):
 
 
 def lost_axis(running, axis):
-    """The axis dies: what the gateway says of it on each bus."""
+    """The axis is killed: what the gateway reports on each bus."""
     running["plant_node"].kill()
     running["axis_node"].kill()
     event = axis.wait_event(axis_event_t.EVENT_HEARTBEAT_LOST, timeout_s=3)
@@ -688,7 +688,7 @@ def other_table():
 
 class Driven(threading.Thread):
     """A node with this object table that is in operation. By quick stop it stops when every one of
-    `together` was told to; never, if `stops` is false."""
+    `together` has received its command; never, if `stops` is false."""
 
     def __init__(self, node, stops=True):
         super().__init__(daemon=True)
@@ -737,7 +737,7 @@ class Driven(threading.Thread):
 
 
 def two_axes_end():
-    """Two axes are stopped together, and a second signal waits for none."""
+    """Two axes are stopped together; a second signal ends the gateway immediately."""
     found = {}
     for name, stops in (("together", True), ("at_once", False)):
         nodes = [Driven(2, stops), Driven(3, stops)]
@@ -746,7 +746,7 @@ def two_axes_end():
             node.start()
         process = gateway("--axes", "2,3")
         assert all(node.started.wait(10) for node in nodes), process.said()
-        time.sleep(0.3)  # the set-up ends with the start
+        time.sleep(0.3)  # the set-up ends with the NMT start
         process.terminate()
         told = [node.told.wait(5) for node in nodes]
         if not stops:
@@ -774,9 +774,9 @@ def standing(clients):
 
 
 def two_axes():
-    """One gateway, two axes: each is moved by one bus while the other is to stand still."""
+    """One gateway, two axes: each is moved over one bus while the other must not move."""
     nodes = [start_node("axis_node", "--can", "vcan0"), start_node("plant_node", "--pace", "real")]
-    # Two axes may be more than a busy guest does in real time, and they count time in ticks.
+    # A busy guest may not run two axes in real time; times are counted in ticks.
     slow = ["--heartbeat-ms", "1000", "--sdo-timeout-ms", "3000"]
     sets = ["--set", "force_gain=3", "--set", "2:force_gain=7"]
     process = gateway("--axes", "1,2", *sets, *slow)
@@ -844,7 +844,7 @@ def move_each(first, second, modbus):
     found["modbus_sees"] = [position(1), position(2)]
     found["gains_after"] = [axis.read("force_gain") for axis in both]
     found["owners_after"] = [axis.read("command_source") for axis in both]
-    # And one is off while the other goes on.
+    # One is disabled while the other remains enabled.
     write(2, "controlword", 0)
     until(lambda: second.state().statusword & 0x6F == 0x40)
     found["off"] = standing(both)

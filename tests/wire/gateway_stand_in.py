@@ -1,4 +1,4 @@
-"""What a gateway publishes, made up: states of several axes at a steady rate with known values,
+"""Simulated publications of a gateway: states of several axes at a steady rate with known values,
 losses and faults, and answers to commands. A process of its own for the tests of monitor, logs and
 client.
 
@@ -49,7 +49,7 @@ def state_of(axis, k, faulty=False, mismatch=False):
 
 
 def lively(s, axis, k):
-    """The same with values worth looking at: what the screenshots show."""
+    """The same with plausible values, for screenshots."""
     t = k / 50
     wave = (
         math.exp(-0.4 * (t % 8)) * math.sin(2 * math.pi * 1.3 * t) if axis != 2 else math.sin(9 * t)
@@ -68,7 +68,7 @@ class Gateway:
     def __init__(self, url, axes):
         self.lcm, self.run_id, self.seq = lcm.LCM(url), new_run_id(), {}
         self.values, self.answers, self.captures = {}, {}, dict.fromkeys(axes, 0)
-        self.done = []  # commands carried out
+        self.done = []  # executed commands
         for axis in axes:
             subscription = self.lcm.subscribe(f"AXIS_{axis}_COMMAND", self.command)
             subscription.set_queue_capacity(1000)
@@ -93,7 +93,7 @@ class Gateway:
     def command(self, channel, data):
         c, (axis, _) = decode(channel, data), channel_of(channel)
         key = (c.run_id, c.command_id)
-        if key in self.answers:  # a repetition: the same answer
+        if key in self.answers:  # a repeated command: the same response
             self.event(*self.answers[key])
             return
         self.done.append(key)
@@ -111,7 +111,7 @@ class Gateway:
         arguments = (axis, kind, text, code, c, items)
         self.answers[key] = arguments
         if len(self.done) % 5 == 3:
-            return  # this answer gets lost: the client must ask again
+            return  # this response is lost: the client must repeat its command
         self.event(*arguments)
         if c.kind == axis_command_t.KIND_CAPTURE:
             self.values[axis, "recorder_state"] = 1  # armed

@@ -98,7 +98,7 @@ def test_every_object_of_the_data_sheet_can_be_read(node):
 
 
 def test_boots_after_every_reset(node):
-    # Not wait_for_bootup(): the message is there before that begins to wait.
+    # Not wait_for_bootup(): the message arrives before that starts to wait.
     heard = queue.Queue()
     node.network.subscribe(0x700 + NODE, lambda _id, data, _time: heard.put(bytes(data)))
     for command in ("RESET", "RESET COMMUNICATION"):

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOOD = ROOT / "build/release/tests/wire/canopen_flood"
 VERSION = re.search(r'FW_VERSION "([^"]+)"', (ROOT / "firmware/app/fw.h").read_text()).group(1)
 
-# What a run must have come across to mean anything.
+# Least coverage of a run.
 ABORTS = {
     0x05030000, 0x05040000, 0x05040001, 0x06010001, 0x06010002, 0x06020000, 0x06040041, 0x06040042,
     0x06040043, 0x06060000, 0x06070010, 0x06070012, 0x06070013, 0x06090011, 0x06090030, 0x06090031,
@@ -96,7 +96,7 @@ def test_a_frame_that_the_model_did_not_get_is_found():
     log = flood(3_000, 1)
     size = model.RECORD.size
     places = range(0, len(log), size)
-    # An SDO request that was answered at once.
+    # An SDO request that was answered in the same tick.
     at = next(
         at
         for at in places

@@ -1,7 +1,7 @@
 """axis_node against clients that nobody here wrote, on real CAN: python-canopen's drive, cantools,
 tshark, libmodbus, pymodbus, candump and cangen.
 
-clients_session.py did it all in one guest, under tools/vcan; the tests look at what it left.
+clients_session.py did it all in one guest, under tools/vcan; the tests check its records.
 """
 
 import bisect
@@ -71,7 +71,7 @@ def frames_of(log):
     return found
 
 
-# --- the drive profile ----------------------------------------------------------------------------
+# The drive profile.
 
 
 def test_boots_and_follows_every_nmt_command(step):
@@ -146,8 +146,8 @@ def test_motion_in_every_mode(step):
     print(f"\npp: {pp}")
     assert abs(pp["position"] - pp["target"]) <= 10  # position_window
     assert pp["acknowledged_s"] < TRANSITION_S
-    # 6000 counts at 30,000 count/s and 225,000 count/s^2 take 1/3 s, 500 ticks; so does reaching
-    # the rest. Seconds say nothing: a guest that was late makes up for it.
+    # 6000 counts at 30,000 count/s and 225,000 count/s^2 take 1/3 s, 500 ticks; so does
+    # "target reached". Seconds are not checked: a late guest catches up.
     assert 450 < pp["reached_ticks"] < 7500
     pv = step("pv")
     print(f"pv: {pv}")
@@ -190,7 +190,7 @@ def test_a_fault_is_told_and_reset(step):
     assert 0 < found["reset_s"] < 4 * TRANSITION_S
 
 
-# --- communication --------------------------------------------------------------------------------
+# Communication.
 
 
 def test_pdos_are_mapped_by_their_own_save(step):
@@ -232,7 +232,7 @@ def test_modbus_clients_at_the_node(step):
     assert found["owner"] == 0
 
 
-# --- the recorded bus -----------------------------------------------------------------------------
+# The recorded bus.
 
 
 def test_cantools_decodes_each_default_pdo(folder, step):
@@ -306,7 +306,7 @@ def test_tshark_would_tell(tmp_path):
     assert len(wrong) == len(bad)
 
 
-# --- under a flood --------------------------------------------------------------------------------
+# Under a flood.
 
 
 def check_brief(found, where):
@@ -336,7 +336,7 @@ def flood(folder):
 
 
 def test_the_model_predicts_every_state_of_the_node(folder, results, flood):
-    # What is judged is what axis_node did: same trace, and same frames on the bus.
+    # The replay must match axis_node: same trace, same frames on the bus.
     *_, hash_of_replay = model.RECORD.unpack(flood[-model.RECORD.size :])
     report = results["flood_nodes"]["axes"][0]
     assert f"{hash_of_replay:016x}" == report["trace_hash"][:16]
@@ -358,10 +358,10 @@ def test_the_model_predicts_every_state_of_the_node(folder, results, flood):
     own = {identifier for identifier, _ in said}
     on_bus = [frame[1:] for frame in frames_of(folder / "flood.log")]
     from_node = [frame for frame in on_bus if frame[0] in own]
-    # After its last tick the axis went on for one without sensors: that is no part of the trace.
+    # The axis ran one more tick without sensors, which is not part of the trace.
     assert from_node[: len(said)] == said
-    assert len(from_node) - len(said) <= 16  # its ring of frames to be sent
-    # Every frame of the others was heard or counted as lost.
+    assert len(from_node) - len(said) <= 16  # its transmit queue
+    # Every frame of other nodes was received or counted as lost.
     # candump may miss some in the burst, so what was sent is counted where it was sent, too.
     assert len(on_bus) - len(from_node) <= heard + lost
     assert heard + lost >= results["random_frames"] + results["too_many"]
@@ -384,5 +384,5 @@ def test_lost_frames_are_counted(folder, step):
         f"\n{dropped} of {sent} frames lost on the way in while axis_node stood still, "
         f"{counted - dropped} answers before that found no place"
     )
-    # What exactly it must be, the model says above.
+    # The exact value is checked by the model above.
     assert 0 < dropped <= counted < 65535

@@ -61,7 +61,7 @@ def test_a_killed_plant_is_missed(session):
     assert axis["status"] == 1
     assert "plant_node silent for 500 ms" in axis["stderr"]
     lost = axis["axes"][0]["after_silence"]
-    # One tick after the last one that the plant asked for.
+    # One tick after the last one that the plant requested.
     assert lost["tick"] == seen["on"][1] + 1
     assert (lost["dac_code"], lost["amp_enable"], lost["brake_release"]) == (0, False, False)
     assert axis["axes"][0]["fault"] == "sensor_invalid"
@@ -69,11 +69,11 @@ def test_a_killed_plant_is_missed(session):
 
 def test_late_ticks_are_counted_and_told(session):
     seen = session["late_in_real_time"]
-    # The guest stands still by itself too, so more than one may be late.
+    # The guest itself may stall, so more than one may be late.
     assert 1 <= seen["overruns"] <= len(seen["late"])
     assert seen["register"][:6] == "010402" and int(seen["register"][6:], 16) >= seen["overruns"]
     assert OVERRUN in seen["emergencies"]
-    assert seen["on"][1] > seen["late"][0] + 300  # a warning: the axis goes on
+    assert seen["on"][1] > seen["late"][0] + 300  # a warning: the axis stays enabled
 
 
 def test_in_lock_step_no_tick_is_late(session):
@@ -87,7 +87,7 @@ def test_a_lost_bus_is_seen(session):
     expect(seen, CAN_OFF, 0x8140)
     (down, state), (up, active) = seen["told"]
     assert (state, active) == ("2", "0")
-    assert seen["on"][1] == down - 1  # told before tick `down`, which is off
+    assert seen["on"][1] == down - 1  # reported before tick `down`, which is off
     assert up > down
     assert seen["axis"]["axes"][0]["fault"] == "can_off"
 

@@ -34,7 +34,7 @@ def ran():
 
 @pytest.fixture
 def of(ran):
-    """What one scenario found; what it raised fails the test."""
+    """The results of one scenario; its exception fails the test."""
 
     def found(name):
         result = ran[name]
@@ -97,7 +97,7 @@ def test_a_refused_write_says_why_and_those_before_it_stay(of):
 
 def test_commands_that_are_doubled_late_or_of_another_table(of):
     got = of("repetitions")
-    # Answered twice, carried out once: another client's value stays.
+    # Answered twice, executed once: another client's value is unchanged.
     assert got["answers"] == [[DONE, "force_tare written", [11]]] * 2
     assert got["value"] == 22
     [[kind, text]] = got["other_table"]
@@ -194,7 +194,7 @@ def test_modbus_coils_drive_the_state_machine(of):
 
 def test_modbus_streams(of):
     got = of("streams")
-    assert got["foreign"] is None  # a unit that is not there gives no answer
+    assert got["foreign"] is None  # an unknown unit does not respond
     answer = got["then"]
     assert answer.startswith("0404")  # two registers
     assert got["pieces"].startswith("0404")
@@ -236,7 +236,7 @@ def test_a_gateway_that_is_ended_stops_the_axis_first(of):
     got = of("ended")
     assert got["driven"] and got["status"] == 0 and got["said"] == ""
     assert got["statusword"] == [0x27, 0x40]  # operation enabled, switch on disabled
-    assert got["emergencies"] == 0  # nothing is missed afterwards
+    assert got["emergencies"] == 0  # no loss is detected afterwards
 
 
 def test_a_lost_axis_is_named_on_both_sides(of):
@@ -266,9 +266,9 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
 
 def test_a_gateway_that_is_ended_stops_all_axes_together(of):
     got = of("two_axes_end")
-    # Each is told to stop, is seen to, and no longer watches for this gateway.
+    # Each receives a stop, reports it, and no longer consumes the gateway's heartbeat.
     assert got["together"] == [[True, True], [True, True], 0]
-    # Of axes that do not stop a second signal waits for none: they are to miss the gateway.
+    # If the axes do not stop, a second signal ends the gateway: they detect its loss.
     assert got["at_once"] == [[True, True], [False, False], 143]
 
 
@@ -299,7 +299,7 @@ def test_two_axes_behind_one_gateway_are_kept_apart(of):
     assert got["lost"] == 0 and got["said"] == ""
 
 
-# --- without CAN ---------------------------------------------------------------------------------
+# Without CAN.
 
 
 def test_a_trigger_is_an_object_of_the_table():

@@ -101,7 +101,7 @@ def can():
     return json.loads(done.stdout)
 
 
-# --- the same trace ------------------------------------------------------------------------------
+# The same trace.
 
 
 @pytest.mark.parametrize("kind", link.KINDS)
@@ -127,7 +127,7 @@ def test_lost_and_doubled_datagrams_change_nothing():
         assert end_["dropped"] + end_["doubled"] >= 0.09 * end_["sent"]
         assert end_["on_wire"] == end_["sent"] - end_["dropped"] + end_["doubled"]
     plant, axis = told["statistics"]["plant"], told["statistics"]["axis"]
-    # Every loss costs a repeat, and nothing was sent but ticks and repeats.
+    # Every loss causes one repeat; only ticks and repeats were sent.
     assert plant["repeated"] >= plant["dropped"]
     assert plant["sent"] == summary["ticks"] + plant["repeated"]
     assert axis["received"] == plant["on_wire"]
@@ -162,8 +162,8 @@ def logged_run(log, duration):
 
 def test_lcm_logger_counts_a_message_a_tick_and_direction(tmp_path):
     ticks = 3001
-    # Nobody acknowledges what a listener hears: on a machine that others keep busy it may miss
-    # some, so it has a few tries. What it must not show is a message too many.
+    # Multicast is not acknowledged: on a busy machine the listener may miss messages, so the test
+    # is repeated. An extra message is always an error.
     for _ in range(6):
         reports, seen = logged_run(tmp_path / "link.lcmlog", "experiment.duration_s=2")
         assert set(seen) == {"AXIS_1_LINK_INPUTS", "AXIS_1_LINK_OUTPUTS"}
@@ -185,7 +185,7 @@ def test_candump_counts_a_frame_a_tick_and_direction(can):
     for end_ in ("plant", "axis"):
         assert hashes(done[end_]) == [in_process()]
         assert done["frames"][end_] == ticks + done[end_]["statistics"]["repeated"]
-    assert done["other"] == []  # candump speaks of dropped frames here
+    assert done["other"] == []  # candump reports dropped frames here
     assert done["plant"]["pid"] != done["axis"]["pid"]
     # The bytes, written again from the trace: axis 1, enable (bit 9), tick mod 4096 from bit 13 on.
     result = _core.run(str(EXPERIMENT), [])
@@ -221,7 +221,7 @@ def test_six_axes(can):
         assert hashes(can["six_axes"][end_]) == expected
 
 
-# --- what was changed is seen --------------------------------------------------------------------
+# Changed data is detected.
 
 
 def test_one_flipped_bit_changes_the_result(can):
@@ -255,7 +255,7 @@ def test_what_the_firmware_refuses_is_told_by_the_other_process(tmp_path):
     assert "firmware.position_min: expected a value that the firmware takes" in done.stderr
 
 
-# --- who falls silent is named -------------------------------------------------------------------
+# A silent partner is named.
 
 
 def test_a_killed_axis_node_is_named_in_the_stated_time(can):
@@ -308,7 +308,7 @@ def test_a_partner_that_never_comes_is_named():
         assert "is it running, on this link and with this run id?" in told["stderr"]
 
 
-# --- ticks that come too late --------------------------------------------------------------------
+# Late ticks.
 
 
 def paused(tmp_path, *axis_args):
@@ -331,7 +331,7 @@ def test_a_late_tick_is_an_overrun_where_the_axis_is_to_be_in_real_time(tmp_path
     told, journal = paused(tmp_path, "--pace", "real")
     late = [int(line.split()[1]) for line in journal if line.startswith("overrun ")]
     assert told["overruns"] == len(late) > 0
-    assert any(600 < tick < 2900 for tick in late)  # where the plant stood still
+    assert any(600 < tick < 2900 for tick in late)  # where the plant was suspended
     assert told["trace_hash"] == in_process("experiment.duration_s=2")
 
 
@@ -341,7 +341,7 @@ def test_nothing_is_late_in_lock_step(tmp_path):
     assert not [line for line in journal if line.startswith("overrun ")]
 
 
-# --- buses and their journal ---------------------------------------------------------------------
+# Buses and their journal.
 
 
 def test_the_journal_of_an_axis_on_buses_gives_the_same_hash_in_process(can, tmp_path):
@@ -443,7 +443,7 @@ def test_a_journal_replaces_nothing_but_a_journal(tmp_path):
     )
     assert done.returncode == 2 and str(other) in done.stderr
     assert other.read_text() == "forceaxis = 1\n"
-    # Who finds the bus taken touches no file.
+    # Where the bus is in use no file is touched.
     done = subprocess.run(
         [*words, "--can", "nocan0", "--journal", tmp_path / "j", "--store", tmp_path / "s"],
         capture_output=True, text=True, timeout=20, check=False,
@@ -458,7 +458,7 @@ def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
     axis = start("axis_node", *run_id, "--journal", journal)
     plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "3")
     time.sleep(0.5)
-    # Another one of this run is refused, and leaves the journal alone.
+    # A second one of this run is refused and does not touch the journal.
     second = subprocess.run(
         list(map(str, [NODES / "axis_node", EXPERIMENT, *run_id, "--journal", journal])),
         capture_output=True, text=True, timeout=20, check=False,
@@ -489,7 +489,7 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
     )
 
 
-# --- for whoever looks on ------------------------------------------------------------------------
+# Observers.
 
 
 def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
@@ -502,7 +502,7 @@ def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
     plant = start("plant_node", *common, "--live")
     report = end(plant)
     assert report["status"] == 0 and end(axis)["status"] == 0
-    # Looking on changes nothing.
+    # Observing changes nothing.
     assert hashes(report) == [in_process(SHORT)]
     ended = time.monotonic() + 10
     while not (heard and getattr(heard[-1][1], "clock_state", 0) == 3) and time.monotonic() < ended:
@@ -524,7 +524,7 @@ def test_a_live_plant_publishes_its_clock_and_what_is_true(monkeypatch):
     assert max(t.value[0][force] for t in truths) > 1  # it is in contact, truly
 
 
-# --- runs do not meet ----------------------------------------------------------------------------
+# Runs are separate.
 
 
 def test_parallel_runs_on_one_port_do_not_meet():
@@ -539,7 +539,7 @@ def test_parallel_runs_on_one_port_do_not_meet():
     assert summary["link"]["hashes"] == dict.fromkeys(("plant", "axis"), in_process(SHORT))
     for report in reports:
         assert hashes(report) == [in_process(gain)]
-        # They did hear each other.
+        # They did receive each other's messages.
         assert report["statistics"]["foreign"] > 100
 
 
@@ -550,7 +550,7 @@ def test_an_interface_carries_one_plant(can):
     )
 
 
-# --- set-up that is missing is named -------------------------------------------------------------
+# Missing set-up is named.
 
 
 def test_no_route_for_multicast_says_how():
@@ -562,7 +562,7 @@ def test_no_route_for_multicast_says_how():
 
 
 def test_a_claim_that_fails_is_not_called_another_run():
-    # One descriptor is left for both axes.
+    # One descriptor is free for both axes.
     words = ["sh", "-c", 'ulimit -n 4; exec "$0" "$@"', NODES / "axis_node", EXPERIMENT]
     done = subprocess.run(
         [*words, "--axes", "2", "--run-id", str(link.new_run_id())],
@@ -610,7 +610,7 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
     [
         "nonsense",
         "pigeon://1",
-        "tcpq://localhost:1",  # with which liblcm ends the process
+        "tcpq://localhost:1",  # on which liblcm ends the process
         "udpm://nohost:7667",
         "udpm://10.0.0.1:7667",  # no multicast
         "udpm://239.255.76.67:99999",
@@ -653,7 +653,7 @@ def test_a_bad_lcm_url_of_a_run_is_one_line_and_status_2():
     ("axes", "file"),
     [
         *((1, file) for file in ("nowhere/a", "folder", "locked/a", "text", "text/a")),
-        # Of two axes the first one's could be had; nothing is left of it.
+        # The first axis' could be opened; it is closed again.
         *((2, file) for file in ("folder/a", "text")),
     ],
 )
@@ -720,7 +720,7 @@ def test_vcan_clears_up_after_one_that_was_killed():
         long_ago = time.time() - 90
         for kept, owner in {
             "living": f"{os.getpid()} {namespace}\n",
-            "other0": f"{killed.pid} pid:[1]\n",  # of a container: none of ours to judge
+            "other0": f"{killed.pid} pid:[1]\n",  # of a container: not ours to remove
             "newest": "",
             "inuse0": "",
         }.items():
@@ -749,7 +749,7 @@ def test_vcan_gives_a_terminal_a_shell():
         [VCAN, "-t", "60", "bash"], stdin=theirs, stdout=theirs, stderr=theirs,
         start_new_session=True,
     )  # fmt: skip
-    time.sleep(1)  # as somebody who types
+    time.sleep(1)  # a pause as between keystrokes
     os.write(ours, b"test -t 1 && ls /sys/class/net; exit 7\n")
     assert shell.wait(70) == 7
     assert not fcntl.fcntl(theirs, fcntl.F_GETFL) & os.O_NONBLOCK

@@ -121,7 +121,7 @@ def until(condition, seconds=8.0):
     return held
 
 
-# --- types and words ----------------------------------------------------------------------------
+# Types and words.
 
 
 def gen_messages(*arguments):
@@ -191,7 +191,7 @@ def test_every_statusword_is_named_as_cia_402_names_it():
 def test_words_for_numbers_that_nobody_knows():
     assert state_names.mode(10) == "cyclic force"
     assert state_names.mode(-77) == "mode -77"
-    # The table names them, and nothing beside it.
+    # The names are those of the table.
     named = dict(state_names.BY_NAME["modes_of_operation"].values)
     assert named == dict(state_names.BY_NAME["modes_of_operation_display"].values)
     assert set(MODES) == {state_names.mode(n) for n in named}
@@ -223,7 +223,7 @@ def test_engineering_values_and_enum_texts_become_raw_ones_and_back():
             to_raw(name, value)
 
 
-# --- losses -------------------------------------------------------------------------------------
+# Losses.
 
 
 def test_gaps_are_counted_and_what_comes_late_is_not_lost():
@@ -252,7 +252,7 @@ def test_a_number_far_ahead_costs_no_memory():
     assert gaps.lost == 2**60 - 2
 
 
-# --- the monitor --------------------------------------------------------------------------------
+# The monitor.
 
 
 def panel_text(app, axis):
@@ -344,7 +344,7 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
     with gateway(url, axes="1,2,3,4", fault=4, mismatch=3, drop=7, double=11):
         run_monitor(Live(watch, url), watch, steps, folder=tmp_path)
     (path,) = tmp_path.glob("*.log")
-    # liblcm's own reader takes it, and what it says is what was heard.
+    # liblcm's own reader opens it and reads the same messages.
     theirs = [(e.timestamp, e.channel, e.data) for e in lcm.EventLog(str(path), "r")]
     assert theirs == [tuple(e) for e in logs.LogReader(path)]
     assert len(theirs) > 100
@@ -362,7 +362,7 @@ def test_losses_shown_are_those_that_were_injected(url):
             sent = [k for k in range(201) if k % 7 != 3]
             assert until(lambda: gaps.received == len(sent))
         assert set(watch.axes) == {2}
-        # State 200 came, so every number left out before it is known to be.
+        # State 200 was received, so every missing number before it counts as lost.
         assert gaps.lost == 201 - len(sent)
         assert gaps.doubled == len([k for k in sent if k % 11 == 5])
     finally:
@@ -404,7 +404,7 @@ def test_the_monitor_fits_the_terminal_or_says_what_it_needs(url, size):
         chart = app.query_one("#chart")
         assert chart.size.height >= 3
         assert any(0x2800 < ord(c) < 0x2900 for c in chart_text(app))
-        # Nothing lies below the screen, and no line of a chart is longer than its place.
+        # Nothing is below the screen, and no line of a chart exceeds its width.
         assert app.query_one("#events").region.bottom <= size[1]
         assert max(map(len, chart_text(app).splitlines())) <= chart.size.width
         if size[1] >= 24:
@@ -434,7 +434,7 @@ def test_silence_a_silent_node_and_two_publishers_are_named(url):
             one.publish("AXIS_1_STATE", s)
             await settle(pilot, lambda: "SILENT, was operation enabled" in panel_text(app, 1))
             assert "got another type" in str(app.query_one("#events").render())
-            everything = blank(axis_state_t)  # a gateway that knows nothing yet
+            everything = blank(axis_state_t)  # a gateway without data yet
             one.publish("AXIS_1_STATE", everything)
             await settle(pilot, lambda: "no state yet" in panel_text(app, 1))
 
@@ -469,7 +469,7 @@ def test_the_command_runs_in_a_terminal_records_and_leaves_it_whole(url, tmp_pat
     os.close(theirs)
 
 
-# --- one snapshot -------------------------------------------------------------------------------
+# One snapshot.
 
 
 def test_once_json_is_one_object_of_what_is_heard(url):
@@ -547,14 +547,14 @@ def test_every_verb_has_help_with_an_example():
         )
 
 
-# --- logs ---------------------------------------------------------------------------------------
+# Logs.
 
 COUNT = 61
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A log of a whole session of the stand-in: two axes, every seventh state left out."""
+    """A log of a whole session of the stand-in: two axes, every seventh state missing."""
     url = free_url()
     path = tmp_path_factory.mktemp("log") / "session.log"
     source = Live(Watch(), url)
@@ -575,7 +575,7 @@ def test_exported_values_are_those_that_were_sent(recorded, tmp_path):
     for axis in (1, 2):
         table = np.load(tmp_path / f"AXIS_{axis}_STATE.npz")
         states = [state_of(axis, k) for k in sent]
-        assert table["seq"].tolist() == sent  # doubled ones once, lost ones not at all
+        assert table["seq"].tolist() == sent  # duplicates once, lost ones never
         for name in axis_state_t.__slots__:
             if name in ("utime", "wall_utime", "seq", "run_id") or "more" in name:
                 continue
@@ -623,7 +623,7 @@ def test_info_counts_messages_and_losses(recorded):
     assert row["type"] == "axis_state_t" and row["runs"] == 1
     left_out = [k for k in range(COUNT) if k % 7 == 3]
     doubled = [k for k in range(COUNT) if k % 7 != 3 and k % 11 == 5]
-    # The last state is sent, so all that were left out lie before it.
+    # The last state is sent, so all missing ones are before it.
     assert (COUNT - 1) % 7 != 3
     assert row["lost"] == len(left_out) and row["doubled"] == len(doubled)
     assert row["count"] == COUNT - len(left_out) + len(doubled)
@@ -643,7 +643,7 @@ def test_a_log_that_is_cut_off_gives_what_is_whole(recorded, tmp_path):
     assert "cut off" in done.stderr and f"{len(whole) - 1} messages saved" in done.stderr
     done = forceaxis("log", "export", path, "--out", tmp_path / "out", "--json")
     assert done.returncode == 0 and "cut off" in done.stderr
-    # Wherever the cut is, everything before it comes back.
+    # Everything before the cut is read, wherever it is.
     starts = [0]
     for entry in whole:
         starts.append(starts[-1] + logs.HEADER.size + len(entry.channel) + len(entry.data))
@@ -794,13 +794,13 @@ def test_a_replay_can_be_snapshot(recorded):
     assert shown["axes"]["1"]["age_s"] < 1
 
 
-# --- the client ---------------------------------------------------------------------------------
+# The client.
 
 
 def test_commands_are_answered_though_datagrams_get_lost(url):
     with gateway(url, axes="1,2", rate=20), AxisClient(1, url, retry_s=0.1) as axis:
         assert axis.state().position_cnt >= 1000
-        # The stand-in drops every fifth answer, so several of these need a second question.
+        # The stand-in drops every fifth response, so several commands are repeated.
         for gain in (0.5, 1.0, 1.5, 7.25):
             axis.write("force_gain", gain)
             assert axis.read("force_gain") == gain
@@ -825,7 +825,7 @@ def test_commands_are_answered_though_datagrams_get_lost(url):
 
 
 class Watched(Gateway):
-    """A stand-in that notes what is written, and whose axis may belong to somebody else."""
+    """A stand-in that records writes, and whose axis may be owned by another client."""
 
     def __init__(self, url):
         super().__init__(url, [1])
@@ -866,7 +866,7 @@ def test_a_session_keeps_its_axis_by_writing_its_watchdog_as_it_is(url):
         assert axis.written[1:] == [(False, axis_command_t.KIND_WRITE, [("watchdog", 700)])] * len(
             axis.written[1:]
         )
-        # One that the session changes stays.
+        # A value that the session changes is kept.
         for value in range(1000, 1020):
             session.write("watchdog", value)
             time.sleep(0.03)
@@ -874,7 +874,7 @@ def test_a_session_keeps_its_axis_by_writing_its_watchdog_as_it_is(url):
         assert axis.values[1, "watchdog"] == 1019
         writes = [items[0][1] for _, kind, items in axis.written if kind == 1]
         assert writes == sorted(writes)
-        # Somebody else takes the axis: it is his, whatever the session goes on trying.
+        # Another client acquires the axis: the session's further writes are refused.
         axis.foreign, before = True, len(axis.written)
         assert until(lambda: len(axis.written) > before + 2)
         assert {kind for foreign, kind, _ in axis.written if foreign} == {1}
@@ -896,7 +896,7 @@ def test_a_client_captures_what_the_recorder_holds(url):
 
 
 def test_a_capture_of_which_a_block_is_lost_says_so(url):
-    """The block of samples 64 to 127 does not come; the others are there, those are NaN."""
+    """The block of samples 64 to 127 is lost: those samples are NaN, the others complete."""
     watch, gateway = Watch(), Gateway(url, [1])
     source = Live(watch, url)
     try:
@@ -971,7 +971,7 @@ def test_a_block_that_lies_about_its_size_asks_for_no_memory():
     watch.take("AXIS_1_CAPTURE", block.encode(), 0)
     assert "does not fit" in watch.events[-1][3]
     assert watch.axes[1].capture[1].total == 0
-    # A block behind the last sample: the capture has its size, and none of its samples.
+    # A block beyond the last sample: the capture has its size, and no sample of the block.
     block.seq, block.total_samples, block.first_sample = 1, 10, 10
     watch.take("AXIS_1_CAPTURE", block.encode(), 0)
     assert len(watch.events) == 2 and "does not fit" in watch.events[-1][3]

@@ -1,4 +1,4 @@
-"""Modbus RTU over a pty pair: the firmware in real time, asked by libmodbus and by pymodbus.
+"""Modbus RTU over a pty pair: the firmware in real time, with libmodbus and pymodbus as masters.
 
 The firmware is served by tests/wire/modbus_bench.cpp; socat is the line. Both clients read and
 write every register of the map; what must stay silent is sent as raw bytes."""
@@ -19,7 +19,7 @@ from pymodbus.framer import FramerRTU
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "build/release/tests/wire"
 UNIT = 5
-# Sets how long a silence ends a frame: 7 ticks, which a pty under load keeps within a frame.
+# Sets the silent interval to 7 ticks, which a pty under load does not exceed within a frame.
 BAUD = 9600
 SILENCE_S = 0.02
 SEED = 4
@@ -91,7 +91,7 @@ class Line:
             process.wait()
 
     def libmodbus(self, *request):
-        """The answer of libmodbus: a list of numbers, or its text."""
+        """The response that libmodbus reports: a list of numbers, or a text."""
         self.client.stdin.write(" ".join(str(r) for r in request) + "\n")
         self.client.stdin.flush()
         answer = self.client.stdout.readline().split()
@@ -121,7 +121,7 @@ def owned(line):
     assert line.libmodbus(16, 7, 1, 60000) == []
 
 
-# --- every register -------------------------------------------------------------------------------
+# Every register.
 
 
 def test_both_clients_read_every_register_alike(line, pymodbus):
@@ -226,7 +226,7 @@ def test_one_request_is_one_snapshot(line):
     assert len(seen) > 50
 
 
-# --- exceptions -----------------------------------------------------------------------------------
+# Exceptions.
 
 
 def test_exceptions_as_documented(line, pymodbus):
@@ -250,7 +250,7 @@ def test_exceptions_as_documented(line, pymodbus):
     assert ask(5, 0, 1) == "exception 4"
     assert pymodbus.write_register(7, 2, device_id=UNIT).exception_code == 4
     assert ask(6, 7, 1) == []
-    # A function that there is none of.
+    # An unknown function code.
     assert pymodbus.read_fifo_queue(address=0, device_id=UNIT).exception_code == 1
 
 
@@ -275,11 +275,11 @@ def test_the_other_functions(line, pymodbus):
     assert not pymodbus.diag_read_bus_message_count(device_id=UNIT).isError()
 
 
-# --- coils and discrete inputs --------------------------------------------------------------------
+# Coils and discrete inputs.
 
 
 def test_coils_and_discrete_inputs(line, pymodbus):
-    line.kill()  # other tests leave limits that an axis in motion breaks
+    line.kill()  # limits set by other tests would stop the axis in motion
     line.power_up()
     assert line.libmodbus(16, 7, 1, 60000) == []
     assert line.libmodbus(6, 1, 8) == []
@@ -304,7 +304,7 @@ def test_coils_and_discrete_inputs(line, pymodbus):
 
 
 def test_what_is_stored_survives_a_kill(line):
-    # The store is at work, on this bench for some 60 ms: a machine that stalls asks too late.
+    # A save in progress, some 60 ms on this bench: a machine that stalls requests too late.
     for _ in range(20):
         assert line.libmodbus(6, 0x010C, 4321) == []
         assert line.libmodbus(5, 3, 1) == []
@@ -328,7 +328,7 @@ def test_what_is_stored_survives_a_kill(line):
     assert line.libmodbus(3, 0x010C, 1) == [0]
 
 
-# --- silence --------------------------------------------------------------------------------------
+# Silence.
 
 
 def closed(*frame):
@@ -347,14 +347,14 @@ class Raw:
         os.write(self.file, frame)
 
     def heard(self, seconds):
-        """What comes until nothing has come for so long."""
+        """The bytes received until a silence of this length."""
         found = b""
         while select.select([self.file], [], [], seconds)[0]:
             found += os.read(self.file, 512)
         return found
 
     def answers(self):
-        """Whether a good request is answered, within a second."""
+        """Whether a valid request is answered within a second."""
         self.send(REQUEST)
         found = b""
         end = time.monotonic() + 1

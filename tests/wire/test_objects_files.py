@@ -82,7 +82,7 @@ def section_of(index, sub):
     return f"{index:04X}sub{sub:X}" if index in INDICES_WITH_SUBS else f"{index:04X}"
 
 
-# --- the data sheet, read independently ---
+# The data sheet, read independently.
 
 
 def test_every_object_of_the_table_is_in_the_data_sheet(sheet):
@@ -95,7 +95,7 @@ def test_every_object_of_the_table_is_in_the_data_sheet(sheet):
         low, high = range_of(o)
         default = default_of(o, i)
         if o["kind"] == "command" and o["access"] == "rw":
-            # What a command reads as is no value that it takes: the sheet has no limits.
+            # A command reads as 0, which it may not accept: the sheet has no limits.
             assert "LowLimit" not in keys and "HighLimit" not in keys, name
         else:
             assert int(keys.get("LowLimit", str(lowest)), 0) == low, name
@@ -209,7 +209,7 @@ def test_objects_of_the_standards_have_their_names_and_types(sheet, index, sub, 
     assert int(keys["DataType"], 0) == data_type
 
 
-# --- programs that others wrote ---
+# Programs that others wrote.
 
 
 @pytest.mark.parametrize("node", [1, 6, 31])
@@ -265,7 +265,7 @@ axis_2:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    # No complaint of missing objects or of objects that a PDO cannot carry.
+    # No complaint about missing objects or objects that cannot be mapped.
     assert "axis" not in done.stderr, done.stderr
     written = re.findall(r"axis_1: writing \d bytes to 0x(\w{4})/(\d+): ([0-9A-F ]+)", done.stdout)
     assert ("1016", "1", "2C 01 20 00") in written
@@ -324,7 +324,7 @@ def mapped_names(index):
     return found
 
 
-# --- the DBC ---
+# The DBC.
 
 
 @pytest.fixture(scope="module")
@@ -374,7 +374,7 @@ def test_cantools_names_modes_and_states(dbc):
     assert dbc.get_message_by_name("AXIS1_TPDO1").cycle_time == default_of(*AT[0x1800, 5][1:])
 
 
-# --- the Modbus map ---
+# The Modbus map.
 
 
 @pytest.fixture(scope="module")
@@ -486,7 +486,7 @@ def test_bits_are_those_of_the_map(modbus, kind):
         assert [in_c[name] for name in STATUSWORD] == list(range(16))
 
 
-# --- the manual's pages ---
+# The manual's pages.
 
 
 def test_the_manual_has_every_object_and_register():
@@ -520,7 +520,7 @@ def test_the_man_page_is_clean():
     assert "force_gain" in re.sub(r".\x08", "", done.stdout)
 
 
-# --- no object is needed but those of a table ---
+# No object is needed but those of a table.
 
 SMALL = """
 [[object]]
@@ -580,7 +580,7 @@ def test_a_table_of_few_objects(tmp_path):
     assert len(cantools.database.load_file(generated / "forceaxis.dbc").messages) == 1 + 6
 
 
-# --- the tables of the firmware ---
+# The tables of the firmware.
 
 PROBE = """
 #include <stdio.h>
@@ -641,7 +641,7 @@ def test_the_firmware_has_the_same_addresses(tmp_path):
         assert line == (number_of[name], initial, stored, o.get("node_id", False), access), name
 
 
-# --- the command line ---
+# The command line.
 
 
 def forceaxis(*arguments):

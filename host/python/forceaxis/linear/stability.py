@@ -189,6 +189,25 @@ class Loop:
         rows = np.linalg.norm(np.linalg.solve(matrices.transpose(0, 2, 1), C.T + 0j), axis=(1, 2))
         return 1e-16 * (size * rows * states + abs(D[0, 0]))
 
+    def _static_rounding(self, static):
+        """What G(0) = `static` must exceed to be known to 1 %.
+
+        G(0) is computed again with states in other units, which rounds everything differently: more
+        than `_rounding` knows of where a pole and a zero at 0 Hz were removed.
+        """
+        n = len(self.open.A)
+        apart = 0.0
+        for turn in (0.618, 0.414, 0.732):
+            scale = 1 + turn * np.arange(1, n + 1) % 1
+            system = replace(
+                self.open,
+                A=self.open.A * scale / scale[:, None],
+                B=self.open.B / scale[:, None],
+                C=self.open.C * scale,
+            )
+            apart = max(apart, abs(_minimal(system).at(self._point(0.0)).real - static))
+        return 100 * max(apart, self._rounding([0.0])[0])
+
     def _marks(self, zeros):
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
@@ -300,9 +319,9 @@ class Loop:
         A, _, _, D = self._plane
         least = -1e-11 * np.median(np.abs(G[known]))
         if np.abs(self._poles).min() > 1e-13 * len(A) * np.linalg.norm(A):
-            rest = self._at(0.0).real
-            if rest < -10 * self._rounding([0.0])[0]:  # less is a zero there
-                crossings.append(Crossing(float(-1 / rest), 0.0, int(np.sign(values[0]))))
+            static = self._at(0.0).real
+            if static < -self._static_rounding(static):  # less is a zero there
+                crossings.append(Crossing(float(-1 / static), 0.0, int(np.sign(values[0]))))
         if D[0, 0] < least:
             end = None if self.dt is None else 0.5 / self.dt
             crossings.append(Crossing(float(-1 / D[0, 0]), end, -int(np.sign(values[-1]))))
