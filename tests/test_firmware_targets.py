@@ -102,10 +102,11 @@ SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c
 LAWS = [ROOT / "tests/unit/targets/laws_probe.c", ROOT / "firmware/fx/fx.c"]
 
 START = """
+#include <stddef.h>
 #include <stdint.h>
 #include "firmware/app/fw.h"
 void start(void);
-const uint32_t probe_sizes[3] = {sizeof(axis_t), sizeof(fw_t), sizeof(axis_signals_t)};
+const uint32_t probe_sizes[2] = {sizeof(axis_t), offsetof(fw_t, axis)};
 static fw_t fw;
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 void start(void) {
@@ -282,9 +283,15 @@ class Host:
     """The firmware compiled for this machine."""
 
     def __init__(self, folder):
-        library = folder / "libfirmware.so"
-        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *SOURCES, "-o", library)
+        library, probe = folder / "libfirmware.so", folder / "probe.c"
+        probe.write_text(
+            '#include <stddef.h>\n#include "firmware/app/fw.h"\n'
+            "const uint32_t probe_axis = offsetof(fw_t, axis);\n"
+        )
+        sources = [*SOURCES, probe]
+        run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *sources, "-o", library)
         self.lib = ctypes.CDLL(str(library))
+        self.axis = ctypes.c_uint32.in_dll(self.lib, "probe_axis").value
         self.fw = ctypes.create_string_buffer(16384)
         self.lib.fw_init(self.fw, ctypes.create_string_buffer(64))  # fw_config_t: all 0
         self.outputs = Outputs()
@@ -300,11 +307,12 @@ class Host:
         return value.value
 
     def tick(self, inputs):
-        self.lib.axis_tick(self.fw, ctypes.byref(inputs), ctypes.byref(self.outputs))
+        axis = ctypes.byref(self.fw, self.axis)
+        self.lib.axis_tick(axis, ctypes.byref(inputs), ctypes.byref(self.outputs))
         return bytes(self.outputs)
 
     def state(self, size):
-        return self.fw.raw[:size]
+        return self.fw.raw[self.axis : self.axis + size]
 
 
 class Emulator:
@@ -337,6 +345,8 @@ class Emulator:
         self.uc.hook_add(
             unicorn.UC_HOOK_BLOCK, self.on_block, begin=CODE_BASE, end=CODE_BASE + 0x1FFFF
         )
+        at = self.symbols["probe_sizes"] - CODE_BASE
+        self.state_bytes, self.axis = struct.unpack_from("<II", self.code, at)
         self.call("fw_init", self.FW, self.CONFIG)  # all 0
 
     def on_block(self, _uc, address, size, _data):
@@ -371,11 +381,11 @@ class Emulator:
 
     def tick(self, inputs):
         self.uc.mem_write(self.INPUTS, bytes(inputs))
-        self.call("axis_tick", self.FW, self.INPUTS, self.OUTPUTS)
+        self.call("axis_tick", self.FW + self.axis, self.INPUTS, self.OUTPUTS)
         return bytes(self.uc.mem_read(self.OUTPUTS, ctypes.sizeof(Outputs)))
 
     def state(self, size):
-        return bytes(self.uc.mem_read(self.FW, size))
+        return bytes(self.uc.mem_read(self.FW + self.axis, size))
 
 
 # Values that reach every branch: small and large, both rails, their neighbours, and off.
@@ -445,7 +455,7 @@ def random_write(rng, position):
 def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_path):
     _, image = built(target)
     host, chip = Host(tmp_path), Emulator(image, target)
-    (state_bytes,) = struct.unpack_from("<I", chip.code, chip.symbols["probe_sizes"] - CODE_BASE)
+    state_bytes = chip.state_bytes
     assert state_bytes <= STATE_BYTES_MAX
     rng = random.Random(SEED)
     names = BY_NAME["mode"].enum

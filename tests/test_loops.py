@@ -14,7 +14,7 @@ import verbs
 from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
-from forceaxis.linear import loops
+from forceaxis.linear import limits, loops
 from scipy import linalg, optimize, signal
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -307,6 +307,16 @@ def test_an_undamped_plant_tells_where_its_poles_leave_the_axis(undamped, deriva
     assert all(c.gain > 1e-3 for c in held.crossings[3:])
 
 
+def test_poles_of_a_plant_without_zeros(undamped):
+    """With drive, link, wrist and sensor in a row every zero is at infinity."""
+    done = forceaxis("poles", undamped, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["zeros"] == [] and len(found["poles"]) == 6
+    # Force of the sensor over that of the drive: k_1 k_2 k_s / (m_1 m_2 m_3) over s^6 + ...
+    assert found["numerator"] == pytest.approx([5e4 * 8e4 * 1e5 / 80], rel=1e-9)
+
+
 def test_the_verb_says_which_undamped_poles_leave(undamped):
     pd = ["--law", "pd", "--derivative-s", 0.019415877, "--timing", "continuous"]
     done = forceaxis("limit", undamped, *pd)
@@ -455,6 +465,43 @@ def test_sampled_phase_margin_is_the_phase_that_destabilises(name):
     for hz, phase in margins.crossovers:
         L = gain * loop.open.response(hz)
         assert L * np.exp(-1j * np.radians(phase)) == pytest.approx(-1, abs=1e-9)
+
+
+def stepped(duration_s, model="fig4_15", gain=2.0, **given):
+    loop = loops.force_loop(model, **given)
+    return limits.step_summary(loop, loop.gain_of(gain), duration_s)
+
+
+def test_a_step_shorter_than_its_response_has_no_figures_of_it(capsys, monkeypatch):
+    """fig4_15 at gain 2 passes 90 % at 44 ms, peaks 2.5 % over at 76 ms and settles at 93 ms."""
+    keys = ("rise_s", "overshoot", "settle_s")
+    whole = stepped(1.0)
+    assert all(whole[key] is not None for key in keys)
+    peak_s = whole["time_s"][int(np.argmax(whole["value"]))]
+    ninety = 0.9 * whole["final"]
+    arrived_s = next(t for t, y in zip(whole["time_s"], whole["value"], strict=True) if y >= ninety)
+    assert arrived_s < peak_s < whole["settle_s"]
+    for ticks in range(2, 160):
+        short = stepped((ticks + 0.5) * TICK)
+        seen_s = short["time_s"][-1]
+        known = [arrived_s <= seen_s, peak_s <= seen_s, whole["settle_s"] <= seen_s]
+        assert [short[k] for k in keys] == [
+            whole[k] if yes else None for k, yes in zip(keys, known, strict=True)
+        ]
+        assert (short["final"], short["stable"]) == (whole["final"], True)
+    arguments = "step fig4_15 --firmware-gain 2 --duration-s 0.03"
+    monkeypatch.setattr(sys, "argv", ["forceaxis", *arguments.split()])
+    cli.main()
+    assert capsys.readouterr().out.count("not within 0.03 s") == 3
+
+
+def test_a_step_without_a_final_value_has_no_figures_of_it():
+    """Of an acceleration nothing stays; shares of what rounding makes of 0 say nothing."""
+    loop = loops.force_loop("fig2_11", output="tip.acceleration")
+    result = limits.step_summary(loop, 1.0, 1.0)
+    assert result["stable"]
+    assert result["final"] == 0
+    assert [result[k] for k in ("rise_s", "overshoot", "settle_s")] == [None] * 3
 
 
 @pytest.mark.parametrize("timing", loops.TIMINGS)

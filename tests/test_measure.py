@@ -384,7 +384,10 @@ LINE = {
         "level and bias of 2048 codes together",
     ),
     "empty": (["", "--output", "drive.current"], "TARGET: expected a measurement or a model"),
-    "stiff": (["fig3_12", "--plant-set", "k_s=1e25", "--band", "5:9"], "can be simulated"),
+    "stiff": (
+        ["fig3_12", "--plant-set", "k_s=1e25", "--band", "5:9"],
+        "sensor: expected time constants of at least 1e-7 s, got 6.9e-13 s with workpiece",
+    ),
     "hann": (
         ["fig3_12", "--window", "hann", "--band", "5:9", "--resolution", 4],
         "whose first line is the third",
@@ -440,7 +443,7 @@ GOOD = 'model = "%s"\noutput = "drive.current"\n' % (ROOT / "sim/models/fig3_8.t
         ("title = 3\n", "title: expected a text"),
         ('unit = "N\\nm"\n', "unit: expected a text of one line"),
         ("[set]\nk_amp = true\n", "set: expected a table of numbers"),
-        ("level =\n", "expected TOML"),
+        ("level =\n", "expected valid TOML"),
     ],
 )
 def test_file_is_checked(tmp_path, text, words):

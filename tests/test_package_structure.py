@@ -13,7 +13,7 @@ ORDER = (
     ("_core", "paths"),
     ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
-    ("experiments", "identify", "new"),
+    ("experiments", "identify", "new", "versions"),
     ("thesis",),
     ("bench", "report"),
     ("cli",),

@@ -66,7 +66,7 @@ static void select_entries(modbus_request_t *r, modbus_table_t table, uint16_t f
 }
 
 static const axis_register_t *entry_of(const modbus_request_t *r) {
-  return &map_of(r->table).entries[r->entry];
+  return map_of(r->table).entries + r->entry;
 }
 
 static bool has_32_bits(const modbus_request_t *r) {

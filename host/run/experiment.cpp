@@ -72,7 +72,31 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   return action;
 }
 
-Criterion read_criterion(Section &section, double duration_s) {
+// contact_held: true, false, a contact or a list of contacts.
+void read_contact_held(Section &section, const sim::Model &model, Criterion &criterion) {
+  const toml::node *node = section.find("contact_held");
+  if (node == nullptr) return;
+  criterion.contact_held = node->value_exact<bool>().value_or(true);
+  if (node->is_boolean()) return;
+  std::vector<std::string> known;
+  for (const sim::Contact &contact : model.contacts) known.push_back(contact.name);
+  const auto take = [&](const toml::node &name) {
+    const std::string contact = name.value_exact<std::string>().value_or("");
+    if (std::find(known.begin(), known.end(), contact) == known.end())
+      section.fail("contact_held", "expected true, false or contacts of the model (" +
+                                       (known.empty() ? "it has none" : sim::joined(known)) +
+                                       "), got " + sim::kind_of(name) +
+                                       sim::suggestion(contact, known) + "; name a contact");
+    criterion.contacts.push_back(contact);
+  };
+  if (const toml::array *names = node->as_array(); names != nullptr && !names->empty()) {
+    for (const toml::node &name : *names) take(name);
+  } else {
+    take(*node);
+  }
+}
+
+Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
   section.only({"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held"});
   Criterion criterion;
   criterion.window_s =
@@ -87,7 +111,7 @@ Criterion read_criterion(Section &section, double duration_s) {
       section.optional_within("force_ripple_max_count", sim::Dimension::count, 0, 1e9);
   criterion.position_ripple_max_count =
       section.optional_within("position_ripple_max_count", sim::Dimension::count, 0, 1e12);
-  criterion.contact_held = section.flag("contact_held", false);
+  read_contact_held(section, model, criterion);
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
       !criterion.position_ripple_max_count)
     section.fail("contact_held",
@@ -285,6 +309,12 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   apply_overrides(table, overrides);
   sim::Source source{contents_->name, {}};
   Section root(source, table, "");
+  if (table.contains("body") && !table.contains("model"))
+    root.fail("body",
+              "expected an experiment, got a model; give an experiment on it, or use a verb "
+              "that takes a model");
+  if (table.contains("output") && !table.contains("duration_s"))
+    root.fail("output", "expected an experiment, got a measurement; use `forceaxis measure`");
   root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
              "verdict", "plot", "expect"});
   Experiment experiment;
@@ -328,8 +358,9 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   });
   std::stable_sort(experiment.actions.begin(), experiment.actions.end(),
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
-  root.one("verdict",
-           [&](Section &section) { experiment.criterion = read_criterion(section, duration_s); });
+  root.one("verdict", [&](Section &section) {
+    experiment.criterion = read_criterion(section, *experiment.model, duration_s);
+  });
   root.one("plot",
            [&](Section &section) { experiment.plot = read_plot(section, *experiment.model); });
   if (const toml::node *expect = root.find("expect")) {

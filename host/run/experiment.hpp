@@ -58,7 +58,10 @@ struct Criterion {
   double window_s = 1.0;
   std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
   std::optional<double> position_ripple_max_count;  // peak to peak of the encoder, counts
-  bool contact_held = false;  // every contact stays pressed throughout the window
+  // Contacts stay pressed throughout the window: those named, "tip" or ["tip", "grip"], or, of
+  // `contact_held = true`, every one of the model; then `contacts` is empty.
+  bool contact_held = false;
+  std::vector<std::string> contacts = {};
 };
 
 // What the plot of a run shows.

@@ -20,7 +20,6 @@ namespace {
 
 constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
 
-constexpr char kTitle[] = "forceaxis-journal 1";
 constexpr char kDigits[] = "0123456789abcdef";
 
 std::string hex_of(std::span<const std::uint8_t> bytes) {
@@ -143,10 +142,10 @@ int lock_journal(int opened, const std::filesystem::path &file) {
     fail("expected a file of its own, another process writes its journal here");
   }
   struct stat is {};
-  std::string title(sizeof kTitle - 1, '\0');
+  std::string title(sizeof kJournalTitle - 1, '\0');
   if (fstat(opened, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
       (pread(opened, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
-       title != kTitle)) {
+       title != kJournalTitle)) {
     fail("expected a new file or an old journal, not to lose what is here");
   }
   return opened;
@@ -184,7 +183,7 @@ JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment
     close(lock_);
     throw not_writable(file, kJournalOption, errno);
   }
-  out_ << kTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
+  out_ << kJournalTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';
 }
@@ -250,9 +249,9 @@ Journal read_journal(const std::filesystem::path &file) {
   Journal journal;
   journal.file = file;
   std::string text;
-  if (!std::getline(in, text) || text != kTitle) {
+  if (!std::getline(in, text) || text != kJournalTitle) {
     throw sim::InputError(file.string(), "line 1",
-                          std::string("expected a readable journal, \"") + kTitle + "\"");
+                          std::string("expected a readable journal, \"") + kJournalTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
     if (in.eof()) break;  // broken off in the middle of a line

@@ -27,6 +27,9 @@
 
 namespace forceaxis::host {
 
+// Its first line; the number is that of the format.
+inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
+
 class JournalWriter {
  public:
   // Creates the file or replaces a journal. Throws sim::InputError: it is something else, it cannot

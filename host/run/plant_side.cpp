@@ -33,23 +33,25 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
     result_.firmware.reserve(rows);
     result_.signals.resize(rows * width_);
   }
-  for (const sim::Contact &contact : experiment.model->contacts) {
-    contact_forces_.push_back(static_cast<std::size_t>(
-        std::find(names.begin(), names.end(), contact.name + ".force") - names.begin()));
-  }
   const Criterion criterion = experiment.criterion.value_or(Criterion{});
+  const std::vector<std::string> &held = criterion.contacts;
+  for (const sim::Contact &contact : experiment.model->contacts) {
+    const auto place = static_cast<std::size_t>(
+        std::find(names.begin(), names.end(), contact.name + ".force") - names.begin());
+    contact_forces_.push_back(place);
+    if (!held.empty() && std::find(held.begin(), held.end(), contact.name) == held.end()) continue;
+    held_.push_back(contact.name);
+    held_forces_.push_back(place);
+  }
   window_start_ = std::max<std::int64_t>(
       0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
 }
 
 std::int64_t PlantSide::contact_losses() const {
-  const auto &contacts = plant_.model().contacts;
   std::int64_t losses = 0;
   for (const auto &kind : plant_.event_counts()) {
-    const bool of_contact =
-        std::any_of(contacts.begin(), contacts.end(),
-                    [&kind](const sim::Contact &c) { return c.name == kind.element; });
-    if (of_contact && kind.from == "pressed") losses += kind.count;
+    const bool counts = std::find(held_.begin(), held_.end(), kind.element) != held_.end();
+    if (counts && kind.from == "pressed") losses += kind.count;
   }
   return losses;
 }
@@ -72,8 +74,8 @@ RunResult PlantSide::finish() {
   metrics_.force_ripple_count = force_.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
   metrics_.position_ripple_count = position_.peak_to_peak();
   metrics_.contact_losses = contact_losses() - losses_before_window_;
-  metrics_.in_contact = !contact_forces_.empty() &&
-                        std::all_of(contact_forces_.begin(), contact_forces_.end(),
+  metrics_.in_contact = !held_forces_.empty() &&
+                        std::all_of(held_forces_.begin(), held_forces_.end(),
                                     [this](std::size_t i) { return plant_.signal_at(i) > 0; });
   if (!contact_forces_.empty()) metrics_.final_force_N = plant_.signal_at(contact_forces_.front());
 

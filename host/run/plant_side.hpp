@@ -88,7 +88,7 @@ class PlantSide {
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
   void strike_due();
   void keep(const TickRecord &record, const LinkOutputs &out);
-  // Contacts that let go so far; the flanks of a backlash or stop do not count.
+  // Contacts of the criterion that let go so far; the flanks of a backlash or stop do not count.
   std::int64_t contact_losses() const;
 
   const Experiment *experiment_;
@@ -96,7 +96,9 @@ class PlantSide {
   sim::Plant plant_;
   RunResult result_;
   std::vector<Action>::const_iterator action_;
-  std::vector<std::size_t> contact_forces_;  // places of their signals
+  std::vector<std::size_t> contact_forces_;  // places of the contacts' signals
+  std::vector<std::string> held_;            // contacts that the criterion is about
+  std::vector<std::size_t> held_forces_;     // places of their signals
   std::size_t width_;
   std::int64_t window_start_;
   std::int64_t losses_before_window_ = 0;

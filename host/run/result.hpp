@@ -36,10 +36,11 @@ struct RunStopped : std::runtime_error {
 
 // Over the criterion's window, or the last second without a criterion.
 struct Metrics {
-  double force_ripple_count = 0;          // peak to peak of adc0, scaled to 8-bit counts
-  double position_ripple_count = 0;       // peak to peak of the encoder
+  double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
+  double position_ripple_count = 0;  // peak to peak of the encoder
+  // Of the contacts that the criterion names, else of all.
   std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
-  bool in_contact = false;                // every contact pressed at the end of the run
+  bool in_contact = false;                // every one pressed at the end of the run
   double peak_force_N = 0;                // over the whole run, of all contacts, at ticks
   double final_force_N = 0;               // at the last tick, of the first contact
   int saturated_ticks = 0;                // in the window, DAC at a rail

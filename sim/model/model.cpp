@@ -255,6 +255,10 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
                  const std::string &overrides_file) {
   Source source{path.string(), {}};
   const toml::table table = parse_toml(source.file);
+  if (table.contains("model") && !table.contains("body"))
+    source.fail("model", "expected a model, got an experiment or measurement of " +
+                             in_quotes(table["model"].value_or(std::string())) +
+                             "; give that model");
   Section root(source, table, "");
   Model model;
   model.file = source.file;

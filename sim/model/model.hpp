@@ -55,6 +55,9 @@
 
 namespace forceaxis::sim {
 
+/// Format of models, experiments and measurements; rises when a file that was right is read otherwise.
+inline constexpr int kFileFormat = 1;
+
 /// A refused input. what() is one line: "FILE: KEY: expected ..., got ...; what to do".
 struct InputError : std::runtime_error {
   InputError(std::string file_name, std::string key_name, std::string text);

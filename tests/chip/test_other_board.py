@@ -50,6 +50,7 @@ def ports(tmp_path_factory):
              str([f"{port}/{n}" for n in BOARD.build.sources]).replace("'", '"')),
             ('"firmware/port/stm32f4/flash.c" = ["erase_from_ram"]\n', ""),
             ('["read_bytes", "program_bytes", "erase_sector"]', '["nothing"]'),
+            ('["read_bytes"]', '["nothing"]'),
         )
     )  # fmt: skip
     (folder / "press.ld").write_text(

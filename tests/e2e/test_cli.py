@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
+from forceaxis import objects
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"
@@ -32,6 +34,19 @@ def test_the_program_is_what_the_tests_call(arguments):
         called.returncode, called.stdout, called.stderr,
     )  # fmt: skip
     assert done.returncode == (2 if "run" in arguments else 0)
+
+
+def test_version_tells_apart_what_has_a_version_of_its_own():
+    lines = dict(re.split(r" {2,}", line) for line in forceaxis("--version").stdout.splitlines())
+    header = (ROOT / "firmware/app/fw.h").read_text()
+    assert lines["firmware"] == re.search(r'FW_VERSION "(.*)"', header).group(1)
+    assert lines["object table"] == objects.OBJECTS_HASH[:8]
+    assert lines["parameter set"] == "FAS2"
+    assert lines["models and experiments"] == lines["axis journal"] == "1"
+    assert set(lines) == {
+        "forceaxis", "firmware", "object table", "LCM types", "models and experiments",
+        "parameter set", "axis journal",
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -341,3 +356,55 @@ def test_an_unstable_verdict_says_why(overrides, because):
     assert len(result["because"]) == len(because)
     for said, expected in zip(result["because"], because, strict=True):
         assert said.startswith(expected)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["limit", CONTACT], ["expected a model, got an experiment", "../models/laboratory.toml"]),
+        (["poles", "sim/measurements/fig3_9.toml"], ["expected a model", "../models/fig4_5.toml"]),
+        (["run", "sim/models/fig4_19.toml"], ["expected an experiment, got a model"]),
+        (["run", "sim/measurements/fig3_9.toml"], ["got a measurement", "`forceaxis measure`"]),
+        (["measure", CONTACT], ["expected a measurement or a model, got an experiment"]),
+    ],
+)
+def test_a_file_of_another_kind_is_named(arguments, words):
+    refused(forceaxis(*arguments), arguments[1], *words)
+
+
+def test_a_grid_of_too_many_values_names_the_bound(tmp_path):
+    for grid in ("b_w=1:2:1000000000", "b_w=1:2:1000001"):
+        done = forceaxis("sweep", CONTACT, "--grid", grid, "--out", tmp_path)
+        refused(done, grid, "a whole number from 2 to 1000000")
+    grids = ["--grid", "b_w=1:2:2000", "--grid", "k_w=1e5:2e5:2000"]
+    done = forceaxis("sweep", CONTACT, *grids, "--out", tmp_path)
+    refused(done, "at most 1000000 points, got 4000000")
+
+
+def test_the_help_of_a_fit_says_what_a_csv_file_needs():
+    text = " ".join(forceaxis("identify", "fit", "--help").stdout.split())
+    for option in ("--output", "--averages", "--dt"):
+        line = text.split(f"{option} ", 1)[1].split(" --", 1)[0]
+        assert "equired with a CSV file." in line, option
+
+
+def test_paths_with_blanks_can_be_copied(tmp_path):
+    folder = tmp_path / "two words"
+    out = folder / "a figure.png"
+    folder.mkdir()
+    assert f"figure       '{out}'" in forceaxis("poles", "fig4_19", "--out", out).stdout
+    done = forceaxis("run", CONTACT, "--set", "experiment.duration_s=1.5", "--out", folder)
+    assert f"files        '{folder}'" in done.stdout
+    done = forceaxis("new", folder / "my press", "--yes")
+    assert f"next         forceaxis run '{folder}/my press/contact.toml'" in done.stdout
+
+
+def test_a_link_over_can_without_can_is_refused(monkeypatch):
+    """Neither this kernel's CAN nor a guest: one line and the status of wrong input."""
+    monkeypatch.setenv("UML", "/no/such/kernel")
+    words = [FORCEAXIS, "run", CONTACT, "--link", "socketcan"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        pytest.skip("this kernel has vcan")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "expected a kernel with vcan, or user-mode-linux" in done.stderr

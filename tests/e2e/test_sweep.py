@@ -468,7 +468,7 @@ def test_a_worker_with_other_files_or_firmware_says_so(swing):
     with pytest.raises(sweep_runs.Refused, match="inputs_hash"):
         sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
     swing.unlink()
-    with pytest.raises(sweep_runs.Refused, match="there is none"):
+    with pytest.raises(sweep_runs.Refused, match="expected a readable file, got none"):
         sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
 
 

@@ -136,6 +136,76 @@ def test_the_definitions_on_responses_made_by_hand():
     assert response(np.exp(-np.arange(1001) / 100))["final_value"] > 0  # 7e-5
 
 
+def test_measurements_and_models_are_no_experiments(tmp_path):
+    """They have a model too, or are one, but nothing that could have an [expect]."""
+    here = axes(tmp_path / "a", good=GOOD)
+    (here / "fig3_9.toml").write_bytes((ROOT / "sim/measurements/fig3_9.toml").read_bytes())
+    done = forceaxis("test", here)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "1 passed, 0 failed")
+    assert "without [expect]" not in done.stdout
+    done = forceaxis("test", here / "fig3_9.toml", here / "model.toml")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert (
+        "fig3_9.toml, " in done.stderr and "no experiments, they have no duration_s" in done.stderr
+    )
+    assert "add [expect]" not in done.stderr
+
+
+GUARD = """
+[[body]]
+name = "post"
+mass = 1.0
+position = -1.0
+[[contact]]
+name = "guard"
+between = ["post", "ground"]
+stiffness = 1e5
+damping = 10.0
+"""
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """Runs the laboratory's contact beside a guard that nothing ever touches."""
+    model = (ROOT / "sim/models/laboratory.toml").read_text() + GUARD
+    thesis = ROOT / "sim/models/thesis.toml"
+    (tmp_path / "model.toml").write_text(model.replace('"thesis.toml"', f'"{thesis}"'))
+    text = (ROOT / "sim/experiments/contact.toml").read_text()
+    text = text[: text.index("[plot]")].replace("../models/laboratory.toml", "model.toml")
+
+    def run(held, gain=5):
+        assert "contact_held = true" in text
+        file = tmp_path / "contact.toml"
+        file.write_text(text.replace("contact_held = true", f"contact_held = {held}"))
+        return forceaxis("run", file, "--set", f"firmware.force_gain={gain}", "--json")
+
+    return run
+
+
+def test_a_verdict_names_the_contacts_that_must_hold(guarded):
+    def verdict(held, gain=5):
+        done = guarded(held, gain)
+        assert done.returncode == 0, done.stderr
+        result = json.loads(done.stdout)
+        return result["verdict"], " ".join(result["because"])
+
+    assert verdict("true") == ("unstable", "not in contact at the end")
+    assert verdict('"sensor"') == verdict('["sensor"]') == ("stable", "")
+    for held in ('"guard"', '["sensor", "guard"]'):
+        assert verdict(held) == ("unstable", "not in contact at the end")
+    # At gain 10 it bounces for ever.
+    assert re.search("contact lost [0-9]+ times", verdict('"sensor"', gain=10)[1])
+    assert "contact lost" not in verdict('"guard"', gain=10)[1]
+
+
+@pytest.mark.parametrize("held", ['"sensro"', "[]", "1", '["sensor", 2]', '""'])
+def test_contacts_that_the_model_does_not_have_are_refused(guarded, held):
+    done = guarded(held)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "verdict.contact_held: expected true, false or contacts of the model" in done.stderr
+    assert "(sensor, guard)" in done.stderr
+
+
 HASH = "0" * 64
 DIFFERENCES = [
     ('verdict = "unstable"', "verdict: expected unstable, got stable"),

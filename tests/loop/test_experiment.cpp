@@ -85,6 +85,22 @@ TEST_F(Files, AGoodOneIsReadInRawUnitsWithTheModeLast) {
   EXPECT_EQ(e.actions[0].impulses[0].body, "workpiece");
 }
 
+TEST_F(Files, ContactsThatMustHoldAreNamed) {
+  const Experiment all = load_experiment(write(kGood));
+  EXPECT_TRUE(all.criterion->contact_held);
+  EXPECT_TRUE(all.criterion->contacts.empty());
+  for (const char *const one : {"contact_held = \"sensor\"", "contact_held = [\"sensor\"]"}) {
+    const Experiment e = load_experiment(write(with("contact_held = true", one)));
+    EXPECT_TRUE(e.criterion->contact_held);
+    EXPECT_EQ(e.criterion->contacts, std::vector<std::string>{"sensor"});
+  }
+}
+
+TEST_F(Files, AModelOrAMeasurementIsNoExperiment) {
+  EXPECT_EQ(refusal("[[body]]\nname = \"b\"\nmass = 1.0\n"), "body");
+  EXPECT_EQ(refusal("model = \"m.toml\"\noutput = \"drive.tach\"\n"), "output");
+}
+
 TEST_F(Files, EachMistakeIsNamed) {
   EXPECT_EQ(refusal(with("title", "titel")), "titel");
   EXPECT_EQ(refusal(with("title = \"t\"\n", "")), "title");
@@ -101,6 +117,9 @@ TEST_F(Files, EachMistakeIsNamed) {
   EXPECT_EQ(refusal(with("window_s", "window")), "verdict.window");
   EXPECT_EQ(refusal(with("window_s = 0.05", "window_s = 2.0")), "verdict.window_s");
   EXPECT_EQ(refusal(with("contact_held = true\n", "")), "verdict.contact_held");
+  EXPECT_EQ(refusal(with("contact_held = true", "contact_held = \"wall\"")),
+            "verdict.contact_held");
+  EXPECT_EQ(refusal(with("contact_held = true", "contact_held = []")), "verdict.contact_held");
   EXPECT_EQ(refusal(with("time_s = 0.5", "time_s = 1.5")), "at[0].time_s");
   EXPECT_EQ(refusal(with("{ force_setpoint = 10.0 }", "5")), "at[0].firmware");
   EXPECT_EQ(refusal(with("force_setpoint = 10.0", "force_setpoint = 1e9")),

@@ -1,4 +1,4 @@
-"""Fifty random models agree with a second simulator; random_models.py itself runs more."""
+"""Fifty random models agree with a second simulator, and 200 more where there is time."""
 
 import functools
 
@@ -16,7 +16,10 @@ def outcomes(block):
     return [random_models.compare_safely(seed) for seed in seeds]
 
 
-@pytest.mark.parametrize("block", range(BLOCKS))
+MORE = [pytest.param(n, marks=pytest.mark.long) for n in range(BLOCKS, BLOCKS + 20)]
+
+
+@pytest.mark.parametrize("block", [*range(BLOCKS), *MORE])
 def test_every_model_agrees_with_dop853(block):
     assert [str(o) for o in outcomes(block) if not o.agrees()] == []
 

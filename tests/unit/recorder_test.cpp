@@ -246,7 +246,8 @@ TEST_F(Recorder, EveryTurnOfTheRingReadsBackWhole) {
         ASSERT_EQ(dictionary_domain_size(&fw_.objects), expected.size());
         for (uint32_t offset = 0; offset <= expected.size(); ++offset) {
           std::vector<uint8_t> bytes(expected.size() + 1, 0xEE);
-          bytes.resize(dictionary_domain_read(&fw_.objects, offset, bytes.data(), kSamples * kBytes + 1));
+          bytes.resize(
+              dictionary_domain_read(&fw_.objects, offset, bytes.data(), kSamples * kBytes + 1));
           ASSERT_EQ(bytes, std::vector<uint8_t>(expected.begin() + offset, expected.end()))
               << "from byte " << offset << ", " << pretrigger << " " << trigger;
         }
@@ -271,9 +272,11 @@ TEST_F(Recorder, BytesAreHandedOverInPieces) {
   EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "not done";
   TickTo(1);
   EXPECT_EQ(dictionary_domain_size(&fw_.objects), 6u);
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 1, piece.data(), 3), 3u) << "no more than asked for";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 1, piece.data(), 3), 3u)
+      << "no more than asked for";
   EXPECT_EQ(piece, (std::array<uint8_t, 4>{0x01, 0x23, 0x01, 0}));
-  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 5, piece.data(), 4), 1u) << "no more than there are";
+  EXPECT_EQ(dictionary_domain_read(&fw_.objects, 5, piece.data(), 4), 1u)
+      << "no more than there are";
   EXPECT_EQ(dictionary_domain_read(&fw_.objects, 6, piece.data(), 4), 0u);
   Set(AXIS_OBJ_RECORDER_ARM, 0);
   EXPECT_EQ(dictionary_domain_read(&fw_.objects, 0, piece.data(), 4), 0u) << "stopped";

@@ -47,7 +47,11 @@ def seen_in(log):
     return aborts, emergencies, states, pdos
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.quick), 2, 3, 4])
+QUICK = [pytest.param(seed, marks=pytest.mark.quick) for seed in (1, 2)]
+LONG = [pytest.param(seed, marks=pytest.mark.long) for seed in range(5, 41)]
+
+
+@pytest.mark.parametrize("seed", [*QUICK, 3, 4, *LONG])
 def test_a_million_random_frames_do_what_the_model_predicts(seed):
     log = flood(250_000, seed)
     counts = check(log)

@@ -156,7 +156,7 @@ def test_every_type_begins_with_the_same_four_fields():
         "sim_clock",
         "sim_truth",
     ):
-        module = __import__(f"forceaxis.messages.{name}_t", fromlist=["_"])
+        module = __import__(f"forceaxis.bus.messages.{name}_t", fromlist=["_"])
         fields = getattr(module, f"{name}_t")
         assert fields.__slots__[:4] == ["utime", "wall_utime", "seq", "run_id"]
         assert fields.__typenames__[:4] == ["int64_t"] * 4

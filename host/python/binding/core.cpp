@@ -11,9 +11,11 @@
 #include <mutex>
 #include <thread>
 
+#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/result.hpp"
 #include "host/python/binding/toml.hpp"
 #include "host/run/experiment.hpp"
+#include "host/run/journal.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/run.hpp"
 
@@ -54,7 +56,7 @@ Criterion criterion_from(const py::dict &d) {
   c.window_s = d["window_s"].cast<double>();
   c.force_ripple_max_count = d["force_ripple_max_count"].cast<std::optional<double>>();
   c.position_ripple_max_count = d["position_ripple_max_count"].cast<std::optional<double>>();
-  c.contact_held = d["contact_held"].cast<bool>();
+  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // or names
   return c;
 }
 
@@ -244,6 +246,13 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   return py::cast(results);
 }
 
+// The four characters that a record's first word spells in memory.
+std::string magic_text(std::uint32_t magic) {
+  std::string text;
+  for (int shift = 0; shift < 32; shift += 8) text += static_cast<char>(magic >> shift & 0xFF);
+  return text;
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, m) {
@@ -251,6 +260,10 @@ PYBIND11_MODULE(_core, m) {
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
   m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;
+  m.attr("FIRMWARE_VERSION") = FW_VERSION;
+  m.attr("FILE_FORMAT") = forceaxis::sim::kFileFormat;
+  m.attr("JOURNAL_FORMAT") = kJournalTitle;
+  m.attr("PARAMETER_SET_FORMAT") = magic_text(RECORD_SET);
   py::register_exception<forceaxis::sim::InputError>(m, "InputError", PyExc_ValueError);
   py::register_exception<forceaxis::sim::SimulationError>(m, "SimulationError", PyExc_RuntimeError);
 

@@ -39,7 +39,8 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   d["window_s"] = c->window_s;
   d["force_ripple_max_count"] = c->force_ripple_max_count;
   d["position_ripple_max_count"] = c->position_ripple_max_count;
-  d["contact_held"] = c->contact_held;
+  d["contact_held"] = c->contacts.empty() ? pybind11::object(pybind11::bool_(c->contact_held))
+                                          : pybind11::cast(c->contacts);
   return d;
 }
 

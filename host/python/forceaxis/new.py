@@ -2,6 +2,7 @@
 
 import math
 import os
+import shlex
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -483,13 +484,13 @@ def refuse_existing(folder, force):
 def describe(done):
     """What was written, for a terminal."""
     rows = [
-        ("written", ", ".join(f"{done['folder']}/{name}" for name in done["files"])),
+        ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
         ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
          f"this gain holds {100 * done['held_share']:.3g} %"),
         ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
-        ("next", f"forceaxis run {done['folder']}/contact.toml"),
+        ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
     ]  # fmt: skip
     return "\n".join(f"{key:12} {value}" for key, value in rows)

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import shlex
 from pathlib import Path
 
 _package = Path(__file__).resolve().parent
@@ -25,6 +26,11 @@ def display(path: Path | str) -> str:
         return str(path.relative_to(Path.cwd()))
     except ValueError:
         return str(path)
+
+
+def quoted(path: Path | str) -> str:
+    """The same as a word of a shell, for what a reader copies: quoted where it has blanks."""
+    return shlex.quote(display(path))
 
 
 @contextlib.contextmanager

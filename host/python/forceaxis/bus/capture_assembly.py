@@ -30,13 +30,14 @@ class Assembly:
             return False
         if self.signals and (tuple(block.signal), shape) != (self.signals, self.raw.shape):
             return False
-        if not (0 <= block.first_sample <= stop <= shape[0]):
-            return False
         if not fits(first_tick, shape[0], decimation):
             return False
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], bool), decimation
+        # After the size is known: a capture of which no sample arrived misses all of them.
+        if not (0 <= block.first_sample <= stop <= shape[0]):
+            return False
         if block.num_samples:
             self.raw[block.first_sample : stop] = block.value
             self.have[block.first_sample : stop] = True

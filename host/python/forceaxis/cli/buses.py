@@ -185,7 +185,7 @@ def export(log_path, out, csv, npz, as_json):
         click.echo(json.dumps(summary))
     else:
         click.echo(log_tables.describe_export(summary))
-        click.echo(f"files        {paths.display(out)}")
+        click.echo(f"files        {paths.quoted(out)}")
     tell_damage(summary)
 
 

@@ -61,7 +61,7 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
     else:
         click.echo(runs.describe(done.summary))
         if out:
-            click.echo(f"files        {paths.display(out)}")
+            click.echo(f"files        {paths.quoted(out)}")
     if "link" in done.summary:
         link.expect_same(done.summary["link"])
 
@@ -191,7 +191,7 @@ def sweep(
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         click.echo(sweeps.describe(done))
-        click.echo(f"files        {paths.display(out)}")
+        click.echo(f"files        {paths.quoted(out)}")
     if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
         sys.exit(1)
 

@@ -219,12 +219,12 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
     "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Parameter that is held."
 )
 @click.option("--input", help="Signal. Default: as recorded; of a CSV file drive.command.")
-@click.option("--output", help="Signal. Default: as recorded.")
-@click.option("--averages", type=click.IntRange(2), help="Of a CSV file.")
+@click.option("--output", help="Signal. Default: as recorded; required with a CSV file.")
+@click.option("--averages", type=click.IntRange(2), help="Required with a CSV file.")
 @click.option(
     "--dt",
     type=click.FloatRange(0, min_open=True),
-    help="s a sample. Default: as recorded.",
+    help="s a sample. Default: as recorded; required with a CSV file.",
 )
 @click.option(
     "--scale", type=float, help="What the output was multiplied by. Default: as recorded."
@@ -261,7 +261,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
     else:
         click.echo(fit_response.describe(summary))
         if out:
-            click.echo(f"files        {paths.display(out)}")
+            click.echo(f"files        {paths.quoted(out)}")
 
 
 @identify.command(
@@ -371,7 +371,7 @@ def measure(target, overrides, plant_set, out, as_json, **options):
     else:
         click.echo(analyzer.describe(done.summary))
         if out:
-            click.echo(f"files        {paths.display(out)}")
+            click.echo(f"files        {paths.quoted(out)}")
 
 
 VERBS = (identify, measure)

@@ -44,7 +44,8 @@ def limit(model, as_json, gain, firmware_gain, **given):
     The loop is linear: the model's equations in one mode, in contact. Prints every gain at which
     a closed-loop pole crosses the stability boundary, the largest setting of the firmware below
     the first, and with --gain or --firmware-gain the margins there. JSON: critical_gain in `unit`
-    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings.
+    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings, of
+    which those at gain 0 are undamped poles of the plant.
     """
     from forceaxis.linear import limits
 
@@ -168,7 +169,8 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, **given):
     """Step response of the closed loop around MODEL, linear and in contact.
 
     The set-point steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
-    90 %), settle_s (2 %), overshoot, final and stable; null where an unstable loop has none.
+    90 %), settle_s (2 %), overshoot, final and stable; null where the loop is unstable, the
+    final value 0, or the response needs longer than --duration-s.
     """
     from forceaxis.linear import limits
 

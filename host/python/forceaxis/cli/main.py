@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 import forceaxis.cli
+from forceaxis import versions
 from forceaxis._core import InputError, SimulationError
 from forceaxis.chip import flash
 from forceaxis.cli.common import fail
@@ -21,8 +22,22 @@ from forceaxis.experiments import link
 from forceaxis.thesis import tables
 
 
+def show_versions(context, _parameter, wanted):
+    if wanted:
+        for what, version in versions.rows():
+            click.echo(f"{what:<24}{version}")
+        context.exit()
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="forceaxis")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=show_versions,
+    help="Show the versions of firmware, object table, LCM types and files, and exit.",
+)
 def cli():
     """Firmware for force-controlled axes around an exact plant: run it before you flash it."""
 

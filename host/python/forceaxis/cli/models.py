@@ -32,7 +32,7 @@ def present(summary, as_json, describe, out=None):
         return
     click.echo(describe(summary))
     if out:
-        click.echo(f"figure       {paths.display(out)}")
+        click.echo(f"figure       {paths.quoted(out)}")
 
 
 def model_options(verb):
@@ -302,7 +302,7 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
         return
     click.echo(linear.describe(system))
     if out:
-        click.echo(f"file         {paths.display(out)}")
+        click.echo(f"file         {paths.quoted(out)}")
 
 
 @click.command(

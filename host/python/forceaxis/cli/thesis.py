@@ -55,7 +55,7 @@ def report(out, threads, as_json):
     if as_json:
         click.echo(json.dumps(summary))
     else:
-        click.echo(f"report       {paths.display(out / 'index.html')}")
+        click.echo(f"report       {paths.quoted(out / 'index.html')}")
         click.echo(f"experiments  {summary['experiments']} run")
         click.echo(
             f"tables       {summary['matched']} of {summary['total']} cells match the thesis"

@@ -79,7 +79,7 @@ def under_vcan(link):
     if link.can != Link.can:
         return
     again = "from forceaxis.cli.main import main; main()"
-    command = [program("vcan"), sys.executable, "-c", again, *sys.argv[1:]]
+    command = [program("vcan"), "-e", "2", sys.executable, "-c", again, *sys.argv[1:]]
     sys.stdout.flush()
     os.execv(command[0], command)
 

@@ -68,7 +68,7 @@ def parse(option, name, text, more, may_log):
         return Axis(name, low, high, tolerance=values[2])
     if "COUNT" in more:
         if values[2] != int(values[2]) or not 2 <= values[2] <= MOST_POINTS:
-            fail("COUNT to be a whole number from 2; --set gives one value")
+            fail(f"COUNT to be a whole number from 2 to {MOST_POINTS}; --set gives one value")
         axis = Axis(name, low, high, log)
         n = int(values[2])
         return Axis(name, low, high, log, tuple(axis.at(i / (n - 1)) for i in range(n)))
@@ -94,8 +94,9 @@ def grid_axes(grid):
                 "NAME=VALUE,VALUE,..., with finite numbers"
             )
         axes.append(Axis(name, min(values), max(values), values=values))
-    if math.prod(len(a.values) for a in axes) > MOST_POINTS:
-        raise InputError(f"--grid: expected at most {MOST_POINTS} points")
+    points = math.prod(len(a.values) for a in axes)
+    if points > MOST_POINTS:
+        raise InputError(f"--grid: expected at most {MOST_POINTS} points, got {points}")
     return axes
 
 

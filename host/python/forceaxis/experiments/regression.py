@@ -56,14 +56,14 @@ class Outcome:
 
 def is_test(file):
     """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
-    one; None: not an experiment."""
+    one; None: no experiment but a model, a measurement or a file of another program."""
     try:
         data = toml.read(file)
     except InputError:
         return True
     if "expect" in data:
         return True
-    return False if "model" in data else None
+    return False if {"model", "duration_s"} <= data.keys() else None
 
 
 def find(targets, pattern=None):
@@ -90,9 +90,13 @@ def find(targets, pattern=None):
     skipped = [p for p, kind in kinds.items() if kind is False]
     if not tests:
         where = ", ".join(map(str, targets)) + (f" with {pattern!r} in its name" if pattern else "")
+        others = [paths.display(p) for p, kind in kinds.items() if kind is None]
+        add = "add [expect] and run `forceaxis test --update`"
+        if others and not skipped:
+            add = f"{', '.join(others[:3])}: no experiments, they have no duration_s"
         raise InputError(
             f"{where}: expected an experiment with an [expect] table, found none and "
-            f"{len(skipped)} without; add [expect] and run `forceaxis test --update`"
+            f"{len(skipped)} without; {add}"
         )
     return tests, skipped
 

@@ -56,6 +56,11 @@ def read_setup(target, options=None):
         path, where = Path(paths.display(known)), paths.display(known)
     if path.suffix == ".toml":
         table = toml.read(path)
+        if "duration_s" in table:
+            raise InputError(
+                f"{where}: duration_s: expected a measurement or a model, got an experiment; use "
+                "`forceaxis run`"
+            )
         if isinstance(table.get("model"), str):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}
         elif not any(key in table for key in ("body", "drive", "parameters_file")):

@@ -128,8 +128,8 @@ class System:
         """(numerator, denominator) coefficients, highest power first, denominator monic."""
         value = self.gain()
         if value == 0.0:
-            return np.zeros(1), np.real(np.poly(self.poles()))
-        return np.real(value * np.poly(self.zeros())), np.real(np.poly(self.poles()))
+            return np.zeros(1), polynomial(self.poles())
+        return value * polynomial(self.zeros()), polynomial(self.poles())
 
     @cached_property
     def _hessenberg(self):
@@ -197,6 +197,11 @@ class System:
             outputs=plain(self.outputs),
             remove_useless_states=False,
         )
+
+
+def polynomial(roots):
+    """Coefficients of the monic real polynomial of these roots, highest power first."""
+    return np.atleast_1d(np.real(np.poly(roots)))  # of no roots NumPy gives a plain 1
 
 
 def find_model(text):

@@ -1,5 +1,6 @@
 """What 2.7 says of contact and Coulomb friction, from runs over gain and initial condition."""
 
+import shlex
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +51,8 @@ def cycles(experiment, settings, gains, gaps, threads):
         for gap in gaps
     ]
     verdicts = [r["verdict"] == "unstable" for r in _core.run_many(jobs, threads)]
-    command = " ".join(
-        ["forceaxis run", paths.display(path), *(f"--set {text}" for text in jobs[-1][1])]
-    )
+    sets = [word for text in jobs[-1][1] for word in ("--set", text)]
+    command = shlex.join(["forceaxis", "run", paths.display(path), *sets])
     return np.array(verdicts).reshape(len(gains), len(gaps)), command
 
 

@@ -1,0 +1,25 @@
+"""What has a version of its own, and which one is here."""
+
+import hashlib
+from importlib.metadata import version
+
+from forceaxis import _core, objects
+
+
+def rows():
+    """[(what, its version)]: program, firmware, object table, LCM types, formats of files."""
+    from forceaxis.bus import messages
+
+    types = (getattr(messages, name) for name in sorted(vars(messages)) if name.endswith("_t"))
+    fingerprints = b"".join(
+        t._get_packed_fingerprint() for t in types if hasattr(t, "_get_packed_fingerprint")
+    )
+    return [
+        ("forceaxis", version("forceaxis")),
+        ("firmware", _core.FIRMWARE_VERSION),
+        ("object table", objects.OBJECTS_HASH[:8]),
+        ("LCM types", hashlib.sha256(fingerprints).hexdigest()[:8]),
+        ("models and experiments", str(_core.FILE_FORMAT)),
+        ("parameter set", _core.PARAMETER_SET_FORMAT),
+        ("axis journal", _core.JOURNAL_FORMAT.split()[1]),
+    ]
