@@ -1,6 +1,7 @@
 #include "host/modbus/tcp_server.hpp"
 
-#include <arpa/inet.h>
+#include <fcntl.h>
+#include <modbus/modbus.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
@@ -8,6 +9,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <memory>
 #include <utility>
 
 namespace forceaxis::modbus {
@@ -15,28 +17,24 @@ namespace {
 
 // Transaction, protocol (0) and length, 16 bits each, then the unit: the length counts from there.
 constexpr std::size_t kHeader = 7, kBeforeLength = 6;
-constexpr unsigned kMostLength = 254;
+constexpr unsigned kMostLength = MODBUS_TCP_MAX_ADU_LENGTH - kBeforeLength;
+
+struct ContextDeleter {
+  void operator()(modbus_t *context) const { modbus_free(context); }
+};
 
 }  // namespace
 
 TcpServer::TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve)
     : has_unit_(std::move(has_unit)), serve_(std::move(serve)) {
   const std::string where = address + ":" + std::to_string(port);
-  sockaddr_in at{};
-  at.sin_family = AF_INET;
-  at.sin_port = htons(static_cast<std::uint16_t>(port));
-  if (::inet_pton(AF_INET, address.c_str(), &at.sin_addr) != 1) {
-    throw ServerError(where + ": expected an IPv4 address and a port");
+  const std::unique_ptr<modbus_t, ContextDeleter> context(modbus_new_tcp(address.c_str(), port));
+  if (!context) throw ServerError(where + ": expected an IPv4 address and a port");
+  listening_ = modbus_tcp_listen(context.get(), static_cast<int>(kMostClients));
+  if (listening_ < 0) {
+    throw ServerError(where + ": expected a free port for Modbus TCP, " + std::strerror(errno));
   }
-  const int on = 1;
-  listening_ = ::socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (listening_ < 0 || ::setsockopt(listening_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
-      ::bind(listening_, reinterpret_cast<sockaddr *>(&at), sizeof at) != 0 ||
-      ::listen(listening_, static_cast<int>(kMostClients)) != 0) {
-    const std::string why = std::strerror(errno);
-    ::close(listening_);
-    throw ServerError(where + ": expected a free port for Modbus TCP, " + why);
-  }
+  ::fcntl(listening_, F_SETFL, O_NONBLOCK);
 }
 
 TcpServer::~TcpServer() {
@@ -45,6 +43,7 @@ TcpServer::~TcpServer() {
 }
 
 std::pair<std::uint64_t, int> TcpServer::accept() {
+  // modbus_tcp_accept() closes the listening socket when a client has gone before it was accepted.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
   if (clients_.size() == kMostClients) {

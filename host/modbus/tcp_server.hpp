@@ -1,6 +1,10 @@
 #pragma once
-// A Modbus TCP server for several clients and units, that never blocks. It knows frames and
-// connections; what a request means is firmware/modbus/request.h's.
+// A Modbus TCP server over libmodbus, for several clients and units, that never blocks. It knows
+// frames and connections; what a request means is firmware/modbus/request.h's.
+//
+// libmodbus makes the port. Its way of receiving waits for the end of a frame, loses step with
+// functions it does not know and answers every unit; its way of sending makes answers of its own
+// or drops the transaction's number. So both are done here.
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -29,7 +33,7 @@ class TcpServer {
   // client's next request waits for it.
   using Serve = std::function<void(std::uint64_t client, std::uint8_t unit, const Pdu &request)>;
 
-  // `address`: IPv4 in numbers.
+  // `address`: IPv4 in numbers; 0.0.0.0: all of this machine.
   TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve);
   ~TcpServer();
   TcpServer(const TcpServer &) = delete;
