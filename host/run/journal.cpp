@@ -183,7 +183,8 @@ JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment
     close(lock_);
     throw not_writable(file, kJournalOption, errno);
   }
-  out_ << kJournalTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string() << '\n';
+  out_ << kJournalTitle << "\nexperiment " << std::filesystem::absolute(experiment.file).string()
+       << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';
 }

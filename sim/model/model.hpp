@@ -55,7 +55,8 @@
 
 namespace forceaxis::sim {
 
-/// Format of models, experiments and measurements; rises when a file that was right is read otherwise.
+/// Format of models, experiments and measurements; rises when a file that was right is read
+/// otherwise.
 inline constexpr int kFileFormat = 1;
 
 /// A refused input. what() is one line: "FILE: KEY: expected ..., got ...; what to do".
