@@ -130,7 +130,8 @@ def test_lost_and_doubled_datagrams_change_nothing():
     # Every loss causes one repeat; only ticks and repeats were sent.
     assert plant["repeated"] >= plant["dropped"]
     assert plant["sent"] == summary["ticks"] + plant["repeated"]
-    assert axis["received"] == plant["on_wire"]
+    # The second one of the last record may come after the axis has ended.
+    assert 0 <= plant["on_wire"] - axis["received"] <= 1
     assert axis["sent"] == summary["ticks"] + axis["repeated"]
 
 
