@@ -82,9 +82,11 @@ static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t obje
 static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                          int32_t value) {
   fw_t *fw = fw_of(objects);
-  (void)source;
   axis_parameter_written(&fw->axis, object, previous, value);
   if (object == AXIS_OBJ_MODE) {
+    if (value == AXIS_MODE_DISABLED) {
+      ownership_disabled(fw, source);
+    }
     cia402_native_mode(&fw->drive, &fw->axis, (uint8_t)value);
   }
 }
@@ -98,8 +100,11 @@ static int check_drive(const dictionary_t *objects, uint8_t source, uint16_t obj
 static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                           int32_t value) {
   fw_t *fw = fw_of(objects);
-  (void)source;
-  cia402_written(&fw->drive, &fw->axis, object, previous, value);
+  if (object == AXIS_OBJ_CONTROLWORD) {
+    ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
+  } else {
+    cia402_written(&fw->drive, &fw->axis, object, previous, value);
+  }
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -323,6 +328,8 @@ static void take_requests(fw_t *fw) {
   count_up(&fw->device_signals.can_lost, requests.frames_lost);
   if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
     ownership_lost(fw, requests.fault);
+  } else if (requests.stop != 0) {
+    ownership_stopped(fw, requests.fault);
   }
 }
 
@@ -377,6 +384,7 @@ static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != A
 
 static void serve_node(fw_t *fw) {
   watch_contact(fw);
+  ownership_watch_warning(fw);
   while (canopen_is_behind(&fw->canopen)) {
     canopen_tick_timers(&fw->canopen, is_active(fw));
     take_requests(fw);

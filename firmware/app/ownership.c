@@ -8,15 +8,36 @@ static bool will_be_active(const fw_t *fw) {
   return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
 }
 
-static bool is_locked(const fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  const uint8_t owner = fw->device.command_source;
-  if (source == FW_SOURCE_LOCAL) {
-    return false;
+static bool may_command(const fw_t *fw, uint8_t source) {
+  return source == FW_SOURCE_LOCAL || source == fw->device.command_source;
+}
+
+/* Nobody acquires an axis that another one moves; its owner may give it to anybody. */
+static bool may_acquire(const fw_t *fw, uint8_t source, int32_t value) {
+  return value == source && !will_be_active(fw) &&
+         fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
+}
+
+/* Whether the end of the owner would be noticed. */
+static bool is_watched(const fw_t *fw) {
+  return fw->device.command_source != AXIS_COMMAND_SOURCE_CANOPEN ||
+         canopen_is_watched(&fw->canopen);
+}
+
+static bool is_held(const fw_t *fw) {
+  return fw->drive.signals.stopped_by != AXIS_STOPPED_BY_NOBODY;
+}
+
+/* What the port itself writes is never refused so. */
+static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
+  if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
+    return FW_OK;
   }
-  if (object == AXIS_OBJ_COMMAND_SOURCE) {
-    return value != source && !(source == owner && value == AXIS_COMMAND_SOURCE_CANOPEN);
-  }
-  return source != owner;
+  const bool is_halted = (controlword & CIA402_CW_HALT) != 0;
+  const bool is_refused = (is_held(fw) && !is_halted) ||
+                          (fw->device.unwatched_owner == AXIS_UNWATCHED_OWNER_REFUSED &&
+                           !is_watched(fw) && cia402_would_enable(&fw->drive, controlword));
+  return is_refused ? FW_ERROR_STATE : FW_OK;
 }
 
 /* Whether the object's `writable` column allows a write now. */
@@ -42,17 +63,87 @@ static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
   const axis_object_t *entry = &axis_objects[object];
-  if (is_locked(fw, source, object, value)) {
-    return FW_ERROR_LOCKED;
+  if (!may_command(fw, source)) {
+    const bool permitted = (object == AXIS_OBJ_COMMAND_SOURCE) ? may_acquire(fw, source, value)
+                                                               : cia402_is_stop(object, value);
+    return permitted ? FW_OK : FW_ERROR_LOCKED;
   }
   if (!is_writable(fw, entry)) {
     return FW_ERROR_STATE;
+  }
+  const int refusal =
+      (object == AXIS_OBJ_CONTROLWORD) ? may_enable(fw, source, (uint16_t)value) : FW_OK;
+  if (refusal != FW_OK) {
+    return refusal;
   }
   /* A set of parameters is stored as it was at one moment. */
   if (store_is_busy(&fw->store) && (entry->stored != 0 || starts_axis(fw, object, value))) {
     return FW_ERROR_BUSY;
   }
   return FW_OK;
+}
+
+/* Who is shown to have stopped the axis: 0 is nobody. */
+_Static_assert(AXIS_STOPPED_BY_CANOPEN == FW_SOURCE_CANOPEN + 1 &&
+                   AXIS_STOPPED_BY_MODBUS == FW_SOURCE_MODBUS + 1 &&
+                   AXIS_STOPPED_BY_LCM == FW_SOURCE_LCM + 1 &&
+                   AXIS_STOPPED_BY_PORT == FW_SOURCE_LOCAL + 1,
+               "one more than FW_SOURCE_");
+
+static void hold(fw_t *fw, uint8_t source) {
+  if (cia402_hold(&fw->drive, &fw->axis, (uint8_t)(source + 1))) {
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STOPPED, fw->drive.signals.stopped_by);
+  }
+}
+
+/* The owner's controlword, or the port's. */
+static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
+  const bool is_local = source == FW_SOURCE_LOCAL;
+  const bool enables = !is_local && cia402_would_enable(&fw->drive, controlword);
+  const bool stops =
+      is_local && fw->config.buses != 0 && cia402_would_stop(&fw->drive, controlword, previous);
+  cia402_written(&fw->drive, &fw->axis, AXIS_OBJ_CONTROLWORD, previous, controlword);
+  if (stops) {
+    hold(fw, source);
+  }
+  if (enables && !is_watched(fw)) {
+    cia402_warn_unwatched(&fw->drive, &fw->axis, true);
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNWATCHED, fw->device.command_source);
+  }
+}
+
+void ownership_watch_warning(fw_t *fw) {
+  if (fw->drive.unwatched != 0 && is_watched(fw)) {
+    cia402_warn_unwatched(&fw->drive, &fw->axis, false);
+  }
+}
+
+void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
+  const bool may_only_stop =
+      !may_command(fw, source) ||
+      (source != FW_SOURCE_LOCAL && is_held(fw) && cia402_enables(controlword));
+  if (!may_only_stop) {
+    obey(fw, source, previous, controlword);
+    return;
+  }
+  fw->drive.params.controlword = previous; /* it stays the owner's */
+  if (cia402_stop(&fw->drive, &fw->axis, controlword)) {
+    hold(fw, source);
+  }
+}
+
+void ownership_disabled(fw_t *fw, uint8_t source) {
+  const bool holds = (source == FW_SOURCE_LOCAL) ? fw->config.buses != 0 : !may_command(fw, source);
+  if (holds && cia402_stop(&fw->drive, &fw->axis, 0)) {
+    hold(fw, source);
+  }
+}
+
+void ownership_stopped(fw_t *fw, uint8_t fault) {
+  if (cia402_is_powered(fw->drive.signals.drive_state) &&
+      cia402_owner_lost(&fw->drive, &fw->axis, fault)) {
+    hold(fw, FW_SOURCE_CANOPEN);
+  }
 }
 
 static void release_to_canopen(fw_t *fw) {
@@ -68,7 +159,7 @@ static void check_canopen(fw_t *fw) {
     fault = AXIS_FAULT_SOURCE_LOST;
   }
   if (fault != AXIS_FAULT_NONE) {
-    cia402_owner_lost(&fw->drive, &fw->axis, fault);
+    (void)cia402_owner_lost(&fw->drive, &fw->axis, fault);
   }
 }
 
@@ -95,14 +186,14 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
  * not be missed. */
 void ownership_watch_canopen(fw_t *fw) {
   if (fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
-    cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
+    (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
   }
 }
 
 void ownership_time_out(fw_t *fw) {
   const uint8_t owner = fw->device.command_source;
   release_to_canopen(fw);
-  cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
+  (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
   /* A fault is reported by its error code. */
   if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
     canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
@@ -113,5 +204,5 @@ void ownership_lost(fw_t *fw, uint8_t fault) {
   if (fw->device.command_source != AXIS_COMMAND_SOURCE_CANOPEN) {
     release_to_canopen(fw);
   }
-  cia402_owner_lost(&fw->drive, &fw->axis, fault);
+  (void)cia402_owner_lost(&fw->drive, &fw->axis, fault);
 }

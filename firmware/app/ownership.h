@@ -2,8 +2,13 @@
 #define FIRMWARE_APP_OWNERSHIP_H_
 
 /* Which bus owns the axis, may write, and is missed when it falls silent: the source lock. canopen
- * owns at power-up. Another bus acquires the axis by writing its own number to command_source, and
- * loses it to canopen when no write of its own is accepted for the time of its watchdog. */
+ * owns at power-up. Another bus acquires a disabled axis by writing its own number to
+ * command_source, or is given it by its owner, and loses it to canopen when no write of its own is
+ * accepted for the time of its watchdog.
+ *
+ * Every bus may stop the axis. One that another than its owner stopped is held (stopped_by): no
+ * controlword enables it until the owner has sent one that does not. So an owner that goes on
+ * sending the same 000Fh does not start it again. The port itself is not held. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -25,6 +30,21 @@ static inline const fw_t *fw_of_const(const dictionary_t *objects) {
 /* Whether this source may write this value now: FW_OK, FW_ERROR_LOCKED, FW_ERROR_STATE (the
  * object's `writable` column) or FW_ERROR_BUSY (the store is at work). The object exists. */
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
+
+/* A source wrote a controlword in place of `previous`. Of a source that does not own the axis it
+ * can only stop it (cia402_stop()), and the owner's stays; so can an owner's that enables, while
+ * the axis is held by such a stop. */
+void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword);
+
+/* A source wrote the native mode `disabled`, which is about to be carried out. */
+void ownership_disabled(fw_t *fw, uint8_t source);
+
+/* CAN stops an axis that another bus owns (NMT, bus off), with the fault `fault` (AXIS_FAULT_) if
+ * abort_connection_option says so. */
+void ownership_stopped(fw_t *fw, uint8_t fault);
+
+/* The warning of an owner that nobody watches ends when it is watched. Between ticks. */
+void ownership_watch_warning(fw_t *fw);
 
 /* A parameter of the device was written: command_source or watchdog. */
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,

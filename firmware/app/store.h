@@ -41,7 +41,7 @@
 enum {
   STORE_ENTRY_BYTES = 12,
   STORE_SET_BYTES = RECORD_HEAD_BYTES + STORE_ENTRY_BYTES * AXIS_STORED_COUNT + RECORD_CRC_BYTES,
-  STORE_SECTOR_MIN = 4096, /* holds a set, with room for twice as many parameters */
+  STORE_SECTOR_MIN = 4096, /* holds a set, with room for more parameters */
   STORE_CHANGES = 8        /* that are reported by address */
 };
 

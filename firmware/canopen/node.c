@@ -114,10 +114,12 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* The sources whose only way in is this bus can no longer reach an axis that may be active. */
-static void lose_masters(canopen_t *canopen, uint8_t fault) {
+/* The axis stops, whoever owns it; the sources whose only way in is this bus can no longer reach
+ * it. */
+static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose(canopen, FW_SOURCE_CANOPEN, fault);
   canopen_lose(canopen, FW_SOURCE_LCM, fault);
+  canopen->requests.stop = 1;
 }
 
 /* Up to the largest number that the request can hold. */
@@ -143,7 +145,7 @@ static void communication_error(canopen_t *canopen) {
 }
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
-  lose_masters(canopen, AXIS_FAULT_SOURCE_LOST);
+  stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
   take_output_lost(canopen); /* the reset empties the output */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
@@ -171,7 +173,7 @@ static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
       enter(canopen, AXIS_NMT_STATE_OPERATIONAL);
       break;
     case NMT_STOP:
-      lose_masters(canopen, AXIS_FAULT_SOURCE_LOST);
+      stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
       enter(canopen, AXIS_NMT_STATE_STOPPED);
       break;
     case NMT_PRE_OPERATIONAL:
@@ -380,7 +382,7 @@ static void bus_off(canopen_t *canopen) {
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
-  lose_masters(canopen, AXIS_FAULT_CAN_OFF);
+  stop_axis(canopen, AXIS_FAULT_CAN_OFF);
   communication_error(canopen);
 }
 

@@ -2,6 +2,7 @@
 
 #include "firmware/drive/modes.h"
 #include "firmware/drive/motion.h"
+#include "firmware/drive/parameters.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/status.h"
@@ -9,11 +10,6 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 #include "firmware/objects/value.h"
-
-/* What the option codes say. */
-enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
-enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
-enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 
 /* 6060h of a native mode. */
 static int8_t operation_of(uint8_t native_mode) {
@@ -49,6 +45,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   }
   if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     cia402_leave_mode(drive);
+    drive->unwatched = 0;
   }
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
@@ -60,23 +57,6 @@ static void enter(cia402_t *drive, uint8_t state) {
     drive->fault = AXIS_FAULT_NONE;
   }
   drive->signals.drive_state = state;
-}
-
-/* Parameters in the units of the trajectory. */
-static void derive_rates(cia402_t *drive) {
-  const drive_params_t *params = &drive->params;
-  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
-  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
-  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
-  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
-}
-
-/* Ratios of parameters that are too dear for every tick. */
-static void derive_forces(cia402_t *drive) {
-  const drive_params_t *params = &drive->params;
-  /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
-  drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
-  drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
 }
 
 void cia402_init(cia402_t *drive) {
@@ -100,6 +80,7 @@ void cia402_init(cia402_t *drive) {
   drive->fault = AXIS_FAULT_NONE;
   drive->controlled = 0;
   drive->limited = 0;
+  drive->unwatched = 0;
   drive->position_written = 0;
   drive->velocity_written = 0;
   drive->force_written = 0;
@@ -107,13 +88,13 @@ void cia402_init(cia402_t *drive) {
   value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_leave_mode(drive);
-  derive_rates(drive);
-  derive_forces(drive);
+  parameters_derive_rates(drive);
+  parameters_derive_forces(drive);
 }
 
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
-  derive_rates(drive);
-  derive_forces(drive);
+  parameters_derive_rates(drive);
+  parameters_derive_forces(drive);
   drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
@@ -264,33 +245,6 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   motion_restore(drive, axis);
 }
 
-int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
-  bool right = true;
-  switch (object) {
-    case AXIS_OBJ_MODES_OF_OPERATION:
-      right = cia402_mode_exists(value);
-      break;
-    case AXIS_OBJ_QUICK_STOP_OPTION:
-      right = value <= STOP_QUICK || value >= QUICK_STOP_STAY;
-      break;
-    case AXIS_OBJ_HOMING_METHOD:
-      right = value == 0 || value == 35 || value == 37;
-      break;
-    case AXIS_OBJ_POSITION_LIMIT_MIN:
-      right = value <= drive->params.position_limit_max;
-      break;
-    case AXIS_OBJ_POSITION_LIMIT_MAX:
-      right = value >= drive->params.position_limit_min;
-      break;
-    case AXIS_OBJ_POLARITY:
-      right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
-      break;
-    default:
-      break;
-  }
-  return right ? FW_OK : FW_ERROR_RANGE;
-}
-
 /* Out of operation, at once or after slowing down (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
   if (option == STOP_AT_ONCE || motion_stands(drive) ||
@@ -300,6 +254,21 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   }
   drive->leaving = 1;
   drive->leaving_to = to;
+}
+
+/* A transition that a controlword asked for: by the option codes. */
+static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
+  if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
+    leave_operation(drive, to, drive->params.disable_operation_option, axis);
+  } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+             to == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON) {
+    leave_operation(drive, to, drive->params.shutdown_option, axis);
+  } else if (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE &&
+             drive->params.quick_stop_option == QUICK_STOP_DISABLE) {
+    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  } else {
+    enter(drive, to);
+  }
 }
 
 static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, uint16_t rising) {
@@ -316,17 +285,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
     axis_fault_reset(axis);
     forget_setpoints(axis);
   }
-  if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
-    leave_operation(drive, to, drive->params.disable_operation_option, axis);
-  } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-             to == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON) {
-    leave_operation(drive, to, drive->params.shutdown_option, axis);
-  } else if (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE &&
-             drive->params.quick_stop_option == QUICK_STOP_DISABLE) {
-    enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
-  } else {
-    enter(drive, to);
-  }
+  go(drive, axis, from, to);
   if (to == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     drive->setpoint.position = cia402_user(drive, axis->signals.position);
   }
@@ -371,6 +330,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   }
   switch (object) {
     case AXIS_OBJ_CONTROLWORD:
+      drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
       change_state(drive, axis, controlword, rising);
       command_mode(drive, controlword, rising, ((value ^ previous) & CIA402_CW_HALT) != 0);
       break;
@@ -398,13 +358,13 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:
-      derive_forces(drive);
+      parameters_derive_forces(drive);
       break;
     case AXIS_OBJ_VELOCITY_MAX:
     case AXIS_OBJ_TRAJECTORY_ACCELERATION:
     case AXIS_OBJ_TRAJECTORY_DECELERATION:
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
-      derive_rates(drive);
+      parameters_derive_rates(drive);
       break;
     default:
       break;
@@ -412,9 +372,61 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   cia402_show(drive, axis);
 }
 
+bool cia402_would_enable(const cia402_t *drive, uint16_t controlword) {
+  const bool may_resume = drive->params.quick_stop_option >= QUICK_STOP_STAY;
+  const uint8_t from = state_of(drive);
+  return cia402_next_state(from, controlword, 0, may_resume) ==
+             AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+         (from != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0);
+}
+
+bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by) {
+  if (drive->signals.stopped_by != AXIS_STOPPED_BY_NOBODY) {
+    return false;
+  }
+  drive->signals.stopped_by = by;
+  cia402_show(drive, axis);
+  return true;
+}
+
+void cia402_warn_unwatched(cia402_t *drive, const axis_t *axis, bool unwatched) {
+  drive->unwatched = unwatched ? 1 : 0;
+  cia402_show(drive, axis);
+}
+
+/* The other states are left by a controlword that does not enable. */
+static bool can_move_soon(uint8_t state) {
+  return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
+         state == AXIS_DRIVE_STATE_OPERATION_ENABLED || state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE;
+}
+
+bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous) {
+  const uint8_t from = state_of(drive);
+  return can_move_soon(from) && (cia402_state_below(from, controlword) != from ||
+                                 (controlword & ~(uint32_t)previous & CIA402_CW_HALT) != 0);
+}
+
+bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword) {
+  const uint8_t from = state_of(drive);
+  if (!can_move_soon(from)) {
+    return false;
+  }
+  if ((controlword & ~(uint32_t)drive->params.controlword & CIA402_CW_HALT) != 0) {
+    drive->params.controlword = (uint16_t)(drive->params.controlword | CIA402_CW_HALT);
+    command_mode(drive, drive->params.controlword, CIA402_CW_HALT, true);
+  }
+  const uint8_t to = cia402_state_below(from, controlword);
+  if (to != from) {
+    go(drive, axis, from, to);
+  }
+  cia402_show(drive, axis);
+  return true;
+}
+
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   const uint8_t state = state_of(drive);
   if (mode != AXIS_MODE_DISABLED) {
+    drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
     drive->params.modes_of_operation = operation_of(mode);
     if (wants_other_mode(drive)) {
@@ -437,7 +449,7 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
   cia402_show(drive, axis);
 }
 
-void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
+bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       drive->params.abort_connection_option != ABORT_NOTHING) {
@@ -445,7 +457,7 @@ void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
     forget_setpoints(axis);
   }
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED && state != AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
-    return;
+    return false;
   }
   switch (drive->params.abort_connection_option) {
     case ABORT_FAULT:
@@ -458,7 +470,8 @@ void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
       enter(drive, AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;
     default:
-      return; /* ABORT_NOTHING */
+      return false; /* ABORT_NOTHING */
   }
   cia402_show(drive, axis);
+  return true;
 }

@@ -16,6 +16,7 @@
  * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
  * others run between ticks and are bounded too. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
@@ -97,6 +98,7 @@ typedef struct {
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has drawn a target in */
+  uint8_t unwatched;          /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;
   uint8_t force_written;
@@ -121,6 +123,24 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value);
 
+/* Somebody who may only stop the axis wrote a controlword: of what it asks for, halt and the way to
+ * a lower state are carried out; the controlword in force stays, but for the halt bit. False: the
+ * axis cannot move, and nothing is to be stopped. */
+bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword);
+
+/* Shows who stopped the axis (AXIS_STOPPED_BY_), until a controlword is carried out or a native
+ * mode is on. False: somebody is shown already. */
+bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by);
+
+/* Whether a controlword would enable an axis that is not, or no longer to be, enabled. */
+bool cia402_would_enable(const cia402_t *drive, uint16_t controlword);
+
+/* Whether it would stop the axis, by its state or by a halt that `previous` did not have. */
+bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous);
+
+/* The warning that nobody would notice the end of the owner, while the axis is enabled. */
+void cia402_warn_unwatched(cia402_t *drive, const axis_t *axis, bool unwatched);
+
 /* The native `mode` was written (by the port itself): the state follows. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 
@@ -131,8 +151,9 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 void cia402_forget_targets(cia402_t *drive);
 
 /* The owner of the axis is lost: does what abort_connection_option says, with this fault, if the
- * axis is enabled. What it asked for is forgotten, unless the axis is to go on. */
-void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
+ * axis is enabled; whether it did anything. What the owner asked for is forgotten, unless the axis
+ * is to go on. */
+bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 /* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */
 uint16_t cia402_error_code(uint8_t fault);

@@ -58,6 +58,18 @@ bool cia402_is_powered(uint8_t state) {
 
 bool cia402_enables(uint16_t controlword) { return (controlword & 0x8F) == 0x0F; }
 
+bool cia402_is_stop(uint16_t object, int32_t value) {
+  return (object == AXIS_OBJ_CONTROLWORD &&
+          (((uint32_t)value & CIA402_CW_HALT) != 0 ||
+           (((uint32_t)value & CIA402_CW_FAULT_RESET) == 0 && !cia402_enables((uint16_t)value)))) ||
+         (object == AXIS_OBJ_MODE && value == AXIS_MODE_DISABLED);
+}
+
+uint8_t cia402_state_below(uint8_t state, uint16_t controlword) {
+  const uint8_t to = cia402_next_state(state, controlword, 0, false);
+  return (to < state || to == QUICK_STOP) ? to : state;
+}
+
 uint16_t cia402_state_bits(uint8_t state) {
   static const uint8_t bits[AXIS_DRIVE_STATE_COUNT] = {
       [NOT_READY] = 0x00, [DISABLED] = 0x40,   [READY] = 0x21,    [SWITCHED_ON] = 0x23,

@@ -27,7 +27,8 @@ enum {
   CIA402_SW_REACHED = 0x0400,
   CIA402_SW_LIMIT = 0x0800,
   CIA402_SW_MODE_12 = 0x1000,
-  CIA402_SW_MODE_13 = 0x2000
+  CIA402_SW_MODE_13 = 0x2000,
+  CIA402_SW_STOPPED = 0x4000 /* stopped_by is somebody */
 };
 
 /* The state that a controlword asks for in `state`; `state` itself where it asks for nothing.
@@ -41,6 +42,14 @@ bool cia402_is_powered(uint8_t state);
 
 /* True for the command "enable operation". */
 bool cia402_enables(uint16_t controlword);
+
+/* Whether writing this value to an object asks for a stop, which nobody is refused: a controlword
+ * of shutdown, switch on (disable operation), disable voltage, quick stop or halt; native mode
+ * disabled. */
+bool cia402_is_stop(uint16_t object, int32_t value);
+
+/* Where a controlword leads to that may only stop: `state` itself where it would lead further. */
+uint8_t cia402_state_below(uint8_t state, uint16_t controlword);
 
 /* Bits 0 to 3, 5 and 6 of the statusword. */
 uint16_t cia402_state_bits(uint8_t state);

@@ -74,7 +74,8 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }
-  if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0) {
+  if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0 ||
+      drive->unwatched != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {
@@ -85,6 +86,9 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   }
   if (is_enabled(drive)) {
     word |= mode_bits(drive);
+  }
+  if (signals->stopped_by != AXIS_STOPPED_BY_NOBODY) {
+    word |= CIA402_SW_STOPPED;
   }
   signals->statusword = word;
   signals->error_code = cia402_error_code(fault);

@@ -9,7 +9,6 @@ enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100
 enum {
   COIL,
   DISCRETE,
-  CONTROLWORD,
   PERMISSION,
   STATE,
   COMMAND,
@@ -113,6 +112,27 @@ void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count) 
   read_bits(r, DISCRETE, AXIS_DISCRETE_COUNT, first, count);
 }
 
+/* Whether the request asks for nothing but a stop, which is not the owner's alone. */
+static bool only_stops(const modbus_request_t *r) {
+  bool stops = false;
+  for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
+    const bool is_stop =
+        (n == AXIS_COIL_ENABLE && r->zero[n]) || (n == AXIS_COIL_HALT && r->one[n]);
+    if ((r->zero[n] || r->one[n]) && !is_stop) {
+      return false;
+    }
+    stops = stops || is_stop;
+  }
+  return stops;
+}
+
+/* What the owner alone may write, or everybody. */
+static void ask_permission(modbus_request_t *r) {
+  const bool stops = only_stops(r);
+  modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,
+             stops ? CONTROL_SHUTDOWN : 1);
+}
+
 void modbus_write_coils(modbus_request_t *r, uint16_t first, uint16_t count, const uint8_t *bits) {
   if ((uint32_t)first + count > AXIS_COIL_COUNT) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
@@ -124,7 +144,7 @@ void modbus_write_coils(modbus_request_t *r, uint16_t first, uint16_t count, con
     r->zero[n] = part && !r->one[n];
   }
   r->part = MODBUS_BITS;
-  modbus_ask(r, CONTROLWORD, MODBUS_READ, AXIS_OBJ_CONTROLWORD, 0);
+  ask_permission(r);
 }
 
 static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t value) {
@@ -217,9 +237,6 @@ void modbus_bits_resume(modbus_request_t *r) {
     case COIL:
     case DISCRETE:
       next_bits(r, r->step);
-      break;
-    case CONTROLWORD:
-      modbus_ask(r, PERMISSION, MODBUS_CHECK, AXIS_OBJ_CONTROLWORD, r->access.value);
       break;
     case PERMISSION:
       modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);

@@ -1,5 +1,8 @@
 #include "host/gateway/modbus_axis.hpp"
 
+extern "C" {
+#include "firmware/drive/state.h"
+}
 #include "host/run/objects.hpp"
 
 namespace forceaxis::nodes {
@@ -61,21 +64,23 @@ Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
   co_return refusal_of(result);
 }
 
-// As the firmware checks: range, lock, state.
+// As the firmware checks: range, lock, state. What only stops the axis is nobody's own.
 Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_owner) {
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
+  if (cia402_is_stop(object, value)) co_return FW_OK;
   std::int32_t owner = AXIS_COMMAND_SOURCE_MODBUS;
   if (!as_owner) {
     const int refusal = co_await read(AXIS_OBJ_COMMAND_SOURCE, owner);
     if (refusal != FW_OK) co_return refusal;
   }
   const bool owns = owner == AXIS_COMMAND_SOURCE_MODBUS;
-  const bool gives = object == AXIS_OBJ_COMMAND_SOURCE && value == AXIS_COMMAND_SOURCE_CANOPEN;
-  const bool takes = object == AXIS_OBJ_COMMAND_SOURCE && value == AXIS_COMMAND_SOURCE_MODBUS;
-  if (object == AXIS_OBJ_COMMAND_SOURCE ? !takes && !(owns && gives) : !owns) {
-    co_return FW_ERROR_LOCKED;
-  }
   std::int32_t state = 0;
+  if (!owns && object == AXIS_OBJ_COMMAND_SOURCE && value == AXIS_COMMAND_SOURCE_MODBUS) {
+    const int refusal = co_await read(AXIS_OBJ_DRIVE_STATE, state);
+    if (refusal != FW_OK) co_return refusal;
+    co_return cia402_is_powered(static_cast<std::uint8_t>(state)) ? FW_ERROR_LOCKED : FW_OK;
+  }
+  if (!owns) co_return FW_ERROR_LOCKED;
   if (axis_objects[object].writable == AXIS_WRITABLE_DISABLED) {
     const int refusal = co_await read(AXIS_OBJ_ACTIVE_MODE, state);
     if (refusal != FW_OK) co_return refusal;

@@ -37,7 +37,11 @@ class Flash {
   static constexpr int kErased = 0xFF;
   static constexpr int kEraseSteps = 8;
 
-  explicit Flash(uint32_t sector_bytes = STORE_SECTOR_MIN)
+  // Two sets in each sector.
+  static constexpr uint32_t kSector = (2 * STORE_SET_BYTES + 15) / 16 * 16;
+  static_assert(kSector >= STORE_SECTOR_MIN && kSector < 3 * STORE_SET_BYTES);
+
+  explicit Flash(uint32_t sector_bytes = kSector)
       : bytes_(2 * sector_bytes, kErased),
         memory_{this, sector_bytes, &Flash::Read, &Flash::Program, &Flash::Erase} {}
 

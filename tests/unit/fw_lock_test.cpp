@@ -126,20 +126,49 @@ TEST_F(Fw, ARefusedRequestThatGivesTheAxisAwayStartsNothing) {
 
 TEST_F(Fw, CanopenOwnsAtPowerUp) {
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   for (Way way : {kGateway, kLcm}) {
-    EXPECT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x06), 0x08000021u);
+    EXPECT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x0F), 0x08000021u);
   }
-  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 4u);
-  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x0F), 4u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
 }
 
-TEST_F(Fw, NobodyGivesTheAxisToAThirdOne) {
-  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS), 0x08000021u);
-  ASSERT_TRUE(Takes(kRtu));
-  EXPECT_EQ(Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_LCM), 4u);
-  EXPECT_EQ(Write(kLcm, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN), 0x08000021u)
-      << "not its to give away";
-  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS);
+// Its owner may give it to anybody, also while it is enabled; nobody else can but take it, and only
+// a disabled one.
+TEST_F(Fw, OnlyTheOwnerGivesAnEnabledAxisAway) {
+  for (Way owner : kWays) {
+    for (Way other : kWays) {
+      if (SourceOf(other) == SourceOf(owner)) continue;
+      PowerUp();
+      Drive(owner);
+      for (int source :
+           {AXIS_COMMAND_SOURCE_CANOPEN, AXIS_COMMAND_SOURCE_MODBUS, AXIS_COMMAND_SOURCE_LCM}) {
+        EXPECT_EQ(Write(other, AXIS_OBJ_COMMAND_SOURCE, source), other == kRtu ? 4u : 0x08000021u)
+            << owner << other << source;
+        EXPECT_EQ(Owner(), SourceOf(owner));
+      }
+      Tick(5);
+      EXPECT_TRUE(IsOn());
+      ASSERT_EQ(Write(owner, AXIS_OBJ_COMMAND_SOURCE, SourceOf(other)), 0u);
+      EXPECT_EQ(Owner(), SourceOf(other));
+      EXPECT_NE(Write(owner, AXIS_OBJ_OPEN_LOOP_CODE, 7), 0u) << "it is no longer the owner";
+      PowerUp();
+      ASSERT_TRUE(Takes(owner));
+      EXPECT_TRUE(Takes(other)) << "disabled: whoever asks";
+    }
+  }
+}
+
+// In the tick that enables it, active_mode knows nothing of it yet.
+TEST_F(Fw, AnAxisAboutToMoveIsNotTakenEither) {
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  EXPECT_TRUE(Takes(kLcm)) << "ready to switch on";
+  ASSERT_EQ(Write(kLcm, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kLcm, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_COMMAND_SOURCE, 0), 0x08000021u);
+  ASSERT_EQ(Write(kLcm, AXIS_OBJ_CONTROLWORD, 0x00), 0u);
+  EXPECT_TRUE(Takes(kCanopen));
 }
 
 // Also one that goes on reading: that says nothing of who commands the axis.
@@ -207,7 +236,7 @@ TEST_F(Fw, ASilentOwnerOfADisabledAxisLosesTheLockOnly) {
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
   EXPECT_TRUE(Told().empty());
-  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 4u);
+  EXPECT_EQ(Write(kRtu, AXIS_OBJ_OPEN_LOOP_CODE, 1), 4u);
 }
 
 TEST_F(Fw, TheReactionIsChosenBy6007) {
@@ -240,14 +269,17 @@ TEST_F(Fw, TheOwnerMayChangeItsWatchdog) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_WATCHDOG, 10), 0x08000021u) << "not by others";
 }
 
-TEST_F(Fw, CanopenTakesTheAxisBackWhileItRuns) {
+TEST_F(Fw, AWatchedCanopenIsGivenTheAxisWhileItRuns) {
+  WatchHeartbeat(50);
   Drive(kRtu);
-  ASSERT_TRUE(Takes(kCanopen));
-  EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0), 4u);
-  Tick(5000);
-  EXPECT_TRUE(IsOn()) << "nobody is lost: canopen has it";
-  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0), 0u);
-  EXPECT_EQ(TicksToOff(10), 1);
+  Send(0x77F, {5});
+  ASSERT_EQ(Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, 0), 0u);
+  for (int i = 0; i < 5000; ++i) {
+    if (i % 50 == 0) Send(0x77F, {5});
+    Tick();
+    ASSERT_TRUE(IsOn()) << "nobody is lost: canopen has it";
+  }
+  EXPECT_EQ(TicksToOff(100), TicksOf(50) + 2 - 50) << "and is watched";
 }
 
 // While Modbus had the axis nobody asked whether canopen lives.
@@ -263,7 +295,7 @@ TEST_F(Fw, WhoGivesTheAxisToADeadCanopenLosesIt) {
     Send(0x205, {0x00, 0x00, 0xFE});
     Drive(kRtu);
     if (how == 0) Send(0x77F, {5});
-    if (how == 1) fw_can_bus(&fw_, CAN_BUS_OFF);
+    if (how == 1) Send(0x77F, {5});
     if (how == 2) Set(AXIS_OBJ_CONSUMER_HEARTBEAT_1, 0);
     for (int i = 0; i < 100; ++i) {
       Tick();
@@ -271,7 +303,7 @@ TEST_F(Fw, WhoGivesTheAxisToADeadCanopenLosesIt) {
     }
     ASSERT_EQ(Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, 0), 0u);
     static constexpr int kTicks[] = {1, 1, 17};  // a deadline that begins with the next tick
-    static constexpr int kFaults[] = {AXIS_FAULT_HEARTBEAT_LOST, AXIS_FAULT_CAN_OFF,
+    static constexpr int kFaults[] = {AXIS_FAULT_HEARTBEAT_LOST, AXIS_FAULT_HEARTBEAT_LOST,
                                       AXIS_FAULT_PDO_TIMEOUT};
     EXPECT_EQ(TicksToOff(100), kTicks[how]) << how;
     EXPECT_EQ(Inner(AXIS_OBJ_FAULT), kFaults[how]);
@@ -290,13 +322,15 @@ TEST_F(Fw, WhoGivesTheAxisToAnUnwatchedCanopenLosesIt) {
 }
 
 TEST_F(Fw, TwoMastersOneOwner) {
+  WatchHeartbeat(65535); /* a canopen that is not watched would lose the axis */
   Drive(kCanopen);
+  Send(0x77F, {5});
   std::mt19937 random(5);
   Way owner = kCanopen;
   for (int i = 0; i < 3000; ++i) {
     const Way who = kWays[random() % 4];
     if (random() % 4 == 0) {
-      ASSERT_TRUE(Takes(who));
+      ASSERT_EQ(Write(owner, AXIS_OBJ_COMMAND_SOURCE, SourceOf(who)), 0u);
       owner = who;
     }
     const bool allowed = SourceOf(who) == SourceOf(owner);
@@ -308,7 +342,7 @@ TEST_F(Fw, TwoMastersOneOwner) {
     for (Way way : kWays) {
       ASSERT_EQ(Read(way, AXIS_OBJ_FORCE_GAIN), allowed ? static_cast<uint32_t>(value) : before);
     }
-    if (!allowed) (void)Write(who, AXIS_OBJ_CONTROLWORD, 0);
+    if (!allowed) (void)Write(who, AXIS_OBJ_CONTROLWORD, 0x0F);
     Tick();
     ASSERT_TRUE(IsOn()) << i;
   }
@@ -318,8 +352,8 @@ TEST_F(Fw, AResetGivesTheLockBack) {
   Drive(kRtu);
   Send(0, {130, kNode});
   Tick();
-  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS) << "communication only: Modbus does not notice";
-  EXPECT_TRUE(IsOn());
+  EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS) << "of communication only";
+  EXPECT_TRUE(IsOff());
   Send(0, {129, kNode});
   Tick(2);
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);

@@ -191,13 +191,13 @@ TEST(Store, TheTwoNewestRecordsAreFoundInAnyOrder) {
     record_newest(flash.memory(), found);
     EXPECT_EQ(found[0].sequence, 5u);
     EXPECT_EQ(found[1].magic, RECORD_NONE);
-    const size_t end = PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(4)});
+    const size_t end = PutSet(flash.bytes(), Flash::kSector, kOurs, 4, {ForceGain(4)});
     PutSet(flash.bytes(), end, kOurs, 3, {ForceGain(3)});
     found[0] = found[1] = held;
     record_newest(flash.memory(), found);
     EXPECT_EQ(found[0].sequence, 5u);
     EXPECT_EQ(found[1].sequence, 4u);
-    EXPECT_EQ(found[1].begin, static_cast<uint32_t>(STORE_SECTOR_MIN));
+    EXPECT_EQ(found[1].begin, Flash::kSector);
   }
 }
 
@@ -207,7 +207,7 @@ TEST(Store, AnUnusableNewestSetInFrontOfTheOlderOne) {
   Flash flash;
   PutSet(flash.bytes(), 0, kOurs, 5, {EntryOf(AXIS_OBJ_ADC_BITS, 17)});
   EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_FAILED);
-  PutSet(flash.bytes(), STORE_SECTOR_MIN, kOurs, 4, {ForceGain(1280)});
+  PutSet(flash.bytes(), Flash::kSector, kOurs, 4, {ForceGain(1280)});
   Axis axis(flash.memory());
   EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_OLDER);
   EXPECT_EQ(axis.Read(AXIS_OBJ_FORCE_GAIN), 1280);

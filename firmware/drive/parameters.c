@@ -1,0 +1,48 @@
+#include "firmware/drive/parameters.h"
+
+#include "firmware/drive/modes.h"
+#include "firmware/drive/units.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/access.h"
+
+void parameters_derive_rates(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
+  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
+  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
+  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
+}
+
+void parameters_derive_forces(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
+  drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
+  drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
+}
+
+int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
+  bool right = true;
+  switch (object) {
+    case AXIS_OBJ_MODES_OF_OPERATION:
+      right = cia402_mode_exists(value);
+      break;
+    case AXIS_OBJ_QUICK_STOP_OPTION:
+      right = value <= STOP_QUICK || value >= QUICK_STOP_STAY;
+      break;
+    case AXIS_OBJ_HOMING_METHOD:
+      right = value == 0 || value == 35 || value == 37;
+      break;
+    case AXIS_OBJ_POSITION_LIMIT_MIN:
+      right = value <= drive->params.position_limit_max;
+      break;
+    case AXIS_OBJ_POSITION_LIMIT_MAX:
+      right = value >= drive->params.position_limit_min;
+      break;
+    case AXIS_OBJ_POLARITY:
+      right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
+      break;
+    default:
+      break;
+  }
+  return right ? FW_OK : FW_ERROR_RANGE;
+}

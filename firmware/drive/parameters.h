@@ -1,0 +1,23 @@
+#ifndef FIRMWARE_DRIVE_PARAMETERS_H_
+#define FIRMWARE_DRIVE_PARAMETERS_H_
+
+/* Parameters of the drive: which values fit one another, and what is derived from them when they
+ * are written, being too dear for every tick. */
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/drive/drive.h"
+
+/* What the drive does when it is to stop: 6007h, 605Ah, and what 605Bh to 605Eh have in common. */
+enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
+enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
+enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
+
+/* Speeds and accelerations in the units of the trajectory. */
+void parameters_derive_rates(cia402_t *drive);
+
+/* Ratios between per mille of rated_force and counts of the reading. */
+void parameters_derive_forces(cia402_t *drive);
+
+#endif
