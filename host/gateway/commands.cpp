@@ -8,6 +8,7 @@
 
 extern "C" {
 #include "firmware/core/recorder.h"
+#include "firmware/drive/state.h"
 }
 
 namespace forceaxis::nodes {
@@ -36,6 +37,20 @@ bool late(const axis_command_t &command) {
          lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
 }
 
+// Whether the command does nothing but stop the axis: that is refused to nobody, waits for no other
+// command, and is not too late. The object table does not matter: a controlword is CiA 402's.
+bool only_stops(const axis_command_t &command) {
+  if (command.kind != axis_command_t::KIND_WRITE || command.object.empty()) return false;
+  for (std::size_t i = 0; i < command.object.size(); ++i) {
+    const std::int64_t value = command.value[i];
+    if (command.object[i] != "controlword" || value < 0 || value > UINT16_MAX ||
+        !cia402_is_stop(AXIS_OBJ_CONTROLWORD, static_cast<std::int32_t>(value))) {
+      return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 void GatewayCommands::publish_answer(Id id, const Answer &answer) {
@@ -50,16 +65,34 @@ void GatewayCommands::receive(const axis_command_t &command) {
     if (known->second.kind != 0) publish_answer(id, known->second);
     return;
   }
-  // What is late stays undone: the client has given up by now, and nothing is to move late.
-  if (late(command)) return;
-  if (waiting_.size() >= kMostWaiting) return;  // the client asks again
+  const bool stops = only_stops(command);
+  if (!stops) {
+    // What is late stays undone: the client has given up by now, and nothing is to move late.
+    if (late(command)) return;
+    if (waiting_.size() >= kMostWaiting) return;  // the client asks again
+  }
   answers_[id] = {};
   order_.push_back(id);
   while (order_.size() > kKeptAnswers) {
     answers_.erase(order_.front());
     order_.pop_front();
   }
-  waiting_.push(command);
+  if (stops) {
+    loop_.spawn(stop(command));
+  } else {
+    waiting_.push(command);
+  }
+}
+
+void GatewayCommands::answer(Id id, const Answer &answer) {
+  const auto place = answers_.find(id);
+  if (place != answers_.end()) place->second = answer;
+  publish_answer(id, answer);
+}
+
+Task<void> GatewayCommands::stop(axis_command_t command) {
+  const Answer done = co_await write_items(command);
+  answer({command.run_id, command.command_id}, done);
 }
 
 Task<void> GatewayCommands::serve() {
@@ -71,10 +104,8 @@ Task<void> GatewayCommands::serve() {
       std::erase(order_, id);
       continue;
     }
-    const Answer answer = co_await carry_out(command);
-    const auto place = answers_.find(id);
-    if (place != answers_.end()) place->second = answer;
-    publish_answer(id, answer);
+    const Answer done = co_await carry_out(command);
+    answer(id, done);
   }
 }
 

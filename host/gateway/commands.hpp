@@ -32,6 +32,7 @@ class GatewayCommands {
   };
 
   Task<void> serve();
+  Task<void> stop(axis_command_t command);
   Task<Answer> carry_out(const axis_command_t &command);
   Task<Answer> write_items(const axis_command_t &command);
   Task<Answer> read_items(const axis_command_t &command);
@@ -45,6 +46,7 @@ class GatewayCommands {
   static std::optional<Target> target_of(const std::string &name);
   Answer refused(Answer answer, const std::string &name, std::int64_t value, std::int64_t code,
                  const std::string &reason) const;
+  void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
 
   EventLoop &loop_;

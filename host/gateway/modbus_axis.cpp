@@ -106,7 +106,10 @@ Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
     if (got.ok()) co_return FW_OK;
     co_return got.silent ? int{MODBUS_NO_ANSWER} : refusal_of(got.abort);
   }
-  if (!axis_.writes_allowed()) co_return FW_ERROR_STATE;
+  // A stop is carried out by whichever object table.
+  if (!axis_.writes_allowed() && !cia402_is_stop(access.object, access.value)) {
+    co_return FW_ERROR_STATE;
+  }
   if (access.kind == MODBUS_WRITE) co_return co_await write(access.object, access.value);
   co_return co_await check(access.object, access.value, access.kind == MODBUS_CHECK_OWNER);
 }
