@@ -416,14 +416,14 @@ int main(int argc, char **argv) {
   app.add_option("--store", own.store,
                  "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
   app.add_option("--journal", own.journal,
-                 "File for everything the firmware takes in, for `forceaxis replay`; of several "
+                 "File for everything the firmware receives, for `forceaxis replay`; of several "
                  "axes FILE.1, FILE.2, ...");
   app.add_option("--hold", own.hold_s,
                  "Seconds to go on serving the buses after the plant fell silent, disabled.")
       ->check(nodes::real_range(0, 86400))
       ->capture_default_str();
   app.add_flag("--serve", own.serve,
-               "Take runs from standard input, one a line: run number, experiment and overrides, "
+               "Read runs from standard input, one a line: run number, experiment and overrides, "
                "separated by tabs.");
   app.footer(
       "Example:\n"

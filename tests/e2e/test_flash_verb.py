@@ -298,11 +298,11 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("access", "expected to be allowed to use the ST-Link", 1),
         ("chip", "the chip does not answer", 1),
         ("other", r"expected an STM32F446 \(0x421\).*0x413", 1),
-        ("mute", "expected to be told what chip it is; it said: nothing", 1),
+        ("mute", "expected the identifier of the chip; last output: nothing", 1),
         ("program", "the chip could not be written", 2),
         ("verify", "the chip does not hold what was written", 2),
-        ("strange", "ended with status 3; it said: Error: the moon is full", 2),
-        ("silent", "expected `Verified OK`; it said: shutdown", 2),
+        ("strange", "ended with status 3; last output: Error: the moon is full", 2),
+        ("silent", "expected `Verified OK`; last output: shutdown", 2),
     ],
 )
 def test_failures_are_one_line(bench, elf, fails, text, calls):

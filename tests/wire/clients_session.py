@@ -155,10 +155,8 @@ class Client:
 
     def reset(self, command):
         """Seconds until the boot-up message, which may arrive before a call could wait for it."""
-        received = []
-        waiting = threading.Thread(
-            target=lambda: received.append(self.drive.nmt.wait_for_bootup(5))
-        )
+        booted = []
+        waiting = threading.Thread(target=lambda: booted.append(self.drive.nmt.wait_for_bootup(5)))
         waiting.start()
         time.sleep(0.05)
         since = time.monotonic()
