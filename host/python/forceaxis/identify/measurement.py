@@ -125,8 +125,8 @@ class Measurement:
         }
 
     def readings(self):
-        """Characteristic values: gain at the lowest frequency measured; the frequency, Hz, where it is
-        3 dB below that, if the first octave is flat (no corner otherwise: the curve's plateau, if
+        """Characteristic values: gain at the lowest frequency; the frequency, Hz, where it is 3 dB
+        below that, if the first octave is flat (no corner otherwise: the curve's plateau, if
         it has one, is not in the band); where the phase passes through 0 (or 180) degrees, Hz."""
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]

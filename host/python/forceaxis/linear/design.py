@@ -1,4 +1,4 @@
-"""A design that can be changed: a model under its parameters, and the changes of `forceaxis advise`."""
+"""A design that can be changed: a model under its parameters, and the changes of `advise`."""
 
 import contextlib
 import math
