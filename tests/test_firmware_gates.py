@@ -382,9 +382,6 @@ def test_a_missing_tree_is_an_error(tmp_path):
     assert run(["check_firmware.py"], tmp_path).returncode == 2
 
 
-# --- the object table and its generator ---
-
-
 def test_generated_files_are_fresh():
     done = run(["gen_objects.py", "--check"], ROOT)
     assert done.returncode == 0, done.stderr

@@ -88,7 +88,7 @@ Slopes read_slopes(Section &section, const char *key, Dimension dimension, Dimen
                      std::to_string(curve.slopes.size()) + "; add or remove values");
   if (!by_load) return curve;
 
-  // The deflection at a load: every slope's share of the way there from 0.
+  // The deflection at a load: the sum of the shares of all slopes between 0 and it.
   const std::vector<double> loads = curve.breaks;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   for (double &at : curve.breaks) {
@@ -108,7 +108,7 @@ Slopes read_slopes(Section &section, const char *key, Dimension dimension, Dimen
   return curve;
 }
 
-// What every element with two ends begins with.
+// Reads the keys that every element with two ends has.
 template <class Link>
 Link Elements::link(Section &section) {
   Link element;
@@ -121,7 +121,7 @@ double read_damping(Section &section) {
   return section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
 }
 
-// A link that acts where its ends touch: a contact, or either side of a stop.
+// Reads a link that acts where its ends touch: a contact, or either side of a stop.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);

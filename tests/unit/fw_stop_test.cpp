@@ -157,7 +157,7 @@ TEST_F(FwStop, TheOwnersUnchangedStreamNeverRestarts) {
       EXPECT_EQ(Owner(), SourceOf(owner)) << what;
       Tick();
       EXPECT_NE(Read(kLcm, AXIS_OBJ_STATUSWORD) & 0x4000u, 0u) << what;
-      EXPECT_EQ(Told(), (std::vector<int>{0xFF08 | stop.by << 16})) << what << ": named once";
+      EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF08 | stop.by << 16})) << what << ": named once";
       for (int i = 0; i < 100; ++i) {
         EXPECT_NE(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u) << what << ": refused, not ignored";
         if (owner == kCanopen) Send(0x205, {0x0F, 0x00, 0xFE});
@@ -238,7 +238,7 @@ TEST_F(FwStop, ARampOfAnothersStopIsFinished) {
   Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
   Set(AXIS_OBJ_WATCHDOG, 60000);
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 6);
-  ASSERT_TRUE(Takes(kLcm));
+  ASSERT_TRUE(Acquires(kLcm));
   ASSERT_EQ(Write(kLcm, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY), 0u);
   ASSERT_EQ(Write(kLcm, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   ASSERT_EQ(Write(kLcm, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
@@ -375,7 +375,7 @@ TEST_F(FwStop, AnOwnerThatNobodyWatchesIsReportedAtEnabling) {
   };
   enable(kCanopen);
   EXPECT_TRUE(warned());
-  EXPECT_EQ(Told(), std::vector<int>{0xFF09});
+  EXPECT_EQ(Emergencies(), std::vector<int>{0xFF09});
   WatchHeartbeat(1000);
   Tick(2);
   EXPECT_TRUE(warned()) << "nobody was heard yet";
@@ -384,15 +384,15 @@ TEST_F(FwStop, AnOwnerThatNobodyWatchesIsReportedAtEnabling) {
   EXPECT_FALSE(warned()) << "watched from its first heartbeat on";
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   Tick(2);
-  Told();
+  Emergencies();
   enable(kCanopen);
   EXPECT_FALSE(warned());
-  EXPECT_TRUE(Told().empty());
+  EXPECT_TRUE(Emergencies().empty());
   PowerUp();
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   enable(kRtu);
   EXPECT_FALSE(warned()) << "others have their watchdog";
-  EXPECT_TRUE(Told().empty());
+  EXPECT_TRUE(Emergencies().empty());
 }
 
 TEST_F(FwStop, AnOwnerThatNobodyWatchesIsRefusedWhereThatIsAsked) {
@@ -405,7 +405,7 @@ TEST_F(FwStop, AnOwnerThatNobodyWatchesIsRefusedWhereThatIsAsked) {
   Send(0x77F, {5});
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x00), 0u);
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
 }
