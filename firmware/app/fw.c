@@ -384,7 +384,6 @@ static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != A
 
 static void serve_node(fw_t *fw) {
   watch_contact(fw);
-  ownership_watch_warning(fw);
   while (canopen_is_behind(&fw->canopen)) {
     canopen_tick_timers(&fw->canopen, is_active(fw));
     take_requests(fw);

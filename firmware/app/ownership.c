@@ -106,7 +106,7 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
   if (stops) {
     hold(fw, source);
   }
-  if (enables && !is_watched(fw)) {
+  if (enables && fw->drive.unwatched == 0 && !is_watched(fw)) {
     cia402_warn_unwatched(&fw->drive, &fw->axis, true);
     canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNWATCHED, fw->device.command_source);
   }

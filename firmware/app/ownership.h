@@ -43,9 +43,6 @@ void ownership_disabled(fw_t *fw, uint8_t source);
  * abort_connection_option says so. */
 void ownership_stopped(fw_t *fw, uint8_t fault);
 
-/* The warning of an owner that nobody watches ends when it is watched. Between ticks. */
-void ownership_watch_warning(fw_t *fw);
-
 /* A parameter of the device was written: command_source or watchdog. */
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value);
@@ -55,6 +52,7 @@ void ownership_lost(fw_t *fw, uint8_t fault);
 
 /* Parts of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);
+void ownership_watch_warning(fw_t *fw); /* it ends when the owner is watched */
 void ownership_time_out(fw_t *fw);
 
 /* Once a tick, before the drive: an owner that is silent for too long loses the axis. */
@@ -63,6 +61,9 @@ static inline void ownership_tick(fw_t *fw) {
   if (owner == AXIS_COMMAND_SOURCE_CANOPEN) {
     if (fw->canopen.heartbeats_lost != 0) {
       ownership_watch_canopen(fw);
+    }
+    if (fw->drive.unwatched != 0) {
+      ownership_watch_warning(fw);
     }
     return;
   }

@@ -23,6 +23,9 @@
 //  10 c frames were lost on the way in
 //  11 the bus is in state a
 //  12 object b has the value c
+//  13 of the drive, for the next frame or state of the bus: a bit 0, it was powered or active
+//     before; bit 1, it is enabled for a master that is not supervised; b stopped_by, if new
+//     (logged when it changes)
 
 #include <cstdint>
 #include <cstdio>
@@ -32,6 +35,7 @@
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/wire/drive_record.hpp"
 
 namespace {
 
@@ -49,7 +53,8 @@ enum Kind : uint8_t {
   kReplaced,
   kLost,
   kBus,
-  kObject
+  kObject,
+  kDrive
 };
 
 struct Record {
@@ -119,6 +124,14 @@ class Flood {
     if (std::memcmp(&now, &state_, sizeof(now)) == 0) return;
     state_ = now;
     told_empty_ = false;
+    log_.push_back(now);
+  }
+
+  // Of the drive, for the frame that follows.
+  void LogDrive(const DriveBefore &before) {
+    const Record now{kDrive, before.bits(fw_), before.stopper(fw_), 0, 0};
+    if (now.a == drive_.a && now.a < 2 && now.b == 0 && drive_.b == 0) return;
+    drive_ = now;
     log_.push_back(now);
   }
 
@@ -193,7 +206,9 @@ class Flood {
     if (OneIn(400)) frame.id = static_cast<uint16_t>(Below(0x800));
     for (int i = frame.length; i < 8; ++i) frame.data[i] = 0;
     if (IsHidden(frame)) return;
+    const DriveBefore before(fw_);
     fw_can_receive(&fw_, &frame);
+    LogDrive(before);
     uint8_t refused = 0;
     for (unsigned i = 0; i < 4; ++i) {
       if ((fw_.canopen.rpdo[i].reported & PDO_REPORTED_REFUSED) != 0) refused |= uint8_t(1u << i);
@@ -444,7 +459,9 @@ class Flood {
 
   void Bus() {
     const uint8_t state = static_cast<uint8_t>(Below(3));
+    const DriveBefore before(fw_);
     fw_can_bus(&fw_, state);
+    LogDrive(before);
     Log(kBus, state);
     LogValues();
     LogState();
@@ -533,6 +550,7 @@ class Flood {
   uint64_t values_[4]{};
   uint32_t recording_ = 0;
   uint8_t refused_ = 0;
+  Record drive_{};
   uint16_t server_ = 0;
   bool lazy_ = false;
   bool told_empty_ = false;

@@ -25,7 +25,8 @@ from forceaxis.objects import OBJECTS, OBJECTS_HASH
     LOST,
     BUS,
     OBJECT,
-) = range(1, 13)
+    DRIVE,
+) = range(1, 14)
 RECORD = struct.Struct("<BBHIQ")
 
 BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
@@ -51,6 +52,16 @@ NEVER = 1 << 60
 
 ROOM = 16
 KEEP_NMT, KEEP_EMCY, KEEP_PDO, KEEP_SDO = 0, 1, 2, 6
+
+
+CONTROL = {0x604000, 0x200100}  # controlword and native mode
+
+
+def is_stop(at, value):
+    """Shutdown, disable operation, disable voltage, quick stop, halt; native mode disabled."""
+    if at == (0x6040, 0):
+        return bool(value & 0x100) or (not value & 0x80 and value & 0x0F != 0x0F)
+    return at == (0x2001, 0) and value == 0
 
 
 class Mismatch(AssertionError):
@@ -123,6 +134,9 @@ class Node:
         self.refused = 0
         self.fed = False  # the owner's last write: only the drive can accept or refuse its value
         self.recording = 0
+        self.moves = False  # the drive is powered, or its axis active, before the frame
+        self.stopped_by = 0  # the frame stops it, on behalf of this source and one; reported once
+        self.unsupervised = False  # the frame enables it for a master that is not supervised
         self.active = 0
         self.bus = 0
         self.ticks = 0
@@ -268,6 +282,7 @@ class Node:
             self.lost = 0
             self.enter(INITIALISING)
             self.reset = what
+        self.report_drive(True)
 
     # Received frames.
 
@@ -402,9 +417,10 @@ class Node:
         self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
-            if entry >> 8 == 0x230100 and data & 0xFF == 0:
-                self.own(0)  # CANopen acquires the lock
+            if entry >> 8 == 0x230100 and self.may_own(0, data & 0xFF):
+                self.own(data & 0xFF)
             data >>= width
+        self.report_drive(bool(CONTROL & {entry >> 8 for entry in self.entries(0x1600 + i)}))
         if self.refused >> i & 1:
             self.report(i, 0x6320)
         else:
@@ -594,9 +610,11 @@ class Node:
                 raise Abort(0x08000020)
             raise Abort(0x06090031 if value > o.max else 0x06090032)
         if at == (0x2301, 0):
-            if value != server and not (server == self.owner and value == 0):
+            if not self.may_own(server, value):
                 raise Abort(0x08000021)
             self.own(value)
+        elif server != self.owner and is_stop(at, value):
+            self.report_drive(True)
         elif server != self.owner:
             raise Abort(0x08000021)
         elif o.kind == "command" and o.part in ("canopen", "device"):
@@ -615,6 +633,7 @@ class Node:
             # Accepted or refused by the axis or the drive.
             if self.fed:
                 self.silence = 0
+            self.report_drive(at == (0x6040, 0))
             refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06090030, 0x08000022)]
             self.answer(server, *(choice for f in (done, *refusals) for choice in exactly(f)))
             return
@@ -709,6 +728,23 @@ class Node:
         forbidden = "wo" if transmit else "ro"
         if o is None or not o.mappable or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)
+
+    # Ownership.
+
+    def may_own(self, source, wanted):
+        """The owner may give the axis to any; another may acquire it while it cannot move."""
+        if source == self.owner:
+            return wanted <= 2
+        return wanted == source and not self.moves
+
+    def report_drive(self, controls):
+        """Emergencies of a frame that writes the controlword or the native mode."""
+        if controls and self.stopped_by:
+            self.emergency(0xFF08, self.stopped_by)
+            self.stopped_by = 0
+        if controls and self.unsupervised:
+            self.emergency(0xFF09, 0)
+            self.unsupervised = False
 
     # Time.
 
@@ -835,6 +871,7 @@ class Node:
             self.update_register()
             self.lose_lcm()
             self.communication_error()
+            self.report_drive(True)
             return
         if before == 2:
             self.closed = False
@@ -871,7 +908,7 @@ class Node:
 
 def check(log, node):
     """Runs the model along a log; returns counts by kind of record. Raises Mismatch."""
-    counts = [0] * 13
+    counts = [0] * 14
     seen = pending_state = node.state()
     for number, (kind, a, b, c, d) in enumerate(RECORD.iter_unpack(log)):
         counts[kind] += 1
@@ -894,6 +931,8 @@ def check(log, node):
                 node.values[a] = d
             elif kind == REFUSED:
                 node.refused, node.fed = a & 15, a & 16 != 0
+            elif kind == DRIVE:
+                node.moves, node.stopped_by, node.unsupervised = bool(a & 1), b, bool(a & 2)
             elif kind == RECORDING:
                 node.recording = c
             elif kind == REPLACED:

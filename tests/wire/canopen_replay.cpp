@@ -3,7 +3,7 @@
 //
 // usage: canopen_replay JOURNAL >LOG
 //
-// The last record is 13, trace hash: the first half of its digits in d. It and the frames out are
+// The last record is 14, trace hash: the first half of its digits in d. It and the frames out are
 // compared with those of axis_node itself, so that what the log says holds for that one.
 
 #include <cstdint>
@@ -16,6 +16,7 @@
 #include "host/run/firmware_side.hpp"
 #include "host/run/plant_side.hpp"
 #include "host/run/replay.hpp"
+#include "tests/wire/drive_record.hpp"
 
 namespace {
 
@@ -33,6 +34,7 @@ enum Kind : uint8_t {
   kLost = 10,
   kBus,
   kObject,
+  kDrive,
   kHash
 };
 
@@ -113,6 +115,9 @@ class Log {
     refused_ = now;
   }
 
+  DriveBefore before() const { return DriveBefore(*fw_); }
+  void drive(const DriveBefore &before) { add(kDrive, before.bits(*fw_), before.stopper(*fw_)); }
+
   void taken_in() {
     values();
     state();
@@ -170,9 +175,11 @@ int replay(const char *file) {
   Log log(firmware.axis());
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != end && entry->tick <= plant.tick(); ++entry) {
+      const DriveBefore before = log.before();
       apply(*entry, firmware.axis());
       if (const auto *frame = std::get_if<can_frame_t>(&entry->what)) {
         log.refused();
+        log.drive(before);
         log.add(kFrameIn, static_cast<uint8_t>(frame->length | frame->remote << 7), frame->id, 0,
                 data_of(*frame));
       } else if (const auto *lost = std::get_if<host::Journal::FramesLost>(&entry->what)) {

@@ -1,0 +1,31 @@
+#pragma once
+// What canopen_model.py must be given of the drive to predict the lock and its emergencies.
+#include <cstdint>
+
+#include "firmware/port/host/firmware.hpp"
+
+extern "C" {
+#include "firmware/drive/state.h"
+}
+
+// Taken before a frame; compared after it.
+struct DriveBefore {
+  explicit DriveBefore(const fw_t &fw)
+      : moves(cia402_is_powered(fw.drive.signals.drive_state) ||
+              fw.axis.signals.active_mode != AXIS_MODE_DISABLED),
+        warned(fw.drive.unwatched != 0),
+        stopped_by(fw.drive.signals.stopped_by) {}
+
+  // Bit 0: could move before; bit 1: the frame enabled it for a master that is not supervised.
+  std::uint8_t bits(const fw_t &after) const {
+    return static_cast<std::uint8_t>((moves ? 1 : 0) |
+                                     (!warned && after.drive.unwatched != 0 ? 2 : 0));
+  }
+  // Who stopped it with the frame.
+  std::uint8_t stopper(const fw_t &after) const {
+    return stopped_by == AXIS_STOPPED_BY_NOBODY ? after.drive.signals.stopped_by : std::uint8_t{0};
+  }
+
+  bool moves, warned;
+  std::uint8_t stopped_by;
+};
