@@ -76,7 +76,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
- *     (both also if LCM owns, which depends on this bus)
+ *   a stop by any source: controlword, halt, native mode disabled          1
  *   a boot-up message of a node that 1016h supervises; release of the enabled axis to
  *     a canopen that is lost or not supervised                             1
  *   NMT reset of the node: all at power-up values after the next tick      2

@@ -35,7 +35,7 @@ static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   }
   const bool is_halted = (controlword & CIA402_CW_HALT) != 0;
   const bool is_refused = (is_held(fw) && !is_halted) ||
-                          (fw->device.unwatched_owner == AXIS_UNWATCHED_OWNER_REFUSED &&
+                          (fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED &&
                            !is_watched(fw) && cia402_would_enable(&fw->drive, controlword));
   return is_refused ? FW_ERROR_STATE : FW_OK;
 }
@@ -106,15 +106,15 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
   if (stops) {
     hold(fw, source);
   }
-  if (enables && fw->drive.unwatched == 0 && !is_watched(fw)) {
-    cia402_warn_unwatched(&fw->drive, &fw->axis, true);
-    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNWATCHED, fw->device.command_source);
+  if (enables && fw->drive.unsupervised == 0 && !is_watched(fw)) {
+    cia402_warn_unsupervised(&fw->drive, &fw->axis, true);
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNSUPERVISED, fw->device.command_source);
   }
 }
 
 void ownership_watch_warning(fw_t *fw) {
-  if (fw->drive.unwatched != 0 && is_watched(fw)) {
-    cia402_warn_unwatched(&fw->drive, &fw->axis, false);
+  if (fw->drive.unsupervised != 0 && is_watched(fw)) {
+    cia402_warn_unsupervised(&fw->drive, &fw->axis, false);
   }
 }
 

@@ -62,7 +62,7 @@ static inline void ownership_tick(fw_t *fw) {
     if (fw->canopen.heartbeats_lost != 0) {
       ownership_watch_canopen(fw);
     }
-    if (fw->drive.unwatched != 0) {
+    if (fw->drive.unsupervised != 0) {
       ownership_watch_warning(fw);
     }
     return;

@@ -45,7 +45,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   }
   if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     cia402_leave_mode(drive);
-    drive->unwatched = 0;
+    drive->unsupervised = 0;
   }
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
@@ -80,7 +80,7 @@ void cia402_init(cia402_t *drive) {
   drive->fault = AXIS_FAULT_NONE;
   drive->controlled = 0;
   drive->limited = 0;
-  drive->unwatched = 0;
+  drive->unsupervised = 0;
   drive->position_written = 0;
   drive->velocity_written = 0;
   drive->force_written = 0;
@@ -389,8 +389,8 @@ bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by) {
   return true;
 }
 
-void cia402_warn_unwatched(cia402_t *drive, const axis_t *axis, bool unwatched) {
-  drive->unwatched = unwatched ? 1 : 0;
+void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised) {
+  drive->unsupervised = unsupervised ? 1 : 0;
   cia402_show(drive, axis);
 }
 

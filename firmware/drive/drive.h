@@ -98,7 +98,7 @@ typedef struct {
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has drawn a target in */
-  uint8_t unwatched;          /* 1: enabled for an owner whose end nobody would notice */
+  uint8_t unsupervised;       /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;
   uint8_t force_written;
@@ -139,7 +139,7 @@ bool cia402_would_enable(const cia402_t *drive, uint16_t controlword);
 bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous);
 
 /* The warning that nobody would notice the end of the owner, while the axis is enabled. */
-void cia402_warn_unwatched(cia402_t *drive, const axis_t *axis, bool unwatched);
+void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised);
 
 /* The native `mode` was written (by the port itself): the state follows. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);

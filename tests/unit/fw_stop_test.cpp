@@ -157,7 +157,8 @@ TEST_F(FwStop, TheOwnersUnchangedStreamNeverRestarts) {
       EXPECT_EQ(Owner(), SourceOf(owner)) << what;
       Tick();
       EXPECT_NE(Read(kLcm, AXIS_OBJ_STATUSWORD) & 0x4000u, 0u) << what;
-      EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF08 | stop.by << 16})) << what << ": named once";
+      EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF08 | stop.by << 16}))
+          << what << ": named once";
       for (int i = 0; i < 100; ++i) {
         EXPECT_NE(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u) << what << ": refused, not ignored";
         if (owner == kCanopen) Send(0x205, {0x0F, 0x00, 0xFE});
@@ -396,7 +397,7 @@ TEST_F(FwStop, AnOwnerThatNobodyWatchesIsReportedAtEnabling) {
 }
 
 TEST_F(FwStop, AnOwnerThatNobodyWatchesIsRefusedWhereThatIsAsked) {
-  Set(AXIS_OBJ_UNWATCHED_OWNER, AXIS_UNWATCHED_OWNER_REFUSED);
+  Set(AXIS_OBJ_UNSUPERVISED_OWNER, AXIS_UNSUPERVISED_OWNER_REFUSED);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0x08000022u);
   EXPECT_EQ(Inner(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_READY_TO_SWITCH_ON);

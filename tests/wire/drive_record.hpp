@@ -13,13 +13,13 @@ struct DriveBefore {
   explicit DriveBefore(const fw_t &fw)
       : moves(cia402_is_powered(fw.drive.signals.drive_state) ||
               fw.axis.signals.active_mode != AXIS_MODE_DISABLED),
-        warned(fw.drive.unwatched != 0),
+        warned(fw.drive.unsupervised != 0),
         stopped_by(fw.drive.signals.stopped_by) {}
 
   // Bit 0: could move before; bit 1: the frame enabled it for a master that is not supervised.
   std::uint8_t bits(const fw_t &after) const {
     return static_cast<std::uint8_t>((moves ? 1 : 0) |
-                                     (!warned && after.drive.unwatched != 0 ? 2 : 0));
+                                     (!warned && after.drive.unsupervised != 0 ? 2 : 0));
   }
   // Who stopped it with the frame.
   std::uint8_t stopper(const fw_t &after) const {

@@ -145,7 +145,7 @@ enum {
   AXIS_OBJ_OBJECT_TABLE_HASH = 135,
   AXIS_OBJ_COMMAND_SOURCE = 136,
   AXIS_OBJ_WATCHDOG = 137,
-  AXIS_OBJ_UNWATCHED_OWNER = 138,
+  AXIS_OBJ_UNSUPERVISED_OWNER = 138,
   AXIS_OBJ_STORE_PARAMETERS = 139,
   AXIS_OBJ_RESTORE_DEFAULTS = 140,
   AXIS_OBJ_STORE_STATE = 141,
@@ -391,7 +391,7 @@ enum {
   AXIS_ERROR_CODE_FORCE_MAX = 65286,
   AXIS_ERROR_CODE_WATCHDOG_RESET = 65287,
   AXIS_ERROR_CODE_STOPPED = 65288,
-  AXIS_ERROR_CODE_OWNER_UNWATCHED = 65289
+  AXIS_ERROR_CODE_OWNER_UNSUPERVISED = 65289
 };
 
 enum {
@@ -442,9 +442,9 @@ enum {
 };
 
 enum {
-  AXIS_UNWATCHED_OWNER_WARNED = 0,
-  AXIS_UNWATCHED_OWNER_REFUSED = 1,
-  AXIS_UNWATCHED_OWNER_COUNT = 2
+  AXIS_UNSUPERVISED_OWNER_WARNED = 0,
+  AXIS_UNSUPERVISED_OWNER_REFUSED = 1,
+  AXIS_UNSUPERVISED_OWNER_COUNT = 2
 };
 
 enum {
@@ -689,7 +689,7 @@ typedef struct {
 typedef struct {
   uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
   uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
-  uint8_t unwatched_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
+  uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
 } device_params_t;
 
@@ -706,8 +706,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x7c85a73f)
-#define AXIS_OBJECTS_HASH_TEXT "7c85a73f"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x5489872d)
+#define AXIS_OBJECTS_HASH_TEXT "5489872d"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 

@@ -32,7 +32,7 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "7c85a73fab8ac378beede914f7eba7170fa8c64b0655b524c1f9d2cf8c1673f7"
+#define AXIS_OBJECTS_HASH "5489872d1e62ac164bf92dea9a5f2a50b6d250284c6a90f7c708f10eb090e062"
 #define AXIS_OBJECTS_META_COUNT 288
 
 /* Entry i describes object number i + 1. */
@@ -311,8 +311,8 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0, "Command source", 0, 1},
     {137, 2, "watchdog", "parameter", "device", "a source other than canopen is lost when it writes nothing for that long", "u16", "ms",
      1.0, INT64_C(10), INT64_C(65535), INT64_C(1000), "rw", "any", "", 0x2302, 0, 8, 1, "Watchdog", 0, 0},
-    {138, 1, "unwatched_owner", "parameter", "device", "what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched", "u8", "1",
-     1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "warned,refused", 0x230E, 0, 15, 1, "Unwatched owner", 0, 0},
+    {138, 1, "unsupervised_owner", "parameter", "device", "what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched", "u8", "1",
+     1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "warned,refused", 0x230E, 0, 15, 1, "Unsupervised owner", 0, 0},
     {139, 1, "store_parameters", "command", "device", "1 keeps all parameters over a power cut; only while the axis is disabled", "u8", "1",
      1.0, INT64_C(1), INT64_C(1), INT64_C(0), "rw", "disabled", "", 0x2303, 0, 496, 0, "Store parameters now", 0, 0},
     {140, 1, "restore_defaults", "command", "device", "1 lets the next power-up start with all defaults; only while the axis is disabled", "u8", "1",
@@ -650,7 +650,7 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {68, 65286, "force_max"},
     {68, 65287, "watchdog_reset"},
     {68, 65288, "stopped"},
-    {68, 65289, "owner_unwatched"},
+    {68, 65289, "owner_unsupervised"},
     {69, -8, "impedance"},
     {69, -7, "damping"},
     {69, -6, "stiffness"},
