@@ -47,7 +47,7 @@ def tool_as_module(name):
 
 def reads(gate, source, root):
     """{path: text} of a source and of every project header that it reaches; None where only the
-    compiler could tell."""
+    compiler could determine them."""
     found, ahead = {}, [source.relative_to(root).as_posix()]
     while ahead:
         name = ahead.pop()

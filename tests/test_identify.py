@@ -446,7 +446,7 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
 
 
 def test_blind_axes_are_identified(tmp_path):
-    """Twenty axes made by another process, which tells their parameters after the estimates.
+    """Twenty axes made by another process, which reports their parameters after the estimates.
 
     Of each, 4 or 5 parameters are 0.64 to 1.57 times the nominal value at which the fit starts.
     Every set must lie in the intervals that hold for all its parameters at once, but for two. Were

@@ -330,7 +330,7 @@ void Elements::read_sensors() {
     constexpr double kFastestFilter = 1e6;
     if (adc.filter && *adc.filter > kFastestFilter)
       section.fail("filter", "expected at most 1e6 rad/s, got " + number_text(*adc.filter) +
-                                 "; leave out a filter that no tick can tell from none");
+                                 "; omit a filter whose effect within a tick is negligible");
     adc.conditioning_limit = section.optional_value("conditioning_limit", unit, Sign::positive);
     adc.noise = section.value_or("noise", unit, Sign::not_negative, 0.0);
     adc.per_count = section.value("per_count", *per_count(unit), Sign::not_zero);
