@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/events.h"
 #include "firmware/app/ownership.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
@@ -17,49 +18,6 @@ static void wake(fw_t *fw) {
   if (fw->live == 0) {
     fw->live = 1;
     cia402_wake(&fw->drive, &fw->axis);
-  }
-}
-
-/* An emergency that could otherwise be repeated in every tick. */
-static void report_limited(fw_t *fw, uint16_t code) {
-  const uint8_t i = (uint8_t)(code - FW_HELD_FIRST);
-  const uint32_t now = fw->axis.signals.tick_count;
-  if (fw->reported[i] != 0 && now - fw->reported_tick[i] < FW_HOLD_TICKS) {
-    return;
-  }
-  fw->reported[i] = 1;
-  fw->reported_tick[i] = now;
-  canopen_emergency(&fw->canopen, code, 0);
-}
-
-enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
-
-/* The state of the contact, SEEN_ bits. */
-static uint8_t watched_contact(const fw_t *fw) {
-  const drive_signals_t *signals = &fw->drive.signals;
-  /* Each of them is 0 or 1. */
-  return (uint8_t)(signals->contact * SEEN_CONTACT + signals->force_saturated * SEEN_SATURATED +
-                   signals->limit_cycle * SEEN_LIMIT_CYCLE);
-}
-
-/* Reports changes of the contact. A contact is lost only while force is controlled. */
-static void watch_contact(fw_t *fw) {
-  const uint8_t before = fw->contact_seen;
-  const uint8_t now = watched_contact(fw);
-  if (now == before) {
-    return;
-  }
-  fw->contact_seen = now;
-  const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
-  const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
-  if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_CONTACT_LOST);
-  }
-  if ((risen & SEEN_SATURATED) != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
-  }
-  if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
@@ -252,19 +210,33 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
+static void assume_node_id(fw_t *fw, uint8_t node_id) {
+  canopen_init(&fw->canopen, node_id);
+  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
+  fw->device_signals.node_id = node_id;
+  fw->canopen.signals.serial_number = fw->config.serial_number;
+}
+
+/* Without an id from the straps the stored one counts; COB-IDs that follow it are loaded again. */
+static void assume_stored_node_id(fw_t *fw) {
+  const uint8_t stored = fw->device.stored_node_id;
+  if (fw->config.node_id == 0 && stored > 1) {
+    assume_node_id(fw, stored);
+    if (!store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER)) {
+      fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
+    }
+  }
+}
+
 /* Every parameter and signal at its power-up value, but for what counts losses; what was stored
  * replaces the defaults. */
 static void power_up(fw_t *fw) {
-  const uint8_t node_id = (fw->config.node_id == 0) ? 1 : fw->config.node_id;
   axis_init(&fw->axis);
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
-  canopen_init(&fw->canopen, node_id);
-  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
+  assume_node_id(fw, (fw->config.node_id == 0) ? 1 : fw->config.node_id);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
-  fw->device_signals.node_id = node_id;
-  fw->canopen.signals.serial_number = fw->config.serial_number;
   fw->source_silence = 0;
   for (uint8_t i = 0; i < FW_HELD; i++) {
     fw->reported[i] = 0;
@@ -272,6 +244,7 @@ static void power_up(fw_t *fw) {
   fw->ticks_alone = 0;
   fw->contact_seen = 0;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
+  assume_stored_node_id(fw);
   fw->device_signals.store_change_count = fw->store.change_count;
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
     fw->device_signals.store_change[i] = fw->store.changes[i];
@@ -326,6 +299,9 @@ static void take_requests(fw_t *fw) {
   }
   const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
   count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  if (requests.duplicate != 0) {
+    axis_fault(&fw->axis, AXIS_FAULT_DUPLICATE_NODE);
+  }
   if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
     ownership_lost(fw, requests.fault);
   } else if (requests.stop != 0) {
@@ -383,7 +359,7 @@ static void serve_store(fw_t *fw) {
 static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
 
 static void serve_node(fw_t *fw) {
-  watch_contact(fw);
+  events_contact(fw);
   while (canopen_is_behind(&fw->canopen)) {
     canopen_tick_timers(&fw->canopen, is_active(fw));
     take_requests(fw);
@@ -418,7 +394,7 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, &fw->objects);
   if (fw->config.buses != 0) {
-    const bool defer = watched_contact(fw) != fw->contact_seen ||
+    const bool defer = events_contact_state(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
@@ -478,7 +454,7 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
     if (missed != 0) {
       canopen_missed(&fw->canopen, missed);
     }
-    report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
+    events_report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 

@@ -41,7 +41,7 @@ typedef struct {
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
   uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint8_t node_id;        /* CANopen node and Modbus unit, 1..31; 0 counts as 1 */
+  uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1 */
   uint8_t buses;          /* 1: CANopen and Modbus are served */
   uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
@@ -77,15 +77,16 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
+ *   a frame of another node with this one's id                             1
  *   a boot-up message of a node that 1016h supervises; release of the enabled axis to
  *     a canopen that is lost or not supervised                             1
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat or RPDO missing, N ticks of its time                         N + 2
  * N is rounded up: ceil(1.5 ms). Where fault_reaction_option selects a ramp it comes first, of
- * at most CIA402_STOPPING_TICKS, but for the first two lines and a reset of the node;
- * abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis enabled. Canopen
- * is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set.
+ * at most CIA402_STOPPING_TICKS, but for the first two lines, a second node of this id and a reset
+ * of the node; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis
+ * enabled. Canopen is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 

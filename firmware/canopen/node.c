@@ -207,21 +207,28 @@ static void receive_sync(canopen_t *canopen, dictionary_t *objects, const can_fr
 
 /* Whether the frame was a request to an SDO server. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
-  const canopen_signals_t *signals = &canopen->signals;
-  const uint32_t requests[CANOPEN_SDOS] = {signals->sdo_server_receive, signals->sdo_modbus_receive,
-                                           signals->sdo_lcm_receive};
-  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
-    if (requests[i] == frame->id) {
-      sdo_receive(canopen, objects, i, frame);
-      return true;
-    }
+  const uint8_t server = sdo_server_at(canopen, frame->id);
+  if (server == CANOPEN_SDOS) {
+    return false;
   }
-  return false;
+  sdo_receive(canopen, objects, server, frame);
+  return true;
+}
+
+/* Whether only a node with this one's id would send the identifier. */
+static bool is_own(const canopen_t *canopen, uint16_t id) {
+  const uint32_t emcy = canopen->params.emcy_cob_id;
+  return id == HEARTBEAT_ID + canopen->node_id || sdo_transmits(canopen, id) ||
+         (canopen_cob_valid(emcy) && canopen_can_id(emcy) == id) || pdo_transmits(canopen, id);
 }
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   if (frame->remote != 0 || frame->length > 8 ||
       canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
+    return;
+  }
+  if (is_own(canopen, frame->id)) {
+    canopen->requests.duplicate = 1;
     return;
   }
   if (frame->id == ID_NMT) {
@@ -435,7 +442,7 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
     return heartbeat_check(canopen, (uint8_t)consumer, (uint32_t)value);
   }
   const int result = pdo_check(canopen, object, value);
-  return (result == PDO_NOT_MINE) ? FW_OK : result;
+  return (result == PDO_NOT_MINE) ? sdo_check(canopen, object, (uint32_t)value) : result;
 }
 
 void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
@@ -459,6 +466,7 @@ void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t o
       canopen->emcy.count = canopen_cob_valid((uint32_t)value) ? canopen->emcy.count : 0;
       break;
     default:
+      sdo_written(canopen, object);
       pdo_written(canopen, objects, object);
       break;
   }

@@ -7,9 +7,11 @@
  *
  * By state: pre-operational has all but PDOs, stopped has NMT and the heartbeat alone; emergencies
  * of a stopped node are queued. Remote requests are ignored, so there is no node guarding. A frame
- * goes to the first service that accepts it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. A node
- * that is stopped, or whose communication is reset, while the axis is active has lost its owner
- * (CANopen, fault source_lost), since no master could stop the axis then. */
+ * goes to the first service that accepts it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. One with
+ * an identifier that this node sends itself (heartbeat, EMCY, SDO answer, valid TPDO) comes from
+ * another node of its id: a request to latch the fault duplicate_node. Ports do not receive own
+ * frames. A node that is stopped, or whose communication is reset, while the axis is active has
+ * lost its owner (CANopen, fault source_lost), since no master could stop the axis then. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -26,7 +28,7 @@ typedef struct {
 } canopen_axis_t;
 
 /* Parameters at their defaults, with the node id added where it belongs; silent until
- * canopen_start(). node_id 1..31. */
+ * canopen_start(). node_id 1..127. */
 void canopen_init(canopen_t *canopen, uint8_t node_id);
 
 /* Boot-up: after power-up and after every reset, once the stored parameters are loaded. */
@@ -37,7 +39,8 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
 /* The node's requests since the last call. To be fetched after every other call, because the loss
  * of a source must take effect before the next one. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
-  return canopen->requests.frames_lost != 0 || canopen->requests.sources_lost != 0;
+  const canopen_requests_t *requests = &canopen->requests;
+  return requests->frames_lost != 0 || requests->sources_lost != 0 || requests->duplicate != 0;
 }
 canopen_requests_t canopen_take_requests(canopen_t *canopen);
 

@@ -276,6 +276,16 @@ void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *f
   }
 }
 
+bool pdo_transmits(const canopen_t *canopen, uint16_t id) {
+  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
+    const uint32_t cob_id = canopen->params.tpdo_cob_id[i];
+    if (canopen_cob_valid(cob_id) && canopen_can_id(cob_id) == id) {
+      return true;
+    }
+  }
+  return false;
+}
+
 void pdo_sync(canopen_t *canopen, dictionary_t *objects) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (tpdo_valid(canopen, i) && !is_event_driven(canopen, i)) {
@@ -364,6 +374,13 @@ static side_t side_of(const canopen_t *canopen, bool transmit) {
                   AXIS_OBJ_RPDO_MAPPING_1, false};
 }
 
+static int check_cob_id(const side_t *side, uint32_t i, uint32_t value) {
+  const uint32_t present = side->cob_id[i];
+  /* Bit 30 as 0 would ask for answers to remote requests. */
+  const bool asks_remote = side->transmit && value != present && fx_field(value, 30, 1) == 0;
+  return asks_remote ? FW_ERROR_RANGE : canopen_check_cob_id(present, value);
+}
+
 /* Whether the first `count` entries of a PDO fit together. */
 static int check_mapped(const side_t *side, uint32_t i, uint8_t count) {
   uint16_t mapped[PDO_ENTRIES];
@@ -374,7 +391,7 @@ static int check_mapped(const side_t *side, uint32_t i, uint8_t count) {
 static int check_side(const side_t *side, uint16_t object, uint32_t value) {
   int i = canopen_element(object, side->first_cob_id, CANOPEN_PDOS);
   if (i >= 0) {
-    return canopen_check_cob_id(side->cob_id[i], value);
+    return check_cob_id(side, (uint32_t)i, value);
   }
   if (canopen_element(object, side->first_transmission, CANOPEN_PDOS) >= 0) {
     return (value > PDO_SYNC_MAX && value < PDO_EVENT_MANUFACTURER) ? FW_ERROR_RANGE : FW_OK;

@@ -12,8 +12,8 @@
  * is valid and does nothing.
  *
  * COB-IDs: 11 bits. Bits 0 to 29 do not change while the PDO is valid (FW_ERROR_STATE); one that
- * CiA 301 restricts is refused when it would become valid (FW_ERROR_RANGE). Bit 30 may be written
- * either way: remote requests are never answered. */
+ * CiA 301 restricts is refused when it would become valid (FW_ERROR_RANGE). Bit 30 of a TPDO stays
+ * 1 (FW_ERROR_RANGE): remote requests are never answered. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -32,6 +32,9 @@ void pdo_operational(canopen_t *canopen, bool operational);
 
 /* A data frame with an identifier of no other service. */
 void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
+
+/* Whether a valid TPDO has this identifier. */
+bool pdo_transmits(const canopen_t *canopen, uint16_t id);
 
 /* TPDOs are sampled, then received RPDOs are applied. */
 void pdo_sync(canopen_t *canopen, dictionary_t *objects);

@@ -34,19 +34,55 @@ typedef struct {
   uint8_t number;
 } request_t;
 
-static uint16_t answer_id(const canopen_t *canopen, uint8_t server) {
+/* COB-IDs of a server, both ways. */
+typedef struct {
+  uint32_t receive;
+  uint32_t transmit;
+} channel_t;
+
+static channel_t channel_of(const canopen_t *canopen, uint8_t server) {
   const canopen_signals_t *signals = &canopen->signals;
-  const uint32_t cob_id = (server == 0)   ? signals->sdo_server_transmit
-                          : (server == 1) ? signals->sdo_modbus_transmit
-                                          : signals->sdo_lcm_transmit;
-  return canopen_can_id(cob_id);
+  const canopen_params_t *params = &canopen->params;
+  switch (server) {
+    case 0:
+      return (channel_t){signals->sdo_server_receive, signals->sdo_server_transmit};
+    case 1:
+      return (channel_t){params->sdo_modbus_receive, params->sdo_modbus_transmit};
+    default:
+      return (channel_t){params->sdo_lcm_receive, params->sdo_lcm_transmit};
+  }
+}
+
+static bool is_valid(channel_t channel) {
+  return canopen_cob_valid(channel.receive) && canopen_cob_valid(channel.transmit);
+}
+
+uint8_t sdo_server_at(const canopen_t *canopen, uint16_t id) {
+  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+    const channel_t channel = channel_of(canopen, i);
+    if (is_valid(channel) && canopen_can_id(channel.receive) == id) {
+      return i;
+    }
+  }
+  return CANOPEN_SDOS;
+}
+
+bool sdo_transmits(const canopen_t *canopen, uint16_t id) {
+  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+    const channel_t channel = channel_of(canopen, i);
+    if (is_valid(channel) && canopen_can_id(channel.transmit) == id) {
+      return true;
+    }
+  }
+  return false;
 }
 
 /* A response with command specifier, index and sub-index. */
 static can_frame_t *answer(canopen_t *canopen, uint8_t server, uint8_t command, uint16_t index,
                            uint8_t sub) {
   can_frame_t *frame =
-      can_output_add(&canopen->output, answer_id(canopen, server), 8, CAN_OUTPUT_KEEP_SDO);
+      can_output_add(&canopen->output, canopen_can_id(channel_of(canopen, server).transmit), 8,
+                     CAN_OUTPUT_KEEP_SDO);
   if (frame != NULL) {
     frame->data[0] = command;
     fx_store_le(frame->data + 1, index, 2);
@@ -112,6 +148,9 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   if (refusal == FW_ERROR_RANGE) {
     if (object == AXIS_OBJ_STORE_ALL || object == AXIS_OBJ_RESTORE_ALL) {
       return SDO_ABORT_SIGNATURE;
+    }
+    if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
+      return SDO_ABORT_VALUE; /* CiA 301 asks for this one: only 0 may be written */
     }
     if (is_above(entry, value, entry->max)) {
       return SDO_ABORT_TOO_HIGH;
@@ -270,6 +309,12 @@ static void upload_text(const request_t *request) {
   begin_upload(request, AXIS_ADDRESS_TEXT, size);
 }
 
+/* Whether the object is an entry of the error history that holds no error. */
+static bool is_empty(const canopen_t *canopen, uint16_t object) {
+  return canopen_element(object, AXIS_OBJ_ERROR_HISTORY_1, EMCY_HISTORY) >=
+         canopen->params.error_history_count;
+}
+
 static void initiate_upload(const request_t *request) {
   const uint16_t index = index_of(request->data);
   const axis_address_t *address = dictionary_address(index, request->data[3]);
@@ -295,7 +340,9 @@ static void initiate_upload(const request_t *request) {
     return;
   }
   int32_t value = 0;
-  const int result = dictionary_read(request->objects, address->value, &value);
+  const int result = is_empty(request->canopen, address->value)
+                         ? FW_ERROR_NO_DATA
+                         : dictionary_read(request->objects, address->value, &value);
   if (result != FW_OK) {
     abort_initiate(request, abort_of_refusal[-result]);
   } else {
@@ -373,6 +420,30 @@ void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
 void sdo_timeout(canopen_t *canopen, uint8_t server) {
   const sdo_server_t *transfer = &canopen->sdo[server];
   abort_transfer(canopen, server, transfer->index, transfer->sub, SDO_ABORT_TIMEOUT);
+}
+
+/* Objects of the servers that can be written, in the order of the table. */
+enum {
+  COB_IDS = 4,
+  COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
+};
+_Static_assert(AXIS_OBJ_SDO_LCM_TRANSMIT == COB_ID_FIRST + COB_IDS - 1, "two servers, both ways");
+
+int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted) {
+  const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
+  if (place < 0) {
+    return FW_OK;
+  }
+  const channel_t channel = channel_of(canopen, (place < 2) ? 1 : 2);
+  const bool is_receive = (place & 1) == 0;
+  return canopen_check_cob_id(is_receive ? channel.receive : channel.transmit, wanted);
+}
+
+void sdo_written(canopen_t *canopen, uint16_t object) {
+  const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
+  if (place >= 0) {
+    end(canopen, (place < 2) ? 1 : 2);
+  }
 }
 
 void sdo_drop(canopen_t *canopen) {

@@ -5,6 +5,7 @@
  * Each server writes on behalf of one source: the source lock distinguishes them. Requests that
  * do not have 8 bytes get no answer, as CiA 301 asks for. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/canopen/state.h"
@@ -31,17 +32,32 @@
 #define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* neither "save" nor "load" */
 #define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another source owns the axis */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)     /* not now: axis, recorder, PDO or store */
-#define SDO_ABORT_NO_DATA UINT32_C(0x08000024)   /* no finished recording */
+#define SDO_ABORT_NO_DATA UINT32_C(0x08000024)   /* no finished recording; no such error */
 
 /* How long the next segment may take. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
-/* Server 0 is the default one: CANOPEN; 1: MODBUS, 2: LCM. */
+/* Server 0 is the default one: CANOPEN; 1: MODBUS, 2: LCM. Those two are off until a gateway gives
+ * both of their COB-IDs (1201h, 1202h) identifiers; they are off again after a reset. */
+
+/* The server whose requests have this identifier; CANOPEN_SDOS: none. */
+uint8_t sdo_server_at(const canopen_t *canopen, uint16_t id);
+
+/* Whether a server answers with this identifier. */
+bool sdo_transmits(const canopen_t *canopen, uint16_t id);
+
 void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
                  const can_frame_t *frame);
 
 /* A segmented transfer has timed out. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);
+
+/* Whether a COB-ID of 1201h or 1202h may have this value: as canopen_check_cob_id(). FW_OK for
+ * every other object. */
+int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted);
+
+/* A COB-ID of 1201h or 1202h has changed: a transfer of its server is dropped. */
+void sdo_written(canopen_t *canopen, uint16_t object);
 
 /* Discards transfers, without an abort. */
 void sdo_drop(canopen_t *canopen);

@@ -71,6 +71,7 @@ typedef struct {
   uint8_t sources_lost; /* set of FW_SOURCE_ that can no longer reach the axis over this bus */
   uint8_t fault;        /* the reason, that of the first of them: AXIS_FAULT_ */
   uint8_t stop;         /* 1: the axis is to be stopped for that reason, whoever owns it */
+  uint8_t duplicate;    /* 1: another node has this one's id */
 } canopen_requests_t;
 
 typedef struct canopen {

@@ -46,12 +46,40 @@ struct AxisOptions {
   int modbus_baud = 115200;
   std::string store;
   std::string journal;
+  std::optional<int> node_id;           // of the first axis; default: its number
+  std::optional<std::uint32_t> serial;  // of the first axis
   double hold_s = 0;
   bool serve = false;
   bool real_time = false;  // late ticks are counted
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
+
+// The serial number of a node without --serial: the host's name, and in the last byte the axis, so
+// that it is the same in every run and no two nodes of a run have one.
+std::uint32_t serial_of(int axis) {
+  std::array<char, 256> name{};
+  gethostname(name.data(), name.size() - 1);
+  std::uint32_t hash = 2166136261U;  // FNV-1a
+  for (const char *at = name.data(); *at != 0; ++at) {
+    hash = (hash ^ static_cast<std::uint8_t>(*at)) * 16777619U;
+  }
+  return (hash & ~UINT32_C(0xFF)) | static_cast<std::uint32_t>(axis);
+}
+
+// Checks that the nodes of all axes have ids.
+void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) {
+  const int axes = static_cast<int>(options.files.size());
+  if (!own.node_id) return;
+  if (*own.node_id == 0 && axes > 1) {
+    throw nodes::UsageError("--node-id 0: expected one axis, several would have one stored id");
+  }
+  if (*own.node_id + axes - 1 > 127) {
+    throw nodes::UsageError("--node-id " + std::to_string(*own.node_id) +
+                            ": expected ids up to 127, the last would be " +
+                            std::to_string(*own.node_id + axes - 1));
+  }
+}
 
 struct StoreCloser {
   void operator()(store_file_t *store) const {
@@ -81,8 +109,9 @@ void expect_files(const AxisOptions &options, const std::string &suffix) {
 // One axis of this node: its firmware, its bus, its store and its journal.
 class Axis {
  public:
-  Axis(int number, const host::Experiment &experiment, std::span<const std::string> overrides,
-       const AxisOptions &options, const std::string &suffix)
+  Axis(int number, int first_axis, const host::Experiment &experiment,
+       std::span<const std::string> overrides, const AxisOptions &options,
+       const std::string &suffix)
       : number_(number), experiment_(experiment) {
     // Files last: if the bus cannot be opened they stay as they are.
     if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
@@ -92,7 +121,11 @@ class Axis {
     }
     real_time_ = options.real_time;
     config_.hardware = "host";
-    config_.node_id = static_cast<std::uint8_t>(number);
+    const int place = number - first_axis;
+    config_.node_id =
+        static_cast<std::uint8_t>(options.node_id ? *options.node_id + place : number);
+    config_.serial_number =
+        options.serial ? *options.serial + static_cast<std::uint32_t>(place) : serial_of(number);
     config_.buses = options.buses();
     config_.modbus_baud = static_cast<std::uint32_t>(options.modbus_baud);
     if (!options.journal.empty()) {
@@ -267,6 +300,7 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
 
 // One run from ready to report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
+  expect_node_ids(options, own);
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
   std::vector<std::unique_ptr<Axis>> axes;
   std::vector<std::uint8_t> numbers;
@@ -289,8 +323,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   const auto transport = host::open_axis_transport(options.link, injected);
   for (std::size_t i = 0; i < experiments.size(); ++i) {
     const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(std::make_unique<Axis>(
-        number, experiments[i], nodes::overrides_of(options, number), own, suffix(number)));
+    axes.push_back(std::make_unique<Axis>(number, options.first_axis, experiments[i],
+                                          nodes::overrides_of(options, number), own,
+                                          suffix(number)));
     numbers.push_back(static_cast<std::uint8_t>(number));
     last_ticks.push_back(experiments[i].ticks);
   }
@@ -413,6 +448,13 @@ int main(int argc, char **argv) {
   app.add_option("--modbus-baud", own.modbus_baud, "Its speed; 8 data bits, even parity.")
       ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
       ->capture_default_str();
+  app.add_option("--node-id", own.node_id,
+                 "CANopen node and Modbus unit of the first axis, the others follow; 0: the stored "
+                 "one. Default: the number of the axis.")
+      ->check(CLI::Range(0, 127));
+  app.add_option("--serial", own.serial,
+                 "Serial number of the first axis (1018h:4), the others follow. Default: made of "
+                 "this host's name and the number of the axis.");
   app.add_option("--store", own.store,
                  "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
   app.add_option("--journal", own.journal,

@@ -64,10 +64,9 @@ GatewayAxis::GatewayAxis(EventLoop &loop, lcm_bus::AxisChannels &lcm, SdoChannel
       settings_(settings),
       master_(loop, send_, 0x600U + static_cast<unsigned>(settings.number),
               0x580U + static_cast<unsigned>(settings.number), settings.sdo_timeout),
-      modbus_(loop, send_, 0x640U + static_cast<unsigned>(settings.number),
-              0x5C0U + static_cast<unsigned>(settings.number), settings.sdo_timeout),
-      lcm_channel_(loop, send_, 0x660U + static_cast<unsigned>(settings.number),
-                   0x5E0U + static_cast<unsigned>(settings.number), settings.sdo_timeout) {}
+      modbus_(loop, send_, settings.first_sdo, settings.first_sdo + 1, settings.sdo_timeout),
+      lcm_channel_(loop, send_, settings.first_sdo + 2, settings.first_sdo + 3,
+                   settings.sdo_timeout) {}
 
 void GatewayAxis::start() { loop_.spawn(supervise()); }
 
@@ -224,6 +223,7 @@ Task<bool> GatewayAxis::set_up() {
   publisher_.forget();
   if (!co_await identify()) co_return false;
   if (!mismatch_) {
+    if (!co_await open_channels()) co_return false;
     if (!co_await watch_each_other()) co_return false;
     for (int pdo = 0; pdo <= kLastPdo; ++pdo) {
       if (!co_await set_up_pdo(pdo)) co_return false;
@@ -261,6 +261,30 @@ Task<bool> GatewayAxis::identify() {
                               ": writes are refused; build gateway and firmware from one table");
   }
   co_return true;
+}
+
+// SDO servers 1201h and 1202h, for the clients on Modbus and LCM.
+Task<bool> GatewayAxis::open_channels() {
+  const std::uint64_t boots = boots_;
+  std::int64_t wanted = settings_.first_sdo;
+  for (const std::uint16_t object : {AXIS_OBJ_SDO_MODBUS_RECEIVE, AXIS_OBJ_SDO_MODBUS_TRANSMIT,
+                                     AXIS_OBJ_SDO_LCM_RECEIVE, AXIS_OBJ_SDO_LCM_TRANSMIT}) {
+    const ObjectAddress cob_id = address_of(object);
+    const ObjectResult held = co_await master_port().read(cob_id);
+    if (failed(held, name_of(object))) co_return false;
+    // A valid identifier changes only by way of one that is not.
+    if (held.value != wanted && (held.value & kInvalid) == 0) {
+      const bool closed = co_await set(cob_id, held.value | kInvalid, name_of(object));
+      if (!closed) co_return false;
+    }
+    if (held.value != wanted) {
+      const bool opened = co_await set(cob_id, wanted, name_of(object));
+      if (!opened) co_return false;
+    }
+    ++wanted;
+  }
+  open_boots_ = boots;
+  co_return boots == boots_;
 }
 
 // Heartbeats both ways: the axis consumes the gateway's, the gateway the axis's.
@@ -312,7 +336,7 @@ Task<bool> GatewayAxis::set_up_pdo(int pdo) {
   ObjectResult held = co_await master_port().read(parameter(1, 4));
   if (failed(held, what)) co_return false;
   bool same = (held.value & ~std::int64_t{kNoRemote}) == (cob_id & ~std::int64_t{kNoRemote});
-  const std::int64_t off = held.value | kInvalid;
+  const std::int64_t off = held.value | kInvalid | kNoRemote;
   held = co_await master_port().read(mapping(0));
   if (failed(held, what)) co_return false;
   same = same && held.value == count;

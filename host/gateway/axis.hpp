@@ -4,7 +4,9 @@
 //
 // The default SDO channel is the master's own: set-up, polling, uploads of the recorder. It counts
 // as CANopen. The channels of LCM and Modbus carry nothing but what their clients asked for: the
-// watchdog of the axis is fed by what a client writes, and by nothing of the gateway's own.
+// watchdog of the axis is fed by what a client writes, and by nothing of the gateway's own. Their
+// servers are off until the set-up gives them identifiers, and forgotten by a reset of the node;
+// meanwhile reads and stops go over the default channel, and nothing else is written.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -24,6 +26,7 @@ namespace forceaxis::nodes {
 struct AxisSettings {
   int number = 1;                            // node id, unit id, channel
   int master = 127;                          // node id of the gateway
+  std::uint32_t first_sdo = 0x680;           // first of the identifiers of its SDO channels
   std::chrono::milliseconds heartbeat{100};  // of axis and gateway
   std::chrono::milliseconds watch{300};      // how long the axis waits for the gateway's
   std::chrono::milliseconds sdo_timeout{500};
@@ -54,16 +57,16 @@ class GatewayAxis {
   // Stops the axis if CANopen owns it, and ends its watch for the gateway's heartbeat.
   Task<void> shut_down();
 
-  // The axis has this program's object table, and is not silent.
-  bool writes_allowed() const { return table_known_ && !mismatch_; }
+  // The axis has this program's object table, is not silent, and serves the clients' channels.
+  bool writes_allowed() const { return table_known_ && !mismatch_ && channels_open(); }
   bool mismatch() const { return mismatch_; }
   std::int64_t table_hash() const { return table_hash_; }
   bool present() const { return present_; }
 
   ObjectPort master_port() { return ObjectPort(master_); }
   SdoChannel &master_channel() { return master_; }
-  ObjectPort modbus_port() { return ObjectPort(modbus_); }
-  ObjectPort lcm_port() { return ObjectPort(lcm_channel_); }
+  ObjectPort modbus_port() { return ObjectPort(channels_open() ? modbus_ : master_); }
+  ObjectPort lcm_port() { return ObjectPort(channels_open() ? lcm_channel_ : master_); }
 
   AxisPublisher &publisher() { return publisher_; }
   const AxisPublisher &publisher() const { return publisher_; }
@@ -75,6 +78,7 @@ class GatewayAxis {
   Task<bool> find();
   Task<bool> set_up();
   Task<bool> identify();
+  Task<bool> open_channels();
   Task<bool> watch_each_other();
   Task<bool> set_up_pdo(int pdo);
   Task<bool> set_parameters();
@@ -84,6 +88,7 @@ class GatewayAxis {
   bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
 
+  bool channels_open() const { return open_boots_ == boots_; }
   void receive_heartbeat(std::uint8_t state);
   void lose(const std::string &why, std::int64_t milliseconds);
   void receive_emergency(const canopen::Frame &frame);
@@ -105,7 +110,7 @@ class GatewayAxis {
   bool published_ = true;  // since the last SYNC
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
-  std::uint64_t boots_ = 1, set_up_boots_ = 0;
+  std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
   std::chrono::milliseconds silence_{0};  // since the last heartbeat
   std::size_t next_poll_ = 0;
 };

@@ -46,7 +46,7 @@ bool touches_store(std::uint16_t object) {
 }  // namespace
 
 Task<int> ModbusAxis::read(std::uint16_t object, std::int32_t &value) {
-  const ObjectResult result = co_await port_.read(object);
+  const ObjectResult result = co_await axis_.modbus_port().read(object);
   if (result.ok()) value = static_cast<std::int32_t>(static_cast<std::uint32_t>(result.value));
   co_return refusal_of(result);
 }
@@ -54,7 +54,7 @@ Task<int> ModbusAxis::read(std::uint16_t object, std::int32_t &value) {
 Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
   // SDO carries an object's own bytes: of 511 for 8 bits it would carry -1.
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
-  const ObjectResult result = co_await port_.write(object, value);
+  const ObjectResult result = co_await axis_.modbus_port().write(object, value);
   if (result.abort == canopen::kAbortState && touches_store(object)) {
     // SDO has one code for a state and for a store that is still at work.
     std::int32_t store = 0;
@@ -100,7 +100,7 @@ Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
   if (access.kind == MODBUS_READ) co_return co_await read(access.object, access.value);
   if (access.kind == MODBUS_READ_TEXT) {
     const ObjectAddress address{access.object, 0, 0, false};
-    const canopen::SdoResult got = co_await port_.read_bytes(address);
+    const canopen::SdoResult got = co_await axis_.modbus_port().read_bytes(address);
     text_.assign(got.data.begin(), got.data.end());
     access.text = text_.c_str();
     if (got.ok()) co_return FW_OK;

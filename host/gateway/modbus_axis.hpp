@@ -22,7 +22,7 @@ namespace forceaxis::nodes {
 class ModbusAxis {
  public:
   // The axis must outlive this.
-  explicit ModbusAxis(GatewayAxis &axis) : axis_(axis), port_(axis.modbus_port()) {}
+  explicit ModbusAxis(GatewayAxis &axis) : axis_(axis) {}
 
   // Carries out the request and puts the answer in its place.
   Task<void> serve(modbus::Pdu &pdu);
@@ -35,7 +35,6 @@ class ModbusAxis {
   Task<int> check(std::uint16_t object, std::int32_t value, bool as_owner);
 
   GatewayAxis &axis_;
-  ObjectPort port_;
   std::string text_;  // of the last access
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };

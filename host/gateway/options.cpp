@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 
@@ -13,12 +14,16 @@
 namespace forceaxis::nodes {
 namespace {
 
-constexpr int kMostNodes = 31;
+constexpr int kMostNodes = 127;
+// Identifiers that the pre-defined connection set of CiA 301 leaves free and does not restrict,
+// 680h to 6DFh: four for the SDO channels of each axis.
+constexpr std::uint32_t kFirstSdo = 0x680;
+constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
 // "1,2" or "1-6".
 std::vector<int> axes_of(const std::string &text) {
   const auto fail = [&text] {
-    throw UsageError("--axes " + text + ": expected numbers from 1 to 31 such as 1,2 or 1-6");
+    throw UsageError("--axes " + text + ": expected numbers from 1 to 127 such as 1,2 or 1-6");
   };
   std::vector<int> axes;
   const char *at = text.data();
@@ -45,6 +50,25 @@ std::vector<int> axes_of(const std::string &text) {
     if (at == end) return axes;
     if (*at++ != ',') fail();
   }
+}
+
+// The identifiers of each axis: those of its node id modulo 24 if they are free, so that they are
+// the same ones whatever other axes a gateway has, else the next free ones.
+std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector<int> &axes) {
+  if (axes.size() > kMostAxes) {
+    throw UsageError("--axes " + o.axes + ": expected at most " + std::to_string(kMostAxes) +
+                     " axes, CAN has no SDO identifiers left for axis " +
+                     std::to_string(axes[kMostAxes]));
+  }
+  std::array<bool, kMostAxes> taken{};
+  std::vector<std::uint32_t> found;
+  for (const int axis : axes) {
+    auto place = static_cast<std::size_t>((axis - 1) % kMostAxes);
+    while (taken[place]) place = (place + 1) % kMostAxes;
+    taken[place] = true;
+    found.push_back(kFirstSdo + kSdosOfAxis * static_cast<std::uint32_t>(place));
+  }
+  return found;
 }
 
 // "NAME=VALUE" in engineering units or an enum's text.
@@ -95,7 +119,7 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
                  "passwords.")
       ->capture_default_str();
   app.add_option("--node-id", o.node_id, "The gateway's own node id, for its heartbeat.")
-      ->check(CLI::Range(kMostNodes + 1, 127))
+      ->check(CLI::Range(1, kMostNodes))
       ->capture_default_str();
   app.add_option("--sync-hz", o.sync_hz, "SYNCs and states published a second.")
       ->check(real_range(1, 200))
@@ -139,9 +163,16 @@ void finish_gateway_options(GatewayOptions &o) {
                      std::to_string(o.heartbeat_ms) + " ms");
   }
   if (o.watch_ms > 65535) throw UsageError("--heartbeat-ms: expected at most 21845");
-  for (const int axis : axes_of(o.axes)) {
+  const std::vector<int> axes = axes_of(o.axes);
+  const std::vector<std::uint32_t> sdos = first_sdos(o, axes);
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    if (axes[i] == o.node_id) {
+      throw UsageError("--node-id " + std::to_string(o.node_id) +
+                       ": expected another than that of an axis, --axes " + o.axes);
+    }
     AxisSettings s;
-    s.number = axis;
+    s.number = axes[i];
+    s.first_sdo = sdos[i];
     s.master = o.node_id;
     s.heartbeat = std::chrono::milliseconds(o.heartbeat_ms);
     s.watch = std::chrono::milliseconds(o.watch_ms);

@@ -53,7 +53,7 @@ class AxisChannels {
 
  private:
   enum Kind { kState, kEvent, kCapture, kKinds };
-  static constexpr int kMostAxes = 31;
+  static constexpr int kMostAxes = 127;
 
   template <class Message>
   void publish(Kind kind, int axis, const char *suffix, Message &message);

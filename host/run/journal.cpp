@@ -195,7 +195,7 @@ void JournalWriter::flush() { out_.flush(); }
 
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
-       << '\n';
+       << ' ' << config.serial_number << '\n';
   if (config.memory != nullptr) write_store(*config.memory);
   flush();  // so that a process killed at once still has a valid journal
 }
@@ -270,6 +270,10 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.node_id = line.number<std::uint8_t>("a node", 0, 127);
       journal.buses = line.number<std::uint8_t>("buses", 0, 1);
       journal.modbus_baud = line.number<std::uint32_t>("a speed in baud", 0, 10'000'000);
+      // Journals of 0.1.0 have none.
+      if (!line.rest().empty()) {
+        journal.serial_number = line.number<std::uint32_t>("a serial number", 0, UINT32_MAX);
+      }
     } else if (kind == "store") {
       journal.store = line.bytes("bytes", 2 * kSectorBytes);
       journal.has_store = true;

@@ -89,6 +89,7 @@ struct Journal {
   std::vector<std::string> overrides;
   std::string inputs_hash;
   std::uint8_t node_id = 0;
+  std::uint32_t serial_number = 0;
   std::uint8_t buses = 0;
   std::uint32_t modbus_baud = 0;
   std::vector<std::uint8_t> store;  // empty: there was none

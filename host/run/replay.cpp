@@ -76,6 +76,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   config.hardware = "host";
   config.node_id = journal.node_id;
   config.buses = journal.buses;
+  config.serial_number = journal.serial_number;
   config.modbus_baud = journal.modbus_baud;
   if (journal.has_store) config.memory = store.memory();
   FirmwareSide firmware(silent, {.hash = true, .config = &config});

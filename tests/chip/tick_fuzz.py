@@ -244,6 +244,12 @@ class Fuzz:
                 self.set(side, "controlword", word)
         elif chance < often + 0.15:
             self.set(side, "recorder_arm", 1)
+        elif chance < often + 0.16:
+            names = [
+                f"sdo_{bus}_{way}" for bus in ("modbus", "lcm") for way in ("receive", "transmit")
+            ]
+            for place, name in enumerate(names):
+                self.set(side, name, 0x680 + place)
 
     def frames(self, side):
         """Up to a few frames of every kind."""
@@ -261,8 +267,8 @@ class Fuzz:
             elif kind < 0.8:
                 side.receive(0x700 + 20 + rng.randrange(4), bytes([5 if rng.random() < 0.9 else 0]))
             elif kind < 0.98:
-                server = rng.choice([0x600, 0x600, 0x640, 0x660])
-                side.receive(server + NODE, self.request())
+                server = rng.choice([0x600 + NODE, 0x600 + NODE, 0x680, 0x682])
+                side.receive(server, self.request())
             else:
                 command = rng.choice([1, 1, 1, 2, 128, 130, 129])
                 side.receive(0, bytes([command, NODE]))

@@ -43,6 +43,7 @@ static void check(node_t *node) {
             !is_restricted(params->rpdo_cob_id[i] & 0x3FFFFFFF));
     require((params->tpdo_cob_id[i] & 0x80000000u) != 0 ||
             !is_restricted(params->tpdo_cob_id[i] & 0x3FFFFFFF));
+    require((params->tpdo_cob_id[i] & 0x40000000u) != 0);
   }
   can_frame_t frame;
   while (fw_can_transmit(&node->fw, &frame)) {

@@ -19,6 +19,9 @@ class BusFixture : public FirmwareFixture {
  protected:
   static constexpr uint32_t kSilence = 0xFFFFFFFF;  // in place of an answer
   static constexpr uint16_t kServer = 0x600;        // the SDO server of the CANopen master
+  // Requests to the other two servers, as EnableServers() sets them; answers have one more.
+  static constexpr uint16_t kModbusServer = 0x680;
+  static constexpr uint16_t kLcmServer = 0x682;
 
   fw_config_t NodeConfig() {
     fw_config_t config{};
@@ -27,6 +30,21 @@ class BusFixture : public FirmwareFixture {
     config.node_id = kNode;
     config.buses = 1;
     return config;
+  }
+
+  // As a gateway does.
+  void EnableServers() {
+    Set(AXIS_OBJ_SDO_MODBUS_RECEIVE, kModbusServer);
+    Set(AXIS_OBJ_SDO_MODBUS_TRANSMIT, kModbusServer + 1);
+    Set(AXIS_OBJ_SDO_LCM_RECEIVE, kLcmServer);
+    Set(AXIS_OBJ_SDO_LCM_TRANSMIT, kLcmServer + 1);
+  }
+
+  static uint16_t RequestId(uint16_t server) {
+    return static_cast<uint16_t>(server == kServer ? kServer + kNode : server);
+  }
+  static uint16_t AnswerId(uint16_t server) {
+    return static_cast<uint16_t>(server == kServer ? kServer - 0x80 + kNode : server + 1);
   }
 
   void Send(uint16_t id, const Bytes &data, bool remote = false) {
@@ -86,8 +104,8 @@ class BusFixture : public FirmwareFixture {
   // Sends a request of any length to an SDO server; the 8 bytes of its response, empty without one.
   Bytes AskServer(const Bytes &request, uint16_t server = kServer) {
     Take();
-    Send(static_cast<uint16_t>(server + kNode), request);
-    const std::vector<Frame> frames = Take(static_cast<uint16_t>(server - 0x80 + kNode));
+    Send(RequestId(server), request);
+    const std::vector<Frame> frames = Take(AnswerId(server));
     if (frames.empty()) return {};
     EXPECT_EQ(frames.size(), 1u);
     EXPECT_EQ(frames[0].data.size(), 8u);

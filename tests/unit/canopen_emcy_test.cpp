@@ -43,11 +43,14 @@ TEST_F(Canopen, TheHistoryKeepsTheLatestEight) {
   }
   EXPECT_EQ(Upload(0x1003, 0), 8u);
   for (uint8_t i = 1; i <= 8; ++i) EXPECT_EQ(Upload(0x1003, i), 0xFF0Bu - i);
-  EXPECT_EQ(Download(0x1003, 0, 1, 1), 0x06090031u);
+  for (uint32_t count : {1u, 8u, 255u}) EXPECT_EQ(Download(0x1003, 0, count, 1), 0x06090030u);
   EXPECT_EQ(Download(0x1003, 1, 0, 4), 0x06010002u);
   EXPECT_EQ(Download(0x1003, 0, 0, 1), 0u);
   EXPECT_EQ(Upload(0x1003, 0), 0u);
-  EXPECT_EQ(Upload(0x1003, 1), 0u);
+  for (uint8_t i = 1; i <= 8; ++i) EXPECT_EQ(UploadAbort(0x1003, i), 0x08000024u);
+  canopen_emergency(&fw_.canopen, 0xFF04, 0);
+  EXPECT_EQ(Upload(0x1003, 1), 0xFF04u);
+  EXPECT_EQ(UploadAbort(0x1003, 2), 0x08000024u);
 }
 
 TEST_F(Canopen, EmergenciesKeepTheirInhibitTime) {

@@ -40,6 +40,7 @@ class Canopen : public BusFixture {
     config.hardware = "a bench of this test";
     config.serial_number = 0x12345678;
     fw_init(&fw_, &config);
+    EnableServers();
   }
 
   // Ticks until a frame of this identifier comes, at most `limit`; 0: it did not.

@@ -213,7 +213,8 @@ TEST_F(Canopen, EntriesAreChecked) {
   for (uint16_t mapping : {0x1603, 0x1A03}) {
     const bool transmit = mapping == 0x1A03;
     const uint16_t communication = static_cast<uint16_t>(mapping - 0x200);
-    ASSERT_EQ(Download(communication, 1, 0x80000000u, 4), 0u) << "the short way to switch it off";
+    ASSERT_EQ(Download(communication, 1, transmit ? 0xC0000000u : 0x80000000u, 4), 0u)
+        << "the short way to switch it off";
     ASSERT_EQ(Download(mapping, 0, 0, 1), 0u);
     EXPECT_EQ(Download(mapping, 1, 0x50000008, 4), 0x06020000u);
     EXPECT_EQ(Download(mapping, 1, 0x60400110, 4), 0x06020000u) << "no such sub-index";
@@ -242,13 +243,18 @@ TEST_F(Canopen, CobIdsAreChecked) {
   for (uint16_t index : {0x1400, 0x1800}) {
     const uint32_t rtr = index == 0x1800 ? 0x40000000 : 0;
     for (uint32_t id = 0; id < 0x800; ++id) {
-      ASSERT_EQ(Download(index, 1, 0x80000000u | id, 4), 0u);
+      ASSERT_EQ(Download(index, 1, 0x80000000u | rtr | id, 4), 0u);
       ASSERT_EQ(Download(index, 1, rtr | id, 4), restricted(id) ? 0x06090030u : 0u)
           << std::hex << id;
     }
-    ASSERT_EQ(Download(index, 1, 0x80000205u, 4), 0u);
-    EXPECT_EQ(Download(index, 1, 0x20000205u, 4), 0x06090030u) << "29 bits";
-    EXPECT_EQ(Download(index, 1, 0x00001205u, 4), 0x06090030u);
+    ASSERT_EQ(Download(index, 1, 0x80000205u | rtr, 4), 0u);
+    EXPECT_EQ(Download(index, 1, 0x20000205u | rtr, 4), 0x06090030u) << "29 bits";
+    EXPECT_EQ(Download(index, 1, 0x00001205u | rtr, 4), 0x06090030u);
+  }
+  for (uint16_t index : {0x1800, 0x1801, 0x1802, 0x1803}) {
+    EXPECT_EQ(*Upload(index, 1) & 0x40000000u, 0x40000000u) << "by default";
+    EXPECT_EQ(Download(index, 1, 0x80000186u, 4), 0x06090030u) << "remote requests, not valid";
+    EXPECT_EQ(Download(index, 1, 0x00000186u, 4), 0x06090030u) << "and valid";
   }
   EXPECT_EQ(Download(0x1005, 0, 0x40000080, 4), 0x06090030u) << "it does not produce SYNC";
   EXPECT_EQ(Download(0x1005, 0, 0x601, 4), 0x06090030u);
@@ -300,7 +306,7 @@ TEST_F(Canopen, ARefusedValueIsReportedAndTheOthersAct) {
   EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x6320, 0x01, 4)});
   EXPECT_EQ(Read(AXIS_OBJ_NMT_STATE), 5);
   // While another source owns the axis it is silence, not an error.
-  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);
+  ASSERT_EQ(Download(0x2301, 0, 2, 1, kLcmServer), 0u);
   Send(0x505, {0, 0, 0, 0, 0, 0});
   Tick();
   EXPECT_TRUE(Take(0x85).empty());
@@ -314,7 +320,7 @@ TEST_F(Canopen, ALockedRpdoIsNoError) {
   Remap(0x1403, 0x1603, 0x505, {0x60FF0020, 0x60710010}, 255);
   Send(0x505, {1, 0, 0, 0, 2, 0});
   ASSERT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
-  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);  // LCM acquires the axis
+  ASSERT_EQ(Download(0x2301, 0, 2, 1, kLcmServer), 0u);  // LCM acquires the axis
   for (int i = 0; i < 3; ++i) {
     Send(0x505, {9, 0, 0, 0, 9, 0});
     Tick();
@@ -323,8 +329,8 @@ TEST_F(Canopen, ALockedRpdoIsNoError) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 2);
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_HISTORY_COUNT), 0);
-  ASSERT_EQ(Download(0x2301, 0, 0, 1, 0x660), 0u);  // and releases it
-  Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});      // above the range of a speed
+  ASSERT_EQ(Download(0x2301, 0, 0, 1, kLcmServer), 0u);  // and releases it
+  Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});           // above the range of a speed
   Tick();
   EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x6320, 0x01, 4)});
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);

@@ -28,6 +28,11 @@ TEST_F(Canopen, ReadsEveryAddressOfTheTable) {
         EXPECT_EQ(Word(answer), 0x06010001u);
         continue;
       }
+      if (at.index == 0x1003 && at.sub > 0) {
+        EXPECT_EQ(answer[0], 0x80);
+        EXPECT_EQ(Word(answer), 0x08000024u) << "no error yet";
+        continue;
+      }
       const uint8_t commands[] = {0, 0x4F, 0x4B, 0, 0x43};
       const int bytes = value_bytes(object.type);
       EXPECT_EQ(answer[0], commands[bytes]) << std::hex << at.index;
@@ -41,8 +46,6 @@ TEST_F(Canopen, CobIdsCarryTheNodeId) {
   EXPECT_EQ(Upload(0x1014, 0), 0x85u);
   EXPECT_EQ(Upload(0x1200, 1), 0x605u);
   EXPECT_EQ(Upload(0x1200, 2), 0x585u);
-  EXPECT_EQ(Upload(0x1201, 1), 0x645u);
-  EXPECT_EQ(Upload(0x1202, 2), 0x5E5u);
   EXPECT_EQ(Upload(0x1403, 1), 0x505u);
   EXPECT_EQ(Upload(0x1800, 1), 0x40000185u);
   EXPECT_EQ(Upload(0x1018, 4), 0x12345678u);
@@ -101,34 +104,105 @@ TEST_F(Canopen, AbortCodesOfValues) {
 }
 
 TEST_F(Canopen, ServersWriteForTheirSources) {
-  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x640), 0x08000021u) << "canopen owns the axis";
-  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x660), 0x08000021u);
-  EXPECT_EQ(Download(0x2301, 0, 2, 1, 0x640), 0x08000021u) << "only its own number";
-  EXPECT_EQ(Download(0x2301, 0, 1, 1, 0x640), 0u);
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, kModbusServer), 0x08000021u) << "canopen owns the axis";
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, kLcmServer), 0x08000021u);
+  EXPECT_EQ(Download(0x2301, 0, 2, 1, kModbusServer), 0x08000021u) << "only its own number";
+  EXPECT_EQ(Download(0x2301, 0, 1, 1, kModbusServer), 0u);
   EXPECT_EQ(Download(0x200A, 0, 100, 2), 0x08000021u);
-  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x660), 0x08000021u);
-  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x640), 0u);
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, kLcmServer), 0x08000021u);
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, kModbusServer), 0u);
   EXPECT_EQ(Upload(0x200A, 0), 100u) << "all may read";
-  EXPECT_EQ(Upload(0x200A, 0, 0x660), 100u);
+  EXPECT_EQ(Upload(0x200A, 0, kLcmServer), 100u);
   Tick(1400);
-  EXPECT_EQ(Download(0x200A, 0, 100, 2, 0x640), 0u);
+  EXPECT_EQ(Download(0x200A, 0, 100, 2, kModbusServer), 0u);
   Tick(1400);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_MODBUS) << "a write keeps the axis";
-  EXPECT_EQ(Upload(0x200A, 0, 0x640), 100u);
-  EXPECT_EQ(Download(0x200F, 0, 7, 1, 0x640), 0x06090032u);
-  Send(0x645, {0x2B, 0x0A, 0x20});
+  EXPECT_EQ(Upload(0x200A, 0, kModbusServer), 100u);
+  EXPECT_EQ(Download(0x200F, 0, 7, 1, kModbusServer), 0x06090032u);
+  Send(kModbusServer, {0x2B, 0x0A, 0x20});
   Tick(200);
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN) << "nothing else does";
   EXPECT_EQ(Download(0x200A, 0, 101, 2), 0u);
 }
 
+// The other servers: off at power-up, each on once both of its identifiers are valid.
+TEST_F(Canopen, ServersOfAGatewayAreOffUntilBothIdentifiersAreValid) {
+  fw_config_t config = NodeConfig();
+  fw_init(&fw_, &config);
+  Take();
+  for (uint16_t index : {0x1201, 0x1202}) {
+    for (uint8_t sub : {1, 2}) EXPECT_EQ(Upload(index, sub), 0x80000000u);
+  }
+  for (uint16_t id : {0x645, 0x665, 0x680, 0x682, 0x000}) {
+    Send(id, Request(0x40, 0x1000, 0));
+    Send(id, Request(0x2F, 0x2301, 0, 1));
+  }
+  EXPECT_TRUE(Take().empty());
+  EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
+  ASSERT_EQ(Download(0x1201, 1, kModbusServer, 4), 0u);
+  EXPECT_FALSE(Upload(0x1000, 0, kModbusServer)) << "no identifier for the answer";
+  ASSERT_EQ(Download(0x1201, 2, kModbusServer + 1, 4), 0u);
+  EXPECT_EQ(Upload(0x1000, 0, kModbusServer), 0x00020192u);
+  ASSERT_EQ(Download(0x1202, 2, kLcmServer + 1, 4), 0u);
+  EXPECT_FALSE(Upload(0x1000, 0, kLcmServer)) << "no identifier for the request";
+  ASSERT_EQ(Download(0x1202, 1, kLcmServer, 4), 0u);
+  EXPECT_EQ(Upload(0x1000, 0, kLcmServer), 0x00020192u);
+  EXPECT_EQ(Download(0x1201, 2, 0x80000000u | (kModbusServer + 1), 4), 0u);
+  EXPECT_FALSE(Upload(0x1000, 0, kModbusServer));
+  EXPECT_EQ(Upload(0x1000, 0, kLcmServer), 0x00020192u) << "the other one stays";
+}
+
+TEST_F(Canopen, IdentifiersOfServersAreChecked) {
+  const auto restricted = [](uint32_t id) {
+    return id <= 0x7F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) ||
+           (id >= 0x601 && id <= 0x67F) || (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
+  };
+  for (uint16_t index : {0x1201, 0x1202}) {
+    for (uint8_t sub : {1, 2}) {
+      const uint32_t before = *Upload(index, sub);
+      EXPECT_EQ(Download(index, sub, before + 4, 4), 0x08000022u) << "not while it is valid";
+      EXPECT_EQ(Download(index, sub, before, 4), 0u) << "what it is already";
+      for (uint32_t id = 0; id < 0x800; ++id) {
+        ASSERT_EQ(Download(index, sub, 0x80000000u | id, 4), 0u);
+        ASSERT_EQ(Download(index, sub, id, 4), restricted(id) ? 0x06090030u : 0u) << std::hex << id;
+      }
+      EXPECT_EQ(Download(index, sub, 0x80000800u, 4), 0x06090030u) << "29 bits";
+      ASSERT_EQ(Download(index, sub, 0x80000000u, 4), 0u);
+      ASSERT_EQ(Download(index, sub, before, 4), 0u);
+    }
+  }
+  EXPECT_EQ(Download(0x1200, 1, 0x80000605u, 4), 0x06010002u) << "the default server stays";
+}
+
+TEST_F(Canopen, AResetForgetsTheServersOfAGateway) {
+  for (uint8_t command : {129, 130}) {
+    EnableServers();
+    ASSERT_TRUE(Upload(0x1000, 0, kModbusServer));
+    Nmt(command);
+    Tick(3);
+    Take();
+    for (uint16_t index : {0x1201, 0x1202}) {
+      for (uint8_t sub : {1, 2}) EXPECT_EQ(Upload(index, sub), 0x80000000u);
+    }
+    EXPECT_FALSE(Upload(0x1000, 0, kModbusServer));
+    EXPECT_FALSE(Upload(0x1000, 0, kLcmServer));
+  }
+}
+
+TEST_F(Canopen, ATransferEndsWithItsServer) {
+  EXPECT_EQ(Ask(Request(0x40, 0x1008, 0), kLcmServer)[0], 0x41);
+  ASSERT_EQ(Download(0x1202, 1, 0x80000000u | kLcmServer, 4), 0u);
+  ASSERT_EQ(Download(0x1202, 1, kLcmServer, 4), 0u);
+  EXPECT_EQ(Word(Ask({0x60}, kLcmServer)), 0x05040001u) << "nothing was begun";
+}
+
 TEST_F(Canopen, TransfersOfServersAreApart) {
   uint32_t size = 0;
   EXPECT_EQ(Ask(Request(0x40, 0x1008, 0))[0], 0x41);
-  EXPECT_EQ(Ask(Request(0x40, 0x100A, 0), 0x660)[0], 0x41);
+  EXPECT_EQ(Ask(Request(0x40, 0x100A, 0), kLcmServer)[0], 0x41);
   EXPECT_EQ(Ask({0x60})[0] & 0xF0, 0x00);
-  EXPECT_EQ(Ask({0x60}, 0x660)[0] & 0xF0, 0x00);
-  EXPECT_EQ(Ask({0x60}, 0x640)[0], 0x80);
+  EXPECT_EQ(Ask({0x60}, kLcmServer)[0] & 0xF0, 0x00);
+  EXPECT_EQ(Ask({0x60}, kModbusServer)[0], 0x80);
   EXPECT_EQ(Ask({0x70})[0], 0x1B);  // "ax" remains
   EXPECT_EQ(UploadAll(0x1008, 0, size).size(), 9u);
 }

@@ -237,7 +237,7 @@ TEST_F(DriveState, ALostOwnerActsAsTheOptionSays) {
 
 TEST_F(DriveState, EveryFaultHasItsCode) {
   const int codes[] = {0,      0x7305, 0xFF05, 0x7300, 0x8612, 0x7310, 0xFF06,
-                       0x8611, 0x8130, 0x6010, 0x8140, 0x8250, 0x6100};
+                       0x8611, 0x8130, 0x6010, 0x8140, 0x8250, 0x6100, 0xFF0A};
   ASSERT_EQ(std::size(codes), static_cast<size_t>(AXIS_FAULT_COUNT));
   for (int fault = 1; fault < AXIS_FAULT_COUNT; ++fault) {
     Reach(OE);

@@ -32,7 +32,7 @@ class Fw : public BusFixture {
   }
 
   static uint16_t ServerOf(Way way) {
-    return way == kGateway ? 0x640 : way == kLcm ? 0x660 : kServer;
+    return way == kGateway ? kModbusServer : way == kLcm ? kLcmServer : kServer;
   }
 
   // ms on the wire as ticks of 2/3 ms, rounded up.
@@ -62,6 +62,7 @@ class Fw : public BusFixture {
     fw_config_t config = NodeConfig();
     config.memory = memory;
     fw_init(&fw_, &config);
+    EnableServers();
     inputs_ = {0, {0, 0}, AXIS_DIN_ENABLE, 1};
     outputs_ = {};
     emergencies_.clear();
@@ -172,6 +173,7 @@ class Fw : public BusFixture {
 
   // Every bus reports the same fault; one emergency is sent.
   void ExpectNamed(int fault, int code, bool reachable_by_can = true) {
+    EnableServers();  // a gateway does so after every boot-up
     for (Way way : kWays) {
       if (way != kRtu && !reachable_by_can) continue;
       EXPECT_EQ(Read(way, AXIS_OBJ_FAULT), static_cast<uint32_t>(fault)) << "way " << way;

@@ -40,6 +40,8 @@
 namespace {
 
 constexpr uint8_t kNode = 5;
+// Requests to the SDO servers; those of a gateway once EnableServers() has come through.
+constexpr uint16_t kServers[] = {0x605, 0x680, 0x682};
 
 enum Kind : uint8_t {
   kFrameIn = 1,
@@ -78,6 +80,7 @@ class Flood {
     inputs_.din = AXIS_DIN_ENABLE;
     LogValues();
     LogState();
+    EnableServers();
   }
 
   void Run(uint64_t frames) {
@@ -194,7 +197,7 @@ class Flood {
   static bool IsHidden(const can_frame_t &frame) {
     const uint32_t word = frame.data[4] | frame.data[5] << 8 | frame.data[6] << 16 |
                           static_cast<uint32_t>(frame.data[7]) << 24;
-    const bool request = (frame.id >= 0x600 && frame.id <= 0x67F);
+    const bool request = frame.id >= 0x600 && frame.length == 8;
     const bool arms = frame.data[1] == 0x07 && frame.data[2] == 0x21;
     return request && (arms || (word >> 16) == 0x2309 || (word >> 16) == 0x2107);
   }
@@ -240,8 +243,7 @@ class Flood {
 
   void Request(uint8_t command, uint16_t index, uint8_t sub, uint32_t value) {
     can_frame_t frame{};
-    static constexpr uint16_t ids[] = {0x600, 0x600, 0x600, 0x600, 0x600, 0x600, 0x640, 0x660};
-    frame.id = static_cast<uint16_t>((server_ != 0 ? server_ : Pick(ids)) + kNode);
+    frame.id = server_ != 0 ? server_ : kServers[OneIn(4) ? 1 + Below(2) : 0];
     frame.length = 8;
     frame.data[0] = command;
     frame.data[1] = static_cast<uint8_t>(index);
@@ -255,12 +257,26 @@ class Flood {
     Request(static_cast<uint8_t>(0x23 | (4 - bytes) << 2), index, sub, value);
   }
 
-  uint32_t CobId() {
+  uint32_t CobId(bool transmit = false) {
     static constexpr uint32_t flags[] = {0, 0, 0, 0x40000000, 0x80000000, 0xC0000000};
-    static constexpr uint32_t ids[] = {0x185, 0x205, 0x285, 0x305, 0x385,
-                                       0x405, 0x485, 0x505, 0x222};
-    const uint32_t id = OneIn(6) ? Below(0x800) : Pick(ids);
-    return Pick(flags) | id | (OneIn(60) ? 1u << Below(32) : 0);
+    static constexpr uint32_t ids[] = {0x205, 0x305, 0x405, 0x505, 0x222};
+    static constexpr uint32_t transmitted[] = {0x185, 0x285, 0x385, 0x485};
+    const uint32_t id = OneIn(20) ? Below(0x800) : transmit ? Pick(transmitted) : Pick(ids);
+    const uint32_t no_remote = transmit && !OneIn(10) ? 0x40000000 : 0;
+    return Pick(flags) | no_remote | id | (OneIn(60) ? 1u << Below(32) : 0);
+  }
+
+  // The other SDO servers, as a gateway sets them up; any step may be missing or another one.
+  void EnableServers() {
+    server_ = kServers[0];
+    for (uint16_t index : {0x1201, 0x1202}) {
+      for (uint8_t sub : {1, 2}) {
+        if (OneIn(20)) continue;
+        const uint32_t id = 0x680 + 2u * (index - 0x1201) + sub - 1;
+        Write(index, sub, OneIn(30) ? CobId() : OneIn(30) ? id | 0x80000000 : id, 4);
+      }
+    }
+    server_ = 0;
   }
 
   uint32_t Entry(bool transmit) {
@@ -283,10 +299,10 @@ class Flood {
   void Remap() {
     const bool transmit = OneIn(2);
     const uint16_t pdo = static_cast<uint16_t>((transmit ? 0x1800 : 0x1400) + Below(4));
-    const uint32_t cob_id = CobId() & 0x7FFFFFFF;
+    const uint32_t cob_id = CobId(transmit) & 0x7FFFFFFF;
     const uint8_t count = static_cast<uint8_t>(1 + Below(OneIn(4) ? 9 : 4));
     const auto step = [&] { return !OneIn(25); };
-    server_ = 0x600;
+    server_ = kServers[0];
     if (step()) Write(pdo, 1, 0x80000000 | cob_id, 4);
     if (OneIn(2)) Write(pdo, 2, OneIn(3) ? Below(256) : OneIn(2) ? 255 : Below(4), 1);
     if (OneIn(3)) Write(pdo, 3, Below(200), 2);
@@ -323,13 +339,13 @@ class Flood {
         return Write(static_cast<uint16_t>((OneIn(2) ? 0x1400 : 0x1800) + Below(4)), 5, Below(50),
                      2);
       case 9:
-        return Write(static_cast<uint16_t>((OneIn(2) ? 0x1400 : 0x1800) + Below(4)), 1, CobId(), 4);
+        if (OneIn(2)) return Write(static_cast<uint16_t>(0x1400 + Below(4)), 1, CobId(), 4);
+        return Write(static_cast<uint16_t>(0x1800 + Below(4)), 1, CobId(true), 4);
       case 10:
         return Write(OneIn(2) ? 0x1010 : 0x1011, 1, OneIn(2) ? 0x65766173 : 0x64616F6C, 4);
       default: {
-        static constexpr uint16_t servers[] = {0x600, 0x640, 0x660};
         const uint32_t source = Below(3);
-        server_ = servers[OneIn(8) ? Below(3) : source];
+        server_ = kServers[OneIn(8) ? Below(3) : source];
         if (OneIn(4) || source == 0) Write(0x2301, 0, source, 1);
         server_ = 0;
       }
@@ -364,8 +380,7 @@ class Flood {
 
   void UploadSegments() {
     static constexpr uint16_t segmented[] = {0x1008, 0x1009, 0x100A, 0x100A, 0x2120, 0x2120};
-    static constexpr uint16_t servers[] = {0x600, 0x640, 0x660};
-    server_ = Pick(servers);
+    server_ = Pick(kServers);
     Request(0x40, Pick(segmented), 0, 0);
     uint8_t toggle = 0;
     for (uint32_t i = Below(12); i > 0; --i) {
@@ -382,8 +397,7 @@ class Flood {
     uint32_t size = 1 + Below(5);
     if (at.what == AXIS_ADDRESS_OBJECT && !OneIn(5))
       size = value_bytes(axis_objects[at.value].type);
-    static constexpr uint16_t servers[] = {0x600, 0x600, 0x640, 0x660};
-    server_ = Pick(servers);
+    server_ = OneIn(4) ? kServers[0] : Pick(kServers);
     Request(OneIn(2) ? 0x21 : 0x20, at.index, at.sub, size);
     uint8_t toggle = 0;
     uint32_t left = size;
@@ -400,7 +414,7 @@ class Flood {
 
   // The way to an axis that is active, so that time-outs and resets find one.
   void Enable() {
-    server_ = 0x600;
+    server_ = kServers[0];
     static constexpr uint32_t modes[] = {1, 3, 4, 8, 10};
     Write(0x6060, 0, Pick(modes), 1);
     for (uint32_t word : {0x80u, 0x00u, 0x06u, 0x07u, 0x0Fu}) {
@@ -515,8 +529,10 @@ class Flood {
       std::vector<uint8_t> data(8);
       for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
       Request(data[0], static_cast<uint16_t>(random_()), data[1], static_cast<uint32_t>(random_()));
-    } else if (choice < 985) {
+    } else if (choice < 983) {
       Enable();
+    } else if (choice < 985) {
+      EnableServers();
     } else if (choice < 990) {
       Record_();
     } else if (choice < 993) {

@@ -120,8 +120,9 @@ class Abort(Exception):
 class Node:
     """The node, from power-up on."""
 
-    def __init__(self, node_id, version):
+    def __init__(self, node_id, version, serial=0):
         self.node_id = node_id
+        self.serial = serial
         self.texts = {
             0x1008: b"forceaxis",
             0x1009: b"none",
@@ -158,6 +159,7 @@ class Node:
             for at, o in AT.items()
             if o.part == "canopen" and o.kind != "command"
         }
+        self.od[0x1018, 4] = self.serial
         self.ring.clear()
         self.lost = 0
         self.closed = False
@@ -179,6 +181,7 @@ class Node:
         self.sent = [0] * 4
         self.syncs = [0] * 4
         self.reset = None
+        self.duplicate = False  # the drive has a fault after the next tick
         self.sync_id = 0x80
         self.nmt = PRE_OPERATIONAL
         self.register = 0
@@ -286,10 +289,35 @@ class Node:
 
     # Received frames.
 
+    def channel(self, server):
+        """Identifiers of a server's requests and answers, or None while either is not valid."""
+        cob_ids = self.od[0x1200 + server, 1], self.od[0x1200 + server, 2]
+        return None if any(c & OFF for c in cob_ids) else tuple(c & 0x7FF for c in cob_ids)
+
+    def server_at(self, can_id):
+        for server in range(3):
+            channel = self.channel(server)
+            if channel and channel[0] == can_id:
+                return server
+        return None
+
+    def is_own(self, can_id):
+        """Only another node of the same id sends this."""
+        channels = [self.channel(i) for i in range(3)]
+        cob_ids = [self.od[0x1014, 0], *(self.od[0x1800 + i, 1] for i in range(4))]
+        return (
+            can_id == 0x700 + self.node_id
+            or any(c and c[1] == can_id for c in channels)
+            or any(not c & OFF and c & 0x7FF == can_id for c in cob_ids)
+        )
+
     def receive(self, length, can_id, data):
         if length > 8 or self.nmt == INITIALISING:  # remote frames have bit 7 set
             return
         data &= (1 << 8 * length) - 1
+        if self.is_own(can_id):
+            self.duplicate = True
+            return
         if can_id == 0:
             self.command(length, data)
         elif 0x700 <= can_id <= 0x77F:
@@ -299,9 +327,9 @@ class Node:
             return
         elif can_id == self.sync_id:
             self.sync(length)
-        elif can_id - self.node_id in (0x600, 0x640, 0x660):
+        elif (server := self.server_at(can_id)) is not None:
             if length == 8:
-                self.request((0x600, 0x640, 0x660).index(can_id - self.node_id), data)
+                self.request(server, data)
         elif self.nmt == OPERATIONAL:
             for i in range(4):
                 cob_id = self.od[0x1400 + i, 1]
@@ -417,6 +445,8 @@ class Node:
         self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
+            if entry >> 8 in (0x604000, 0x201E00):
+                self.duplicate = False
             if entry >> 8 == 0x230100 and self.may_own(0, data & 0xFF):
                 self.own(data & 0xFF)
             data >>= width
@@ -429,7 +459,7 @@ class Node:
     # SDO.
 
     def answer(self, server, *choices):
-        can_id = (0x580, 0x5C0, 0x5E0)[server] + self.node_id
+        can_id = self.od[0x1200 + server, 2] & 0x7FF
         self.add(can_id, 8, choices, KEEP_SDO)
 
     def end(self, server):
@@ -533,6 +563,8 @@ class Node:
         if o is not None:
             if o.access == "wo":
                 raise Abort(0x06010001)
+            if o.index == 0x1003 and o.sub > len(self.history):
+                raise Abort(0x08000024)
             size = BYTES[o.type]
             head = self.frame(0x43 | (4 - size) << 2, index, sub)
             value = self.value_of(o)
@@ -608,7 +640,11 @@ class Node:
         if not o.min <= value <= o.max:
             if at in ((0x1010, 1), (0x1011, 1)):
                 raise Abort(0x08000020)
+            if at == (0x1003, 0):
+                raise Abort(0x06090030)
             raise Abort(0x06090031 if value > o.max else 0x06090032)
+        if at in ((0x6040, 0), (0x201E, 0)):
+            self.duplicate = False  # it may reset the fault before the tick
         if at == (0x2301, 0):
             if not self.may_own(server, value):
                 raise Abort(0x08000021)
@@ -656,6 +692,8 @@ class Node:
         elif index == 0x1016:
             self.heartbeat_back(sub - 1)
             self.timers[CONSUMER + sub - 1] = NEVER
+        elif index in (0x1201, 0x1202):
+            self.end(index - 0x1200)
         elif index == 0x1017:
             self.start_timer(HEARTBEAT, ticks_of_ms(value))
         elif 0x1400 <= index <= 0x1403 or (0x1600 <= index <= 0x1603 and sub == 0):
@@ -677,7 +715,11 @@ class Node:
                 raise Abort(0x06040043)
         elif value == before:
             return
-        elif index == 0x1014 or (0x1400 <= index < 0x1A00 and index & 0x3FC == 0 and sub == 1):
+        elif index in (0x1014, 0x1201, 0x1202) or (
+            0x1400 <= index < 0x1A00 and index & 0x3FC == 0 and sub == 1
+        ):
+            if index >= 0x1800 and not value & 1 << 30:  # remote requests
+                raise Abort(0x06090030)
             self.check_cob_id(before, value)
         elif 0x1400 <= index < 0x1A00 and index & 0x3FC == 0:
             if sub == 2 and 240 < value < 254:
@@ -771,6 +813,9 @@ class Node:
     def tick(self, contact, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
         was_active, self.active = self.active, active
+        if self.duplicate and not code and self.reset != 129:
+            raise Mismatch("no fault, expected one: another node has the node's identifiers")
+        self.duplicate = False
         if self.owner:
             self.silence += 1
             if self.silence > ticks_of_ms(self.watchdog):

@@ -164,6 +164,7 @@ int replay(const char *file) {
   config.hardware = "host";
   config.node_id = journal.node_id;
   config.buses = journal.buses;
+  config.serial_number = journal.serial_number;
   config.modbus_baud = journal.modbus_baud;
   host::FirmwareSide firmware(experiment, {.hash = true, .config = &config});
   host::PlantSide plant(experiment, {});

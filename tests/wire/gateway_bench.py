@@ -652,14 +652,14 @@ class OtherTable(threading.Thread):
             frame = self.can.receive(0.05)
             if frame and frame[0] == 0 and frame[1][1] in (0, 2):
                 self.starts += 1
-            if not frame or frame[0] not in (0x602, 0x642, 0x662) or len(frame[1]) != 8:
+            if not frame or frame[0] not in (0x602, *range(0x680, 0x6E0, 2)) or len(frame[1]) != 8:
                 continue
             index, sub = struct.unpack("<HB", frame[1][1:4])
             if frame[1][0] >> 5 != 2:
                 self.downloads += 1
             value = {(0x1018, 2): 1178687537, (0x2300, 0): 0x12345678}.get((index, sub), 7)
             answer = struct.pack("<BHBI", 0x43, index, sub, value)
-            self.can.send(frame[0] - 0x80, answer)
+            self.can.send(0x582 if frame[0] == 0x602 else frame[0] + 1, answer)
 
 
 def other_table():

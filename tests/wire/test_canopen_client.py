@@ -90,6 +90,8 @@ def test_every_object_of_the_data_sheet_can_be_read(node):
         for variable in [entry] if hasattr(entry, "data_type") else entry.values():
             if "r" not in variable.access_type or variable.index == 0x2120:
                 continue
+            if variable.index == 0x1003 and variable.subindex > 0:
+                continue  # no error yet, so there is none to read
             upload = node.sdo.upload(variable.index, variable.subindex)
             assert variable.data_type == 9 or len(upload) == len(variable) // 8, variable.name
             count += 1
@@ -146,6 +148,15 @@ def test_refusals_have_their_codes(node):
     with pytest.raises(canopen.SdoAbortedError) as refusal:
         node.sdo.download(0x6041, 0, b"\0\0")
     assert refusal.value.code == 0x06010002
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        node.sdo.upload(0x1003, 1)
+    assert refusal.value.code == 0x08000024
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        node.sdo[0x1003][0].raw = 1
+    assert refusal.value.code == 0x06090030
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        node.sdo[0x1800][1].raw = 0x80000180 + NODE
+    assert refusal.value.code == 0x06090030
 
 
 def test_the_recording_comes_in_one_piece(node):

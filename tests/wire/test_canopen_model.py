@@ -17,7 +17,20 @@ ABORTS = {
     0x06040043, 0x06060000, 0x06070010, 0x06070012, 0x06070013, 0x06090011, 0x06090030, 0x06090031,
     0x06090032, 0x08000020, 0x08000021, 0x08000022, 0x08000024,
 }  # fmt: skip
-EMERGENCIES = {0, 0x6010, 0x6320, 0x8110, 0x8120, 0x8130, 0x8140, 0x8210, 0x8220, 0x8240, 0x8250}
+EMERGENCIES = {
+    0,
+    0x6010,
+    0x6320,
+    0x8110,
+    0x8120,
+    0x8130,
+    0x8140,
+    0x8210,
+    0x8220,
+    0x8240,
+    0x8250,
+    0xFF0A,
+}
 
 
 def flood(frames, seed):
@@ -35,7 +48,7 @@ def seen_in(log):
     aborts, emergencies, states, pdos = set(), set(), set(), 0
     for kind, length, can_id, _, data in model.RECORD.iter_unpack(log):
         if kind == model.FRAME_OUT:
-            if can_id in (0x585, 0x5C5, 0x5E5):
+            if can_id in (0x585, 0x681, 0x683):
                 if data & 0xFF == 0x80:
                     aborts.add(data >> 32)
             elif can_id == 0x85 and length == 8:

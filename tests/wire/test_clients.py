@@ -341,7 +341,8 @@ def test_the_model_predicts_every_state_of_the_node(folder, results, flood):
     report = results["flood_nodes"]["axes"][0]
     assert f"{hash_of_replay:016x}" == report["trace_hash"][:16]
     log = flood[: -model.RECORD.size]
-    node = model.Node(1, VERSION)
+    config = re.search(r"^config (.*)$", (folder / "flood.journal").read_text(), re.MULTILINE)
+    node = model.Node(1, VERSION, int(config[1].split()[3]))
     node.texts[0x1009] = b"host"
     counts = model.check(log, node)
 

@@ -322,9 +322,18 @@ def gateway(*args):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["--axes", "0"], "--axes 0: expected numbers from 1 to 31 such as 1,2 or 1-6"),
-        (["--axes", "1,1"], "--axes 1,1: expected numbers from 1 to 31 such as 1,2 or 1-6"),
-        (["--axes", "3-2"], "--axes 3-2: expected numbers from 1 to 31 such as 1,2 or 1-6"),
+        (["--axes", "0"], "--axes 0: expected numbers from 1 to 127 such as 1,2 or 1-6"),
+        (["--axes", "1,1"], "--axes 1,1: expected numbers from 1 to 127 such as 1,2 or 1-6"),
+        (["--axes", "3-2"], "--axes 3-2: expected numbers from 1 to 127 such as 1,2 or 1-6"),
+        (["--axes", "128"], "--axes 128: expected numbers from 1 to 127 such as 1,2 or 1-6"),
+        (
+            ["--axes", "90-114"],
+            "--axes 90-114: expected at most 24 axes, CAN has no SDO identifiers left for axis 114",
+        ),
+        (
+            ["--axes", "3,4", "--node-id", "4"],
+            "--node-id 4: expected another than that of an axis, --axes 3,4",
+        ),
         (["--set", "force_gain"], "--set force_gain: expected NAME=VALUE or N:NAME=VALUE"),
         (["--set", "force=1"], "--set force=1: expected a parameter, it is a signal"),
         (

@@ -9,6 +9,7 @@ import fcntl
 import json
 import os
 import pty
+import re
 import signal
 import struct
 import subprocess
@@ -604,6 +605,45 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
     assert done.stdout == ""
     assert done.stderr.startswith(f"{name}: ") and done.stderr.count("\n") == 1
     assert word in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--node-id", "127", "--axes", "2"], "--node-id 127: expected ids up to 127, the last"),
+        (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, several would"),
+        (["--node-id", "128"], "--node-id"),
+        (["--serial", "-1"], "--serial"),
+    ],
+)
+def test_a_bad_identity_is_one_line_and_status_2(args, said):
+    words = [NODES / "axis_node", EXPERIMENT, *args]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr and done.stderr.count("\n") == 1
+
+
+def identities(folder, *args):
+    """Node id and serial number of each of two axes, as their journals have them."""
+    common = ["--axes", 2, "--set", SHORT, "--run-id", link.new_run_id()]
+    journal = folder / "axis.journal"
+    axis = start("axis_node", *common, "--journal", journal, *args)
+    end(start("plant_node", *common))
+    end(axis)
+    configs = [
+        re.search(r"^config (\d+) 0 \d+ (\d+)$", text, re.MULTILINE)
+        for text in (Path(f"{journal}.{n}").read_text() for n in (1, 2))
+    ]
+    return [(int(found[1]), int(found[2])) for found in configs]
+
+
+def test_two_nodes_of_a_run_have_serial_numbers_of_their_own(tmp_path):
+    first = identities(tmp_path)
+    assert [node for node, _ in first] == [1, 2]
+    assert len({serial for _, serial in first}) == 2
+    assert first == identities(tmp_path), "the same ones in every run"
+    given = identities(tmp_path, "--node-id", "126", "--serial", "4000000000")
+    assert given == [(126, 4_000_000_000), (127, 4_000_000_001)]
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ def test_objects_of_the_standards_have_their_names_and_types(sheet, index, sub, 
 # Third-party programs.
 
 
-@pytest.mark.parametrize("node", [1, 6, 31])
+@pytest.mark.parametrize("node", [1, 6, 127])
 def test_dcfchk_accepts_the_data_sheet(node):
     done = subprocess.run(
         [BIN / "dcfchk", "-n", str(node), EDS], capture_output=True, text=True, check=False

@@ -25,7 +25,7 @@ from forceaxis.bus.messages import (
 NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
 TABLE_HASH = int(objects.OBJECTS_HASH[:8], 16)
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
-AXES = range(1, 32)
+AXES = range(1, 128)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
 # Messages that liblcm queues while the thread is busy; its default of 30 overflows in a burst.
@@ -45,7 +45,7 @@ _BY_FINGERPRINT = {
     for t in vars(messages).values()
     if hasattr(t, "_get_packed_fingerprint")
 }
-_CHANNEL = re.compile(r"AXIS_([1-9][0-9]?)_(STATE|COMMAND|EVENT|CAPTURE)|SIM_()(CLOCK|TRUTH)")
+_CHANNEL = re.compile(r"AXIS_([1-9][0-9]{0,2})_(STATE|COMMAND|EVENT|CAPTURE)|SIM_()(CLOCK|TRUTH)")
 
 
 class Undecodable(Exception):

@@ -26,7 +26,7 @@ log_file = click.argument(
     forceaxis monitor --once --json""",
 )
 @click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else liblcm's own, this machine.")
-@click.option("--axis", type=click.IntRange(1, 31), help="Only this axis. Default: all.")
+@click.option("--axis", type=click.IntRange(1, 127), help="Only this axis. Default: all.")
 @click.option(
     "--record", type=File(), metavar="FILE.log", help="Record from the start; a new file."
 )

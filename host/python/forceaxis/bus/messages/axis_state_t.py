@@ -7,7 +7,7 @@ DO NOT MODIFY BY HAND!!!!
 What an axis, its gateway and the simulator say over LCM. This file is the interface: who
 publishes, monitors or commands follows its comments.
 
-Channels; <n> is the number of the axis, 1 to 31 (also the Modbus unit id and CANopen node id):
+Channels; <n> is the number of the axis, 1 to 127 (also the Modbus unit id and CANopen node id):
 AXIS_<n>_STATE    axis_state_t    gateway, at a steady rate (20 to 50 a second)
 AXIS_<n>_COMMAND  axis_command_t  clients; the gateway of that axis listens
 AXIS_<n>_EVENT    axis_event_t    gateway, as things happen
@@ -79,7 +79,7 @@ class axis_state_t(object):
         """ LCM Type: int64_t """
         self.axis = 0
         """
-        1 to 31
+        1 to 127
         LCM Type: int64_t
         """
 
