@@ -7,6 +7,7 @@
 #include "firmware/canopen/heartbeat.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
+#include "firmware/canopen/sdo_block.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
@@ -68,6 +69,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->heartbeats_lost = 0;
   canopen->deferred = DEFERRED_NOTHING;
   canopen->late = 0;
+  canopen->sdos_sending = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
   canopen->emcy.count = 0;
@@ -300,7 +302,7 @@ void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool ac
   } else if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->timers.now += 1;
   } else if (defer || has_many(canopen->tpdos_watched) || has_timers_due(canopen) ||
-             canopen->emcy.count != 0 || canopen->output.lost != 0 ||
+             canopen->emcy.count != 0 || canopen->output.lost != 0 || canopen->sdos_sending != 0 ||
              (canopen->rpdos_waiting != 0 && active)) {
     canopen->deferred = DEFERRED_ALL;
   } else {
@@ -344,6 +346,9 @@ void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_a
   }
   if (canopen->emcy.count != 0) {
     emcy_tick(canopen);
+  }
+  if (canopen->sdos_sending != 0) {
+    sdo_block_tick(canopen, objects);
   }
   canopen->deferred = DEFERRED_NOTHING;
   canopen->timers.now += 1;

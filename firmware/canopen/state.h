@@ -46,21 +46,39 @@ typedef struct {
 
 enum { PDO_REPORTED_SHORT = 1, PDO_REPORTED_LONG = 2, PDO_REPORTED_REFUSED = 4 };
 
-enum { SDO_IDLE = 0, SDO_DOWNLOAD = 1, SDO_UPLOAD = 2 };
+/* Of one transfer: none; by segments; by blocks, those of an upload in their order, then those of a
+ * download. */
+enum {
+  SDO_IDLE,
+  SDO_DOWNLOAD,
+  SDO_UPLOAD,
+  SDO_BLOCK_OFFERED,  /* the client is to start it */
+  SDO_BLOCK_SENDING,  /* segments go out */
+  SDO_BLOCK_SENT,     /* the client is to acknowledge the block */
+  SDO_BLOCK_ENDED,    /* the client is to confirm the end */
+  SDO_BLOCK_AWAITED,  /* the client is to send the segment */
+  SDO_BLOCK_RECEIVED, /* the client is to end it */
+};
 
-/* A segmented transfer; an expedited one has no state. */
+/* A transfer under way; an expedited one has no state. */
 typedef struct {
-  uint32_t size;   /* upload: of all; download: as announced */
-  uint32_t offset; /* bytes transferred */
+  uint32_t size;        /* upload: of all; download: as announced */
+  uint32_t offset;      /* bytes transferred */
+  uint32_t block_begin; /* block upload: the offset at which the present block begins */
+  uint32_t crc_end;     /* block upload: how many bytes `crc` is of */
   uint16_t index;
   uint16_t object; /* download: AXIS_OBJ_ */
+  uint16_t crc;
   uint8_t sub;
-  uint8_t what;     /* upload: AXIS_ADDRESS_TEXT or _DOMAIN */
-  uint8_t state;    /* SDO_ */
-  uint8_t toggle;   /* of the next segment */
-  uint8_t sized;    /* download: the size was announced */
-  uint8_t replaced; /* upload: the recording is no longer the one that was begun */
-  uint8_t data[4];  /* download */
+  uint8_t what;       /* upload: AXIS_ADDRESS_TEXT, _DOMAIN, else `data` */
+  uint8_t state;      /* SDO_ */
+  uint8_t toggle;     /* of the next segment */
+  uint8_t sized;      /* download: the size was announced */
+  uint8_t replaced;   /* upload: the recording is no longer the one that was begun */
+  uint8_t with_crc;   /* blocks: the client wants a CRC */
+  uint8_t block_size; /* block upload: segments of a block */
+  uint8_t sequence;   /* block upload: number of the segment that was sent last */
+  uint8_t data[8];    /* download, and values that are uploaded */
 } sdo_server_t;
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
@@ -91,6 +109,7 @@ typedef struct canopen {
   uint8_t tpdos_watched;   /* are sent when they change */
   uint8_t tpdos_timed;     /* of those: are sent at their event_tick at the latest */
   uint8_t tpdos_inhibited; /* are not sent before their inhibit_tick */
+  uint8_t sdos_sending;    /* servers that have segments of a block to send */
   uint8_t sync_reported;   /* 8240h, since a SYNC was all right */
   uint8_t bus;             /* CAN_BUS_ */
   uint8_t reset;           /* CANOPEN_RESET_, until it is taken */

@@ -31,6 +31,14 @@ uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte) {
   return (uint16_t)c;
 }
 
+uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte) {
+  uint32_t c = (uint32_t)crc ^ ((uint32_t)byte << 8);
+  for (uint8_t i = 0; i < 8; i++) {
+    c = ((c & 0x8000u) != 0) ? (c << 1) ^ 0x1021u : c << 1;
+  }
+  return (uint16_t)(c & 0xFFFFu);
+}
+
 /* The CRC of each value of 4 bits: a store of 32 KiB is checked at power-up, before the first tick.
  * The polynomial, reflected, is that of 8; each other value is the sum of its bits'. */
 static const uint32_t crc32_of_nibble[16] = {

@@ -71,6 +71,10 @@ int32_t fx_sign_extend(uint32_t value, uint8_t bits);
  * CRC, low byte first, it is 0. */
 uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte);
 
+/* The CRC-16 of CANopen's block transfers with one more byte, x^16 + x^12 + x^5 + 1; of nothing it
+ * is 0. */
+uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte);
+
 /* One byte into CRC-32 (reflected 04C11DB7h). From and to UINT32_MAX; the usual CRC is the
  * complement of the last. */
 uint32_t fx_crc32(uint32_t crc, uint8_t byte);

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
@@ -106,6 +107,18 @@ TEST(FxBytes, CheckSums) {
     ASSERT_EQ(modbus(bytes), Crc16(bytes));
     ASSERT_EQ(ethernet(bytes), Crc32(bytes.data(), bytes.size()));
   }
+}
+
+// The check value of CRC-16/XMODEM, and that of nothing and of zeros.
+TEST(FxCrc, BlocksOfCanopenHaveTheCcittPolynomialFromZero) {
+  uint16_t crc = 0;
+  for (const char byte : std::string("123456789")) {
+    crc = fx_crc16_ccitt(crc, static_cast<uint8_t>(byte));
+  }
+  EXPECT_EQ(crc, 0x31C3);
+  EXPECT_EQ(fx_crc16_ccitt(0, 0), 0);
+  EXPECT_EQ(fx_crc16_ccitt(0, 1), 0x1021);
+  EXPECT_EQ(fx_crc16_ccitt(0x8000, 0), 0x1B98);
 }
 
 TEST(FxBytes, RowsOfBits) {

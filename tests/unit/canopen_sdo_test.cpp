@@ -288,7 +288,7 @@ TEST_F(Canopen, SegmentedDownloadRefusals) {
   begin(0x20, 0);
   aborted(Ask({0x60}), 0x05040001u);  // an upload's segment
   begin(0x20, 0);
-  aborted(Ask(Request(0xC6, 0x200A, 0)), 0x05040001u);
+  aborted(Ask(Request(0xC6, 0x200A, 0)), 0x06070013u);  // a block of no bytes
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_GAIN), 0);
 }
 
@@ -297,7 +297,7 @@ TEST_F(Canopen, ProtocolErrorsOfUploads) {
   EXPECT_EQ(Ask(Request(0x40, 0x1008, 0))[0], 0x41);
   EXPECT_EQ(Word(Ask({0x70})), 0x05030000u);
   EXPECT_EQ(Word(Ask({0x60})), 0x05040001u);
-  for (uint8_t command : {0xA0, 0xC0, 0xC2, 0xE0, 0xFF}) {
+  for (uint8_t command : {0xE0, 0xE5, 0xFF}) {
     const auto answer = Ask(Request(command, 0x1008, 0));
     EXPECT_EQ(answer[0], 0x80);
     EXPECT_EQ(answer[1] | answer[2] << 8, 0x1008);

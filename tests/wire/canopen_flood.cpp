@@ -412,6 +412,63 @@ class Flood {
     server_ = 0;
   }
 
+  // Uploads by blocks, some with requests that are wrong or missing.
+  void UploadBlocks() {
+    static constexpr uint16_t texts[] = {0x1008, 0x1009, 0x100A, 0x2120, 0x2120, 0x1018};
+    server_ = Pick(kServers);
+    const uint16_t index = Pick(texts);
+    uint32_t block = OneIn(20) ? Below(256) : 1 + Below(OneIn(3) ? 3 : 127);
+    const uint32_t threshold = OneIn(6) ? Below(20) : 0;
+    Request(OneIn(3) ? 0xA0 : 0xA4, index, index == 0x1018 ? 4 : 0, block | threshold << 8);
+    if (!OneIn(20)) Request(0xA3, 0, 0, 0);
+    for (uint32_t blocks = Below(6); blocks > 0; --blocks) {
+      Ticks(1 + Below(6));
+      // Mostly as many as were sent, as the server knows.
+      const uint8_t sent =
+          fw_.canopen.sdo[server_ == kServers[0]   ? 0
+                          : server_ == kServers[1] ? 1
+                                                   : 2]
+              .sequence;
+      uint32_t good = OneIn(4) ? Below(sent + 1u) : sent;
+      if (OneIn(40)) good = Below(256);
+      if (OneIn(3)) block = OneIn(20) ? Below(256) : 1 + Below(127);
+      Request(0xA2, static_cast<uint16_t>(good | block << 8), 0, 0);
+    }
+    if (OneIn(100)) Ticks(8000);  // longer than a request may take
+    if (OneIn(2)) Request(0xA1, 0, 0, 0);
+    if (OneIn(10)) Request(0x80, index, 0, 0x08000000);
+    server_ = 0;
+  }
+
+  static uint16_t Crc(uint32_t value, uint32_t bytes) {
+    uint32_t crc = 0;
+    for (uint32_t bit = 0; bit < 8 * bytes; ++bit) {
+      const uint32_t one = (crc >> 15 ^ value >> (bit / 8 * 8 + 7 - bit % 8)) & 1;
+      crc = (crc << 1 ^ (one != 0 ? 0x1021u : 0)) & 0xFFFF;
+    }
+    return static_cast<uint16_t>(crc);
+  }
+
+  void DownloadBlocks() {
+    const axis_address_t &at = axis_addresses[Below(AXIS_ADDRESSES_COUNT)];
+    uint32_t bytes = 1 + Below(4);
+    if (at.what == AXIS_ADDRESS_OBJECT && !OneIn(8))
+      bytes = value_bytes(axis_objects[at.value].type);
+    const uint32_t value = at.index == 0x2302 ? 10 + Below(200) : Below(300);
+    server_ = OneIn(2) ? kServers[0] : Pick(kServers);
+    const bool sized = OneIn(2), with_crc = OneIn(2);
+    Request(static_cast<uint8_t>(0xC0 | sized << 1 | with_crc << 2), at.index, at.sub,
+            OneIn(10) ? Below(9) : bytes);
+    const uint8_t head = static_cast<uint8_t>(OneIn(15) ? Below(256) : 0x81);
+    for (uint32_t i = OneIn(10) ? Below(3) : 1; i > 0; --i) {
+      Request(head, static_cast<uint16_t>(value), static_cast<uint8_t>(value >> 16), value >> 24);
+    }
+    if (OneIn(15)) Ticks();
+    const uint16_t crc = static_cast<uint16_t>(Crc(value, bytes) ^ (OneIn(10) ? 1 : 0));
+    Request(static_cast<uint8_t>(0xC1 | (7 - bytes) << 2), crc, 0, 0);
+    server_ = 0;
+  }
+
   // The way to an axis that is active, so that time-outs and resets find one.
   void Enable() {
     server_ = kServers[0];
@@ -448,8 +505,9 @@ class Flood {
     Send(id, OneIn(30) ? std::vector<uint8_t>{1} : std::vector<uint8_t>{});
   }
 
-  void Ticks() {
-    const uint32_t ticks = OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3);
+  void Ticks() { Ticks(OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3)); }
+
+  void Ticks(uint32_t ticks) {
     for (uint32_t i = 0; i < ticks; ++i) {
       Tick();
       if (!lazy_) Drain();
@@ -521,10 +579,14 @@ class Flood {
       WriteAny();
     } else if (choice < 860) {
       ReadAny();
-    } else if (choice < 900) {
+    } else if (choice < 885) {
       UploadSegments();
-    } else if (choice < 950) {
+    } else if (choice < 900) {
+      UploadBlocks();
+    } else if (choice < 936) {
       DownloadSegments();
+    } else if (choice < 950) {
+      DownloadBlocks();
     } else if (choice < 980) {
       std::vector<uint8_t> data(8);
       for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));

@@ -96,6 +96,16 @@ def error_class(code):
     return 1 | {0x23: 0x02, 0x81: 0x10, 0x82: 0x10, 0x86: 0x20, 0xFF: 0x80}.get(code >> 8, 0)
 
 
+def crc_of(data):
+    """x^16 + x^12 + x^5 + 1 from 0, of block transfers."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
+    return crc
+
+
 def exactly(value):
     return ((value, (1 << 64) - 1),)
 
@@ -104,13 +114,17 @@ class Server:
     """One SDO server's pending transfer."""
 
     def __init__(self):
-        self.state = None  # "down" or "up"
+        self.state = None  # "down", "up"; blocks: "offered", "sending", "sent", "ended";
+        # "awaited", "received"
         self.index = self.sub = 0
         self.toggle = 0
         self.data = b""
         self.size = None
         self.offset = 0
         self.replaced = False
+        self.with_crc = False
+        self.block = self.sequence = self.begin = 0
+        self.recorded = False  # it is the recording
 
 
 class Abort(Exception):
@@ -478,10 +492,25 @@ class Node:
         specifier = data >> 5 & 7
         transfer = self.servers[server]
         index, sub = data >> 8 & 0xFFFF, data >> 24 & 0xFF
-        if specifier in (0, 3):
+        again = transfer.state == "received" and data & 0xFF == 0x81
+        segment = (transfer.state == "awaited" and data & 0xFF != 0x80) or again
+        follows = (specifier == 5 and data & 3) or (specifier == 6 and data & 1)
+        if segment or follows or specifier in (0, 3):
             index, sub = (transfer.index, transfer.sub) if transfer.state else (0, 0)
         try:
-            if specifier == 0:
+            if segment:
+                self.block_segment(server, transfer, data)
+            elif follows and specifier == 5:
+                self.block_upload(server, transfer, data)
+            elif follows:
+                self.end_block_download(server, transfer, data)
+            elif specifier == 5:
+                self.end(server)
+                self.offer(server, transfer, index, sub, data)
+            elif specifier == 6:
+                self.end(server)
+                self.begin_block_download(server, transfer, index, sub, data)
+            elif specifier == 0:
                 self.download_segment(server, transfer, data)
             elif specifier == 1:
                 self.end(server)
@@ -551,12 +580,7 @@ class Node:
             return
         if len(transfer.data) < BYTES[o.type]:
             raise Abort(0x06070013 if transfer.size is None else 0x06070010)
-        self.end(server)
-        at = transfer.index, transfer.sub
-        try:
-            self.write(server, o, int.from_bytes(transfer.data, "little"), done)
-        except Abort as abort:
-            self.abort(server, *at, abort.args[0])
+        self.write_at_end(server, transfer, o, transfer.data, done)
 
     def upload(self, server, transfer, index, sub):
         o = self.find(index, sub)
@@ -628,7 +652,152 @@ class Node:
         else:
             self.start_timer(SDO + server, 7500)
 
+    # Blocks.
+
+    def source(self, index, sub):
+        """Size, bytes (None: not known) and whether a value comes expedited without blocks."""
+        o = self.find(index, sub)
+        if o is not None:
+            if o.access == "wo":
+                raise Abort(0x06010001)
+            if o.index == 0x1003 and o.sub > len(self.history):
+                raise Abort(0x08000024)
+            size, value = BYTES[o.type], self.value_of(o)
+            known = None if value is None else (value % (1 << 8 * size)).to_bytes(size, "little")
+            return size, known, True
+        if index in HIGHEST:
+            return 1, bytes([HIGHEST[index]]), True
+        text = self.texts.get(index)
+        size = self.recording if text is None else len(text)
+        if size == 0:
+            raise Abort(0x08000024)
+        return size, text, False
+
+    def offer(self, server, transfer, index, sub, data):
+        size, known, _ = self.source(index, sub)
+        if size <= data >> 40 & 0xFF:
+            self.upload(server, transfer, index, sub)
+            return
+        block = data >> 32 & 0xFF
+        if not 1 <= block <= 127:
+            raise Abort(0x05040002)
+        self.begin(
+            server, transfer, "offered", index, sub, size=size, data=known, replaced=False,
+            with_crc=bool(data & 4), block=block, begin=0, sequence=0,
+            recorded=index == RECORDER_DATA,
+        )  # fmt: skip
+        self.answer(server, *exactly(self.frame(0xC6, index, sub, size)))
+
+    def next_block(self, server, transfer, begin):
+        transfer.state, transfer.begin, transfer.sequence = "sending", begin, 0
+        self.start_timer(SDO + server, 7500)
+
+    def block_upload(self, server, transfer, data):
+        what, state = data & 3, transfer.state
+        if what == 3 and state == "offered":
+            self.next_block(server, transfer, 0)
+        elif what == 2 and state in ("sending", "sent"):
+            sequence, block = data >> 8 & 0xFF, data >> 16 & 0xFF
+            if sequence > transfer.sequence:
+                raise Abort(0x05040003)
+            done = transfer.begin + 7 * sequence
+            if done >= transfer.size:
+                self.end_block_upload(server, transfer)
+            elif not 1 <= block <= 127:
+                raise Abort(0x05040002)
+            else:
+                transfer.block = block
+                self.next_block(server, transfer, done)
+        elif what == 1 and state == "ended":
+            self.end(server)
+        else:
+            raise Abort(0x05040001)
+
+    def end_block_upload(self, server, transfer):
+        transfer.state = "ended"
+        self.start_timer(SDO + server, 7500)
+        head = 0xC1 | -transfer.size % 7 << 2
+        if transfer.with_crc and transfer.data is None:
+            self.answer(server, (head, ((1 << 64) - 1) ^ 0xFFFF00))
+        else:
+            crc = crc_of(transfer.data) if transfer.with_crc else 0
+            self.answer(server, *exactly(head | crc << 8))
+
+    def send_blocks(self):
+        """Segments while fewer than four frames wait, of the servers in turn."""
+        while any(t.state == "sending" for t in self.servers):
+            for server, transfer in enumerate(self.servers):
+                if transfer.state != "sending":
+                    continue
+                if self.closed or len(self.ring) >= 4:
+                    return
+                self.send_block_segment(server, transfer)
+
+    def send_block_segment(self, server, transfer):
+        if transfer.replaced and transfer.recorded:
+            self.abort(server, transfer.index, transfer.sub, 0x08000024)
+            return
+        at = transfer.begin + 7 * transfer.sequence
+        last = transfer.size - at <= 7
+        transfer.sequence += 1
+        head = transfer.sequence | last << 7
+        count = min(7, transfer.size - at)
+        if transfer.data is None:
+            known = 0xFF | ((1 << 64) - 1) >> 8 * (count + 1) << 8 * (count + 1)
+            self.answer(server, (head, known))
+        else:
+            part = int.from_bytes(transfer.data[at : at + 7], "little")
+            self.answer(server, *exactly(head | part << 8))
+        if last or transfer.sequence == transfer.block:
+            transfer.state = "sent"
+        self.start_timer(SDO + server, 7500)
+
+    def begin_block_download(self, server, transfer, index, sub, data):
+        o = self.find(index, sub)
+        if o is None or o.access == "ro":
+            raise Abort(0x06010002)
+        size = data >> 32 if data & 2 else None
+        if size is not None and size != BYTES[o.type]:
+            raise Abort(0x06070012 if size > BYTES[o.type] else 0x06070013)
+        self.begin(
+            server, transfer, "awaited", index, sub, size=size, data=b"", with_crc=bool(data & 4)
+        )
+        self.answer(server, *exactly(self.frame(0xA4, index, sub, 1)))
+
+    def block_segment(self, server, transfer, data):
+        if data & 0x7F != 1:
+            raise Abort(0x05040003)
+        if not data & 0x80:
+            raise Abort(0x06070012)
+        transfer.data = data.to_bytes(8, "little")[1:]
+        transfer.state = "received"
+        self.start_timer(SDO + server, 7500)
+        self.answer(server, *exactly(0x0101A2))
+
+    def end_block_download(self, server, transfer, data):
+        if transfer.state != "received":
+            raise Abort(0x05040001)
+        o = AT[transfer.index, transfer.sub]
+        count = 7 - (data >> 2 & 7)
+        if count != BYTES[o.type]:
+            if transfer.size is not None:
+                raise Abort(0x06070010)
+            raise Abort(0x06070012 if count > BYTES[o.type] else 0x06070013)
+        value = transfer.data[:count]
+        if transfer.with_crc and data >> 8 & 0xFFFF != crc_of(value):
+            raise Abort(0x05040004)
+        self.write_at_end(server, transfer, o, value, 0xA1)
+
     # Writing.
+
+    def write_at_end(self, server, transfer, o, data, done):
+        """Writes what a transfer brought."""
+        at = transfer.index, transfer.sub
+        self.end(server)
+        try:
+            self.write(server, o, int.from_bytes(data, "little"), done)
+        except Abort as abort:
+            self.abort(server, *at, abort.args[0])
 
     def write(self, server, o, raw, done):
         """Writes and answers `done`, or raises Abort."""
@@ -859,6 +1028,7 @@ class Node:
                 self.overrun()
             if self.waiting_emcy:
                 self.send_emergencies()
+            self.send_blocks()
         self.now += 1
         # An active axis is stopped before its node restarts, a tick later.
         if self.reset is not None and not (self.reset == 129 and active):

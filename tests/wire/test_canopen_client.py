@@ -1,6 +1,7 @@
 """python-canopen, an independent implementation, as the client of the firmware's node."""
 
 import ctypes
+import itertools
 import queue
 import threading
 import time
@@ -170,6 +171,66 @@ def test_the_recording_comes_in_one_piece(node):
     data = node.sdo.upload(0x2120, 0)
     ticks = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
     assert ticks == list(range(ticks[0], ticks[0] + 1000))
+
+
+def record_everything(node):
+    """A finished recording that fills the recorder, 12 KiB."""
+    node.sdo[0x2100][1].raw = 0x201F00
+    node.sdo[0x2106].raw = 3072
+    node.sdo[0x2107].raw = 1
+    for _ in range(500):
+        if node.sdo[0x2108].raw == 3:
+            return
+        time.sleep(0.01)
+    pytest.fail("no recording")
+
+
+def uploaded(node, index, sub, **options):
+    begin = time.monotonic()
+    with node.sdo.open(index, sub, "rb", buffering=0, **options) as stream:
+        data = b"".join(iter(lambda: stream.read(7), b""))
+    return data, time.monotonic() - begin
+
+
+def test_the_recording_comes_by_blocks(node):
+    record_everything(node)
+    segments, slow = uploaded(node, 0x2120, 0)
+    assert len(segments) == 12288
+    for with_crc in (True, False):
+        blocks, fast = uploaded(node, 0x2120, 0, block_transfer=True, request_crc_support=with_crc)
+        assert blocks == segments
+        print(f"12 KiB: {fast:.2f} s by blocks, {slow:.2f} s by segments")
+    text, _ = uploaded(node, 0x1008, 0, block_transfer=True)
+    assert text == b"forceaxis"
+
+
+def test_values_are_written_by_blocks(node):
+    for value in (0x12345678, -5):
+        data = value.to_bytes(4, "little", signed=True)
+        with node.sdo.open(0x607A, 0, "wb", size=4, block_transfer=True) as stream:
+            stream.write(data)
+        assert node.sdo[0x607A].raw == value
+    with (
+        pytest.raises(canopen.SdoAbortedError) as refusal,
+        node.sdo.open(0x200F, 0, "wb", size=1, block_transfer=True) as stream,
+    ):
+        stream.write(bytes([17]))
+    assert refusal.value.code == 0x06090031
+
+
+def test_segments_that_are_lost_are_asked_for_again(node):
+    record_everything(node)
+    expected, _ = uploaded(node, 0x2120, 0)
+    # The client's own loss: a segment now and then does not reach it.
+    receive, count = node.network.notify, itertools.count(1)
+
+    def lossy(can_id, data, timestamp):
+        if can_id != 0x580 + NODE or data[0] & 0x80 or next(count) % 50:
+            receive(can_id, data, timestamp)
+
+    node.network.notify = lossy
+    blocks, _ = uploaded(node, 0x2120, 0, block_transfer=True)
+    assert blocks == expected and next(count) > 1800
 
 
 def test_a_broken_pdo_is_an_emergency(node):

@@ -468,7 +468,8 @@ ERROR_CODES = {
     "pdo_long": 0x8220, "sync_length": 0x8240, "pdo_timeout": 0x8250, "following_error": 0x8611,
     "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
     "limit_cycle": 0xFF03, "overrun": 0xFF04, "enable_lost": 0xFF05, "force_max": 0xFF06,
-    "watchdog_reset": 0xFF07,
+    "watchdog_reset": 0xFF07, "stopped": 0xFF08, "owner_unsupervised": 0xFF09,
+    "duplicate_node": 0xFF0A,
 }  # fmt: skip
 
 

@@ -1,0 +1,268 @@
+#include "firmware/canopen/sdo_block.h"
+
+#include <stddef.h>
+
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
+
+/* Responses; their bits. */
+enum {
+  SERVER_DOWNLOAD = 0xA0,
+  SERVER_DOWNLOAD_END = 0xA1,
+  SERVER_DOWNLOAD_SEGMENT = 0xA2,
+  SERVER_UPLOAD = 0xC0,
+  SERVER_UPLOAD_END = 0xC1
+};
+enum { WITH_CRC = 0x04, SIZED = 0x02, UNUSED_UNIT = 4 };
+
+/* The two lowest bits of a request of an upload, and the lowest one of a download. */
+enum { UPLOAD_BEGIN = 0, UPLOAD_END = 1, UPLOAD_ACKNOWLEDGE = 2, UPLOAD_START = 3 };
+enum { DOWNLOAD_END = 1 };
+
+/* A segment's number; bit 7: the last one. */
+enum { SEQUENCE = 0x7F, LAST = 0x80 };
+
+/* Segments of a block that is downloaded: one holds every object. */
+enum { DOWNLOAD_BLOCK = 1 };
+
+static uint8_t command_of(uint8_t command) { return (uint8_t)fx_field(command, 0, 2); }
+
+static bool is_block_size(uint8_t size) { return size >= 1 && size <= SDO_BLOCK_MOST; }
+
+static uint16_t crc_of(uint16_t crc, const uint8_t *bytes, uint32_t count) {
+  for (uint32_t i = 0; i < count; i++) {
+    crc = fx_crc16_ccitt(crc, bytes[i]);
+  }
+  return crc;
+}
+
+static void abort_transfer(const sdo_request_t *request, uint32_t code) {
+  sdo_abort_transfer(request->canopen, request->number, code);
+}
+
+/* Upload. */
+
+bool sdo_block_begins_upload(uint8_t command) { return command_of(command) == UPLOAD_BEGIN; }
+
+bool sdo_block_prefers_segments(const sdo_request_t *request) {
+  return request->server->size <= request->data[5];
+}
+
+void sdo_block_offer(const sdo_request_t *request) {
+  sdo_server_t *server = request->server;
+  if (!is_block_size(request->data[4])) {
+    sdo_abort_request(request, SDO_ABORT_BLOCK_SIZE);
+    return;
+  }
+  server->state = SDO_BLOCK_OFFERED;
+  server->with_crc = ((request->data[0] & WITH_CRC) != 0) ? 1 : 0;
+  server->block_size = request->data[4];
+  server->block_begin = 0;
+  server->sequence = 0;
+  server->crc = 0;
+  server->crc_end = 0;
+  sdo_await(request->canopen, request->number);
+  can_frame_t *frame = sdo_answer(request->canopen, request->number,
+                                  SERVER_UPLOAD | WITH_CRC | SIZED, server->index, server->sub);
+  if (frame != NULL) {
+    fx_store_le(frame->data + 4, server->size, 4);
+  }
+}
+
+/* The next block, from `offset` on. */
+static void begin_block(const sdo_request_t *request, uint32_t offset) {
+  sdo_server_t *server = request->server;
+  server->state = SDO_BLOCK_SENDING;
+  server->offset = offset;
+  server->block_begin = offset;
+  server->sequence = 0;
+  canopen_put(&request->canopen->sdos_sending, request->number);
+  sdo_await(request->canopen, request->number);
+}
+
+/* All segments are acknowledged. */
+static void end_upload(const sdo_request_t *request) {
+  sdo_server_t *server = request->server;
+  const uint32_t last =
+      server->size - (server->block_begin + (server->sequence - 1u) * SDO_SEGMENT_BYTES);
+  server->state = SDO_BLOCK_ENDED;
+  sdo_await(request->canopen, request->number);
+  can_frame_t *frame =
+      sdo_answer(request->canopen, request->number,
+                 (uint8_t)(SERVER_UPLOAD_END + (SDO_SEGMENT_BYTES - last) * UNUSED_UNIT), 0, 0);
+  if (frame != NULL && server->with_crc != 0) {
+    fx_store_le(frame->data + 1, server->crc, 2);
+  }
+}
+
+static void acknowledge(const sdo_request_t *request) {
+  sdo_server_t *server = request->server;
+  const uint8_t sequence = request->data[1];
+  canopen_drop(&request->canopen->sdos_sending, request->number);
+  if (sequence > server->sequence) {
+    abort_transfer(request, SDO_ABORT_SEQUENCE);
+    return;
+  }
+  const uint32_t offset = server->block_begin + (uint32_t)sequence * SDO_SEGMENT_BYTES;
+  if (offset >= server->size) {
+    end_upload(request);
+  } else if (!is_block_size(request->data[2])) {
+    abort_transfer(request, SDO_ABORT_BLOCK_SIZE);
+  } else {
+    server->block_size = request->data[2];
+    begin_block(request, offset);
+  }
+}
+
+void sdo_block_upload(const sdo_request_t *request) {
+  const sdo_server_t *server = request->server;
+  const uint8_t command = command_of(request->data[0]);
+  const uint8_t state = server->state;
+  if (command == UPLOAD_START && state == SDO_BLOCK_OFFERED) {
+    begin_block(request, 0);
+  } else if (command == UPLOAD_ACKNOWLEDGE &&
+             (state == SDO_BLOCK_SENDING || state == SDO_BLOCK_SENT)) {
+    acknowledge(request);
+  } else if (command == UPLOAD_END && state == SDO_BLOCK_ENDED) {
+    sdo_end(request->canopen, request->number);
+  } else {
+    abort_transfer(request, SDO_ABORT_COMMAND);
+  }
+}
+
+static void send_segment(canopen_t *canopen, const dictionary_t *objects, uint8_t number) {
+  sdo_server_t *server = &canopen->sdo[number];
+  if (server->replaced != 0) {
+    sdo_abort_transfer(canopen, number, SDO_ABORT_NO_DATA);
+    return;
+  }
+  const uint32_t remaining = server->size - server->offset;
+  const bool last = remaining <= SDO_SEGMENT_BYTES;
+  const uint32_t count = last ? remaining : SDO_SEGMENT_BYTES;
+  server->sequence = (uint8_t)(server->sequence + 1);
+  can_frame_t *frame =
+      sdo_answer(canopen, number, (uint8_t)(server->sequence | (last ? LAST : 0)), 0, 0);
+  if (frame != NULL) {
+    sdo_read(canopen, objects, number, frame->data + 1, count);
+    /* What is sent again counts once. */
+    if (server->crc_end == server->offset) {
+      server->crc = crc_of(server->crc, frame->data + 1, count);
+      server->crc_end += count;
+    }
+  }
+  server->offset += count;
+  if (last || server->sequence == server->block_size) {
+    server->state = SDO_BLOCK_SENT;
+    canopen_drop(&canopen->sdos_sending, number);
+  }
+  sdo_await(canopen, number);
+}
+
+static bool has_room(const can_output_t *output) {
+  return output->closed == 0 && output->count < SDO_BLOCK_FRAMES;
+}
+
+void sdo_block_tick(canopen_t *canopen, const dictionary_t *objects) {
+  while (canopen->sdos_sending != 0 && has_room(&canopen->output)) {
+    for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+      if (canopen_has(canopen->sdos_sending, i) && has_room(&canopen->output)) {
+        send_segment(canopen, objects, i);
+      }
+    }
+  }
+}
+
+/* Download. */
+
+static void begin_download(const sdo_request_t *request) {
+  const uint8_t *data = request->data;
+  sdo_server_t *server = request->server;
+  const bool sized = (data[0] & SIZED) != 0;
+  const uint32_t code = sdo_open_download(request, sized, fx_load_le(data + 4, 4));
+  if (code != 0) {
+    sdo_abort_request(request, code);
+    return;
+  }
+  server->state = SDO_BLOCK_AWAITED;
+  server->with_crc = ((data[0] & WITH_CRC) != 0) ? 1 : 0;
+  sdo_await(request->canopen, request->number);
+  can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD | WITH_CRC,
+                                  server->index, server->sub);
+  if (frame != NULL) {
+    frame->data[4] = DOWNLOAD_BLOCK;
+  }
+}
+
+/* 0, or why what was received is not the object's value. */
+static uint32_t refuse_end(const sdo_request_t *request) {
+  const sdo_server_t *server = request->server;
+  const uint32_t unused = fx_field(request->data[0], 2, 3);
+  const uint32_t bytes = value_bytes(axis_objects[server->object].type);
+  const uint32_t received = SDO_SEGMENT_BYTES - unused;
+  if (received != bytes) {
+    return (server->sized != 0) ? SDO_ABORT_LENGTH
+           : (received > bytes) ? SDO_ABORT_TOO_LONG
+                                : SDO_ABORT_TOO_SHORT;
+  }
+  const uint32_t crc = fx_load_le(request->data + 1, 2);
+  return (server->with_crc != 0 && crc != crc_of(0, server->data, bytes)) ? SDO_ABORT_CRC : 0;
+}
+
+static void end_download(const sdo_request_t *request) {
+  uint32_t code = SDO_ABORT_COMMAND;
+  if (request->server->state == SDO_BLOCK_RECEIVED) {
+    code = refuse_end(request);
+    if (code == 0) {
+      code = sdo_write(request, request->server->data);
+    }
+  }
+  if (code != 0) {
+    abort_transfer(request, code);
+    return;
+  }
+  sdo_end(request->canopen, request->number);
+  (void)sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_END, 0, 0);
+}
+
+void sdo_block_download(const sdo_request_t *request) {
+  if ((request->data[0] & DOWNLOAD_END) != 0) {
+    end_download(request);
+  } else {
+    sdo_end(request->canopen, request->number);
+    begin_download(request);
+  }
+}
+
+static void answer_segment(const sdo_request_t *request) {
+  sdo_await(request->canopen, request->number);
+  can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_SEGMENT, 0, 0);
+  if (frame != NULL) {
+    frame->data[1] = DOWNLOAD_BLOCK; /* the number of the last segment */
+    frame->data[2] = DOWNLOAD_BLOCK;
+  }
+}
+
+bool sdo_block_segment(const sdo_request_t *request) {
+  sdo_server_t *server = request->server;
+  const uint8_t head = request->data[0];
+  const bool is_repeated = server->state == SDO_BLOCK_RECEIVED && head == (LAST | DOWNLOAD_BLOCK);
+  if (server->state != SDO_BLOCK_AWAITED && !is_repeated) {
+    return false;
+  }
+  if (head == LAST) {
+    return false; /* an abort, since no segment has the number 0 */
+  }
+  if ((head & SEQUENCE) != DOWNLOAD_BLOCK) {
+    abort_transfer(request, SDO_ABORT_SEQUENCE);
+  } else if ((head & LAST) == 0) {
+    abort_transfer(request, SDO_ABORT_TOO_LONG); /* 7 bytes and more */
+  } else {
+    for (uint8_t i = 0; i < SDO_SEGMENT_BYTES; i++) {
+      server->data[i] = request->data[1 + i];
+    }
+    server->state = SDO_BLOCK_RECEIVED;
+    answer_segment(request);
+  }
+  return true;
+}

@@ -1,0 +1,285 @@
+#include "firmware/canopen/sdo_transfer.h"
+
+#include <stddef.h>
+
+#include "firmware/canopen/cob_id.h"
+#include "firmware/fx/bytes.h"
+#include "firmware/fx/fx.h"
+#include "firmware/objects/value.h"
+
+/* Command specifier of an abort. */
+enum { SERVER_ABORT = 0x80 };
+
+/* COB-IDs of a server, both ways. */
+typedef struct {
+  uint32_t receive;
+  uint32_t transmit;
+} channel_t;
+
+static channel_t channel_of(const canopen_t *canopen, uint8_t server) {
+  const canopen_signals_t *signals = &canopen->signals;
+  const canopen_params_t *params = &canopen->params;
+  switch (server) {
+    case 0:
+      return (channel_t){signals->sdo_server_receive, signals->sdo_server_transmit};
+    case 1:
+      return (channel_t){params->sdo_modbus_receive, params->sdo_modbus_transmit};
+    default:
+      return (channel_t){params->sdo_lcm_receive, params->sdo_lcm_transmit};
+  }
+}
+
+static bool is_valid(channel_t channel) {
+  return canopen_cob_valid(channel.receive) && canopen_cob_valid(channel.transmit);
+}
+
+uint8_t sdo_server_at(const canopen_t *canopen, uint16_t id) {
+  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+    const channel_t channel = channel_of(canopen, i);
+    if (is_valid(channel) && canopen_can_id(channel.receive) == id) {
+      return i;
+    }
+  }
+  return CANOPEN_SDOS;
+}
+
+bool sdo_transmits(const canopen_t *canopen, uint16_t id) {
+  for (uint8_t i = 0; i < CANOPEN_SDOS; i++) {
+    const channel_t channel = channel_of(canopen, i);
+    if (is_valid(channel) && canopen_can_id(channel.transmit) == id) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Objects of the servers that can be written, in the order of the table. */
+enum {
+  COB_IDS = 4,
+  COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
+};
+_Static_assert(AXIS_OBJ_SDO_LCM_TRANSMIT == COB_ID_FIRST + COB_IDS - 1, "two servers, both ways");
+
+int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted) {
+  const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
+  if (place < 0) {
+    return FW_OK;
+  }
+  const channel_t channel = channel_of(canopen, (place < 2) ? 1 : 2);
+  const bool is_receive = (place & 1) == 0;
+  return canopen_check_cob_id(is_receive ? channel.receive : channel.transmit, wanted);
+}
+
+void sdo_written(canopen_t *canopen, uint16_t object) {
+  const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
+  if (place >= 0) {
+    sdo_end(canopen, (place < 2) ? 1 : 2);
+  }
+}
+
+can_frame_t *sdo_answer(canopen_t *canopen, uint8_t server, uint8_t command, uint16_t index,
+                        uint8_t sub) {
+  const uint16_t id = canopen_can_id(channel_of(canopen, server).transmit);
+  can_frame_t *frame = can_output_add(&canopen->output, id, 8, CAN_OUTPUT_KEEP_SDO);
+  if (frame != NULL) {
+    frame->data[0] = command;
+    fx_store_le(frame->data + 1, index, 2);
+    frame->data[3] = sub;
+  }
+  return frame;
+}
+
+void sdo_end(canopen_t *canopen, uint8_t server) {
+  canopen->sdo[server].state = SDO_IDLE;
+  canopen_drop(&canopen->sdos_sending, server);
+  canopen_timer_stop(&canopen->timers, CANOPEN_TIMER_SDO + (uint32_t)server);
+}
+
+static void send_abort(canopen_t *canopen, uint8_t server, uint16_t index, uint8_t sub,
+                       uint32_t code) {
+  sdo_end(canopen, server);
+  can_frame_t *frame = sdo_answer(canopen, server, SERVER_ABORT, index, sub);
+  if (frame != NULL) {
+    fx_store_le(frame->data + 4, code, 4);
+  }
+}
+
+void sdo_abort_request(const sdo_request_t *request, uint32_t code) {
+  send_abort(request->canopen, request->number, sdo_index(request->data), request->data[3], code);
+}
+
+void sdo_abort_transfer(canopen_t *canopen, uint8_t server, uint32_t code) {
+  const sdo_server_t *transfer = &canopen->sdo[server];
+  const bool pending = transfer->state != SDO_IDLE;
+  send_abort(canopen, server, pending ? transfer->index : 0, pending ? transfer->sub : 0, code);
+}
+
+void sdo_await(canopen_t *canopen, uint8_t server) {
+  canopen_timer_start(&canopen->timers, CANOPEN_TIMER_SDO + (uint32_t)server,
+                      fx_ticks_from_ms(SDO_TIMEOUT_MS));
+}
+
+uint16_t sdo_index(const uint8_t *data) { return (uint16_t)fx_load_le(data + 1, 2); }
+
+/* Whether any object has this index. */
+static bool has_index(uint16_t index) {
+  return dictionary_address(index, 0) != NULL || dictionary_address(index, 1) != NULL;
+}
+
+static const uint32_t abort_of_refusal[] = {
+    [-FW_ERROR_NO_OBJECT] = SDO_ABORT_NO_OBJECT,   [-FW_ERROR_READ_ONLY] = SDO_ABORT_READ_ONLY,
+    [-FW_ERROR_WRITE_ONLY] = SDO_ABORT_WRITE_ONLY, [-FW_ERROR_RANGE] = SDO_ABORT_VALUE,
+    [-FW_ERROR_STATE] = SDO_ABORT_STATE,           [-FW_ERROR_NO_DATA] = SDO_ABORT_NO_DATA,
+    [-FW_ERROR_LOCKED] = SDO_ABORT_LOCKED,         [-FW_ERROR_BUSY] = SDO_ABORT_STATE,
+    [-FW_ERROR_MAPPING] = SDO_ABORT_MAPPING,       [-FW_ERROR_NO_MEMORY] = SDO_ABORT_HARDWARE,
+};
+
+static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
+  return (entry->type == AXIS_TYPE_U32) ? (uint32_t)value > (uint32_t)limit : value > limit;
+}
+
+/* The abort code of a refusal, the most specific one that CiA 301 defines. */
+static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
+  const axis_object_t *entry = &axis_objects[object];
+  if (refusal == FW_ERROR_RANGE) {
+    if (object == AXIS_OBJ_STORE_ALL || object == AXIS_OBJ_RESTORE_ALL) {
+      return SDO_ABORT_SIGNATURE;
+    }
+    if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
+      return SDO_ABORT_VALUE; /* CiA 301 asks for this one: only 0 may be written */
+    }
+    if (is_above(entry, value, entry->max)) {
+      return SDO_ABORT_TOO_HIGH;
+    }
+    if (is_above(entry, entry->min, value)) {
+      return SDO_ABORT_TOO_LOW;
+    }
+  }
+  if (refusal == FW_ERROR_MAPPING) {
+    if (canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS) >= 0) {
+      return SDO_ABORT_PARAMETER;
+    }
+    if (canopen_element(object, AXIS_OBJ_RPDO_MAPPED_1, CANOPEN_PDOS) >= 0 ||
+        canopen_element(object, AXIS_OBJ_TPDO_MAPPED_1, CANOPEN_PDOS) >= 0) {
+      return SDO_ABORT_PDO_LENGTH;
+    }
+  }
+  return abort_of_refusal[-refusal];
+}
+
+uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes) {
+  const uint16_t object = request->server->object;
+  const uint8_t type = axis_objects[object].type;
+  const int32_t value = value_from_bits(fx_load_le(bytes, value_bytes(type)), type);
+  const int result = dictionary_write(request->objects, request->number, object, value);
+  return (result == FW_OK) ? 0 : abort_of(object, value, result);
+}
+
+/* 0, or the abort code of a download of this length to this address. */
+static uint32_t refuse_download(const sdo_request_t *request, const axis_address_t *address,
+                                bool sized, uint32_t size) {
+  if (address == NULL) {
+    return has_index(sdo_index(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
+  }
+  /* Checked first: a read-only object aborts as such at every length. */
+  if (address->what != AXIS_ADDRESS_OBJECT ||
+      axis_objects[address->value].access == AXIS_ACCESS_RO) {
+    return SDO_ABORT_READ_ONLY;
+  }
+  const uint32_t bytes = value_bytes(axis_objects[address->value].type);
+  if (sized && size != bytes) {
+    return (size > bytes) ? SDO_ABORT_TOO_LONG : SDO_ABORT_TOO_SHORT;
+  }
+  return 0;
+}
+
+uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size) {
+  sdo_server_t *server = request->server;
+  const axis_address_t *address = dictionary_address(sdo_index(request->data), request->data[3]);
+  const uint32_t code = refuse_download(request, address, sized, size);
+  if (code == 0) {
+    server->index = address->index;
+    server->sub = address->sub;
+    server->object = address->value;
+    server->size = size;
+    server->sized = sized ? 1 : 0;
+    server->offset = 0;
+    server->toggle = 0;
+  }
+  return code;
+}
+
+/* Whether the object is an entry of the error history that holds no error. */
+static bool is_empty(const canopen_t *canopen, uint16_t object) {
+  return canopen_element(object, AXIS_OBJ_ERROR_HISTORY_1, EMCY_HISTORY) >=
+         canopen->params.error_history_count;
+}
+
+/* Whether a value can be read: FW_OK, and the value. */
+static int read_value(const sdo_request_t *request, uint16_t object, int32_t *value) {
+  return is_empty(request->canopen, object) ? FW_ERROR_NO_DATA
+                                            : dictionary_read(request->objects, object, value);
+}
+
+/* Bytes of a text. */
+static uint32_t length_of(const char *text) {
+  uint32_t length = 0;
+  while (text[length] != 0) {
+    length++;
+  }
+  return length;
+}
+
+/* Bytes at an address, and those of a value itself: 0 or an abort code. */
+static uint32_t open_address(const sdo_request_t *request, const axis_address_t *address) {
+  sdo_server_t *server = request->server;
+  if (address->what == AXIS_ADDRESS_TEXT) {
+    server->size = length_of(dictionary_text(request->objects, address->index));
+    return 0;
+  }
+  if (address->what == AXIS_ADDRESS_DOMAIN) {
+    server->size = dictionary_domain_size(request->objects);
+    return (server->size == 0) ? SDO_ABORT_NO_DATA : 0;
+  }
+  int32_t value = address->value;
+  server->size = 1;
+  if (address->what == AXIS_ADDRESS_OBJECT) {
+    server->size = value_bytes(axis_objects[address->value].type);
+    const int result = read_value(request, address->value, &value);
+    if (result != FW_OK) {
+      return abort_of_refusal[-result];
+    }
+  }
+  fx_store_le(server->data, (uint32_t)value, 4);
+  return 0;
+}
+
+uint32_t sdo_open_upload(const sdo_request_t *request) {
+  const uint16_t index = sdo_index(request->data);
+  const axis_address_t *address = dictionary_address(index, request->data[3]);
+  if (address == NULL) {
+    return has_index(index) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
+  }
+  sdo_server_t *server = request->server;
+  server->index = index;
+  server->sub = request->data[3];
+  server->what = address->what;
+  server->offset = 0;
+  server->toggle = 0;
+  server->replaced = 0;
+  return open_address(request, address);
+}
+
+void sdo_read(const canopen_t *canopen, const dictionary_t *objects, uint8_t server, uint8_t *bytes,
+              uint32_t count) {
+  const sdo_server_t *transfer = &canopen->sdo[server];
+  if (transfer->what == AXIS_ADDRESS_DOMAIN) {
+    (void)dictionary_domain_read(objects, transfer->offset, bytes, count);
+    return;
+  }
+  const bool is_text = transfer->what == AXIS_ADDRESS_TEXT;
+  const char *text = is_text ? dictionary_text(objects, transfer->index) : NULL;
+  for (uint32_t i = 0; i < count; i++) {
+    bytes[i] = is_text ? (uint8_t)text[transfer->offset + i] : transfer->data[transfer->offset + i];
+  }
+}
