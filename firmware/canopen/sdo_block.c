@@ -37,6 +37,14 @@ static uint16_t crc_of(uint16_t crc, const uint8_t *bytes, uint32_t count) {
   return crc;
 }
 
+/* Takes over whether the client wants a CRC, and confirms it: clients check what the server offers,
+ * not what they asked for. */
+static uint8_t agree_crc(const sdo_request_t *request) {
+  const uint8_t wanted = request->data[0] & WITH_CRC;
+  request->server->with_crc = (wanted != 0) ? 1 : 0;
+  return wanted;
+}
+
 static void abort_transfer(const sdo_request_t *request, uint32_t code) {
   sdo_abort_transfer(request->canopen, request->number, code);
 }
@@ -56,15 +64,15 @@ void sdo_block_offer(const sdo_request_t *request) {
     return;
   }
   server->state = SDO_BLOCK_OFFERED;
-  server->with_crc = ((request->data[0] & WITH_CRC) != 0) ? 1 : 0;
   server->block_size = request->data[4];
   server->block_begin = 0;
   server->sequence = 0;
   server->crc = 0;
   server->crc_end = 0;
   sdo_await(request->canopen, request->number);
-  can_frame_t *frame = sdo_answer(request->canopen, request->number,
-                                  SERVER_UPLOAD | WITH_CRC | SIZED, server->index, server->sub);
+  can_frame_t *frame =
+      sdo_answer(request->canopen, request->number,
+                 (uint8_t)(SERVER_UPLOAD | SIZED | agree_crc(request)), server->index, server->sub);
   if (frame != NULL) {
     fx_store_le(frame->data + 4, server->size, 4);
   }
@@ -185,10 +193,10 @@ static void begin_download(const sdo_request_t *request) {
     return;
   }
   server->state = SDO_BLOCK_AWAITED;
-  server->with_crc = ((data[0] & WITH_CRC) != 0) ? 1 : 0;
   sdo_await(request->canopen, request->number);
-  can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD | WITH_CRC,
-                                  server->index, server->sub);
+  can_frame_t *frame =
+      sdo_answer(request->canopen, request->number, (uint8_t)(SERVER_DOWNLOAD | agree_crc(request)),
+                 server->index, server->sub);
   if (frame != NULL) {
     frame->data[4] = DOWNLOAD_BLOCK;
   }

@@ -62,7 +62,7 @@ class Block : public Canopen {
       const Loses &loses = [] { return false; }, bool with_crc = true, uint16_t server = kServer) {
     uint8_t block = next();
     const Bytes first = Begin(index, sub, block, 0, server, with_crc ? 0xA4 : 0xA0);
-    if (first.empty() || first[0] != 0xC6) {
+    if (first.empty() || first[0] != (with_crc ? 0xC6 : 0xC2)) {
       ADD_FAILURE() << "not begun";
       return {};
     }
@@ -112,7 +112,7 @@ class Block : public Canopen {
   Bytes Put(uint16_t index, uint8_t sub, const Bytes &value, uint8_t command, uint32_t size,
             uint16_t crc) {
     const Bytes first = Ask(Request(command, index, sub, size));
-    if (first.empty() || first[0] != 0xA4) return first;
+    if (first.empty() || first[0] != (0xA0 | (command & 4))) return first;
     EXPECT_EQ(first[4], 1) << "segments of a block";
     Bytes segment{0x81};
     segment.insert(segment.end(), value.begin(), value.end());
@@ -324,7 +324,7 @@ TEST_F(Block, DownloadsAreRefusedWithTheirCodes) {
 }
 
 TEST_F(Block, SegmentsOfADownloadAreChecked) {
-  const auto begin = [&] { ASSERT_EQ(Ask(Request(0xC2, 0x2012, 0, 4))[0], 0xA4); };
+  const auto begin = [&] { ASSERT_EQ(Ask(Request(0xC2, 0x2012, 0, 4))[0], 0xA0); };
   begin();
   EXPECT_EQ(Code(Ask({0x01, 1, 2, 3, 4})), 0x06070012u) << "not the last";
   for (uint8_t sequence : {0x00, 0x02, 0x82, 0xFF, 0x40}) {

@@ -686,7 +686,7 @@ class Node:
             with_crc=bool(data & 4), block=block, begin=0, sequence=0,
             recorded=index == RECORDER_DATA,
         )  # fmt: skip
-        self.answer(server, *exactly(self.frame(0xC6, index, sub, size)))
+        self.answer(server, *exactly(self.frame(0xC2 | data & 4, index, sub, size)))
 
     def next_block(self, server, transfer, begin):
         transfer.state, transfer.begin, transfer.sequence = "sending", begin, 0
@@ -762,7 +762,7 @@ class Node:
         self.begin(
             server, transfer, "awaited", index, sub, size=size, data=b"", with_crc=bool(data & 4)
         )
-        self.answer(server, *exactly(self.frame(0xA4, index, sub, 1)))
+        self.answer(server, *exactly(self.frame(0xA0 | data & 4, index, sub, 1)))
 
     def block_segment(self, server, transfer, data):
         if data & 0x7F != 1:

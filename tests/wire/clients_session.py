@@ -426,10 +426,16 @@ class Client:
         since = time.monotonic()
         data = sdo.upload(0x2120, 0)
         ticks = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
+        by_segments = time.monotonic() - since
+        since = time.monotonic()
+        with sdo.open(0x2120, 0, "rb", block_transfer=True) as stream:
+            blocks = stream.read()
         return {
             "values": len(ticks),
             "gapless": ticks == list(range(ticks[0], ticks[0] + len(ticks))),
-            "bytes_per_s": len(data) / (time.monotonic() - since),
+            "bytes_per_s": len(data) / by_segments,
+            "blocks_bytes_per_s": len(data) / (time.monotonic() - since),
+            "blocks_same": blocks == data,
         }
 
     def store(self):

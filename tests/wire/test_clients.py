@@ -205,7 +205,11 @@ def test_segmented_uploads(step):
     assert (name, hardware) == ("forceaxis", "host")
     assert software == f"{VERSION} {model.OBJECTS_HASH[:8]}"
     recording = step("recording")
-    print(f"\nrecorder upload: {recording['bytes_per_s']:.0f} byte/s")
+    print(
+        f"\nrecorder upload: {recording['bytes_per_s']:.0f} byte/s, "
+        f"by blocks {recording['blocks_bytes_per_s']:.0f}"
+    )
+    assert recording["blocks_same"]
     assert recording["values"] == 700
     assert recording["gapless"]
 
