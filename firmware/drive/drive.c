@@ -106,6 +106,7 @@ void cia402_init(cia402_t *drive) {
   value_store_defaults(&drive->params, AXIS_BLOCK_DRIVE_PARAMETER);
   value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
   profile_set(&drive->trajectory, drive->signals.position_actual);
+  cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
   derive_rates(drive);
   derive_forces(drive);
@@ -114,14 +115,14 @@ void cia402_init(cia402_t *drive) {
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
   derive_rates(drive);
   derive_forces(drive);
-  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  cia402_set_mode(drive, drive->params.modes_of_operation);
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_FAULT;
   } else if (axis->params.mode != AXIS_MODE_DISABLED) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_OPERATION_ENABLED;
     drive->params.modes_of_operation = operation_of(axis->params.mode);
-    drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+    cia402_set_mode(drive, drive->params.modes_of_operation);
   }
   cia402_show(drive, axis);
 }
@@ -163,7 +164,7 @@ static void watch_following(cia402_t *drive, axis_t *axis) {
 
 static void change_mode(cia402_t *drive) {
   cia402_leave_mode(drive);
-  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  cia402_set_mode(drive, drive->params.modes_of_operation);
 }
 
 static bool wants_other_mode(const cia402_t *drive) {
@@ -247,8 +248,8 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
-  const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-                             cia402_mode(drive)->controls_force != 0;
+  const uint8_t controlled =
+      state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
