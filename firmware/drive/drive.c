@@ -15,18 +15,6 @@ enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP =
 enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
 enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 
-/* 6060h of a native mode. */
-static int8_t operation_of(uint8_t native_mode) {
-  static const int8_t operations[AXIS_MODE_COUNT] = {
-      [AXIS_MODE_DISABLED] = AXIS_MODES_OF_OPERATION_NONE,
-      [AXIS_MODE_OPEN_LOOP] = AXIS_MODES_OF_OPERATION_OPEN_LOOP,
-      [AXIS_MODE_POSITION] = AXIS_MODES_OF_OPERATION_NATIVE_POSITION,
-      [AXIS_MODE_FORCE] = AXIS_MODES_OF_OPERATION_FORCE_COUNTS,
-      [AXIS_MODE_EXCITATION] = AXIS_MODES_OF_OPERATION_EXCITATION,
-  };
-  return operations[native_mode];
-}
-
 static uint8_t state_of(const cia402_t *drive) { return drive->signals.drive_state; }
 
 void cia402_forget_targets(cia402_t *drive) {
@@ -121,7 +109,7 @@ void cia402_wake(cia402_t *drive, const axis_t *axis) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_FAULT;
   } else if (axis->params.mode != AXIS_MODE_DISABLED) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_OPERATION_ENABLED;
-    drive->params.modes_of_operation = operation_of(axis->params.mode);
+    drive->params.modes_of_operation = cia402_operation_of(axis->params.mode);
     cia402_set_mode(drive, drive->params.modes_of_operation);
   }
   cia402_show(drive, axis);
@@ -417,7 +405,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   const uint8_t state = state_of(drive);
   if (mode != AXIS_MODE_DISABLED) {
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
-    drive->params.modes_of_operation = operation_of(mode);
+    drive->params.modes_of_operation = cia402_operation_of(mode);
     if (wants_other_mode(drive)) {
       change_mode(drive);
     }

@@ -98,6 +98,15 @@ bool cia402_mode_exists(int32_t mode) {
   return row->lead != NULL || row->run != NULL || row->native != AXIS_MODE_DISABLED;
 }
 
+int8_t cia402_operation_of(uint8_t native_mode) {
+  for (uint8_t i = 0; native_mode != AXIS_MODE_DISABLED && i < CIA402_MODES; i++) {
+    if (cia402_modes[i].native == native_mode) {
+      return (int8_t)(i - CIA402_MODE_OFFSET);
+    }
+  }
+  return AXIS_MODES_OF_OPERATION_NONE;
+}
+
 /* Modes of the axis itself, with the user's parameters. */
 static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {

@@ -38,6 +38,9 @@ static inline void cia402_set_mode(cia402_t *drive, int8_t mode) {
 /* True if the mode is one of 6060h. */
 bool cia402_mode_exists(int32_t mode);
 
+/* 6060h of a native mode (AXIS_MODE_). */
+int8_t cia402_operation_of(uint8_t native_mode);
+
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 

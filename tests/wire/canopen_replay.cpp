@@ -1,10 +1,10 @@
-// Plays an axis_node's journal again, in process, and logs for canopen_model.py what its CANopen
+// Plays an fw_node's journal again, in process, and logs for canopen_model.py what its CANopen
 // node did, in the records of canopen_flood.cpp.
 //
 // usage: canopen_replay JOURNAL >LOG
 //
 // The last record is 13, trace hash: the first half of its digits in d. It and the frames out are
-// compared with those of axis_node itself, so that what the log says holds for that one.
+// compared with those of fw_node itself, so that what the log says holds for that one.
 
 #include <cstdint>
 #include <cstdio>
@@ -54,7 +54,7 @@ uint64_t data_of(const can_frame_t &frame) {
 
 class Log {
  public:
-  explicit Log(axis_host_t *axis) : axis_(axis), fw_(axis_host_firmware(axis)) {
+  explicit Log(fw_t *axis) : fw_(axis) {
     values();
     state();
   }
@@ -66,7 +66,7 @@ class Log {
 
   int32_t read(uint16_t object) const {
     int32_t value = 0;
-    axis_host_read(axis_, object, &value);
+    fw_object_read(fw_, object, &value);
     return value;
   }
 
@@ -86,8 +86,8 @@ class Log {
       unsigned bit = 0;
       for (uint8_t k = 0; k < fw_->canopen.params.tpdo_mapped[i]; ++k) {
         const uint32_t entry = fw_->canopen.params.tpdo_mapping[8 * i + k];
-        const axis_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
-                                                      static_cast<uint8_t>(entry >> 8));
+        const fw_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
+                                                    static_cast<uint8_t>(entry >> 8));
         const unsigned width = entry & 0xFF;
         const uint64_t mask = (uint64_t{1} << width) - 1;
         value |= (static_cast<uint64_t>(static_cast<uint32_t>(read(at->value))) & mask) << bit;
@@ -124,7 +124,7 @@ class Log {
         static_cast<uint32_t>(read(AXIS_OBJ_ERROR_CODE) | read(AXIS_OBJ_FAULT) << 16) |
             static_cast<uint32_t>(read(AXIS_OBJ_ACTIVE_MODE)) << 24);
     state();
-    for (can_frame_t frame; axis_host_can_transmit(axis_, &frame);) {
+    for (can_frame_t frame; fw_can_transmit(fw_, &frame);) {
       uint64_t data = data_of(frame);
       if (frame.length < 8) data &= (uint64_t{1} << (8 * frame.length)) - 1;
       add(kFrameOut, frame.length, frame.id, 0, data);
@@ -136,15 +136,14 @@ class Log {
   // Every object of the communication part.
   void dump() {
     for (uint16_t object = 1; object < AXIS_OBJ_COUNT; ++object) {
-      const uint8_t block = axis_objects[object].block;
+      const uint8_t block = fw_objects[object].block;
       if (block != AXIS_BLOCK_CANOPEN_PARAMETER && block != AXIS_BLOCK_CANOPEN_SIGNAL) continue;
       add(kObject, 0, object, static_cast<uint32_t>(read(object)));
     }
   }
 
  private:
-  axis_host_t *axis_;
-  const fw_t *fw_;
+  fw_t *fw_;
   uint64_t values_[4]{};
   uint32_t recording_ = 0;
   uint8_t refused_ = 0;
