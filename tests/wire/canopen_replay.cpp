@@ -1,10 +1,10 @@
-// Plays an fw_node's journal again, in process, and logs for canopen_model.py what its CANopen
+// Plays an axis_node's journal again, in process, and logs for canopen_model.py what its CANopen
 // node did, in the records of canopen_flood.cpp.
 //
 // usage: canopen_replay JOURNAL >LOG
 //
 // The last record is 13, trace hash: the first half of its digits in d. It and the frames out are
-// compared with those of fw_node itself, so that what the log says holds for that one.
+// compared with those of axis_node itself, so that what the log says holds for that one.
 
 #include <cstdint>
 #include <cstdio>
@@ -86,8 +86,8 @@ class Log {
       unsigned bit = 0;
       for (uint8_t k = 0; k < fw_->canopen.params.tpdo_mapped[i]; ++k) {
         const uint32_t entry = fw_->canopen.params.tpdo_mapping[8 * i + k];
-        const fw_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
-                                                    static_cast<uint8_t>(entry >> 8));
+        const axis_address_t *at = dictionary_address(static_cast<uint16_t>(entry >> 16),
+                                                      static_cast<uint8_t>(entry >> 8));
         const unsigned width = entry & 0xFF;
         const uint64_t mask = (uint64_t{1} << width) - 1;
         value |= (static_cast<uint64_t>(static_cast<uint32_t>(read(at->value))) & mask) << bit;
@@ -136,7 +136,7 @@ class Log {
   // Every object of the communication part.
   void dump() {
     for (uint16_t object = 1; object < AXIS_OBJ_COUNT; ++object) {
-      const uint8_t block = fw_objects[object].block;
+      const uint8_t block = axis_objects[object].block;
       if (block != AXIS_BLOCK_CANOPEN_PARAMETER && block != AXIS_BLOCK_CANOPEN_SIGNAL) continue;
       add(kObject, 0, object, static_cast<uint32_t>(read(object)));
     }
