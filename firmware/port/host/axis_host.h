@@ -15,7 +15,7 @@ extern "C" {
  * memory. */
 fw_t *axis_host_create(void);
 
-/* The same with what `config` says; a recorder buffer is given it where the config has none. */
+/* The same with a configuration; where that has no recorder buffer, one is allocated. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
 /* Of one that was made here; NULL is allowed. */
