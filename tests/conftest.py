@@ -8,7 +8,8 @@ WIRE = Path(__file__).parent / "wire"
 
 
 def pytest_collection_modifyitems(items):
-    """Real processes on real buses and in real time want a machine without other tests."""
+    """Real processes on real buses and in real time want a machine without other tests; what is
+    quick needs neither."""
     for item in items:
-        if WIRE in item.path.parents:
+        if WIRE in item.path.parents and not item.get_closest_marker("quick"):
             item.add_marker(pytest.mark.alone)
