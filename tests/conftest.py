@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import guest
 import pytest
 
 WIRE = Path(__file__).parent / "wire"
@@ -13,3 +14,14 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if WIRE in item.path.parents and not item.get_closest_marker("quick"):
             item.add_marker(pytest.mark.alone)
+
+
+@pytest.fixture(scope="session")
+def vcan():
+    """Runs a command with vcan0 and vcan1 of its own: vcan(words, seconds)."""
+    if guest.has_vcan():
+        yield guest.run
+    else:
+        shared = guest.Guest()
+        yield shared.run
+        shared.close()

@@ -18,7 +18,7 @@ FRAME = struct.Struct("=IB3x8s")
 REMOTE = 0x40000000
 NODE = 1
 SEED = 6
-SECONDS = 12
+SECONDS = 6
 FOREIGN = "2AA"  # no node's
 BURST = 30_000
 OWN = {0x081, 0x181, 0x281, 0x381, 0x481, 0x581, 0x5C1, 0x5E1, 0x701}
@@ -51,7 +51,7 @@ COMMANDS = [
 def record(log):
     """candump, writing all of vcan0 and what it could not receive to a file."""
     with log.open("w") as out:
-        dump = subprocess.Popen(["candump", "-L", "-d", "-r", "30000000", "vcan0"], stdout=out)
+        dump = subprocess.Popen(["candump", "-L", "-d", "-r", "80000000", "vcan0"], stdout=out)
     time.sleep(0.2)
     return dump
 

@@ -179,8 +179,13 @@ def bench(*axis_args):
         plant = start("plant_node", "--pace", "real")
         seen |= {"line": client, "plant": plant}
         yield seen
-        plant.kill()
-        seen |= {"plant": end(plant), "axis": end(axis)}
+        if plant.poll() is None:  # else the axis ends by itself
+            axis.terminate()
+            seen["axis"] = end(axis)
+            plant.kill()
+        else:
+            seen["axis"] = end(axis)
+        seen["plant"] = end(plant)
         time.sleep(0.1)
         dump.terminate()
         dump.wait(10)

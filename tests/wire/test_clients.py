@@ -28,16 +28,9 @@ TRANSITION_S, MODE_S = 0.4, 0.5
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, vcan):
     made = tmp_path_factory.mktemp("clients")
-    done = subprocess.run(
-        [ROOT / "tools/vcan", "-t", "150", sys.executable, SESSION, made],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=160,
-        check=False,
-    )
+    done = vcan([sys.executable, SESSION, made], 150)
     assert done.returncode == 0, done.stderr + done.stdout
     print(done.stderr)
     return made

@@ -6,7 +6,6 @@ Ticks are those of the link, as candump saw it, and of the axis' journal.
 """
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -21,15 +20,8 @@ WATCHDOG_TICKS = 300  # of 200 ms
 
 
 @pytest.fixture(scope="module")
-def session():
-    done = subprocess.run(
-        [ROOT / "tools" / "vcan", sys.executable, fault_session.__file__],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
+def session(vcan):
+    done = vcan([sys.executable, fault_session.__file__], 100)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -22,12 +22,8 @@ DONE, REFUSED = 1, 2  # EVENT_ of axis_event_t
 
 
 @pytest.fixture(scope="module")
-def ran():
-    done = subprocess.run(
-        [VCAN, "-t", "150", sys.executable, BENCH],
-        cwd=ROOT, capture_output=True, text=True, timeout=170, check=False,
-        stdin=subprocess.DEVNULL,
-    )  # fmt: skip
+def ran(vcan):
+    done = vcan([sys.executable, BENCH], 150)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
 

@@ -87,16 +87,9 @@ def hashes(report):
 
 
 @pytest.fixture(scope="module")
-def can():
-    """Everything that needs CAN frames, from one guest."""
-    done = subprocess.run(
-        [VCAN, sys.executable, Path(__file__).with_name("can_session.py")],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def can(vcan):
+    """Everything that needs CAN frames."""
+    done = vcan([sys.executable, Path(__file__).with_name("can_session.py")], 120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -390,7 +383,8 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
     run_id = ["--run-id", link.new_run_id()]
     journal = tmp_path / "axis.journal"
     axis = start("axis_node", *run_id, "--journal", journal, "--store", tmp_path / "store")
-    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.3")
+    waits = ["--start-timeout", "1", "--timeout", "0.3"]
+    plant = start("plant_node", *run_id, "--pace", "real", *waits)
     time.sleep(after_s)
     axis.kill()
     axis.communicate()
