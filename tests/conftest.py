@@ -6,13 +6,14 @@ import guest
 import pytest
 
 WIRE = Path(__file__).parent / "wire"
+# Those of tests/wire that need neither a bus nor real time.
+NO_BUS = ("test_canopen_model", "test_objects_files", "test_recorded")
 
 
 def pytest_collection_modifyitems(items):
-    """Real processes on real buses and in real time want a machine without other tests; what is
-    quick needs neither."""
+    """Real processes on real buses and in real time want a machine without other tests."""
     for item in items:
-        if WIRE in item.path.parents and not item.get_closest_marker("quick"):
+        if WIRE in item.path.parents and item.path.stem not in NO_BUS:
             item.add_marker(pytest.mark.alone)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import lcm
 import pytest
+import verbs
 from forceaxis import _core
 from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
@@ -43,6 +44,12 @@ def forceaxis(*args, status=0):
         timeout=100,
         check=False,
     )
+    assert done.returncode == status, done.stderr
+    return done
+
+
+def replay(*args, status=0):
+    done = verbs.forceaxis("replay", *args)
     assert done.returncode == status, done.stderr
     return done
 
@@ -317,7 +324,7 @@ def paused(tmp_path, *axis_args):
     plant.send_signal(signal.SIGCONT)
     assert end(plant)["status"] == 0
     told = end(axis)
-    assert json.loads(forceaxis("replay", journal, "--json").stdout)["replay"]["same"]
+    assert json.loads(replay(journal, "--json").stdout)["replay"]["same"]
     return told["axes"][0], journal.read_text().splitlines()
 
 
@@ -350,7 +357,7 @@ def test_the_journal_of_an_axis_on_buses_gives_the_same_hash_in_process(can, tmp
     assert ticks == sorted(ticks)
     journal = tmp_path / "axis.log"
     journal.write_text(done["journal"])
-    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    summary = json.loads(replay(journal, "--json").stdout)
     assert summary["trace_hash"] == hashes(done["axis"])[0]
     assert summary["replay"]["same"] is True
     assert summary["replay"]["entries"] == sum(kinds[k] for k in ("can", "modbus", "write"))
@@ -362,7 +369,7 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
     axis = start("axis_node", *run_id, "--journal", journal)
     assert end(start("plant_node", *run_id))["status"] == 0
     assert hashes(end(axis)) == [in_process(SHORT)]
-    forceaxis("replay", journal)
+    replay(journal)
     text = journal.read_text()
     for changed, status, word in (
         ("", 2, "expected a readable journal"),
@@ -374,7 +381,7 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         (text.replace("force_gain 1280", "force_gain 2560"), 1, "expected the trace hash"),
     ):
         journal.write_text(changed)
-        done = forceaxis("replay", journal, status=status)
+        done = replay(journal, status=status)
         assert word in done.stderr and done.stderr.count("\n") == 1
 
 
@@ -391,7 +398,7 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
     end(plant)
     assert "end " not in journal.read_text()
     out = tmp_path / "out"
-    done = forceaxis("replay", journal, "--json", "--out", out, status=1)
+    done = replay(journal, "--json", "--out", out, status=1)
     summary = json.loads(done.stdout)
     assert summary["replay"]["ticks"] is None and summary["replay"]["same"] is False
     assert done.stderr == (
@@ -399,7 +406,7 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
         f"it had written down, {summary['ticks']} ticks\n"
     )
     assert (out / "trace.csv").exists()
-    plain = forceaxis("replay", journal, status=1)
+    plain = replay(journal, status=1)
     assert "broken off" in plain.stdout and plain.stderr.count("\n") == 1
 
 
@@ -414,9 +421,7 @@ def test_the_replay_for_the_model_reads_a_journal_as_replay_does(tmp_path):
     header = whole[: whole.index("end ")]
     for text in (whole, f"{header}can 700 601 8 4041600000000000\nlost 800 3\ncan 900 601 8 40"):
         journal.write_text(text)
-        summary = json.loads(
-            forceaxis("replay", journal, "--json", status=int(text != whole)).stdout
-        )
+        summary = json.loads(replay(journal, "--json", status=int(text != whole)).stdout)
         log = subprocess.run(
             [ROOT / "build/release/tests/wire/canopen_replay", journal],
             capture_output=True, timeout=60, check=True,
@@ -468,7 +473,7 @@ def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
     assert journal.read_text().splitlines()[-1] == (
         f"end {told['axes'][0]['ticks']} {hashes(told)[0]}"
     )
-    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    summary = json.loads(replay(journal, "--json").stdout)
     assert summary["trace_hash"] == hashes(told)[0]
 
 
