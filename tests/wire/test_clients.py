@@ -1,7 +1,7 @@
 """axis_node against clients that nobody here wrote, on real CAN: python-canopen's drive, cantools,
 tshark, libmodbus, pymodbus, candump and cangen.
 
-clients_session.py did it all in one guest, under tools/vcan; the tests check its records.
+clients_session.py did it all with real CAN; the tests check its records.
 """
 
 import bisect

@@ -15,8 +15,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR_INVALID, HEARTBEAT_LOST, SOURCE_LOST, CAN_OFF = 1, 8, 9, 10
 OVERRUN = 0xFF04
-HEARTBEAT_TICKS = 150  # of 100 ms
-WATCHDOG_TICKS = 300  # of 200 ms
+HEARTBEAT_TICKS = fault_session.HEARTBEAT_MS * 3 // 2
+WATCHDOG_TICKS = fault_session.WATCHDOG_MS * 3 // 2
 
 
 @pytest.fixture(scope="module")
