@@ -18,6 +18,8 @@ using lcm_bus::kNotAvailable;
 
 constexpr std::size_t kKeptAnswers = 2000;
 constexpr std::size_t kMostWaiting = 200;
+// Items of the kept answers and of the waiting commands: memory stays small whatever is sent.
+constexpr std::size_t kKeptItems = 65536, kMostWaitingItems = 16384;
 constexpr std::uint16_t kRecorderData = 0x2120;
 // 32 samples each 16 ms: 2000 a second, which UDP loses nothing of.
 constexpr std::size_t kBlock = 32;
@@ -52,19 +54,30 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   // What is late stays undone: the client has given up by now, and nothing is to move late.
   if (late(command)) return;
-  if (waiting_.size() >= kMostWaiting) return;  // the client asks again
+  // The client asks again.
+  if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   answers_[id] = {};
   order_.push_back(id);
-  while (order_.size() > kKeptAnswers) {
-    answers_.erase(order_.front());
+  forget_oldest();
+  waiting_items_ += command.object.size();
+  waiting_.push(command);
+}
+
+// Never one that is not answered yet: a repetition would be carried out again.
+void GatewayCommands::forget_oldest() {
+  while (order_.size() > kKeptAnswers || kept_items_ > kKeptItems) {
+    const auto oldest = answers_.find(order_.front());
+    if (oldest->second.kind == 0) return;
+    kept_items_ -= oldest->second.items.size();
+    answers_.erase(oldest);
     order_.pop_front();
   }
-  waiting_.push(command);
 }
 
 Task<void> GatewayCommands::serve() {
   while (loop_.running()) {
     const axis_command_t command = co_await waiting_;
+    waiting_items_ -= command.object.size();
     const Id id{command.run_id, command.command_id};
     if (late(command)) {
       answers_.erase(id);
@@ -73,8 +86,12 @@ Task<void> GatewayCommands::serve() {
     }
     const Answer answer = co_await carry_out(command);
     const auto place = answers_.find(id);
-    if (place != answers_.end()) place->second = answer;
+    if (place != answers_.end()) {
+      place->second = answer;
+      kept_items_ += answer.items.size();
+    }
     publish_answer(id, answer);
+    forget_oldest();
   }
 }
 

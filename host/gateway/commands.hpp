@@ -46,6 +46,7 @@ class GatewayCommands {
   Answer refused(Answer answer, const std::string &name, std::int64_t value, std::int64_t code,
                  const std::string &reason) const;
   void publish_answer(Id id, const Answer &answer);
+  void forget_oldest();
 
   EventLoop &loop_;
   lcm_bus::AxisChannels &lcm_;
@@ -53,6 +54,7 @@ class GatewayCommands {
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
   std::deque<Id> order_;  // of answers_, oldest first
+  std::size_t kept_items_ = 0, waiting_items_ = 0;
   bool capturing_ = false;
   std::int64_t captures_ = 0;
 };
