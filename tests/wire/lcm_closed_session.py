@@ -1,5 +1,7 @@
 """The scenarios of test_lcm_closed.py, in one guest: run under tools/vcan, prints JSON.
 
+usage: lcm_closed_session.py [DATAGRAMS]     with a number: a flood of as many
+
 The route for multicast leads to a veth, as on a machine with a network. So this machine's own
 messages come back as local copies of what goes out there, and those of the other machine come in on
 the same interface.
@@ -7,9 +9,12 @@ the same interface.
 
 import json
 import re
+import socket
 import struct
 import subprocess
+import sys
 import tempfile
+import threading
 import time
 import traceback
 from pathlib import Path
@@ -24,6 +29,7 @@ from foreign_network import (
     NETWORK,
     OWN,
     ForeignNetwork,
+    dropped,
     fragments,
     listener,
     received,
@@ -31,6 +37,8 @@ from foreign_network import (
     short,
 )
 
+FLOOD = Path(__file__).resolve().parents[2] / "build/release/tests/wire/lcm_flood"
+ROUND = 1_500_000  # datagrams for which an axis runs long enough
 CHANNEL = "AXIS_1_COMMAND"
 COUNT_AT = 8 + 9 * 8  # of num_items in an encoded command
 
@@ -238,7 +246,126 @@ def let_in(ear, network, foreign, run_id):
         gateway.end()
 
 
-def main():
+class Watch(threading.Thread):
+    """What the axis itself says on CAN: statuswords and positions of its TPDOs, until stopped."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.can = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.can.bind(("vcan0",))
+        self.can.settimeout(0.2)
+        self.states, self.positions, self.frames = set(), set(), 0
+        self.stop = threading.Event()
+
+    def run(self):
+        while not self.stop.is_set():
+            try:
+                identifier, _, data = struct.unpack("=IB3x8s", self.can.recv(16))
+            except TimeoutError:
+                continue
+            if identifier == 0x181:
+                self.states.add(data[0] & 0x6F)
+            elif identifier == 0x281:
+                self.positions.add(struct.unpack("<i", data[:4])[0])
+                self.frames += 1
+
+
+def harmless(control):
+    """Real datagrams none of which could enable an axis, and what else this machine says."""
+    hour_us = 3_600_000_000  # what is mutated and still a command is not too late, so carried out
+    kinds = [
+        (axis_command_t.KIND_READ, [("force", 0), ("position", 0), ("0x6041", 0)], ()),
+        (axis_command_t.KIND_READ, [("0x2010:3", 0)] * 20, ()),
+        (axis_command_t.KIND_WRITE, [("force_gain", 1000), ("velocity_gain", 512)], ()),
+        (axis_command_t.KIND_TAKE, (), ()),
+        (axis_command_t.KIND_RELEASE, (), ()),
+        (axis_command_t.KIND_CAPTURE, [("recorder_length", 50)], ["force", "dac_code"]),
+    ]
+    made = []
+    for number, (kind, items, signals) in enumerate(kinds, 1):
+        data = command(kind, items, number, 601, signals, hour_us)
+        made += [short(CHANNEL, data), *fragments(CHANNEL, data, number, 100)]
+    time.sleep(1)
+    return made + [data for data, _ in received(control)][:40]
+
+
+def save(path, datagrams):
+    path.write_bytes(b"".join(struct.pack("<I", len(d)) + d for d in datagrams))
+    return path
+
+
+def resident_kb(pid):
+    return int(re.search(r"VmRSS:\s+([0-9]+)", Path(f"/proc/{pid}/status").read_text())[1])
+
+
+def pour(sock, count, seed, path, meanwhile):
+    """Runs lcm_flood on a socket; `meanwhile` is called now and then. How many it sent, and the
+    seconds."""
+    words = [FLOOD, str(sock.fileno()), str(count), str(seed), path]
+    started = time.monotonic()
+    with subprocess.Popen(
+        words, pass_fds=[sock.fileno()], stdout=subprocess.PIPE, text=True
+    ) as running:
+        while running.poll() is None:
+            meanwhile()
+            time.sleep(0.5)
+        return int(running.stdout.read()), time.monotonic() - started
+
+
+def flood(count):
+    """Half of the datagrams come from this machine, half from another one, which says whole
+    sessions between them. One gateway; an axis does not run long enough for all of them."""
+    network = ForeignNetwork()
+    foreign = network.sender()
+    found = {"resident_kb": [], "rounds": []}
+    gateway = Gateway()
+    try:
+        for seed, at in enumerate(range(0, count, ROUND), 1):
+            found["rounds"].append(flood_round(gateway, foreign, min(ROUND, count - at), seed,
+                                               found["resident_kb"]))  # fmt: skip
+        found["alive"] = gateway.process.poll() is None
+    finally:
+        found["status"] = gateway.end()
+        found["said"] = gateway.said()
+    return found
+
+
+def flood_round(gateway, foreign, count, seed, resident):
+    pid, folder, found = gateway.process.pid, Path(tempfile.mkdtemp()), {}
+    control = listener(OWN)
+    with thesis_session.machine(folder, programs=("axis_node", "plant_node"), duration_s=600):
+        with AxisClient(1, timeout_s=4) as axis:
+            wait_ready(axis)
+        home = save(folder / "home", harmless(control))
+        control.close()
+        away = save(folder / "away", [short(CHANNEL, d) for d in enabling(602)])
+        watch = Watch()
+        watch.start()
+
+        def sample():
+            resident.append(resident_kb(pid))
+
+        def intrude():
+            sample()
+            for datagram in enabling(time.monotonic_ns()):
+                foreign.send(short(CHANNEL, datagram))
+
+        before = dropped(pid)
+        found["home"] = pour(sender(OWN), count // 2, seed, home, sample)
+        after = dropped(pid)
+        # The other socket drops all that is this machine's.
+        found["lost"] = min(after[inode] - before[inode] for inode in before)
+        found["away"] = pour(foreign, count - count // 2, seed, away, intrude)
+        watch.stop.set()
+        watch.join()
+        found["states"], found["positions"] = sorted(watch.states), sorted(watch.positions)
+        found["frames"] = watch.frames
+        with AxisClient(1, timeout_s=10) as axis:
+            found["reads"] = axis.read("force_raw")
+    return found
+
+
+def closed():
     results = {}
 
     def keep(name, scenario, *args):
@@ -267,7 +394,11 @@ def main():
         results["notes"] = [n for n in ear.notes if "LCM" in n[2]]
         keep("told_of_another", let_in, ear, "10.8.0.0/16", foreign, 501)
         keep("told", let_in, ear, NETWORK, foreign, 502)
-    print(json.dumps(results))
+    return results
+
+
+def main():
+    print(json.dumps(flood(int(sys.argv[1])) if len(sys.argv) > 1 else closed()))
 
 
 if __name__ == "__main__":
