@@ -7,6 +7,13 @@
 
 namespace forceaxis::lcm_bus {
 
+namespace {
+
+// So that a flood does not keep the gateway from its other buses.
+constexpr int kMostAtOnce = 128;
+
+}  // namespace
+
 std::string Drops::text() const {
   std::string said;
   const auto add = [&said](std::uint64_t count, const std::string &what) {
@@ -30,12 +37,14 @@ void AxisChannels::listen(const std::vector<int> &axes, const std::vector<Networ
                           Command command) {
   for (const int axis : axes) listening_["AXIS_" + std::to_string(axis) + "_COMMAND"] = axis;
   command_ = std::move(command);
-  receiver_.emplace(url_, remote,
-                    [this](std::string_view channel) { return listening_.contains(channel); });
+  const auto wanted = [this](std::string_view channel) { return listening_.contains(channel); };
+  receiver_.emplace(url_, remote, wanted);
+  refused_.emplace(url_, remote, wanted);
 }
 
 void AxisChannels::handle() {
-  receiver_->receive([this](const Message &message) {
+  refused_->receive(kMostAtOnce);
+  receiver_->receive(kMostAtOnce, [this](const Message &message) {
     const auto command = decode_command(message.data);
     if (!command) {
       ++undecodable_;
@@ -48,7 +57,7 @@ void AxisChannels::handle() {
 Drops AxisChannels::drops() const {
   if (!receiver_) return {};
   const Assembly &assembly = receiver_->assembly();
-  return {receiver_->refused(), receiver_->last_refused(), assembly.malformed() + undecodable_,
+  return {refused_->count(), refused_->last(), assembly.malformed() + undecodable_,
           assembly.incomplete()};
 }
 

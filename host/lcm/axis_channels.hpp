@@ -57,7 +57,7 @@ class AxisChannels {
   // from this machine or a network of `remote`. To be called once. Throws LcmError.
   void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
   // To be called after listen(), when one of them is readable.
-  std::vector<int> fds() const { return receiver_->fds(); }
+  std::vector<int> fds() const { return {receiver_->fd(), refused_->fd()}; }
   void handle();
   Drops drops() const;
 
@@ -80,6 +80,7 @@ class AxisChannels {
   std::map<std::string, int, std::less<>> listening_;  // axis of a channel
   Command command_;
   std::optional<Receiver> receiver_;
+  std::optional<RefusedCounter> refused_;
   std::uint64_t undecodable_ = 0;
 };
 

@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
@@ -16,8 +17,6 @@
 namespace forceaxis::lcm_bus {
 namespace {
 
-// So that a flood does not keep the caller from its other descriptors.
-constexpr int kMostAtOnce = 128;
 constexpr std::size_t kLargestDatagram = 65536;
 
 // Kernel's name for the local copy of an outgoing multicast (linux/if_packet.h clashes with ours).
@@ -73,13 +72,20 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   if (done) return s;
   const std::string why = std::strerror(errno);
   if (s >= 0) close(s);
-  throw LcmError(url + ": expected to receive commands from this machine alone, " + why);
+  throw LcmError(url + ": expected to be able to receive from this machine alone, " + why);
 }
 
-std::string text_of(const sockaddr_in &sender) {
-  char text[INET_ADDRSTRLEN];
-  inet_ntop(AF_INET, &sender.sin_addr, text, sizeof text);
-  return text + (":" + std::to_string(ntohs(sender.sin_port)));
+// The datagram that waits first, if one does.
+std::optional<std::span<const std::uint8_t>> receive_from(int socket,
+                                                          std::span<std::uint8_t> buffer,
+                                                          Sender &sender) {
+  sockaddr_in from{};
+  socklen_t length = sizeof from;
+  const ssize_t count = recvfrom(socket, buffer.data(), buffer.size(), 0,
+                                 reinterpret_cast<sockaddr *>(&from), &length);
+  if (count < 0) return std::nullopt;
+  sender = {ntohl(from.sin_addr.s_addr), ntohs(from.sin_port)};
+  return buffer.first(static_cast<std::size_t>(count));
 }
 
 std::string text_of(std::uint32_t address) {
@@ -127,48 +133,40 @@ std::optional<Network> network_of(const std::string &text, std::string &trouble)
 
 Receiver::Receiver(const std::string &url, const std::vector<Network> &remote,
                    std::function<bool(std::string_view)> wanted)
-    : wanted_(wanted), assembly_(std::move(wanted)), datagram_(kLargestDatagram) {
-  socket_ = open_socket(url, filter_of(remote, kAll, 0));
-  try {
-    refused_socket_ = open_socket(url, filter_of(remote, 0, kShown));
-  } catch (...) {
-    close(socket_);
-    throw;
-  }
-}
+    : assembly_(std::move(wanted)),
+      datagram_(kLargestDatagram),
+      socket_(open_socket(url, filter_of(remote, kAll, 0))) {}
 
-Receiver::~Receiver() {
-  close(socket_);
-  close(refused_socket_);
-}
+Receiver::~Receiver() { close(socket_); }
 
-void Receiver::receive(const Take &take) {
-  for (int i = 0; i < kMostAtOnce; ++i) {
-    sockaddr_in from{};
-    socklen_t length = sizeof from;
-    const ssize_t count = recvfrom(socket_, datagram_.data(), datagram_.size(), 0,
-                                   reinterpret_cast<sockaddr *>(&from), &length);
-    if (count < 0) break;
-    const Sender sender{ntohl(from.sin_addr.s_addr), ntohs(from.sin_port)};
-    const auto message =
-        assembly_.take(sender, std::span(datagram_).first(static_cast<std::size_t>(count)));
+int Receiver::receive(int most, const Take &take) {
+  int taken = 0;
+  for (; taken < most; ++taken) {
+    Sender sender{};
+    const auto datagram = receive_from(socket_, datagram_, sender);
+    if (!datagram) break;
+    const auto message = assembly_.take(sender, *datagram);
     if (message) take(*message);
   }
-  receive_refused();
+  return taken;
 }
 
-// What is refused has a socket and a buffer of its own, so that a flood of it displaces no command.
-void Receiver::receive_refused() {
-  for (int i = 0; i < kMostAtOnce; ++i) {
-    sockaddr_in from{};
-    socklen_t length = sizeof from;
-    const ssize_t count = recvfrom(refused_socket_, datagram_.data(), datagram_.size(), 0,
-                                   reinterpret_cast<sockaddr *>(&from), &length);
-    if (count < 0) return;
-    const auto channel = channel_of(std::span(datagram_).first(static_cast<std::size_t>(count)));
+RefusedCounter::RefusedCounter(const std::string &url, const std::vector<Network> &remote,
+                               std::function<bool(std::string_view)> wanted)
+    : wanted_(std::move(wanted)), socket_(open_socket(url, filter_of(remote, 0, kShown))) {}
+
+RefusedCounter::~RefusedCounter() { close(socket_); }
+
+void RefusedCounter::receive(int most) {
+  std::array<std::uint8_t, kShown> buffer;
+  Sender sender{};
+  for (int i = 0; i < most; ++i) {
+    const auto datagram = receive_from(socket_, buffer, sender);
+    if (!datagram) return;
+    const auto channel = channel_of(*datagram);
     if (channel.empty() || !wanted_(channel)) continue;
-    ++refused_;
-    last_refused_ = text_of(from);
+    ++count_;
+    last_ = text_of(sender.address) + ":" + std::to_string(sender.port);
   }
 }
 

@@ -33,27 +33,42 @@ class Receiver {
   Receiver(const Receiver &) = delete;
   Receiver &operator=(const Receiver &) = delete;
 
-  // Readable when there is something to receive.
-  std::vector<int> fds() const { return {socket_, refused_socket_}; }
-
-  // Takes what has come, at most some hundred datagrams, and calls `take` for each wanted message.
-  void receive(const Take &take);
+  int fd() const { return socket_; }
+  // Takes at most `most` datagrams, without waiting, and calls `take` for each wanted message.
+  // Returns how many datagrams there were.
+  int receive(int most, const Take &take);
 
   const Assembly &assembly() const { return assembly_; }
-  // Datagrams for wanted channels that came from elsewhere, as far as they could be counted, and
-  // whose the last one was, "ADDRESS:PORT".
-  std::uint64_t refused() const { return refused_; }
-  const std::string &last_refused() const { return last_refused_; }
 
  private:
-  void receive_refused();
-
-  std::function<bool(std::string_view)> wanted_;
   Assembly assembly_;
   std::vector<std::uint8_t> datagram_;
-  int socket_ = -1, refused_socket_ = -1;
-  std::uint64_t refused_ = 0;
-  std::string last_refused_;
+  int socket_;
+};
+
+// What a Receiver of the same arguments does not receive, as far as this keeps up with it: on a
+// socket of its own, so that a flood from elsewhere displaces nothing.
+class RefusedCounter {
+ public:
+  RefusedCounter(const std::string &url, const std::vector<Network> &remote,
+                 std::function<bool(std::string_view channel)> wanted);
+  ~RefusedCounter();
+  RefusedCounter(const RefusedCounter &) = delete;
+  RefusedCounter &operator=(const RefusedCounter &) = delete;
+
+  int fd() const { return socket_; }
+  void receive(int most);
+
+  // Datagrams of wanted channels, of a message in fragments the first.
+  std::uint64_t count() const { return count_; }
+  // Of the last one, "ADDRESS:PORT".
+  const std::string &last() const { return last_; }
+
+ private:
+  std::function<bool(std::string_view)> wanted_;
+  int socket_;
+  std::uint64_t count_ = 0;
+  std::string last_;
 };
 
 }  // namespace forceaxis::lcm_bus
