@@ -103,7 +103,7 @@ def test_fragments_make_whole_commands_or_none(of, ran):
 
 
 def test_another_network_is_let_in_only_if_it_is_named(of):
-    got = of("told_of_another")
+    got = of("other_allowed")
     assert got["ready"] == (
         "gateway ready pid N, vcan0 axes 1, node id 127, LCM udpm://239.255.76.67:7667?ttl=0, "
         "commands from 192.168.7.0/255.255.255.0, commands from 10.8.0.0/16, no Modbus\n"
@@ -112,7 +112,7 @@ def test_another_network_is_let_in_only_if_it_is_named(of):
     before, after = got["axis"]
     assert after == before
     # The same commands from the network that is named move the axis.
-    got = of("told")
+    got = of("allowed")
     assert [kind for kind, _ in got["answers"].values()] == [DONE] * 6
     before, after = got["axis"]
     assert after[:2] == [LCM, 200] and after[3] == ENABLED
