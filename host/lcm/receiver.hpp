@@ -1,6 +1,6 @@
 #pragma once
-// Receives LCM messages from this machine alone, unless told of other networks. liblcm receives
-// from everyone and hides the sender, so this has sockets of its own.
+// Receives LCM messages from this machine, and from other networks only where that is asked for.
+// liblcm receives from everyone and hides the sender, so this has sockets of its own.
 //
 // Whether a datagram is this machine's is the kernel's knowledge, not the source address's: it came
 // through the loopback interface, or is the local copy of what this machine sent to another one.
@@ -13,9 +13,9 @@
 
 namespace forceaxis::lcm_bus {
 
+// As numbers of this machine; no bit of the address is outside the mask.
 struct Network {
-  std::uint32_t address,
-      mask;  // as numbers of this machine; no bit of the address outside the mask
+  std::uint32_t address, mask;
 };
 
 // "192.168.1.0/24" or "192.168.1.0/255.255.255.0". What is wrong with another text goes to
