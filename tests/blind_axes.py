@@ -2,7 +2,7 @@
 
 Run by test_identify.py as a process of its own: `blind_axes.py SEED COUNT FOLDER`. Draws parameters
 by SEED, writes each axis's measurement to FOLDER and one line of JSON with what may be known. Then
-reads one line of JSON, the estimates, and only now tells the truth: a line of JSON.
+reads one line of JSON, the estimates, and only then reports the true values: a line of JSON.
 """
 
 import json

@@ -47,7 +47,7 @@ def tool_as_module(name):
 
 def reads(gate, source, root):
     """{path: text} of a source and of every project header that it reaches; None where only the
-    compiler could tell."""
+    compiler could determine them."""
     found, ahead = {}, [source.relative_to(root).as_posix()]
     while ahead:
         name = ahead.pop()
@@ -380,9 +380,6 @@ def test_words_in_comments_and_conditionals_in_ports_are_allowed(gate, tree):
 
 def test_a_missing_tree_is_an_error(tmp_path):
     assert run(["check_firmware.py"], tmp_path).returncode == 2
-
-
-# --- the object table and its generator ---
 
 
 def test_generated_files_are_fresh():

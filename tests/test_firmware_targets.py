@@ -259,9 +259,6 @@ def test_laws_give_the_same_codes_with_a_16_bit_int(tmp_path):
     assert expected in printed
 
 
-# --- the emulated targets beside the host --------------------------------------------------------
-
-
 class Inputs(ctypes.Structure):
     _fields_ = [
         ("encoder_cnt", ctypes.c_int32),

@@ -157,7 +157,7 @@ def test_what_is_not_one_ring_down_is_refused(tmp_path):
     assert "at least 30 samples, got 20" in refusal("decrement", file)
     save(file, time_s=t, signal=0 * t)
     assert "found 0" in refusal("decrement", file)
-    # A second mode nearby widens the intervals, and is told.
+    # A second mode nearby widens the intervals, and is reported.
     other = 0.2 * np.exp(-4 * t) * np.sin(2 * np.pi * 50 * t)
     save(file, time_s=t, signal=np.exp(-10 * t) * np.sin(2 * np.pi * 33 * t) + other)
     found = run("decrement", file)
@@ -439,14 +439,14 @@ def test_parameters_that_are_hard_to_tell_apart_are_told():
     (warned,) = (
         w for w in fit_response.fit(measured, starts).warnings if w.startswith("m_r2 and k_rf")
     )
-    assert "hard to tell apart" in warned
+    assert "nearly indistinguishable" in warned
 
 
 # Blind.
 
 
 def test_blind_axes_are_identified(tmp_path):
-    """Twenty axes made by another process, which tells their parameters after the estimates.
+    """Twenty axes made by another process, which reports their parameters after the estimates.
 
     Of each, 4 or 5 parameters are 0.64 to 1.57 times the nominal value at which the fit starts.
     Every set must lie in the intervals that hold for all its parameters at once, but for two. Were

@@ -156,8 +156,8 @@ def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
 
 def test_the_rounding_of_the_input_is_told():
     codes = {"inject": "codes", "output": "drive.current", "level": 20, "band_hz": [1, 50]}
-    told = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
-    assert "too small" in told[0]
+    hints = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
+    assert "too small" in hints[0]
     assert measure_result.run("fig3_9", codes).summary["hints"] == []
     volts = {"input": "drive.current", "output": "drive.tach", "band_hz": [1, 50]}
     assert measure_result.run("fig3_9", volts).summary["hints"] == []
@@ -262,9 +262,9 @@ def test_measurement_follows_the_plant_not_the_model():
         size = abs(system.response(f)) / abs(system.response([0.01]))
         corners.append(f[np.flatnonzero(size < np.sqrt(0.5))[0]])
     assert ratio == pytest.approx(corners[1] / corners[0], rel=2e-3)
-    # Told of it, the model follows.
-    told = measure_result.run("fig3_9", {"set": {"rotor_mass": 1.1 * 79.53}})
-    assert told.summary["comparison"]["fits"]
+    # With the same parameter the model agrees.
+    same = measure_result.run("fig3_9", {"set": {"rotor_mass": 1.1 * 79.53}})
+    assert same.summary["comparison"]["fits"]
 
 
 def test_same_seed_same_measurement():

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prove what the firmware promises: no float, heap, mutable static, libc or #if; layers.
+"""Check the rules of the firmware: no float, heap, mutable static, libc or #if; layers.
 
 usage: check_firmware.py [--root DIR]
 
@@ -17,7 +17,7 @@ every folder below them:
   conditional  no #if of any kind but the include guard
   layering     each folder includes only what MAY_INCLUDE allows it: no port, and no layer above
   shift        no << >> / % outside fx: whatever can round or overflow goes through it
-  spelling     no trigraph, digraph or computed include, which other rules would have to see through
+  spelling     no trigraph, digraph or computed include, which could hide code from the other rules
 Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
@@ -191,7 +191,7 @@ def check_text(path, folder, findings):
             findings.add(path, line, "layering", f"firmware/{folder} must not include {header}")
         elif header == "firmware/" + HOST_ONLY:
             findings.add(path, line, "layering", f"{header} is for the host")
-    # What is left are declarations and statements.
+    # The remaining text is declarations and statements.
     body = re.sub(HASH + r"[ \t]*include\b[^\n]*", "", code, flags=re.M)
     for number, line in enumerate(body.split("\n"), 1):
         for pattern in (FLOAT_WORD, FLOAT_LITERAL):
@@ -226,7 +226,7 @@ def fail(message):
 
 
 def examine(source, root):
-    """What the compiler makes of a source: (its complaint, nm's (type, name) of every symbol, the
+    """What the compiler makes of a source: (its errors, nm's (type, name) of every symbol, the
     first floating instruction)."""
     with tempfile.TemporaryDirectory() as folder:
         compiled = Path(folder) / "source.o"
@@ -282,7 +282,7 @@ def sources_below(folder):
 
 
 def check_includes(root, findings):
-    """Includes that stay in their part of the project and say from where they come."""
+    """Includes stay in their part of the project and are written from its root."""
     sources = {part: sources_below(root / part) for part in ROOTS}
     project_headers = {p.name for paths in sources.values() for p in paths}
     for part, paths in sources.items():

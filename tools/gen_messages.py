@@ -7,7 +7,7 @@ Reads host/lcm/*.lcm (package forceaxis) and writes host/python/forceaxis/bus/me
 of the environment this runs in (.venv/bin/python tools/gen_messages.py), so that all generate with
 the version that requirements.txt pins.
 
---check writes nothing and ends with status 1 when a file is not what the types give.
+--check writes nothing and ends with status 1 when a file is not up to date.
 """
 
 import argparse
@@ -22,7 +22,7 @@ GENERATED = "host/python/forceaxis/bus/messages"
 
 
 def generate(root):
-    """{file name: text} of what lcm-gen makes of the types below `root`."""
+    """{file name: text} that lcm-gen generates from the types below `root`."""
     sources = sorted((root / SOURCES).glob("*.lcm"))
     # Beside the interpreter when run from .venv; elsewhere the first on the path.
     beside = Path(sys.executable).parent / "lcm-gen"
@@ -33,8 +33,8 @@ def generate(root):
         command = [program, "--python", "--ppath", folder, *sources]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            said = " ".join((done.stderr + done.stdout).split())
-            sys.exit(fail(f"{SOURCES}: expected types that lcm-gen takes: {said}"))
+            output = " ".join((done.stderr + done.stdout).split())
+            sys.exit(fail(f"{SOURCES}: expected types that lcm-gen accepts: {output}"))
         made = Path(folder) / "forceaxis"
         return {p.name: p.read_text() for p in sorted(made.glob("*.py"))}
 

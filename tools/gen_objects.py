@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Generate from the one table of objects what the firmware, the host and other people's tools read.
+"""Generate the files of firmware, host and third-party tools from the table of objects.
 
 usage: gen_objects.py [--check] [--root DIR]
 
@@ -12,7 +12,7 @@ Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ bes
   firmware/objects/generated/forceaxis-modbus.csv  registers and bits
   docs/objects/                                    the manual's pages
 
---check writes nothing and ends with status 1 when a file is not what the table gives.
+--check writes nothing and ends with status 1 when a file is not up to date.
 A bad table ends with status 2 and one line: file, object, key, what was expected.
 """
 

@@ -23,21 +23,21 @@
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: what is kept is not in
- * force, or not the newest of it; its first manufacturer byte is store_state), source_lost (where
- * abort_connection_option asks for no fault), and those of FF01h to FF04h. These are sent when it
- * happens, and then not again for FW_HOLD_TICKS: contact_losses, force_saturated, limit_cycle and
- * overruns count on. FF07h, watchdog_reset: at a power-up by the watchdog. */
+/* Emergencies that are no fault of the axis: store_failed (at power-up: the stored set is not in
+ * force, or is not the newest one; its first manufacturer byte is store_state), source_lost (where
+ * abort_connection_option selects no fault), and those of FF01h to FF04h. These are sent at once,
+ * and then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated, limit_cycle and overruns
+ * still count. FF07h, watchdog_reset: at a power-up by the watchdog. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
-/* Ticks that fw_between() may stay away for, 10 ms. */
+/* Largest number of ticks between two calls of fw_between(), 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
-/* What a port gives the firmware. All 0 is an axis on no bus. */
+/* The configuration by the port. All 0 is an axis on no bus. */
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
   uint32_t recorder_bytes;
-  const store_memory_t *memory; /* NULL: parameters are not kept */
+  const store_memory_t *memory; /* NULL: parameters are not stored */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
   uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
@@ -70,27 +70,27 @@ typedef struct {
 void fw_init(fw_t *fw, const fw_config_t *config);
 
 /* One tick: drive, axis, recorder, protocols. A firmware on no bus whose objects beyond axis and
- * recorder were never touched skips all but axis and recorder, which see no difference.
+ * recorder were never accessed runs only axis and recorder, with the same outputs.
  *
- * Faults put out code 0, amplifier and brake off, counted from the event, 1 being the next tick:
+ * Faults set code 0, amplifier and brake off, counted from the event, 1 being the next tick:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
- *   fw_between() away for FW_BETWEEN_TICKS_MAX ticks                       1
+ *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
- *     (both also if LCM owns, whose only way in this bus is)
- *   a boot-up message of a node that 1016h watches; an owner that gives the enabled
- *     axis to a canopen that is lost or that nobody watches                1
+ *     (both also if LCM owns, which depends on this bus)
+ *   a boot-up message of a node that 1016h supervises; release of the enabled axis to
+ *     a canopen that is lost or not supervised                             1
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
- *   heartbeat or RPDO away, N ticks of its time                            N + 2
- * N is rounded up: ceil(1.5 ms). Where fault_reaction_option asks for a ramp it comes first, of
+ *   heartbeat or RPDO missing, N ticks of its time                         N + 2
+ * N is rounded up: ceil(1.5 ms). Where fault_reaction_option selects a ramp it comes first, of
  * at most CIA402_STOPPING_TICKS, but for the first two lines and a reset of the node;
  * abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis enabled. Canopen
- * is not watched at all unless 1016h or an RPDO's time (1400h.., 5) is set.
+ * is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
 /* fw_tick() in four, for a port whose ticks are an interrupt. In the interrupt fw_prepare() has the
- * drive set the targets of this tick, which needs no inputs: they may still be converted.
+ * drive set the targets of this tick; it needs no inputs, whose conversion may still be running.
  * fw_control() turns inputs into outputs, which the port puts out at once; then fw_report() does
  * what is due in most ticks: status of the drive, recorder, one event-driven TPDO. After the
  * interrupt, before anything else is done with fw, and not interrupted by a tick, fw_between() does
@@ -98,15 +98,15 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
  * resets (they last longer than a tick), a step of the store (so does an erase). Cost on a
  * Cortex-M4: docs/chip/instructions.md.
  *
- * Nobody would see a heartbeat end, or NMT, while fw_between() does not run. When it has not for
- * more than FW_BETWEEN_TICKS_MAX ticks, fw_prepare() has the axis off, with the fault
+ * While fw_between() does not run, neither a lost heartbeat nor NMT is noticed. After more than
+ * FW_BETWEEN_TICKS_MAX ticks without it fw_prepare() disables the axis, with the fault
  * main_loop_lost, and fw_report() returns false: the caller must not feed its watchdog then. */
 void fw_prepare(fw_t *fw);
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
-/* CAN: a frame that was received, before the tick that is to see it; a frame to send (false:
+/* CAN: a received frame, before the tick that processes it; a frame to send (false:
  * none); frames that were lost; the state of the bus, CAN_BUS_, at each change. */
 void fw_can_receive(fw_t *fw, const can_frame_t *frame);
 bool fw_can_transmit(fw_t *fw, can_frame_t *frame);
@@ -118,8 +118,8 @@ void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
 /* A tick of the port came late (missed 0), or `missed` ticks did not come at all. Each counts as
- * one of `overruns`, and time goes on by those missed: tick_count, and the timers of the node, of
- * which canopen_missed() says more. After fw_between(), not in the interrupt. */
+ * one of `overruns`, and time advances by those missed: tick_count, and the timers of the node, see
+ * canopen_missed(). After fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
 /* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_APP_OWNERSHIP_H_
 #define FIRMWARE_APP_OWNERSHIP_H_
 
-/* Which bus owns the axis, may write, and is missed when it falls silent: the source lock. canopen
+/* The source lock: which bus owns the axis, may write, and is supervised. canopen
  * owns at power-up. Another bus acquires the axis by writing its own number to command_source, and
  * loses it to canopen when no write of its own is accepted for the time of its watchdog. */
 

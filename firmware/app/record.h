@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_RECORD_H_
 #define FIRMWARE_APP_RECORD_H_
 
-/* Records in a flash-like memory of two sectors: where they are and whether they are whole. What
- * their entries mean is the store's.
+/* Records in a flash-like memory of two sectors: their places and integrity. The store interprets
+ * their entries.
  *
  * A record is a head (magic, hash of an object table, sequence number, bytes of entries), the
  * entries, and the CRC-32 of both; words are little-endian. Only a record whose CRC is right

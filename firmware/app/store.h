@@ -1,29 +1,29 @@
 #ifndef FIRMWARE_APP_STORE_H_
 #define FIRMWARE_APP_STORE_H_
 
-/* The parameter store: what is kept over a power cut, in two sectors of a flash-like memory.
+/* The parameter store: parameters kept over a power cut, in two sectors of a flash-like memory.
  *
  * A set is one record (record.h) with an entry for each stored parameter, also for those at their
  * defaults. An entry is three words: the CANopen index times 256 plus sub-index, with bit 24 set
  * for a parameter at its default; the value; and the signature of the object, a CRC-32 of its type,
  * unit, scale, range and names of values. A COB-ID that follows the node id is stored without it
- * and goes on following.
+ * and continues to follow it.
  *
  * So a set can be read under a later object table. Each entry whose object has the same address and
  * the same signature is taken over; the others are dropped, and those objects have their defaults.
- * A parameter at its default keeps the value of that default when the table has another one by
- * then: an upgrade alone alters no axis. Both are reported in store_change_count and store_change_1
+ * A parameter at its default keeps the value of that default when the later table has another one:
+ * an upgrade alone alters no axis. Both are reported in store_change_count and store_change_1
  * to _8: every entry of a set is either in force as stored or counted there. A parameter that the
  * set does not have is new, and at its default.
  *
- * Why values and not a CRC of the defaults: an axis can only go on with the default of then if it
- * has that value. 12 bytes for each stored parameter are 2 KiB a set, eight sets to a sector of
- * 16 KiB; 10,000 erases of such a sector last for 160,000 saves.
+ * Values are stored, not a CRC of the defaults: an axis can continue with an earlier default only
+ * if it has that value. 12 bytes for each stored parameter are 2 KiB a set, eight sets to a sector
+ * of 16 KiB; 10,000 erases of such a sector last for 160,000 saves.
  *
  * Sets of version 0.1.0 have entries without signature, and only for what differed from the
  * defaults. The table knows what has changed since (axis_changes_0_1_0).
  *
- * Why a cut after any byte leaves the old set or the new one: a record is programmed from its
+ * A cut after any byte leaves the old set or the new one, because a record is programmed from its
  * beginning to its CRC, never over anything, and the sector with the newest set is never erased. A
  * sector is erased completely before anything is put into it, except behind the newest set, and
  * there only behind the last byte that is not blank.
@@ -45,12 +45,12 @@ enum {
   STORE_CHANGES = 8        /* that are reported by address */
 };
 
-/* A store_change: the stored value was dropped, or the default of then was kept. */
+/* A store_change: the stored value was dropped, or an earlier default was kept. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 #define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
 typedef struct {
-  const store_memory_t *memory;    /* NULL: nothing is kept */
+  const store_memory_t *memory;    /* NULL: nothing is stored */
   uint32_t home;                   /* sector of the newest set, STORE_NOWHERE without one */
   uint32_t tail;                   /* there: behind it everything is blank */
   uint32_t sequence;               /* the highest one used */
@@ -75,16 +75,16 @@ typedef struct {
 void store_init(store_t *store, const store_memory_t *memory);
 
 /* Reads the newest whole set into the parameters of objects, which are at their defaults; work in
- * progress is given up, as by a cut. A set of this very table that has an entry which does not fit
+ * progress is abandoned, as by a cut. A set of this very table that has an entry which does not fit
  * is damaged: the set before it counts, whole. Returns AXIS_STORE_STATE_
  *   LOADED               every value as stored;
  *   EMPTY                nothing there, or restore_defaults;
  *   LOADED_PARTLY        a set of another table, of which something was dropped;
  *   LOADED_OLD_DEFAULTS  every value as stored, but not every default is today's;
- *   LOADED_OLDER         as one of these, but there is something that looks like what remains of a
- *                        newer set (a save that was cut off, a damaged sector);
+ *   LOADED_OLDER         as one of these, but there are remains of a newer set (a save that was
+ *                        cut off, a damaged sector);
  *   OTHER_TABLE          the newest set does not describe itself and is not of version 0.1.0; it is
- *                        left alone;
+ *                        ignored;
  *   FAILED               something is there, but no set that fits.
  * Cost: reads both sectors once, and what is blank of them twice; of the set in force each entry
  * twice, and finds its object by bisection. On a Cortex-M4 with two sectors of 16 KiB that are full
@@ -92,11 +92,11 @@ void store_init(store_t *store, const store_memory_t *memory);
  */
 uint8_t store_load(store_t *store, dictionary_t *objects);
 
-/* Gives one block (AXIS_BLOCK_) its stored values again, from the set that store_load() took or was
- * saved since. False: that set is damaged by now, and the block is as it was. */
+/* Restores the stored values of one block (AXIS_BLOCK_) from the set that was loaded or saved last.
+ * False: that set is damaged by now, and the block is unchanged. */
 bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block);
 
-/* Starts to keep the present parameters, or to forget them: FW_OK, FW_ERROR_BUSY, or
+/* Starts to save the present parameters, or to erase the saved ones: FW_OK, FW_ERROR_BUSY, or
  * FW_ERROR_NO_MEMORY. Until the end the parameters must not change. */
 int store_save(store_t *store);
 int store_forget(store_t *store);

@@ -11,7 +11,7 @@ typedef struct {
   uint8_t data[8];
 } can_frame_t;
 
-/* What the port knows of the bus. */
+/* The state of the bus as the port reports it. */
 enum { CAN_BUS_ACTIVE = 0, CAN_BUS_PASSIVE = 1, CAN_BUS_OFF = 2 };
 
 #endif

@@ -3,14 +3,14 @@
 
 /* Emergencies of a CANopen node: frames, their history (1003h) and the error register (1001h).
  *
- * A frame is the code, the error register, and in its first manufacturer byte what the emergency is
- * about: the fault (AXIS_FAULT_) of a code that the drive gives, the node of a heartbeat that is
- * lost, 1..4 of an RPDO that was short (not processed), long (its first bytes were used), late or
- * refused by an object, the owner that is lost, store_state of a store that failed, else 0. The
- * other four are 0, but at power-up those of store_failed: index (two bytes, the lower first) and
- * sub-index of the first parameter that is not as stored, and how many there are, at most 255.
- * Codes are AXIS_ERROR_CODE_. Code 0 says that a condition has ended; the register in the frame
- * shows whether another one lasts. */
+ * A frame is the code, the error register, and in its first manufacturer byte the subject: the
+ * fault (AXIS_FAULT_) of a code of the drive, the node of a lost heartbeat, 1..4 of an RPDO that
+ * was short (not processed), long (its first bytes were used), late or refused by an object, the
+ * lost owner, store_state of a store that failed, else 0. The other four are 0, but at power-up
+ * those of store_failed: index (two bytes, the lower first) and sub-index of the first parameter
+ * that is not as stored, and the number of such parameters, at most 255. Codes are
+ * AXIS_ERROR_CODE_. Code 0 reports the end of a condition; the register in the frame shows whether
+ * another one lasts. */
 
 #include <stdint.h>
 

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_HEARTBEAT_H_
 #define FIRMWARE_CANOPEN_HEARTBEAT_H_
 
-/* Heartbeat consumers of a CANopen node (1016h). A node is watched from its first heartbeat on; one
- * that is missed, and a boot-up message, mean that CANopen can no longer reach the axis. */
+/* Heartbeat consumers of a CANopen node (1016h). A node is supervised from its first heartbeat on.
+ * After a missing one, or a boot-up message, CANopen counts as lost. */
 
 #include <stdbool.h>
 #include <stdint.h>

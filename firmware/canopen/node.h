@@ -6,10 +6,10 @@
  * they come out by canopen_transmit(). Times of the object table are rounded up to ticks.
  *
  * By state: pre-operational has all but PDOs, stopped has NMT and the heartbeat alone; emergencies
- * of a stopped node wait. Remote requests are ignored, so there is no node guarding. A frame goes
- * to the first that takes it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. A node that is stopped,
- * or whose communication is reset, while the axis is active has lost its owner (CANopen, fault
- * source_lost): nobody could stop the axis otherwise. */
+ * of a stopped node are queued. Remote requests are ignored, so there is no node guarding. A frame
+ * goes to the first service that accepts it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. A node
+ * that is stopped, or whose communication is reset, while the axis is active has lost its owner
+ * (CANopen, fault source_lost), since no master could stop the axis then. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,7 +18,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* What the node must know of the axis, as it stands. */
+/* The state of the axis that the node needs. */
 typedef struct {
   uint16_t error_code; /* AXIS_ERROR_CODE_ */
   uint8_t fault;       /* AXIS_FAULT_, latched or about to be */
@@ -34,8 +34,8 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* What the node asked for since the last call, if there is anything; to be taken after every other
- * call, since the source that is lost must act before the next one. */
+/* The node's requests since the last call. To be fetched after every other call, because the loss
+ * of a source must take effect before the next one. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   return canopen->requests.frames_lost != 0 || canopen->requests.sources_lost != 0;
 }
@@ -61,9 +61,9 @@ static inline bool canopen_has_reported(const canopen_t *canopen, uint16_t error
   return canopen->emcy.drive_code == error_code;
 }
 
-/* So many ticks did not come, because the processor was at a standstill; not while
- * canopen_is_behind(). What was to be sent meanwhile is due in the coming tick, once. Deadlines of
- * what is received are put off by as much: nothing could be received. */
+/* Accounts for ticks that did not run because the processor was stalled; not while
+ * canopen_is_behind(). Frames due meanwhile are sent in the coming tick, once. Deadlines of
+ * reception are extended by as much: nothing could be received. */
 void canopen_missed(canopen_t *canopen, uint32_t ticks);
 
 /* The next frame to be sent; false: none. */
@@ -72,15 +72,14 @@ bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 /* A reset that NMT asked for since the last call, CANOPEN_RESET_; the caller carries it out. */
 uint8_t canopen_take_reset(canopen_t *canopen);
 
-/* Frames were lost on the way in: a request to count them, and an emergency. */
+/* Received frames were lost: a request to count them, and an emergency. */
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
 /* State of the bus as the controller reports it, CAN_BUS_; each change is an emergency, and with
  * bus off the sources on it are lost. */
 void canopen_bus(canopen_t *canopen, uint8_t state);
 
-/* An emergency that is no fault of the axis: CiA code, and what is put in its manufacturer bytes.
- */
+/* An emergency that is no fault of the axis: CiA code and manufacturer bytes. */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
@@ -89,19 +88,20 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
  * that names none. */
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 
-/* An object of the node was `previous` and now is `value`. Writing what it was changes nothing. */
+/* An object of the node was `previous` and now is `value`. Writing the same value changes nothing.
+ */
 void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
                      int32_t previous, int32_t value);
 
 /* The node owns the axis from now on: deadlines of RPDOs that are not running begin anew. */
 void canopen_owns(canopen_t *canopen);
 
-/* Why nobody can be reached over the node: the fault (AXIS_FAULT_) of a bus that is off, a lost
+/* Why no master can be reached over the node: the fault (AXIS_FAULT_) of a bus that is off, a lost
  * heartbeat, a stopped node; AXIS_FAULT_NONE. */
 uint8_t canopen_lost_for(const canopen_t *canopen);
 
-/* Whether the end of a master would be noticed: a heartbeat is watched, or an RPDO has a deadline.
- */
+/* Whether the loss of a master would be detected: a heartbeat is supervised, or an RPDO has a
+ * deadline. */
 bool canopen_is_watched(const canopen_t *canopen);
 
 /* The recorder was stopped or armed: an upload of the recording ends with an abort. */

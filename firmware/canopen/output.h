@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_OUTPUT_H_
 #define FIRMWARE_CANOPEN_OUTPUT_H_
 
-/* Frames that wait to be sent, first in first out. What matters less is refused earlier, so that a
- * flood of requests cannot keep an emergency or a heartbeat from its place. */
+/* The queue of frames to be sent, first in first out. Less important frames are refused earlier, so
+ * that a flood of requests leaves places for emergencies and heartbeats. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -23,7 +23,7 @@ enum {
 
 typedef struct {
   can_frame_t frames[CAN_OUTPUT_FRAMES];
-  uint16_t lost; /* frames that found no place, until the owner takes the number */
+  uint16_t lost; /* frames that found no place, until the owner reads and clears the number */
   uint8_t first;
   uint8_t count;
   uint8_t closed; /* 1: the bus is off, frames are dropped and not counted */

@@ -24,16 +24,16 @@
 /* Transmission types. Others up to 253 are refused. */
 enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, PDO_EVENT = 255 };
 
-/* Takes up the parameters of all PDOs, and starts or stops their timers. */
+/* Applies the parameters of all PDOs, and starts or stops their timers. */
 void pdo_start(canopen_t *canopen, const dictionary_t *objects);
 
 /* The node entered or left the operational state. */
 void pdo_operational(canopen_t *canopen, bool operational);
 
-/* A data frame with an identifier that no other service took. */
+/* A data frame with an identifier of no other service. */
 void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* TPDOs take their samples, then what RPDOs brought is taken over. */
+/* TPDOs are sampled, then received RPDOs are applied. */
 void pdo_sync(canopen_t *canopen, dictionary_t *objects);
 
 /* Event-driven TPDOs; to be called while any is watched or inhibited. */

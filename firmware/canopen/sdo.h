@@ -10,7 +10,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* Abort codes. The comment is what leads to it here. */
+/* Abort codes, with their causes in this server. */
 #define SDO_ABORT_TOGGLE UINT32_C(0x05030000)
 #define SDO_ABORT_TIMEOUT UINT32_C(0x05040000)    /* no segment for SDO_TIMEOUT_MS */
 #define SDO_ABORT_COMMAND UINT32_C(0x05040001)    /* block transfer; a segment out of turn */
@@ -40,10 +40,10 @@ enum { SDO_TIMEOUT_MS = 5000 };
 void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
                  const can_frame_t *frame);
 
-/* The client has kept a segmented transfer waiting for too long. */
+/* A segmented transfer has timed out. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);
 
-/* Forgets transfers, without an abort. */
+/* Discards transfers, without an abort. */
 void sdo_drop(canopen_t *canopen);
 
 /* The recording was stopped or armed anew: an upload of it ends with an abort. */

@@ -65,7 +65,7 @@ typedef struct {
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
-/* What the node asks of the firmware; canopen_take_requests(). */
+/* The node's requests to the firmware; canopen_take_requests(). */
 typedef struct {
   uint16_t frames_lost;
   uint8_t sources_lost; /* set of FW_SOURCE_ that can no longer reach the axis over this bus */
@@ -102,7 +102,7 @@ static inline bool canopen_has(uint8_t set, uint32_t i) { return (set & fx_bit(i
 static inline void canopen_put(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set | fx_bit(i)); }
 static inline void canopen_drop(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set & ~fx_bit(i)); }
 
-/* The firmware is to know that a source (FW_SOURCE_) can no longer reach the axis. */
+/* Reports to the firmware that a source (FW_SOURCE_) can no longer reach the axis. */
 static inline void canopen_lose(canopen_t *canopen, uint8_t source, uint8_t fault) {
   if (canopen->requests.sources_lost == 0) {
     canopen->requests.fault = fault;

@@ -68,13 +68,11 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
 }
 
 /* The timers that run out in this tick, unless they are started or stopped before they are taken.
- * To be asked for once in each tick: a timer that was passed over would never be found. */
+ * To be called once in each tick: a slot that was skipped would never be checked. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
 
-/* `ticks` ticks go by in which nothing was served: timers of what is sent run out in the coming
- * tick if they would have run out meanwhile, those of what is received (CONSUMER and up) that much
- * later.
- */
+/* Accounts for `ticks` ticks that did not run: timers of transmission run out in the coming tick if
+ * they were due meanwhile, those of reception (CONSUMER and up) that much later. */
 void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
 
 /* A time to come, or the present one if it passes within `ticks` ticks that were missed. */

@@ -61,19 +61,19 @@ void axis_init(axis_t *axis);
 /* One tick.
  *
  * Faults (faults.h) are answered in the same tick: code 0, amplifier off, brake on, whatever
- * latency_ticks says; the fault is latched and the requested mode set back to disabled. Limits
+ * latency_ticks is; the fault is latched and the requested mode set back to disabled. Limits
  * (limits.h) only change the code, and only the one put out: with latency_ticks 1 a code computed
- * a tick ago is limited by the position and the switches of now, and limit_reason speaks of it.
+ * a tick ago is limited by the present position and switches, and limit_reason refers to it.
  *
  * Taking over a mode or gain: the code computed in that tick equals the one put out just before it
  * (0 after disabled); the difference to the law becomes a bias that shrinks by 2^-n a tick, at
  * least 1/65536 code, to exactly 0. n is the bump_decay_shift at the change: writing another one
- * leaves a bias that is there already as it is. n = 0: no bias, the change is a step.
+ * does not change an existing bias. n = 0: no bias, the change is a step.
  *
  * Entering position mode with a position_setpoint written since position mode was last active
- * pursues it; otherwise position_setpoint is set to the present position, so the axis holds where
- * it is. The profile starts at rest at the present position. A fault drops a set-point that was not
- * pursued yet: what was asked for before a fault must be asked for again.
+ * makes it active; otherwise position_setpoint is set to the present position, so the axis holds
+ * it. The profile starts at rest at the present position. A fault drops a set-point that was not
+ * active yet: commands from before a fault must be repeated.
  *
  * Excitation mode starts its waveform (excitation.h) in the tick that enters it.
  *
@@ -87,12 +87,12 @@ void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *output
  * FW_ERROR_RANGE. */
 int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
-/* Tells the axis that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
+/* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* Latches a fault from outside the axis (AXIS_FAULT_) as one of its own: unless another one is
- * latched already, and off in the next tick. */
+/* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
+ * disabled in the next tick. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
 /* Clears the latched fault. The axis stays disabled until a mode is written. */

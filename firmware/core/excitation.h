@@ -3,7 +3,7 @@
 
 /* The waveform of excitation mode: noise, or a sine whose frequency may rise (a chirp), both able
  * to repeat themselves exactly, so that a measurement over whole periods has no leakage. Frequency
- * and amplitude may be written while it runs: the phase goes on, which makes a stepped sine. */
+ * and amplitude may be written while it runs: the phase continues, which makes a stepped sine. */
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CORE_FAULTS_H_
 #define FIRMWARE_CORE_FAULTS_H_
 
-/* Faults: what must switch the axis off in the very tick that sees it. */
+/* Faults: conditions that disable the axis in the tick in which they are detected. */
 
 #include <stdint.h>
 

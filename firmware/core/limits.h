@@ -9,8 +9,8 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* The code that may be put out for a computed one, and in *reason the limit that took most of it,
- * AXIS_LIMIT_REASON_...; the later of these wins:
+/* The code that may be put out for a computed one, and in *reason the limit that applies,
+ * AXIS_LIMIT_REASON_...; of several the last in this list:
  *   dac_saturation   beyond -2048..2047
  *   output_limit     beyond +-output_limit, when that is below 2048
  *   position_max     a positive code while position > position_max: 0 instead (the axis stops; a

@@ -1,14 +1,14 @@
 #ifndef FIRMWARE_DRIVE_CONTACT_H_
 #define FIRMWARE_DRIVE_CONTACT_H_
 
-/* Watches the contact: whether there is one, how often it was lost, the largest force. */
+/* Monitors the contact: its presence, the number of losses, the largest force. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
 
-/* A second is 15 slots of 100 ticks; losses are forgotten by whole slots, so the window is at least
+/* A second is 15 slots of 100 ticks; losses are discarded by whole slots, so the window is at least
  * 1400 ticks and at most 1500. */
 enum { CONTACT_SLOTS = 15, CONTACT_SLOT_TICKS = 100 };
 

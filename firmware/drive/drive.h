@@ -6,8 +6,8 @@
  *
  * Parameters of the axis stay the user's. What the drive needs to put there for a tick (set-points,
  * raw_step, a step instead of a bump bias) overrides them: written before axis_tick() and restored
- * after it, so that between ticks they read as they were written. Only `mode` tells what the drive
- * asks of the axis, and position_setpoint is where the drive has led it when -4 takes over.
+ * after it, so that between ticks they read as they were written. Only `mode` shows what the drive
+ * commands, and at a change to mode -4 position_setpoint is the drive's last demand.
  *
  * A target acts only if it was written for what uses it: a target position since cyclic position
  * was last left, halted or homed, target velocity and force since the last fault. Until then the
@@ -22,7 +22,7 @@
 #include "firmware/drive/contact.h"
 #include "firmware/fx/fx.h"
 
-/* Homing: asked for by the controlword, seen by everybody as begun, done or refused. */
+/* Homing: requested by the controlword; reported as begun, done or refused. */
 enum {
   CIA402_HOMING_IDLE = 0,
   CIA402_HOMING_ASKED = 1,
@@ -105,8 +105,8 @@ typedef struct {
 /* Power-up: parameters at their defaults, switch on disabled. */
 void cia402_init(cia402_t *drive);
 
-/* Takes up the state of an axis that ran without its drive until now, and parameters that were
- * stored: to be called before the first tick of the drive. */
+/* Adopts the state of an axis that ran without its drive, and stored parameters; to be called
+ * before the first tick of the drive. */
 void cia402_wake(cia402_t *drive, const axis_t *axis);
 
 /* Before and after axis_tick(). */
@@ -127,11 +127,11 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 /* fault_reset was given outside the controlword. */
 void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
-/* What was written for the modes of the drive acts no more until it is written again. */
+/* Targets written for the modes of the drive do not act until they are written again. */
 void cia402_forget_targets(cia402_t *drive);
 
-/* The owner of the axis is lost: does what abort_connection_option says, with this fault, if the
- * axis is enabled. What it asked for is forgotten, unless the axis is to go on. */
+/* The owner of the axis is lost: carries out abort_connection_option, with this fault, if the axis
+ * is enabled. Its commands are discarded, unless the axis is to continue. */
 void cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 /* Code of a fault (AXIS_FAULT_) for error_code and for emergencies. */

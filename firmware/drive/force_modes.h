@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_DRIVE_FORCE_MODES_H_
 #define FIRMWARE_DRIVE_FORCE_MODES_H_
 
-/* The modes that control force, rows of modes.c: each gives the force law its set-point for a tick,
- * or approaches the workpiece in position mode. */
+/* The modes that control force, rows of modes.c: each sets the set-point of the force law for a
+ * tick, or approaches the workpiece in position mode. */
 
 #include <stdbool.h>
 

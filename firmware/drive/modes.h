@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_DRIVE_MODES_H_
 #define FIRMWARE_DRIVE_MODES_H_
 
-/* The modes of operation (6060h), one row each: what a mode does in a tick and what it shows. */
+/* The modes of operation (6060h), one row each: its action in a tick and its status bits. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -19,7 +19,7 @@ typedef struct {
   uint8_t native;
   uint8_t controls_force;
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
-  uint8_t uses_position; /* 1: target_position acts, and is forgotten when the mode is left */
+  uint8_t uses_position; /* 1: target_position acts, and is discarded when the mode is left */
   uint8_t window;        /* CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive); /* whether the target is; NULL: never shown */
   bool (*bit_12)(const cia402_t *drive);  /* of the statusword; NULL: 0 */
@@ -41,7 +41,7 @@ bool cia402_mode_exists(int32_t mode);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* Resets what was begun in a mode: it was left, or the axis disabled. */
+/* Resets the state of a mode that was left, or whose axis was disabled. */
 void cia402_leave_mode(cia402_t *drive);
 
 #endif

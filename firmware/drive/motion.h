@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_DRIVE_MOTION_H_
 #define FIRMWARE_DRIVE_MOTION_H_
 
-/* How a mode of operation moves the axis: along the drive's trajectory, within its limits. All of
+/* Moves the axis for a mode of operation: along the drive's trajectory, within its limits. All of
  * it writes mode and set-points of the axis for the coming tick. Positions are the user's, speeds
  * Q16 per tick in the direction of the encoder. */
 

@@ -2,7 +2,7 @@
 #define FIRMWARE_DRIVE_POSITION_MODES_H_
 
 /* The modes of position and velocity, rows of modes.c: each moves the trajectory by one tick; the
- * axis follows it. And whether what they were asked for is reached. */
+ * axis follows it. And whether their targets are reached. */
 
 #include <stdbool.h>
 

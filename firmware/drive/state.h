@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_DRIVE_STATE_H_
 #define FIRMWARE_DRIVE_STATE_H_
 
-/* The state machine of CiA 402: which controlword asks for which transition, and what statusword
+/* The state machine of CiA 402: which controlword commands which transition, and which statusword
  * shows which state. States are AXIS_DRIVE_STATE_. */
 
 #include <stdbool.h>
@@ -30,7 +30,7 @@ enum {
   CIA402_SW_MODE_13 = 0x2000
 };
 
-/* The state that a controlword asks for in `state`; `state` itself where it asks for nothing.
+/* The state that a controlword commands in `state`; `state` itself without a command.
  * `rising` are its bits that the controlword before it did not have: a fault is reset by the
  * rising edge only. Whether option codes hold it up, or make a quick stop end in switch on
  * disabled, is not decided here; `may_resume`: quick stop may go back to operation enabled. */

@@ -1,11 +1,11 @@
 #ifndef FIRMWARE_DRIVE_STATUS_H_
 #define FIRMWARE_DRIVE_STATUS_H_
 
-/* What the drive shows: signals in the user's units, statusword. */
+/* The drive's outputs: signals in the user's units, statusword. */
 
 #include "firmware/drive/drive.h"
 
-/* After a tick: every signal, and for how long what must last has lasted. */
+/* After a tick: every signal, and the durations of the conditions that must last. */
 void cia402_observe(cia402_t *drive, const axis_t *axis);
 
 /* State, error code and statusword alone: after a write between ticks. */

@@ -28,7 +28,7 @@ static inline int32_t cia402_encoder(const cia402_t *drive, int32_t user) {
   return fx_diff_wrap(count, drive->origin_cnt);
 }
 
-/* A speed as the trajectory wants it: bounded by velocity_max. */
+/* A speed in the trajectory's units, limited to velocity_max. */
 static inline int32_t cia402_speed_q16(const cia402_t *drive, uint32_t count_per_s) {
   return (count_per_s < drive->params.velocity_max) ? fx_q16_from_per_s(count_per_s)
                                                     : drive->speed_max;

@@ -2,12 +2,12 @@
 #define FIRMWARE_MODBUS_BITS_H_
 
 /* Coils (AXIS_COIL_). enable: 1 is controlword shutdown, then enable operation (exception 4 in a
- * fault), 0 shutdown; reads 1 while operation is enabled. fault_reset: 1 gives it, reads 0. halt:
- * bit 8 of the controlword. store: 1 is store_parameters, reads 1 while that lasts.
+ * fault), 0 shutdown; reads 1 while operation is enabled. fault_reset: 1 resets a fault, reads 0.
+ * halt: bit 8 of the controlword. store: 1 is store_parameters, reads 1 while that lasts.
  * recorder_trigger: recorder_arm, reads 1 while it is armed or recording.
  * Discrete inputs (AXIS_DISCRETE_): the bits of the statusword, then three signals.
  *
- * The calls below begin what a request is to do; modbus_bits_resume() goes on until it ends. */
+ * The calls below start the work of a request; modbus_bits_resume() continues it to its end. */
 
 #include "firmware/modbus/step.h"
 

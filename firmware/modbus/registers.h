@@ -1,12 +1,12 @@
 #ifndef FIRMWARE_MODBUS_REGISTERS_H_
 #define FIRMWARE_MODBUS_REGISTERS_H_
 
-/* Registers over the objects: axis_holding and axis_input of the object table. 8 and 16 bits take
- * one register, 32 bits two, in the order that modbus_word_order says; negative values are two's
- * complement, of which the upper bits of a register are part. A hole in the map is exception 2.
+/* Registers over the objects: axis_holding and axis_input of the object table. 8 and 16 bits occupy
+ * one register, 32 bits two, in the order of modbus_word_order; negative values are two's
+ * complement, sign-extended to the register. A hole in the map is exception 2.
  * Half of a 32-bit object can be read; it cannot be written, exception 3.
  *
- * The calls below begin what a request is to do; modbus_registers_resume() goes on until it ends.
+ * The calls below start the work of a request; modbus_registers_resume() continues it to its end.
  */
 
 #include "firmware/modbus/step.h"
@@ -20,14 +20,14 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
 void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count);
 
-/* Writes `count` registers from `first` on, all of them or none, then reads what r->read_first and
- * r->read_count say. `words`, high byte first, are used up.
+/* Writes `count` registers from `first` on, all of them or none, then reads r->read_count
+ * registers from r->read_first on. `words`, high byte first, are overwritten.
  *
- * Each value must be acceptable for itself, with what is there before the request; then they are
- * written in the order of the registers, but what cannot be taken back (the controlword, a native
- * mode, a command) last, so that a controlword finds the targets written with it. Should one be
- * refused nevertheless, those before it are written back, but for an axis that was taken from LCM,
- * which only LCM can take again. */
+ * Each value must be acceptable by itself, beside the values from before the request; then they are
+ * written in the order of the registers, but irreversible writes (the controlword, a native mode, a
+ * command) last, so that a controlword acts on the targets written with it. If one is refused
+ * nevertheless, those before it are restored, except the ownership of an axis acquired from LCM,
+ * which only LCM can acquire again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
 /* Writes one 16-bit object: (value and r->and_mask) or (r->or_mask and not r->and_mask). */

@@ -2,8 +2,8 @@
 #define FIRMWARE_MODBUS_REQUEST_H_
 
 /* One Modbus request, from its bytes to those of its answer, for every server of the map: RTU in
- * the firmware and TCP at the gateway. Passive: it asks for one access to an object at a time, and
- * whoever serves it carries that out, at once or over a bus.
+ * the firmware and TCP at the gateway. Passive: it requests one access to an object at a time, and
+ * the caller carries that out, at once or over a bus.
  *
  *   modbus_request_begin(&request, unit, pdu, length, counters);
  *   while (!modbus_request_ended(&request)) {
@@ -22,13 +22,13 @@
 /* Function code and data of the longest request or answer. */
 enum { MODBUS_PDU_BYTES = 253 };
 
-/* What modbus_request_bytes() cannot say: */
+/* Results of modbus_request_bytes() for a length that is not known: */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* an unknown function: only the frame says where it ends */
-  MODBUS_BYTES_MORE = 0xFFFF /* too little of it is there */
+  MODBUS_BYTES_OPEN = 0,     /* an unknown function: it ends with its frame */
+  MODBUS_BYTES_MORE = 0xFFFF /* more bytes are needed */
 };
 
-/* How long the PDU of which `length` bytes are there will be. */
+/* The length of a PDU whose first `length` bytes are known; or MODBUS_BYTES_. */
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length);
 
 /* `pdu`: `length` bytes, at least one, of MODBUS_PDU_BYTES that stay until the request has ended.
@@ -40,7 +40,7 @@ static inline bool modbus_request_ended(const modbus_request_t *request) {
   return request->part == MODBUS_ENDED;
 }
 
-/* Goes on with the result of request->access. */
+/* Continues with the result of request->access. */
 void modbus_request_resume(modbus_request_t *request);
 
 #endif

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_MODBUS_STEP_H_
 #define FIRMWARE_MODBUS_STEP_H_
 
-/* A request under way: the access to an object that it waits for, and where it goes on with the
- * result. For those who serve requests request.h is enough. */
+/* A request in progress: its pending access to an object, and the step that continues with the
+ * result. Callers that only serve requests need request.h alone. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,7 +12,7 @@
 enum {
   MODBUS_OK = 0,
   MODBUS_EXCEPTION_FUNCTION = 1, /* unknown function, or sub-function */
-  MODBUS_EXCEPTION_ADDRESS = 2,  /* a register, coil or input that there is none of */
+  MODBUS_EXCEPTION_ADDRESS = 2,  /* no such register, coil or input */
   MODBUS_EXCEPTION_VALUE = 3,    /* out of range, half of a 32-bit object, or a malformed request */
   MODBUS_EXCEPTION_STATE = 4,    /* not in this state, or another source owns the axis */
   MODBUS_EXCEPTION_BUSY = 6,     /* the parameter store is at work */
@@ -41,7 +41,7 @@ typedef enum {
   MODBUS_WRITE        /* on behalf of Modbus */
 } modbus_access_kind_t;
 
-/* As a refusal: the axis gave no answer. */
+/* As a refusal: the axis did not answer. */
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
@@ -56,7 +56,7 @@ typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } mo
 
 typedef struct {
   modbus_access_t access;
-  uint8_t part; /* modbus_part_t: who goes on; MODBUS_ENDED: the answer is there */
+  uint8_t part; /* modbus_part_t: that which continues; MODBUS_ENDED: the answer is ready */
   uint8_t step; /* of that part */
   uint8_t unit;
   uint8_t *pdu;       /* function and data of the request, then of its answer */
@@ -73,15 +73,15 @@ typedef struct {
   uint8_t *place;      /* of the words under way */
   uint32_t first;      /* register, bit or identity number that is read first ... */
   uint32_t after;      /* ... and the one behind the last */
-  uint16_t read_first; /* function 23: what is read when all is written */
+  uint16_t read_first; /* function 23: the first to read after the writes */
   uint16_t read_count; /* 0: nothing */
   uint16_t and_mask;   /* function 22 */
   uint16_t or_mask;
-  uint8_t word[2];      /* what functions 6 and 22 write */
-  uint8_t irreversible; /* writes that cannot be taken back */
+  uint8_t word[2];      /* written by functions 6 and 22 */
+  uint8_t irreversible; /* writes that cannot be undone */
   bool writes_those;    /* now; the others before */
   uint32_t previous;    /* value of the object that is being written */
-  uint8_t exception;    /* why what was written is taken back */
+  uint8_t exception;    /* the reason why the writes are undone */
 
   /* Coils of a request that writes; neither: not part of it. */
   bool one[AXIS_COIL_COUNT];
@@ -89,7 +89,7 @@ typedef struct {
   uint32_t controlword;
 } modbus_request_t;
 
-/* The exception that says what was refused. */
+/* The exception for a refusal. */
 static inline uint8_t modbus_exception_of(int refusal) {
   switch (refusal) {
     case FW_OK:
@@ -111,7 +111,7 @@ static inline uint8_t modbus_exception_of(int refusal) {
   }
 }
 
-/* Asks for an access; the request's part goes on at `step` with its result. */
+/* Requests an access; the request's part continues at `step` with its result. */
 static inline void modbus_ask(modbus_request_t *r, uint8_t step, modbus_access_kind_t kind,
                               uint16_t object, int32_t value) {
   r->step = step;

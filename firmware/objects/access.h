@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_OBJECTS_ACCESS_H_
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
-/* The object dictionary as a protocol sees it: values by object number, and what lies at a CANopen
- * address. Implemented by dictionary.c, which knows neither the protocols nor the owners of the
+/* The object dictionary for protocols: values by object number, and entries by CANopen address.
+ * Implemented by dictionary.c, which depends neither on the protocols nor on the owners of the
  * values. */
 
 #include <stdbool.h>
@@ -12,7 +12,7 @@
 
 typedef struct dictionary dictionary_t;
 
-/* Who asks. The first three are the values of command_source. */
+/* The source of an access. The first three are the values of command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
@@ -26,7 +26,7 @@ typedef enum {
   FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
   FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
   FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
-  FW_ERROR_RANGE = -4,      /* outside the range of the object, or at odds with another one */
+  FW_ERROR_RANGE = -4,      /* outside the range of the object, or in conflict with another one */
   FW_ERROR_STATE = -5,      /* not in this state of the axis, the recorder or the PDO */
   FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
   FW_ERROR_LOCKED = -7,     /* another source owns the axis */
@@ -40,14 +40,14 @@ typedef enum {
  * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
-/* The one way a value gets in: writes a raw value or gives a command on behalf of `source`,
- * between ticks; the next tick sees it. Nothing is clipped.
+/* The only way to write: writes a raw value or executes a command on behalf of `source`, between
+ * ticks; it acts in the next tick. Nothing is clipped.
  * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
  *   command_source, and the owner canopen's.
  * FW_ERROR_RANGE: outside the object's range; force_sign 0; position_min above position_max; a
  *   recorder channel or trigger that is no readable object; recorder_arm with no channel, or with
  *   a pretrigger or length that the buffer does not hold; a mode of operation or homing method
- *   that there is none of.
+ *   that does not exist.
  * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
  *   or done) while it is not; a native mode other than disabled while a fault is latched, or over a
  *   bus, which uses controlword and modes_of_operation; a PDO's mapping while the PDO is valid.
@@ -55,33 +55,32 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  *   the store is at work.
  * FW_ERROR_MAPPING: as above.
  * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
- * A write that is accepted feeds the owner's watchdog, and nothing else does: a client that only
- * reads would keep an axis moving that nobody commands any more. Writing the value that is there
- * already is enough.
+ * Only an accepted write feeds the owner's watchdog: otherwise a client that only reads would keep
+ * an axis moving that is no longer commanded. Writing the present value is enough.
  * The soft limits and position_setpoint are not checked against each other, in either order: a
- *   limit can always be drawn closer, and the axis stops at it on the way to a set-point beyond. */
+ *   limit can always be tightened, and the axis stops at it on the way to a set-point beyond. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* What dictionary_write() would answer now; nothing is written. Of a command only what does not
- * depend on its outcome: not whether the recorder's set-up fits, nor whether there is a store. */
+/* What dictionary_write() would return now; nothing is written. For a command without the checks
+ * that its execution makes: whether the recorder's set-up fits, whether there is a store. */
 int dictionary_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* What lies at a CANopen address, or NULL. */
+/* The entry at a CANopen address, or NULL. */
 const axis_address_t *dictionary_address(uint16_t index, uint8_t sub);
 
 /* The object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
 uint16_t dictionary_object_at(uint32_t address);
 
-/* Where the lowest byte of a readable object lies, in bytes from `objects`; the others follow. What
- * is mapped is fetched from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
+/* Where the lowest byte of a readable object lies, in bytes from `objects`; the others follow.
+ * Mapped values are read from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
 uint16_t dictionary_place(const dictionary_t *objects, uint16_t object);
 
 /* Text of an AXIS_ADDRESS_TEXT entry, ended by 0. */
 const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 
-/* The AXIS_ADDRESS_DOMAIN entry, the finished recording: oldest sample first, each packed as
- * recorder.h says. Its size in bytes, 0 without one; and up to `count` of them from `offset`, which
- * returns how many there were. */
+/* The AXIS_ADDRESS_DOMAIN entry, the finished recording: oldest sample first, packed as in
+ * recorder.h. Its size in bytes, 0 without one; and up to `count` bytes from `offset`, of which the
+ * number is returned. */
 uint32_t dictionary_domain_size(const dictionary_t *objects);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                                 uint32_t count);

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_OBJECTS_DICTIONARY_H_
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
-/* The object dictionary for whoever owns the values: it finds them by a table that the owner hands
- * in, one row for each block of the object table, and calls the owner through it. access.h is what
- * protocols need. */
+/* The object dictionary for the owner of the values: a table of the owner, with one row for each
+ * block of the object table, locates them and holds the owner's callbacks. Protocols use access.h.
+ */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -45,10 +45,10 @@ void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
 /* Whether an object of this number has a value that can be read in any tick. */
 bool dictionary_has_value(uint16_t object);
 
-/* Whether a value may be put into an object at power-up. */
+/* Whether a value may be restored to an object at power-up. */
 bool dictionary_restorable(uint16_t object, int32_t value);
 
-/* Puts it there without calling the owner: what depends on it is started afterwards. */
+/* Restores it without calling the owner, who applies all restored values afterwards. */
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value);
 
 #endif

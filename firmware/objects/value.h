@@ -14,7 +14,7 @@ int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 /* The value must be in the range of the type. */
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 
-/* Gives every object of one AXIS_BLOCK_ structure its power-up value. */
+/* Sets every object of one AXIS_BLOCK_ structure to its power-up value. */
 void value_store_defaults(void *structure, uint8_t block);
 
 /* The low bits of a value, as packed by the recorder, with their sign. */

@@ -1,14 +1,14 @@
 #ifndef FIRMWARE_PORT_PORT_H_
 #define FIRMWARE_PORT_PORT_H_
 
-/* What a board gives the firmware. firmware/port/main.c is the program of every board: it calls
- * these, and the board's interrupt calls port_tick() 1500 times a second. README.md beside this
- * file says how to add a board, blank/ is one that does nothing.
+/* The functions that a board implements. firmware/port/main.c is the program of every board: it
+ * calls these, and the board's interrupt calls port_tick() 1500 times a second. README.md beside
+ * this file describes how to add a board; blank/ is one that does nothing.
  *
  * Called from the tick: port_sample, port_sense, port_act, port_feed_watchdog. From the main loop,
  * which the tick wakes: port_can_*, port_serial_*, port_lock, port_unlock, port_idle, and under
- * port_lock port_overran. No call waits longer than it says; what a peripheral does not answer in
- * time is a fault of the axis. */
+ * port_lock port_overran. No call waits longer than stated here; a peripheral that does not respond
+ * in time is a fault of the axis. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -30,16 +30,16 @@ void port_start(void);
 
 /* The inputs of this tick. port_sample() reads encoder and digital inputs and starts the conversion
  * of both ADC channels; port_sense(), some 200 instructions later, reads them, waiting for at most
- * 5 us. What cannot be read leaves sensor_valid 0. False: there is nothing to be ticked this time
- * (an emulator whose host has ended). */
+ * 5 us. If anything cannot be read, sensor_valid is 0. False: no tick is due (an emulator whose
+ * host has ended). */
 bool port_sample(axis_inputs_t *inputs);
 void port_sense(axis_inputs_t *inputs);
 
-/* Puts the outputs out. The amplifier goes on only while the DAC stands at mid-scale, before it is
+/* Sets the outputs. The amplifier goes on only while the DAC stands at mid-scale, before it is
  * set to another code, and the DAC is back at mid-scale before the amplifier goes off. */
 void port_act(const axis_outputs_t *outputs);
 
-/* CAN: the next frame that was received; one to be sent (false: no room now, offer it again later);
+/* CAN: the next frame that was received; one to be sent (false: no room now, to be repeated later);
  * state of the bus, CAN_BUS_, polled at least once a tick; frames lost since the last call.
  */
 bool port_can_receive(can_frame_t *frame);
@@ -48,20 +48,20 @@ uint8_t port_can_bus(void);
 uint16_t port_can_lost(void);
 
 /* Serial line: up to `room` bytes that were received; bytes to be sent, returns how many were
- * taken. */
+ * accepted. */
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room);
 uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count);
 
-/* The tick interrupt is masked in between, and late if it comes: only for short sections. */
+/* The tick interrupt is masked between the two, so a tick may be late: only for short sections. */
 void port_lock(void);
 void port_unlock(void);
 
-/* Whether a tick was late since the last call; `missed`: how many did not come at all, since what
- * keeps the interrupt away for long (an erase of the flash) leaves one of them pending. */
+/* Whether a tick was late since the last call; `missed`: how many did not run at all: a long
+ * stall (an erase of the flash) leaves only one interrupt pending. */
 bool port_overran(uint32_t *missed);
 
-/* Called only from ticks that find the main loop alive, so that the watchdog notices when either of
- * them stops. */
+/* Called only from ticks after which the main loop has run, so that the watchdog resets the chip
+ * when either of them stops. */
 void port_feed_watchdog(void);
 
 /* Nothing to do until the next interrupt. */
@@ -70,8 +70,8 @@ void port_idle(void);
 /* firmware/port/main.c: called by the board. */
 
 /* One tick, called from the 1500 Hz interrupt: fw_prepare() while inputs are converted,
- * fw_control(), fw_report(), watchdog. fw_between() and the buses are the main loop's: when that
- * hangs for FW_BETWEEN_TICKS_MAX ticks, the axis is switched off, and if it does not return, the
+ * fw_control(), fw_report(), watchdog. fw_between() and the buses run in the main loop: when
+ * that hangs for FW_BETWEEN_TICKS_MAX ticks the axis is disabled, and if it does not resume the
  * watchdog resets the chip. */
 void port_tick(void);
 

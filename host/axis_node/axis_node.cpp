@@ -33,13 +33,13 @@ using std::chrono::milliseconds;
 using namespace std::chrono_literals;
 
 constexpr milliseconds kServe{100};
-// The plant may miss the last answer and ask again, at most every 100 ms.
+// If the last answer is lost the plant repeats its inputs, at least every 100 ms.
 constexpr milliseconds kLinger{250};
 constexpr int kTicksPerFlush = 1500;  // of the journal: about a second
-// Frames that wait for room at the interface; further ones are lost, as on a bus that is down.
+// Frames queued for the interface; further ones are lost, as on a bus that is down.
 constexpr std::size_t kMostUnsent = 256;
 
-// What only this node has.
+// The options that only axis_node has.
 struct AxisOptions {
   std::string can;     // empty: no CANopen
   std::string modbus;  // empty: no Modbus
@@ -48,7 +48,7 @@ struct AxisOptions {
   std::string journal;
   double hold_s = 0;
   bool serve = false;
-  bool real_time = false;  // a late tick counts
+  bool real_time = false;  // late ticks are counted
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
@@ -68,8 +68,8 @@ std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
   return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
 }
 
-// Checks the files of --store and --journal before anything is opened for good: a run that cannot
-// begin creates no file and changes none.
+// Checks the files of --store and --journal before any is opened: a run that cannot begin neither
+// creates nor changes a file.
 void expect_files(const AxisOptions &options, const std::string &suffix) {
   if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
   if (options.store.empty()) return;
@@ -78,7 +78,7 @@ void expect_files(const AxisOptions &options, const std::string &suffix) {
   if (access(file.c_str(), F_OK) == 0) open_store(file);
 }
 
-// One axis of this node: its firmware, what that is attached to, and its journal.
+// One axis of this node: its firmware, its bus, its store and its journal.
 class Axis {
  public:
   Axis(int number, const host::Experiment &experiment, std::span<const std::string> overrides,
@@ -107,7 +107,7 @@ class Axis {
       };
     }
     firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
-    // Each entry carries the tick that will see it.
+    // Each entry carries the tick before which it is applied.
     handlers_.frame = [this](const can_frame_t &frame) {
       if (journal_) journal_->can(coming(), frame);
       axis_host_can_receive(axis(), &frame);
@@ -181,12 +181,12 @@ class Axis {
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // what it answered after the plant fell silent
+  std::string lost;  // its response to the silence of the plant
 
  private:
   axis_host_t *axis() { return firmware_->axis(); }
 
-  // Once: the axis goes on, it may be driving something.
+  // Once, as a warning: stopping the axis could be dangerous.
   void report_broken_journal() {
     if (!journal_broken() || std::exchange(reported_broken_, true)) return;
     std::cerr << "axis_node: " << journal_file_
@@ -224,7 +224,7 @@ class Axis {
   std::deque<can_frame_t> unsent_;
 };
 
-// The signal that ends the run: journal and report are still written. A second one ends at once.
+// The signal that ends the run after journal and report are written. A second one ends at once.
 std::atomic<int> stopped{0};
 
 void end_by_signals() {
@@ -232,7 +232,7 @@ void end_by_signals() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
-  // A thread of its own takes them, so that they interrupt nothing.
+  // A thread of its own receives the signals, so that they interrupt no system call.
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::thread([signals] {
     for (int signal = 0; sigwait(&signals, &signal) == 0;) {
@@ -366,8 +366,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   return stopped != 0 ? 128 + stopped : 1;
 }
 
-// Runs as standard input asks for them, one a line: run number, experiment and overrides, separated
-// by tabs. What fails becomes {"error": ..., "status": 1 or 2} and the next line is read.
+// Runs requested on standard input, one a line: run number, experiment and overrides, separated by
+// tabs. A failed one is reported as {"error": ..., "status": 1 or 2}, and the next line is read.
 int serve(const nodes::NodeOptions &base, const AxisOptions &own) {
   for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;
@@ -416,14 +416,14 @@ int main(int argc, char **argv) {
   app.add_option("--store", own.store,
                  "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
   app.add_option("--journal", own.journal,
-                 "File for everything the firmware takes in, for `forceaxis replay`; of several "
+                 "File for everything the firmware receives, for `forceaxis replay`; of several "
                  "axes FILE.1, FILE.2, ...");
   app.add_option("--hold", own.hold_s,
                  "Seconds to go on serving the buses after the plant fell silent, disabled.")
       ->check(nodes::real_range(0, 86400))
       ->capture_default_str();
   app.add_flag("--serve", own.serve,
-               "Take runs from standard input, one a line: run number, experiment and overrides, "
+               "Read runs from standard input, one a line: run number, experiment and overrides, "
                "separated by tabs.");
   app.footer(
       "Example:\n"

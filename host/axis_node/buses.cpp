@@ -35,7 +35,7 @@ void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
 constexpr int kFramesPerTick = 64;
 
 void CanPort::receive(const Handlers &handlers) {
-  // An interface that was down is checked now and then.
+  // An interface that was down is checked every kCallsPerCheck calls.
   if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerCheck == 0 && socket_.is_up()) {
     set_state(CAN_BUS_ACTIVE, handlers);
   }

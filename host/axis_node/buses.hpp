@@ -17,7 +17,7 @@ namespace forceaxis::nodes {
 // as nodes of a bus do. Only classic frames with 11-bit identifiers are passed on.
 class CanPort {
  public:
-  // Throws canopen::CanError.
+  // Throws canopen::CanError if there is no such interface or it is down.
   explicit CanPort(const std::string &interface);
 
   struct Handlers {
@@ -25,12 +25,13 @@ class CanPort {
     std::function<void(std::uint16_t)> lost;  // frames that the kernel had to drop
     std::function<void(std::uint8_t)> state;  // CAN_BUS_, at a change
   };
+  // Passes on pending frames, at most 64, and changes of the interface's state; never waits.
   void receive(const Handlers &handlers);
 
   // Whether the interface is down.
   bool is_off() const { return state_ == CAN_BUS_OFF; }
 
-  // False: the interface takes nothing now.
+  // False: the interface did not accept the frame, because its queue is full or it is down.
   bool send(const can_frame_t &frame);
 
  private:
@@ -44,7 +45,8 @@ class CanPort {
 // The serial line, one for all axes of the process: 8 data bits, even parity.
 class ModbusPort {
  public:
-  // Throws TransportError.
+  // `baud` in bit/s: 9600, 19200, 38400, 57600, 115200 or 230400; any other leaves the line's own.
+  // Throws TransportError if the device cannot be opened or is no serial line.
   ModbusPort(const std::string &device, int baud);
   ModbusPort(const ModbusPort &) = delete;
   ModbusPort &operator=(const ModbusPort &) = delete;
@@ -52,6 +54,7 @@ class ModbusPort {
 
   // The bytes received since the last call, possibly none.
   std::span<const std::uint8_t> receive();
+  // Sends what the device accepts now; the bytes beyond that are lost, as on a line.
   void send(std::span<const std::uint8_t> bytes);
 
  private:

@@ -117,7 +117,7 @@ int CanSocket::receive(std::span<can_frame> frames) {
 }
 
 void CanSocket::set_wait(std::chrono::milliseconds wait) {
-  if (wait == wait_) return;  // so that a usual tick needs no call for it
+  if (wait == wait_) return;  // saves a system call in most ticks
   const timeval time{wait.count() / 1000, wait.count() % 1000 * 1000};
   ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
   wait_ = wait;

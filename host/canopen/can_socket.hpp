@@ -10,7 +10,7 @@
 
 namespace forceaxis::canopen {
 
-// No CAN, no such interface, or it is down: the text says what to do.
+// No CAN, no such interface, or it is down: what() is one line with the remedy.
 struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -36,15 +36,15 @@ class CanSocket {
   int fd() const { return fd_; }
   bool is_up() const;
 
-  // Hands over the first of the frames, at most kBatch. Returns how many the interface took, at
-  // least 1, or -errno: ENOBUFS and EAGAIN if it has no room now.
+  // Queues the first of the frames, at most kBatch. Returns how many the interface accepted, at
+  // least 1, or -errno: -ENOBUFS and -EAGAIN if its queue is full.
   int send(std::span<const can_frame> frames);
 
-  // Takes what has come, at most kBatch. Returns how many frames, or -errno: EAGAIN if there is
+  // Receives the pending frames, at most kBatch. Returns how many, or -errno: -EAGAIN if there is
   // none, in a blocking socket none within the wait.
   int receive(std::span<can_frame> frames);
 
-  // How long receive() of a blocking socket waits for its first frame; without it for ever.
+  // How long receive() of a blocking socket waits for its first frame; by default for ever.
   void set_wait(std::chrono::milliseconds wait);
 
   // Frames that the kernel had to drop since the last call, known from the next frame received.
@@ -56,7 +56,7 @@ class CanSocket {
   bool deep_;
   std::chrono::milliseconds wait_{-1};
   std::uint32_t dropped_ = 0;  // as the kernel counts, wraps
-  std::uint32_t lost_ = 0;     // not taken yet
+  std::uint32_t lost_ = 0;     // not reported yet
 };
 
 }  // namespace forceaxis::canopen

@@ -161,7 +161,7 @@ std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
     toggle_ = !toggle_;
     return request(static_cast<std::uint8_t>(kUploadSegment << 5 | (toggle_ ? kToggle : 0)));
   }
-  // Bytes that were lost on the way show here.
+  // Detects segments that were lost in transfer.
   if (size_ && *size_ != data_.size()) return abort(kAbortLength);
   result_.data = std::move(data_);
   data_.clear();
@@ -197,7 +197,7 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       toggle_ = !toggle_;
       break;
   }
-  // The server has taken all that was sent so far.
+  // The server has accepted all that was sent so far.
   if (sent_ < data_.size() || (data_.empty() && state_ == State::download)) return next_segment();
   state_ = State::idle;
   return std::nullopt;

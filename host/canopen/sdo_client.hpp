@@ -1,6 +1,7 @@
 #pragma once
-// One SDO channel of one node, as its client: expedited and segmented transfers, one at a time.
-// Passive: answers go in, requests come out, and the caller says when the server was too slow.
+// The client of one node's SDO channel: expedited and segmented transfers, one at a time
+// (CiA 301, 7.2.4). Passive: the caller passes responses in, sends the requests that come out, and
+// calls time_out() when the server is too slow.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -12,18 +13,18 @@
 
 namespace forceaxis::canopen {
 
-// Abort codes that the client itself gives; the others come from the server.
+// Abort codes that the client itself sends; the others come from the server.
 constexpr std::uint32_t kAbortToggle = 0x05030000, kAbortTimeout = 0x05040000,
                         kAbortCommand = 0x05040001, kAbortLength = 0x06070010;
-// Of servers.
+// Abort codes of servers that callers distinguish.
 constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
 
-// "value too high": what an abort code means.
+// What an abort code means, such as "value too high".
 std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {
   std::uint32_t abort = 0;         // 0: done
-  bool silent = false;             // it is kAbortTimeout because no answer came
+  bool silent = false;             // abort is kAbortTimeout: no response came
   std::vector<std::uint8_t> data;  // of an upload
 
   bool ok() const { return abort == 0; }
@@ -31,21 +32,23 @@ struct SdoResult {
 
 class SdoClient {
  public:
+  // `request_id`: identifier of the requests, 600h + node for the default channel.
   explicit SdoClient(std::uint32_t request_id) : request_id_(request_id) {}
 
-  // Each begins a transfer and gives its first request. None may be under way.
+  // Each begins a transfer and returns its first request. busy() must be false. `data` is
+  // little-endian.
   Frame upload(std::uint16_t index, std::uint8_t sub);
   Frame download(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> data);
 
-  // An answer of the server. Gives what is to be sent next, if anything; an answer that does not
-  // belong to the transfer (one that came too late) changes nothing.
+  // Accepts a response of the server. Returns the next frame to send, if any; a response that does
+  // not belong to the transfer (one that came too late) changes nothing.
   std::optional<Frame> receive(const Frame &answer);
 
-  // The answer did not come: ends the transfer and gives the abort to send.
+  // Ends a transfer whose response did not come; returns the abort to send.
   Frame time_out();
 
   bool busy() const { return state_ != State::idle; }
-  // Of the transfer that has ended.
+  // The result of the transfer that has ended; to be called once.
   SdoResult take_result() { return std::exchange(result_, {}); }
 
  private:

@@ -17,8 +17,8 @@ constexpr std::uint32_t kUnused = 0x1FF;
 constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9;
 constexpr std::int64_t kTicksInId = 4096;
 constexpr std::int64_t kTicksInData = 65536;
-// A controller's queue that is full drains at the speed of the bus, 12 frames in 2 ms. One that
-// does not is a bus that is down: the exchange asks again, and knows when to give up.
+// A full controller queue drains at the speed of the bus, 12 frames in 2 ms. One that does not
+// belongs to a bus that is down: the exchange repeats its records until its time-out.
 constexpr int kRoomTries = 20;
 constexpr std::chrono::microseconds kRoomWait{500};
 constexpr std::uint8_t kInputBytes = 8, kOutputBytes = 7;
@@ -36,7 +36,7 @@ canid_t id_of(std::uint8_t axis, std::int64_t tick) {
          static_cast<std::uint32_t>(tick % kTicksInId) << kTickShift;
 }
 
-// 0 if the identifier is not one of ours.
+// The axis of an identifier, from 1; 0 if it is not one of the link.
 std::uint8_t axis_of(canid_t id) {
   const std::uint32_t axis = id >> kAxisShift & 7U;
   const bool ours = (id & CAN_EFF_FLAG) != 0 && (id & (CAN_RTR_FLAG | CAN_ERR_FLAG)) == 0 &&
@@ -44,7 +44,7 @@ std::uint8_t axis_of(canid_t id) {
   return ours ? static_cast<std::uint8_t>(axis + 1) : 0;
 }
 
-// The tick nearest to `near` that is `residue` mod `modulus`.
+// The tick nearest to `near` that is congruent to `residue` mod `modulus`.
 std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t near) {
   std::int64_t ahead = (residue - near) % modulus;
   if (ahead < 0) ahead += modulus;
@@ -53,7 +53,7 @@ std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t nea
 
 std::string why(int error) { return std::strerror(error); }
 
-// Both ends: frames out, frames in, several with one call of the kernel.
+// Either end: sends and receives frames, several with one system call.
 template <class Out, class In>
 class CanTransport : public Transport<Out, In> {
  public:
@@ -183,7 +183,7 @@ std::optional<LinkOutputs> link_outputs_of(const can_frame &frame) {
   out.tick = get16(frame.data + 3);
   out.fault = frame.data[5];
   out.limit_reason = frame.data[6];
-  // Identifier and data must speak of the same tick.
+  // Identifier and data must carry the same tick.
   if ((frame.can_id >> kTickShift & (kTicksInId - 1)) != out.tick % kTicksInId) return std::nullopt;
   return out;
 }

@@ -17,7 +17,7 @@ namespace forceaxis::host {
 can_frame can_frame_of(const LinkInputs &in);
 can_frame can_frame_of(const LinkOutputs &out);
 
-// The records as far as the frame says: the tick is given mod 4096, of outputs mod 65536. Nothing
+// The record that a frame carries; its tick is known mod 4096 only, of outputs mod 65536. Nothing
 // if it is no such frame.
 std::optional<LinkInputs> link_inputs_of(const can_frame &frame);
 std::optional<LinkOutputs> link_outputs_of(const can_frame &frame);

@@ -52,7 +52,7 @@ ChipSide::Answer ChipSide::ask(const Record &record) const {
     const int events = poll(&ready, 1, static_cast<int>(pipes_.patience.count()));
     if (events < 0 && errno == EINTR) continue;
     if (events <= 0) {
-      fail("said nothing for " + std::to_string(pipes_.patience.count()) + " ms");
+      fail("no response for " + std::to_string(pipes_.patience.count()) + " ms");
     }
     const ssize_t n = read(pipes_.from_fd, &answer[got], answer.size() - got);
     if (n <= 0) fail("ended");

@@ -24,7 +24,8 @@
 
 namespace forceaxis::host {
 
-// Pipes to and from the chip; the caller's. A chip that says nothing for `patience` is silent.
+// Pipes to and from the chip, owned by the caller. A chip that sends nothing for `patience` counts
+// as silent.
 struct ChipPipes {
   int to_fd = -1;
   int from_fd = -1;
@@ -38,8 +39,8 @@ struct ChipCounts {
 
 class ChipSide {
  public:
-  // Gives the initial writes to a chip that has just powered up. Throws sim::InputError if the
-  // firmware refuses one, TransportError if the chip falls silent; as everything here does.
+  // Sends the initial writes to a chip that has just powered up. Throws sim::InputError if the
+  // firmware refuses one. Every function here throws TransportError if the chip falls silent.
   ChipSide(const Experiment &experiment, const ChipPipes &pipes);
 
   LinkOutputs tick(const LinkInputs &in);
@@ -67,8 +68,8 @@ struct ChipRun {
   ChipCounts counts;
 };
 
-// As run(), with the firmware on the chip. result.firmware_hash is that of what the chip was given
-// and answered.
+// As run(), with the firmware on the chip. result.firmware_hash is over the inputs that the chip
+// received and the outputs that it answered.
 ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
                     const ChipPipes &pipes);
 

@@ -16,7 +16,7 @@
 namespace forceaxis::host {
 namespace {
 
-// An axis_node answers repeats for a quarter of a second after its run.
+// An axis_node keeps its claim for a quarter of a second after its run, to answer repeats.
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 

@@ -1,5 +1,5 @@
 #pragma once
-// Who has a place on a link to itself.
+// Exclusive use of a place on a link.
 #include <string>
 
 namespace forceaxis::host {

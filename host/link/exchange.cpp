@@ -7,15 +7,15 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// How long the plant waits before it repeats: several round trips of an idle machine. It doubles
-// with every repeat, so that a busy machine is not kept busy with repeats.
+// How long the plant waits before it repeats: several round trips of an idle machine. The time
+// doubles with every repeat, so that repeats do not load a busy machine.
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
-// So many useless records the plant receives before it reads the clock.
+// Records without effect that the plant receives before it reads the clock.
 constexpr unsigned kUselessWithoutClock = 16;
 
-// The firmware reads the clock when nothing was received, else every so many calls.
+// The firmware reads the clock when nothing was received, else every kCallsPerClock calls.
 constexpr unsigned kCallsPerClock = 512;
 
 std::string seconds_text(milliseconds time) {
@@ -37,7 +37,7 @@ std::string axes_text(unsigned axes) {
   return (text.size() > 1 ? "axes " : "axis ") + text;
 }
 
-// Takes what came. Returns which of inputs it answered, as bits of their places.
+// Receives records. Returns which of the inputs they answer, one bit for each place.
 unsigned PlantExchange::take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                              milliseconds wait) {
   std::array<LinkOutputs, 2 * kMostAxes> came;
@@ -64,7 +64,7 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   transport_.send(inputs);
   statistics_.sent += inputs.size();
   unsigned missing = (1U << inputs.size()) - 1;
-  // What is usual needs no clock: answers, and now and then a late one of the tick before.
+  // The usual case needs no clock: answers, sometimes a late one of the tick before.
   for (unsigned useless = 0; missing != 0;) {
     const unsigned answered = take(inputs, outputs, kFirstRepeat) & missing;
     missing &= ~answered;

@@ -1,8 +1,8 @@
 #pragma once
 // Stop and wait. The plant is master: it sends the inputs of a tick and repeats them until it has
-// received the outputs of that tick. The firmware computes a tick once, answers a repeated one from
-// memory and ignores every other. So whatever a transport loses, doubles or delays, both sides
-// compute the same ticks with the same values.
+// received the outputs of that tick. The firmware computes a tick once, repeats its stored outputs
+// when the inputs arrive again, and ignores inputs of any other tick. So whatever a transport
+// loses, duplicates or delays, both sides compute the same ticks with the same values.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -18,10 +18,10 @@ namespace forceaxis::host {
 
 // Records, as one side sees them.
 struct LinkStatistics {
-  std::uint64_t sent = 0;        // handed to the transport, repeats included
-  std::uint64_t received = 0;    // of this run and a hosted axis
-  std::uint64_t repeated = 0;    // sent again: no answer in time (plant), asked again (firmware)
-  std::uint64_t duplicates = 0;  // received, and of a tick that was done already
+  std::uint64_t sent = 0;      // handed to the transport, repeats included
+  std::uint64_t received = 0;  // of this run, for a hosted axis
+  std::uint64_t repeated = 0;  // sent again: no answer in time (plant), inputs repeated (firmware)
+  std::uint64_t duplicates = 0;  // received for a tick that was done already
   std::uint64_t foreign = 0;     // not of this run, or malformed
 };
 
@@ -31,6 +31,7 @@ struct LinkTimeouts {
   std::chrono::milliseconds running{1000};
 };
 
+// The partner sent nothing for longer than LinkTimeouts allow.
 struct LinkSilent : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -76,8 +77,8 @@ class AxisExchange {
   // bits axis - 1; those are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
-  // Every axis has done its last tick or fallen silent. A plant may still miss the last answer:
-  // go on serving until quiet() says that it has been so for a while.
+  // Every axis has done its last tick, or its plant has fallen silent. The last answer may have
+  // been lost: call serve() until quiet(), the time since the last record, is long enough.
   bool finished() const { return running_ == 0; }
   std::chrono::milliseconds quiet() const;
 

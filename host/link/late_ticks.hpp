@@ -1,6 +1,5 @@
 #pragma once
-// Which ticks come too late at the firmware's end of a link, where the pace of the plant is known
-// by nothing but when they come.
+// Detects late ticks at the firmware's end of a link, from the times at which they arrive alone.
 #include <cstdint>
 
 namespace forceaxis::host {

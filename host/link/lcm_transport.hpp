@@ -9,12 +9,11 @@
 
 namespace forceaxis::host {
 
-// Where a run's records go when no other place is given: a UDP multicast port of this machine that
-// follows from the run's number, so that two runs seldom meet and, where they do, ignore each
-// other.
+// The default URL of a run: a UDP multicast port of this machine that follows from the run's
+// number. Two runs seldom share a port; those that do ignore each other's records.
 std::string lcm_url_of(std::int64_t run_id);
 
-// Throw TransportError: not an URL that LCM takes, or no route for multicast.
+// Throw TransportError: LCM does not accept the URL, or there is no route for multicast.
 std::unique_ptr<PlantTransport> lcm_plant_transport(const std::string &url, std::int64_t run_id);
 std::unique_ptr<AxisTransport> lcm_axis_transport(const std::string &url, std::int64_t run_id);
 

@@ -30,13 +30,13 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
-// What no two plants or axes may share.
+// The place on the link that only one plant or axis may have.
 std::string claimed(const LinkOptions &options) {
   return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
                                : options.can_interface;
 }
 
-// Ticks at their times: tick k at k / 1500 s after the first, exactly.
+// Waits for the time of each tick: tick k is due exactly k / 1500 s after the first.
 class Pacer {
  public:
   void wait_for(std::int64_t tick) {
@@ -50,7 +50,7 @@ class Pacer {
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
     }
   }
-  // Since the time of the tick that was waited for last.
+  // Time since the last tick was due, us.
   std::int64_t late_us() const { return started_ ? (now_ns() - due_ns_) / 1000 : 0; }
   std::int64_t overruns = 0;
 

@@ -1,5 +1,5 @@
 #pragma once
-// A run whose firmware is another process: the plant's end of it, for one or several axes.
+// The plant's end of a run whose firmware is another process, for one or several axes.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -25,7 +25,7 @@ struct LinkOptions {
   Injection injection;
 };
 
-// Where the records go, for messages.
+// The link as messages name it: its kind and interface or URL.
 std::string link_text(const LinkOptions &options);
 
 struct LinkReport {
@@ -36,20 +36,21 @@ struct LinkReport {
   std::int64_t overruns = 0;  // paced ticks that began more than a tick late
 };
 
-// Where a run is, for a LinkWatch.
+// The progress of a run, passed to a LinkWatch.
 struct LinkMoment {
   struct Axis {
     int number;
     const sim::Plant *plant;
   };
   std::int64_t tick = 0;
-  std::optional<std::int64_t> late_us;  // behind the wall clock, where the run keeps to it
+  std::optional<std::int64_t> late_us;  // delay against the wall clock; none: the run is not paced
   std::vector<Axis> axes;               // those that still run, at this tick
 };
 constexpr std::int64_t kTicksBetweenMoments = 150;  // a tenth of a second
 using LinkWatch = std::function<void(const LinkMoment &)>;
 
-// The plants of a run. Constructed, and so known to be possible, before the run counts as ready.
+// The plants of a run. The constructor acquires the link, so that it fails before the run is
+// reported as ready.
 class LinkedPlants {
  public:
   // experiments[i] is that of axis first_axis + i; they must outlive this. Throws TransportError.
@@ -58,9 +59,9 @@ class LinkedPlants {
   ~LinkedPlants();
 
   // All ticks. `real_time`: a tick begins at its time on the wall clock and not earlier. The
-  // results' `refused` are empty, those are known to the other process. `watch` is called every
-  // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. Throws what the run in
-  // process throws, LinkSilent, TransportError. report() is valid in either case.
+  // results' `refused` are empty: the other process reports refusals. `watch` is called every
+  // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. Throws what run() throws,
+  // LinkSilent, TransportError. report() is valid in either case.
   std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {});
 
   LinkReport report() const;
@@ -70,10 +71,11 @@ class LinkedPlants {
   std::unique_ptr<Ends> ends_;
 };
 
-// For as long as it lives no other process of this machine is this axis on the link.
+// While it exists no other process of this machine can be this axis on the link. Throws
+// TransportError. `axis` from 1.
 std::unique_ptr<LinkClaim> claim_axis(const LinkOptions &options, int axis);
 
-// The firmware's end of the link; `counts` must outlive it.
+// The firmware's end of the link; `counts` must outlive it. Throws TransportError.
 std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,
                                                    InjectionCounts &counts);
 

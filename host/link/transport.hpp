@@ -1,6 +1,6 @@
 #pragma once
-// How records travel: datagrams that may be lost, doubled or late. What makes a run of them that
-// needs each exactly once is exchange.hpp.
+// Carries records as datagrams that may be lost, duplicated or late. exchange.hpp makes a run of
+// them, in which each tick is computed exactly once.
 #include <chrono>
 #include <cstdint>
 #include <span>
@@ -11,7 +11,7 @@
 
 namespace forceaxis::host {
 
-// The transport cannot be had, or the machine refuses it. One line, with what to do.
+// The transport cannot be opened, or the system refuses a call. what() is one line with the remedy.
 struct TransportError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -22,14 +22,14 @@ class Transport {
  public:
   virtual ~Transport() = default;
 
-  // Puts each record on the wire once. Throws TransportError if the machine refuses.
+  // Sends each record once. Throws TransportError if the system refuses.
   virtual void send(std::span<const Out> records) = 0;
 
-  // Waits until a record has come or the time is over, then takes what is there without waiting
-  // further. Returns how many, 0 after the time or when something came that was no record of ours.
+  // Waits for a record, at most `wait`, then receives what is pending without further waiting.
+  // Returns how many records; 0 after the time, or when only foreign data came.
   virtual std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) = 0;
 
-  // Of everything that arrived and was of no use: another run's, or malformed.
+  // How many arrived that were no records of this run: another run's, or malformed.
   virtual std::uint64_t foreign() const = 0;
 };
 

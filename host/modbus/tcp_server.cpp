@@ -43,14 +43,15 @@ TcpServer::~TcpServer() {
 }
 
 std::pair<std::uint64_t, int> TcpServer::accept() {
-  // modbus_tcp_accept() closes the listening socket when a client has gone before it was accepted.
+  // modbus_tcp_accept() closes the listening socket when a client disconnects before it is
+  // accepted.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
   if (clients_.size() == kMostClients) {
     ::close(socket);
     return {0, -1};
   }
-  // Answers are whole and small: none waits for more to say.
+  // Each response is one small packet; Nagle's algorithm would only delay it.
   const int on = 1;
   ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   clients_[++last_client_].socket = socket;
@@ -83,7 +84,7 @@ bool TcpServer::serve_next(std::uint64_t number, Client &client) {
   while (client.pending.empty() && client.bytes.size() >= kHeader) {
     const auto &b = client.bytes;
     const unsigned length = static_cast<unsigned>(b[4] << 8 | b[5]);
-    // What is no Modbus has no frames to find again: the connection ends.
+    // Without a valid header the next frame cannot be located: the connection ends.
     if (b[2] != 0 || b[3] != 0 || length < 2 || length > kMostLength) return false;
     if (b.size() < kBeforeLength + length) return true;
     const auto body = b.begin() + static_cast<std::ptrdiff_t>(kHeader);
@@ -96,7 +97,7 @@ bool TcpServer::serve_next(std::uint64_t number, Client &client) {
     client.pending = header;
     serve_(number, unit, request);
   }
-  // A client that sends on and on without taking answers.
+  // False for a client that goes on sending requests without reading responses.
   return client.bytes.size() < 65536;
 }
 

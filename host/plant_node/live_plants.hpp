@@ -10,10 +10,12 @@ namespace forceaxis::nodes {
 
 class LivePlants {
  public:
+  // Throws what lcm_bus::SimChannels throws.
   explicit LivePlants(const std::string &url) : lcm_(url) {}
 
+  // Publishes the clock and the true signals of every axis at this moment.
   void show(const host::LinkMoment &moment);
-  // `why`: empty if the run came to its end.
+  // Publishes that the run ended at `tick`; `why` is empty unless it failed.
   void end(std::int64_t tick, const std::string &why);
 
  private:

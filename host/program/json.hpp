@@ -1,5 +1,5 @@
 #pragma once
-// One JSON object on one line, written as it comes.
+// Writes one JSON object on one line; keys appear in the order in which they are added.
 #include <cmath>
 #include <concepts>
 #include <cstdio>
@@ -8,6 +8,7 @@
 
 namespace forceaxis::nodes {
 
+// The text as a JSON string, with its quotes.
 inline std::string json_text(std::string_view text) {
   std::string out = "\"";
   for (const char c : text) {
@@ -27,6 +28,7 @@ inline std::string json_text(std::string_view text) {
 
 class JsonObject {
  public:
+  // `value` is JSON already.
   JsonObject &raw(std::string_view key, std::string_view value) {
     text_ += (text_.empty() ? "{" : ", ") + json_text(key) + ": " + std::string(value);
     return *this;
@@ -36,6 +38,7 @@ class JsonObject {
   }
   JsonObject &add(std::string_view key, const char *value) { return raw(key, json_text(value)); }
   JsonObject &add(std::string_view key, bool value) { return raw(key, value ? "true" : "false"); }
+  // Nine significant digits; null for a value that is not finite.
   JsonObject &add(std::string_view key, double value) {
     if (!std::isfinite(value)) return raw(key, "null");
     char digits[32];

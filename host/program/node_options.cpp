@@ -47,13 +47,12 @@ void add_options(CLI::App &app, NodeOptions &o) {
                  "port that follows from the run number.");
   app.add_option(
          "--run-id", o.link.run_id,
-         "Number of the run (LCM): the same for both nodes, another for every run that goes "
-         "on at the same time.")
+         "Number of the run (LCM): the same for both nodes, another for every concurrent run.")
       ->check(CLI::Range(std::int64_t{0}, std::int64_t{1} << 53))
       ->capture_default_str();
   app.add_option("--pace", o.pace,
                  "fast, or real: 1500 ticks a second by the wall clock. plant_node keeps that "
-                 "pace; axis_node told of it counts what comes more than a tick time late as "
+                 "pace; with real axis_node counts ticks that come more than a tick time late as "
                  "overruns, object 2307h and emergency FF04h.")
       ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();

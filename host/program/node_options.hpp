@@ -1,5 +1,5 @@
 #pragma once
-// What axis_node and plant_node have in common: arguments, errors, reports.
+// The options, overrides and statistics that axis_node and plant_node share.
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <string>
@@ -23,17 +23,18 @@ struct NodeOptions {
   host::LinkOptions link;
 };
 
-// Adds the options to `app`. They are complete after finish_options(), which throws UsageError.
+// Adds the options to `app`. finish_options(), after parsing, checks them and derives the others;
+// it throws UsageError.
 void add_options(CLI::App &app, NodeOptions &options);
 void finish_options(NodeOptions &options);
 
-// The overrides of one axis.
+// The overrides NAME=VALUE of one axis, numbered from 1.
 std::vector<std::string> overrides_of(const NodeOptions &options, int axis);
 
 // The experiments, one an axis. Throws sim::InputError.
 std::vector<host::Experiment> load_experiments(const NodeOptions &options);
 
-// "1" or "1-6".
+// The hosted axes as messages name them, "1" or "1-6".
 std::string axes_range(const NodeOptions &options);
 
 // Statistics of one end, injected faults included.

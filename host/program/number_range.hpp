@@ -1,5 +1,5 @@
 #pragma once
-// CLI::Range for real numbers lets "nan" pass; this does not.
+// CLI::Range that also refuses "nan", which CLI::Range itself accepts for real numbers.
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <string>

@@ -1,12 +1,12 @@
 #pragma once
-// How every program of this folder ends: one line on standard error, and an exit status.
+// How axis_node, plant_node and the gateway end: one line on standard error, and an exit status.
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <stdexcept>
 
 namespace forceaxis::nodes {
 
-// What only the command line can get wrong: exit status 2.
+// A mistake in the command line: exit status 2.
 struct UsageError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -15,7 +15,7 @@ struct UsageError : std::runtime_error {
 // the user must change, 1 for a run that failed.
 int guarded(const char *name, const std::function<int()> &program);
 
-// CLI11's complaint as one line and status 2; its help with 0.
+// Prints CLI11's error as one line and returns 2; prints help and returns 0 if that was asked for.
 int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error);
 
 }  // namespace forceaxis::nodes

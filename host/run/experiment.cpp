@@ -206,7 +206,7 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
-// What [set] says, and the parameters that it refers to by name.
+// The overrides of [set]; adds the parameters that it refers to by name to `named`.
 std::vector<sim::Override> read_set(Section &section, std::set<std::string> &named) {
   std::vector<sim::Override> overrides;
   for (const auto &[key, entry] : section.table()) {
@@ -226,7 +226,7 @@ std::vector<sim::Override> read_set(Section &section, std::set<std::string> &nam
   return overrides;
 }
 
-// The firmware's converters are what the model must have.
+// The model's converters must be those of the firmware.
 void check_converters(const Section &root, const Experiment &experiment) {
   const sim::Model &model = *experiment.model;
   if (model.dac.bits != 12) {
@@ -263,7 +263,7 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-// What [set] makes of the model, and what belongs to that.
+// A model with [set] applied, and its modes.
 struct ExperimentFile::Variant {
   std::string key;
   std::once_flag read;
@@ -345,7 +345,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   });
   experiment.model = plant->model;
   experiment.modes = plant->modes;
-  // From here on `used` says what the experiment itself refers to.
+  // From here on `used` marks the parameters that the experiment itself refers to.
   source.parameters = experiment.model->parameters;
   for (sim::Parameter &p : source.parameters) p.used = plant->named.contains(p.name);
   root.one("firmware", [&](Section &section) {

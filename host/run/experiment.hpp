@@ -1,6 +1,6 @@
 #pragma once
-// An experiment: which plant, which firmware objects, what happens when, and when the result counts
-// as stable. Read from TOML; every mistake is an InputError naming file, key and what was expected.
+// An experiment: its plant, the firmware's objects, timed actions, and the criterion of stability.
+// Read from TOML; every mistake is an InputError that names file, key and what was expected.
 //
 // clang-format off
 //   title    = "Contact, k_f = 5, f_d = 30"   required
@@ -17,13 +17,13 @@
 //              firmware = { force_setpoint = 10.0 }
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     see Plot
-//   [expect]   for `forceaxis test`; handed over as it is: forceaxis.experiments.expect checks it
+//   [expect]   for `forceaxis test`; not interpreted here: forceaxis.experiments.expect checks it
 // clang-format on
 //
 // A number is in SI, or in the unit of its key; a text in its place is a quantity with a unit,
 // "75 N" or "2 ms" (sim/model/units.hpp), or the name of a model parameter.
-// Overrides come as text, each name once, "firmware.force_gain=7", "experiment.duration_s=2",
-// "verdict.window_s=2" or "m_r=140"; they win over the file.
+// Overrides are texts, each name once, "firmware.force_gain=7", "experiment.duration_s=2",
+// "verdict.window_s=2" or "m_r=140"; they take precedence over the file.
 #include <toml++/impl/forward_declarations.h>
 
 #include <cstdint>
@@ -46,8 +46,9 @@ struct Impulse {
   double impulse_N_s;
 };
 
+// One [[at]].
 struct Action {
-  std::int64_t tick;
+  std::int64_t tick;  // applied before it
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
 };
@@ -55,7 +56,7 @@ struct Action {
 // The stability criterion over the last `window_s` of the run. A limit that is absent is not
 // checked. A latched firmware fault is always "unstable".
 struct Criterion {
-  double window_s = 1.0;
+  double window_s = 1.0;                            // > 0
   std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
   std::optional<double> position_ripple_max_count;  // peak to peak of the encoder, counts
   // Contacts stay pressed throughout the window: those named, "tip" or ["tip", "grip"], or, of
@@ -86,7 +87,7 @@ struct Experiment {
   std::optional<Criterion> criterion;
   Plot plot;
   std::shared_ptr<const toml::table> expect;  // [expect], or nullptr
-  std::vector<std::string> unused;            // parameters that [set] moved and nothing refers to
+  std::vector<std::string> unused;            // parameters that [set] overrides and nothing uses
 };
 
 // An experiment file, read once for many variants. Model and modes of the last kKeptModels

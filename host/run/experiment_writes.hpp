@@ -1,6 +1,6 @@
 #pragma once
-// The writes of an experiment to a firmware, wherever that runs: the initial ones at power-up,
-// those of each [[at]] at its tick.
+// The writes of an experiment to a firmware in any process: the initial ones at power-up, those of
+// each [[at]] before its tick.
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -19,15 +19,15 @@ struct Refusal {
 
 class ExperimentWrites {
  public:
-  // Passes the firmware a write that precedes this tick; FW_OK or FW_ERROR_.
+  // Performs a write before this tick; returns FW_OK or FW_ERROR_.
   using Write = std::function<int(std::int64_t tick, const ObjectWrite &)>;
 
   // The experiment must outlive this.
   explicit ExperimentWrites(const Experiment &experiment)
       : experiment_(&experiment), action_(experiment.actions.begin()) {}
 
-  // Objects that bound each other are written in whatever order works. Throws sim::InputError if
-  // one is refused.
+  // Objects that limit each other are retried until all are accepted. Throws sim::InputError if one
+  // stays refused.
   void write_initial(const Write &write) const;
 
   bool due(std::int64_t tick) const {

@@ -1,7 +1,7 @@
 #pragma once
 // The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
-// trace hash. It knows nothing of the plant but the records. What happens every tick is inline: in
-// process the records then need not pass through memory.
+// trace hash. It depends on the plant through the records alone. What runs every tick is inline, so
+// that in process the records need not pass through memory.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -16,7 +16,7 @@
 namespace forceaxis::host {
 
 struct FirmwareOptions {
-  bool hash = false;                    // whether hash() will be asked for
+  bool hash = false;                    // compute the hash for hash()
   const fw_config_t *config = nullptr;  // NULL: an axis on no bus
   // Called with every write of the experiment before the firmware receives it; initial writes have
   // tick 0.
@@ -25,9 +25,8 @@ struct FirmwareOptions {
 
 class FirmwareSide {
  public:
-  // Powers up and makes the initial writes; objects that bound each other are written in whatever
-  // order works. Throws sim::InputError if the firmware refuses one. The experiment must outlive
-  // the side.
+  // Powers up and makes the initial writes, as ExperimentWrites::write_initial(). Throws
+  // sim::InputError if the firmware refuses one. The experiment must outlive the side.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
   // The coming tick: the writes due, then the firmware's own tick.
@@ -57,10 +56,11 @@ class FirmwareSide {
   // Fetches and drops what the firmware transmits on its buses.
   void discard_output();
 
-  // Ends the trace hash.
+  // The trace hash, 64 hexadecimal digits; ends it.
   std::string hash() { return hash_.hex(); }
 
   std::int64_t next_tick() const { return next_tick_; }
+  // The raw value of an object (AXIS_OBJ_); an unsigned object's bits.
   std::int32_t read(std::uint16_t object) const;
   const std::vector<Refusal> &refused() const { return writes_.refused(); }
   axis_host_t *axis() { return axis_.get(); }

@@ -32,7 +32,7 @@ std::string hex_of(std::span<const std::uint8_t> bytes) {
   return text;
 }
 
-// One line of a journal, taken apart from the left. What does not fit is an InputError.
+// One line of a journal, parsed from the left. A field that does not fit throws InputError.
 class Line {
  public:
   Line(const std::filesystem::path &file, std::size_t number, std::string_view text)
@@ -197,14 +197,14 @@ void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
        << '\n';
   if (config.memory != nullptr) write_store(*config.memory);
-  flush();  // a process that is killed leaves a journal, not an empty file
+  flush();  // so that a process killed at once still has a valid journal
 }
 
 void JournalWriter::write_store(const store_memory_t &memory) {
   std::vector<std::uint8_t> image(2 * std::size_t{memory.sector_bytes});
   memory.read(memory.context, 0, image.data(), static_cast<std::uint32_t>(image.size()));
   std::span<const std::uint8_t> store = image;
-  // Erased bytes at the end are understood.
+  // Erased bytes at the end are implied.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
   out_ << "store " << hex_of(store) << '\n';
 }
@@ -255,7 +255,7 @@ Journal read_journal(const std::filesystem::path &file) {
                           std::string("expected a readable journal, \"") + kJournalTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
-    if (in.eof()) break;  // broken off in the middle of a line
+    if (in.eof()) break;  // a truncated last line
     Line line(file, number, text);
     const std::string kind = line.word("an entry");
     if (auto entry = entry_of(kind, line)) {

@@ -1,17 +1,17 @@
 #pragma once
-// A journal is everything that a firmware on buses received, with the tick that sees it: the stored
-// parameters at power-up, frames, bytes, the experiment's writes, in their order. Buses run in wall
-// time; with its journal a run can be repeated in process, to the last bit.
+// A journal records everything that a firmware on buses received, in order, each with the tick
+// before which it was applied: the stored parameters at power-up, frames, bytes, the experiment's
+// writes. Buses run in wall time; replaying its journal repeats a run in process, to the last bit.
 //
 // One axis, text, one entry a line:
 //   forceaxis-journal 1
 //   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
-//   config NODE BUSES / store HEX                          what the firmware was given at power-up
+//   config NODE BUSES / store HEX                          the firmware's state at power-up
 //   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
 //   bus TICK STATE | modbus TICK HEX | overrun TICK
 //   end TICKS HASH                                         how long it ran, and its trace hash
-// Initial writes carry tick 0. Bytes are hexadecimal, empty ones "-". A journal that breaks off has
-// no end; a line that breaks off does not count.
+// Initial writes carry tick 0. Bytes are hexadecimal, none "-". A truncated journal has no `end`; a
+// truncated line is ignored.
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -32,8 +32,8 @@ inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
 
 class JournalWriter {
  public:
-  // Creates the file or replaces a journal. Throws sim::InputError: it is something else, it cannot
-  // be written, or another process writes it.
+  // Creates the file or replaces a journal. Throws sim::InputError if it is no journal, cannot be
+  // written, or is locked by another process.
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();
@@ -42,7 +42,7 @@ class JournalWriter {
 
   // Whether all that was flushed is in the file: on a full disk the run goes on, the journal ends.
   bool good() const { return out_.good(); }
-  // What the firmware is powered up with, its store included. It is in the file from then on.
+  // Writes and flushes the firmware's state at power-up, its stored parameters included.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);
@@ -51,7 +51,7 @@ class JournalWriter {
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void overrun(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
-  // To be called now and then, so that a process that is killed leaves most of it.
+  // To be called at intervals: a killed process loses what was not flushed.
   void flush();
 
  private:
@@ -61,7 +61,7 @@ class JournalWriter {
   std::ofstream out_;
 };
 
-// Throws what a JournalWriter of the file would, and leaves everything as it is.
+// Throws what a JournalWriter of the file would, and changes nothing.
 void expect_journal(const std::filesystem::path &file);
 
 // Throws sim::InputError unless a file can be written here, that one or a new one in its folder.

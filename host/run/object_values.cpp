@@ -123,7 +123,7 @@ Value read_value(sim::Section &section, const std::string &name, const toml::nod
   }
   const auto scale = scales.of(meta);
   if (const auto *obstacle = std::get_if<Obstacle>(&scale)) {
-    // A name that is no parameter's is the first mistake to report.
+    // An unknown name is reported before a missing unit.
     if (!sim::is_quantity(text) && !dimension)
       (void)section.value(name, Dimension::count, sim::Sign::any);
     section.fail(name, "expected a number in " + std::string(meta.unit) + ", got " +

@@ -1,13 +1,13 @@
 #pragma once
-// What an experiment's [firmware] says, as writes of raw values.
+// Converts an experiment's [firmware] table to writes of raw values.
 //
 // A value is an enum's text, true or false, a number in the object's unit, the name of a model
 // parameter, or a quantity (sim/model/units.hpp). A quantity in the object's own unit stands for
-// the number. Any other is converted by what the model says, rounded to the nearest raw value:
+// the number. Any other is converted with the model's scales, rounded to the nearest raw value:
 // * counts of force through the scale of ADC 0 and `force_sign`, so in the unit of that ADC's
 // signal;
 // * counts of position, of velocity and of acceleration through the encoder's scale, from where the
-//   model has 0; an object that is never negative takes the size of that scale;
+//   model has 0; an object that is never negative uses the magnitude of that scale;
 // * codes through the DAC's scale, without its offset; gains and impedance through both scales;
 // * ticks, ms, us, mN, uN, Hz by themselves.
 // Refused by name: an object that measures nothing of that kind (per mille, increments of the
@@ -26,8 +26,8 @@ struct ObjectWrite {
 };
 
 // The writes of the table in the order in which they are given: parameters, commands, `mode`. A
-// parameter that is named is marked as used. `before` holds what was written at the start; empty
-// for that itself. Throws sim::InputError.
+// parameter that is named is marked as used. `before` holds the initial writes, empty when these
+// are read. Throws sim::InputError.
 std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &model,
                                       const std::vector<ObjectWrite> &before);
 

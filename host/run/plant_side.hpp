@@ -1,6 +1,6 @@
 #pragma once
-// The plant's side of a run: plant, impulses, trace, metrics and verdict. It knows nothing of the
-// firmware but the records. What happens every tick is inline, as in firmware_side.hpp.
+// The plant's side of a run: plant, impulses, trace, metrics and verdict. It depends on the
+// firmware through the records alone. What runs every tick is inline, as in firmware_side.hpp.
 //
 //   PlantSide plant(experiment, options);
 //   while (plant.running()) plant.act(answer(plant.sense()));
@@ -22,13 +22,13 @@ class PlantSide {
   // The experiment must outlive the side.
   PlantSide(const Experiment &experiment, const RunOptions &options);
 
-  // Whether a tick is left; the controller is evaluated at both ends, ticks + 1 times.
+  // Whether a tick remains; the controller is evaluated at both ends, ticks + 1 times.
   bool running() const { return tick_ <= experiment_->ticks; }
   std::int64_t tick() const { return tick_; }
   const sim::Plant &plant() const { return plant_; }
 
-  // What the sensors say in the coming tick, after the impulses due. Once a tick; stays until the
-  // next.
+  // The sensor codes of the coming tick, after the impulses due. To be called once a tick; valid
+  // until the next call.
   const LinkInputs &sense() {
     if (due()) strike_due();
     const sim::SensorCodes codes = plant_.codes();
@@ -39,8 +39,8 @@ class PlantSide {
     return in_;
   }
 
-  // What the firmware answered to it: recorded, then the plant steps to the next tick. Throws
-  // sim::SimulationError if it cannot be stepped on, RunStopped if options.stop says so.
+  // Records the firmware's outputs and steps the plant to the next tick. Throws
+  // sim::SimulationError if it cannot be stepped on, RunStopped if options.stop returns true.
   void act(const LinkOutputs &out) {
     if (tick_ % kTicksBetweenAsking == 0 && options_.stop && options_.stop()) throw RunStopped();
     const TickRecord record = tick_record(in_, out);
@@ -62,7 +62,7 @@ class PlantSide {
     ++tick_;
   }
 
-  // After the last tick. `refused` is left empty.
+  // The result, after the last tick; `refused` is empty.
   RunResult finish();
 
  private:
@@ -88,7 +88,7 @@ class PlantSide {
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
   void strike_due();
   void keep(const TickRecord &record, const LinkOutputs &out);
-  // Contacts of the criterion that let go so far; the flanks of a backlash or stop do not count.
+  // Losses so far of the criterion's contacts; the flanks of a backlash or stop do not count.
   std::int64_t contact_losses() const;
 
   const Experiment *experiment_;

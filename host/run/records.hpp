@@ -1,5 +1,5 @@
 #pragma once
-// What crosses the seam between plant and firmware, one record of each kind a tick and axis.
+// The records exchanged between plant and firmware: one of each kind for every tick and axis.
 #include <cstddef>
 #include <cstdint>
 
@@ -13,22 +13,22 @@ struct LinkInputs {
   std::int32_t encoder_cnt;
   std::uint16_t adc0_code;
   std::uint16_t adc1_code;
-  std::uint8_t din;
-  std::uint8_t sensor_valid;
-  std::uint8_t axis;
+  std::uint8_t din;           // digital inputs, one bit each
+  std::uint8_t sensor_valid;  // 0: the values are not to be trusted
+  std::uint8_t axis;          // from 1
 };
 
 // Firmware to plant, the answer to the inputs of the same tick and axis.
 struct LinkOutputs {
   std::int64_t tick;
-  std::int16_t dac_code;
-  std::uint8_t out;  // bit 0 amp_enable, bit 1 brake_release
-  std::uint8_t fault;
-  std::uint8_t limit_reason;
-  std::uint8_t axis;
+  std::int16_t dac_code;      // -2048 to 2047
+  std::uint8_t out;           // bit 0 amp_enable, bit 1 brake_release
+  std::uint8_t fault;         // AXIS_FAULT_
+  std::uint8_t limit_reason;  // AXIS_LIMIT_REASON_
+  std::uint8_t axis;          // from 1
 };
 
-// What the trace keeps of a tick. The trace hash is SHA-256 over these fields, little-endian and
+// One tick of the trace. The trace hash is SHA-256 over these fields, little-endian and
 // unpadded, in this order, all ticks.
 struct TickRecord {
   std::uint32_t tick;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
 
-// The store of a replay: the image that the journal begins with, in memory.
+// The store of a replay, in memory: the image at the journal's beginning.
 class RamStore {
  public:
   explicit RamStore(std::span<const std::uint8_t> image)
@@ -27,7 +27,7 @@ class RamStore {
     };
     memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
                          std::uint32_t count) {
-      // As flash does: bits only go from 1 to 0.
+      // As in flash, a write only changes bits from 1 to 0.
       std::uint8_t *to = &static_cast<RamStore *>(context)->bytes_[address];
       for (std::uint32_t i = 0; i < count; ++i) to[i] &= bytes[i];
       return true;

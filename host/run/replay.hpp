@@ -1,12 +1,12 @@
 #pragma once
-// A journal's run again, in process: to the last bit what the firmware on its buses did.
+// Repeats a journal's run in process, with the firmware's outputs identical to the last bit.
 #include "firmware/port/host/axis_host.h"
 #include "host/run/journal.hpp"
 #include "host/run/result.hpp"
 
 namespace forceaxis::host {
 
-// Passes one entry to the firmware, as axis_node did before the entry's tick.
+// Passes one entry to the firmware; to be called before the entry's tick.
 void apply(const Journal::Entry &entry, axis_host_t *axis);
 
 // The run of the journal in process, as far as that is known. `experiment` must be that of the

@@ -1,5 +1,5 @@
 #pragma once
-// What a run gives, wherever its firmware runs: trace, metrics, energy audit, verdict.
+// The result of a run, in process or linked: trace, metrics, energy audit, verdict.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -14,19 +14,19 @@
 
 namespace forceaxis::host {
 
-// What the firmware says of itself after each tick.
+// The firmware's own state after each tick: AXIS_FAULT_ and AXIS_LIMIT_REASON_.
 struct FirmwareRecord {
   std::uint8_t fault;
   std::uint8_t limit_reason;
 };
 
 struct RunOptions {
-  bool trace = true;  // keep records and signals; without, only metrics, hash and verdict
+  bool trace = true;  // keep records and signals; false: only metrics, hash and verdict
   bool audit = true;  // energy audit
-  // The firmware's side hashes as well, which a run over a link does anyway; in process the two
-  // can only agree.
+  // Hash the firmware's side too; over a link that is always done. In process the two hashes can
+  // only agree.
   bool firmware_hash = false;
-  // Asked every 1024 ticks; true ends the run with RunStopped.
+  // Called every 1024 ticks; true ends the run with RunStopped.
   std::function<bool()> stop = {};
 };
 
@@ -37,7 +37,7 @@ struct RunStopped : std::runtime_error {
 // Over the criterion's window, or the last second without a criterion.
 struct Metrics {
   double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
-  double position_ripple_count = 0;  // peak to peak of the encoder
+  double position_ripple_count = 0;  // peak to peak of the encoder, counts
   // Of the contacts that the criterion names, else of all.
   std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
   bool in_contact = false;                // every one pressed at the end of the run
@@ -51,12 +51,12 @@ struct RunResult {
   std::vector<TickRecord> records;
   std::vector<FirmwareRecord> firmware;
   std::vector<std::string> signal_names;
-  std::vector<double> signals;     // row-major, one row a record
+  std::vector<double> signals;     // records x signal_names, by rows; units: sim::SignalInfo
   std::vector<sim::Event> events;  // the first 100,000
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;
-  double edge_margin = 0;     // LSB
-  std::string trace_hash;     // hex, the plant's side
+  double edge_margin = 0;     // LSB, see sim::Plant::edge_margin()
+  std::string trace_hash;     // 64 hexadecimal digits, the plant's side
   std::string firmware_hash;  // the firmware's side, if RunOptions asks for it
   Metrics metrics;
   std::string fault;  // name of the first fault of the run, "none"

@@ -5,7 +5,7 @@
 
 namespace forceaxis::host {
 
-// Flat: both sides in one loop.
+// Flattened, so that both sides are compiled into one loop.
 [[gnu::flatten]] RunResult run(const Experiment &experiment, const RunOptions &options) {
   PlantSide plant(experiment, options);
   FirmwareSide firmware(experiment, {.hash = options.firmware_hash});

@@ -24,7 +24,7 @@ class TraceHash {
     size_ += kTickRecordBytes;
   }
 
-  // Ends the hash.
+  // The hash, 64 hexadecimal digits; ends it.
   std::string hex() {
     flush();
     return hash_.hex();

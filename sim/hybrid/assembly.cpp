@@ -12,7 +12,7 @@ enum ContactState { kApart = 0, kPressed = 1, kOverlap = 2 };
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// A wiring that grows element by element.
+// Builds a wiring element by element.
 class Assembly : public Wiring {
  public:
   explicit Assembly(const Model &model) {
@@ -146,7 +146,7 @@ class Assembly : public Wiring {
     name_link(contact.name, link);
   }
 
-  // A contact on either side; the lower one sees everything the other way round.
+  // A contact on either side; the lower one has all signs reversed.
   void add(const Stop &stop) {
     const Wire deflection = deflection_of(stop.ends);
     const Wire rate = rate_of(stop.ends);
@@ -215,7 +215,7 @@ class Assembly : public Wiring {
   void add_adc(std::size_t channel, const Adc &adc) {
     Wire signal = named(adc.signal);
     if (adc.filter) {
-      // Behind a filter a saturated sensor shows for a while; without one only at the conversion.
+      // With a filter the sensor's saturation acts on a state; without one only at the conversion.
       if (adc.sensor_limit)
         signal = add_clamp("adc" + std::to_string(channel) + ".sensor", signal, *adc.sensor_limit,
                            false);

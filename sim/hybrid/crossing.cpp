@@ -57,11 +57,11 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
     }
     double next = slope < 0.0 ? s - value / slope : a + 0.5 * (b - a);
     const double move = magnitude(next - s);
-    // A Newton step leaves 2 bend move^2 / |slope| at most (the root is within 2 |move| as long as
-    // bend |move| <= |slope| / 4): less than the rounding of s?
-    const double rest = 2.0 * bend * move * move;
+    // After a Newton step the error is 2 bend move^2 / |slope| at most (the root is within 2 |move|
+    // if bend |move| <= |slope| / 4): less than the rounding of s?
+    const double error = 2.0 * bend * move * move;
     if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise ||
-        (next > a && next < b && rest <= -0x1p-54 * slope * s)) {
+        (next > a && next < b && error <= -0x1p-54 * slope * s)) {
       if (next > a && next < b) s = next;
       return s;
     }
@@ -113,7 +113,7 @@ bool first_crossing(const double *q, std::size_t degree, double end, double *roo
     bend += index * (index - 1.0) * size;
   }
   if (scaled[0] >= sum - scaled[0]) return false;  // more than all other terms together
-  // Terms that cannot matter only cost time.
+  // Drops terms too small to change the sign: they only cost time.
   double dropped = magnitude(scaled[degree]);
   while (degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(scaled[--degree]);
   const Polynomial g{scaled, degree, 0x1p-50 * sum, bend};

@@ -10,7 +10,8 @@ namespace forceaxis::sim {
 /// Coefficients are built in extended precision and rounded to double once, when a mode is made.
 using Extended = long double;
 
-/// Segment k lies between breaks[k-1] and breaks[k] and gives slope * input + offset.
+/// Segment k lies between breaks[k-1] and breaks[k]; its value is slope * input + offset. Units are
+/// the caller's: SI of input and output.
 struct Curve {
   struct Segment {
     std::string name;

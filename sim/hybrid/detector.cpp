@@ -9,7 +9,7 @@ namespace {
 
 using kernel::magnitude;
 
-constexpr int kCalmTicks = 15;  // that the second test comes first; costs speed only
+constexpr int kCalmTicks = 15;  // how long the second test is tried first; affects speed only
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -44,7 +44,7 @@ bool Detector::calm(const double *z) {
   return true;
 }
 
-// The second test of Mode, on the signals that the first one has left in result_.
+// The second test of Mode, on the signals that the first one has computed in result_.
 bool Detector::passes_second_test(const double *z) {
   const Mode &m = *mode_;
   const double *signal = result_.data() + m.signal_place;
@@ -92,7 +92,7 @@ bool Detector::beyond_now() const {
   return false;
 }
 
-// polynomial_ = g >= 0 is to hold; finds where on [0, end] it ceases to.
+// Finds where on [0, end] the condition g = polynomial_ >= 0 first fails.
 Detector::Verdict Detector::examine_side(std::size_t channel, double bound, double end,
                                          double *root) {
   const Mode &m = *mode_;

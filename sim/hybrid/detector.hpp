@@ -13,8 +13,8 @@ namespace forceaxis::sim {
 inline constexpr double kChannelRounding = 0x1p-46;
 
 /// The tests that Mode describes, cheapest first: quiet(), then doubtful_parts() and calm(), then
-/// first_change() within a part. Owns their buffers; z = (x, 1, u) is the caller's, and the same in
-/// all calls that belong together. Copies are independent. Nothing here changes a switch.
+/// first_change() within a part. Owns the buffers; the caller owns z = (x, 1, u), which must not
+/// change within such a sequence of calls. Copies are independent. No call changes a switch.
 class Detector {
  public:
   struct Change {
@@ -29,7 +29,7 @@ class Detector {
   /// Tests the next tick, from any instant. True: no switch changes. result() then holds its end.
   bool quiet(const double *z) {
     if (mode_->samples == 0) return false;
-    // Where the second test was the one that passed it comes first for a while.
+    // In a mode where only the second test passed, that one is tried first for kCalmTicks ticks.
     if (mode_ == calm_mode_ && calm_left_ > 0 && still_calm(z)) return true;
     return quiet_(mode_->quiet, z, result_.data(), curve_.data());
   }
@@ -40,7 +40,7 @@ class Detector {
   /// After a quiet tick: whether this step of the command puts a signal beyond its bound.
   bool beyond_after(double change) const;
 
-  /// After quiet() has failed: of the first `wanted` parts of the grid those in which some signal
+  /// After quiet() has failed: the parts of the grid, among the first `wanted`, in which a signal
   /// may reach a bound, one bit each.
   std::uint64_t doubtful_parts(const double *z, std::size_t wanted);
   /// After quiet() has failed: the second test. True: no switch changes in the tick.

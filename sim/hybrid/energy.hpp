@@ -1,5 +1,5 @@
 #pragma once
-// Where the mechanical energy of a stepped plant goes.
+// The energy balance of a stepped plant.
 #include <cstddef>
 #include <vector>
 
@@ -12,14 +12,15 @@ namespace forceaxis::sim {
 struct EnergyIntegrals {
   std::vector<double> supplied;    ///< per Network::supplies()
   std::vector<double> dissipated;  ///< per Network::dampers()
-  double discarded = 0.0;          ///< spring energy dropped when a contact lets go under load
+  double discarded = 0.0;          ///< spring energy lost when a contact separates under load
   double impulse = 0.0;            ///< work of impulses
 };
 
 /// Spring energy, one entry per Network::storages(), J.
 std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z);
 
-/// Adds up, with compensated sums; changes nothing of the motion. Copies are independent.
+/// Accumulates the integrals with compensated sums; the motion does not depend on it. Copies are
+/// independent.
 class EnergyAccount {
  public:
   explicit EnergyAccount(const Network &network);
@@ -31,10 +32,12 @@ class EnergyAccount {
   /// `s` ticks, `rate_hz` of them a second, from z on, of which `chain` holds the Taylor
   /// coefficients (order + 1 blocks of Mode::flow_stride).
   void add_part(const double *z, const double *chain, double s, double rate_hz);
+  /// Spring energy now, J.
   double stored(const double *z) const;
+  /// Both in J.
   void discard(double energy) { discarded_.add(energy); }
   void add_impulse(double work) { impulse_.add(work); }
-  /// Forgets what was discarded so far.
+  /// Resets the discarded energy to 0.
   void begin() { discarded_ = {}; }
 
   EnergyIntegrals integrals() const;

@@ -14,8 +14,8 @@ namespace forceaxis::sim::kernel {
 /// Rows are padded to a multiple of 4; `stride` is that number.
 constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
 
-/// Starts on a cache line, so that no vector of rows lies across two: faster, and as fast wherever
-/// the heap puts it.
+/// Allocates from a cache line's start, so that no vector of rows spans two lines: faster, and at
+/// the same speed in every run.
 template <class Value>
 struct Aligned {
   using value_type = Value;
@@ -34,7 +34,7 @@ using Vector = std::vector<double, Aligned<double>>;
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
                           double *y);
 
-/// The fastest variant this processor runs; all give the same doubles.
+/// The fastest variant that this processor runs; all variants compute the same doubles.
 Multiply best_multiply();
 /// The variant every processor of the target runs.
 void multiply_base(const double *m, std::size_t stride, const double *v, std::size_t columns,

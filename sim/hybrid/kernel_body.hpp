@@ -1,6 +1,6 @@
 #pragma once
 // The product of kernel.hpp for the vector width the including file is compiled for. Internal
-// linkage: the same source gives different machine code in each of them.
+// linkage, because the same source compiles to different machine code in each including file.
 #include <cstddef>
 #include <utility>
 

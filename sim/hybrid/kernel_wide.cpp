@@ -1,4 +1,4 @@
-// Compiled with -mavx2 and nothing else beyond the portable flags: no fused operations.
+// Compiled with the portable flags and -mavx2: no fused operations, which would round differently.
 #include <immintrin.h>
 
 #include "sim/hybrid/kernel.hpp"

@@ -59,9 +59,9 @@ ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
 
 ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
 
-// How far each entry of z reaches into each other one: sum of W^k, W = |a| / rate, with a rate of
-// at least twice the spectral radius of |a| and at least 1. What a series leaves out is measured by
-// it.
+// The influence of each entry of z on each other one: sum of W^k, W = |a| / rate, with a rate of at
+// least twice the spectral radius of |a| and at least 1. The truncation error of a series is
+// measured in it.
 struct Influence {
   Extended rate = 1;  // a power of two, per unit of the time that `a` counts
   ExtendedMatrix sum;

@@ -117,12 +117,12 @@ struct ModeAudit {
   std::vector<double> store_constant;  ///< per storage, J
 };
 
-/// Builds modes when first asked for and keeps them. Plants of one model may share a cache, from
-/// any number of threads: modes are immutable, and a plant asks here only for modes new to it.
+/// Builds each mode at its first request and keeps it. Plants of one model may share a cache, from
+/// any number of threads: modes are immutable, and a plant requests only modes new to it.
 class ModeCache {
  public:
   /// `parts`: steps of the plant in one tick of the firmware, 1..kMostParts; modes hold one step.
-  /// More than one is for analog signals, which an analyzer sees faster than the controller does.
+  /// More than one is for analog signals, which an analyzer samples faster than the controller.
   explicit ModeCache(std::shared_ptr<const Model> model, int parts = 1);
   static constexpr int kMostParts = 64;
   ModeCache(const ModeCache &) = delete;
@@ -133,7 +133,8 @@ class ModeCache {
   /// Steps a second.
   double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
   int parts() const { return parts_; }
-  /// Throws InputError if the mode is too fast (rates above about 1.2e7 / s).
+  /// Throws InputError if the mode is too fast (rates above about 1.2e7 / s). The reference is
+  /// valid as long as the cache.
   const Mode &mode(ModeKey key);
   const ModeAudit &audit(ModeKey key);
   /// Number of modes built so far.

@@ -26,7 +26,7 @@ ModeKey Network::with_enable(ModeKey key, bool enable) const {
   return key;
 }
 
-// While the drive is disabled its switches mean nothing; the home state stands in.
+// While the drive is disabled its switches have no effect; the home state is used in their place.
 int Network::effective_state(ModeKey key, int switch_index) const {
   const Wiring::Switch &s = wiring_.switches[static_cast<std::size_t>(switch_index)];
   return s.of_drive && !enabled(key) ? s.home : state_of(key, switch_index);
@@ -106,7 +106,7 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   equations.flow = ExtendedMatrix(equations.flow.leftCols(c) + acting * hold);
   equations.wires =
       ExtendedMatrix(equations.wires.leftCols(c) + equations.wires.rightCols(unknowns) * hold);
-  // What sticks to ground, or to what does, stays where it is: exactly.
+  // A body that sticks to ground, directly or through others, has a velocity of exactly 0.
   std::vector<bool> still(static_cast<std::size_t>(n), false);
   const auto is_still = [&still](int velocity) {
     return velocity < 0 || still[static_cast<std::size_t>(velocity)];
@@ -123,15 +123,15 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
       }
     }
   }
-  // The same forces as impulses take a rate away; only velocities feel them.
+  // The same forces as impulses remove a rate of sliding; they act on velocities alone.
   ExtendedMatrix impulse = ExtendedMatrix::Zero(n, unknowns);
   for (const Wiring::BodyState &body : wiring_.bodies)
     impulse.row(body.velocity) = acting.row(body.velocity);
   equations.slip = impulse * solver.solve(rate);
 }
 
-// Counts ways round through the states: entry (i, i) of a high power of |A| is largest where the
-// fastest motion is.
+// Sums the loops of each state through the others: entry (i, i) of a high power of |A| is largest
+// for the state of the fastest motion.
 Network::Fastest Network::fastest(const ModeEquations &equations) const {
   const Eigen::Index n = states();
   const ExtendedMatrix size = equations.flow.leftCols(n).cwiseAbs();

@@ -3,11 +3,11 @@
 //
 // z = (x, 1, u) holds the states, the constant 1 and the held command voltage. A wire is a quantity
 // that is linear in z once every switch has a state; wires are listed in dependency order, so a
-// switch may feed on what another one gives. A switch owns a few discrete states (segments of a
-// curve, phases of a contact, sliding and sticking); each state says what its output wires are and
-// which signals must stay within which bounds for it to last (channels). A friction that sticks
-// gives whatever force keeps its ends together: an unknown, solved for when the mode is made.
-// Nothing here knows about time.
+// switch may depend on another one's output. A switch owns a few discrete states (segments of a
+// curve, phases of a contact, sliding and sticking); each state defines its output wires and the
+// bounds within which signals must stay for it to last (channels). A friction that sticks exerts
+// whatever force keeps its ends together: an unknown, solved for when the mode is built. Nothing
+// here depends on time.
 #include <Eigen/Core>
 #include <array>
 #include <limits>
@@ -36,8 +36,8 @@ struct ModeEquations {
   ExtendedMatrix flow;   ///< n x (n + 2): x' = flow z
   ExtendedMatrix wires;  ///< one row per wire
   std::vector<Channel> channels;
-  /// n x n: what to take from the states so that frictions that stick have no rate; empty if none
-  /// does.
+  /// n x n: slip x is subtracted from the states so that sticking frictions have no rate; empty if
+  /// none sticks.
   ExtendedMatrix slip;
 };
 
@@ -72,17 +72,18 @@ class Network {
 
   ModeEquations equations(ModeKey key) const;
 
-  /// What has the shortest time constant in a mode.
+  /// The state with the shortest time constant in a mode.
   struct Fastest {
     std::string state;    ///< a body, or a state of the drive or a filter
-    std::string element;  ///< what acts on it most
+    std::string element;  ///< the one that acts on it most
     double rate;          ///< 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;
 
   /// Wire of each signal of Model::signal_list(), in its order.
   const std::vector<Wire> &signal_wires() const { return wiring_.signal_wires; }
-  /// What each ADC converts, before limits that act at its conversion; -1 without an ADC.
+  /// The signal that each ADC converts, before limits that act at its conversion; -1 without an
+  /// ADC.
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }

@@ -30,7 +30,7 @@ constexpr std::uint64_t kDacChannel = 2;  // after the two ADCs
 
 // Normal deviate of unit variance from integers alone: the sum of twelve 16-bit ones, whose
 // standard deviation is 2^16 (to 1 part in 2^33), in half steps so that its mean is 0. Counters
-// through splitmix64 (Steele, Lea, Flood 2014): any tick's noise is had without those before it.
+// through splitmix64 (Steele, Lea, Flood 2014): any tick's noise is computed by itself.
 double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   const auto mixed = [](std::uint64_t x) {
     x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;

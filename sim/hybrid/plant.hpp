@@ -1,6 +1,6 @@
 #pragma once
-// The simulated axis as the firmware's wires see it: DAC code in, encoder and ADC codes out; truth
-// on a channel of its own.
+// The simulated axis at the firmware's interface: DAC code in, encoder and ADC codes out; the true
+// signals are read separately.
 //
 //   auto model = std::make_shared<const Model>(load_model("sim/models/axis_contact.toml"));
 //   Plant plant(model);
@@ -9,10 +9,10 @@
 //     plant.step(controller(codes), true);                      // to t = (k + 1) / 1500 s
 //   }
 //
-// Sweeps: build one ModeCache per Model and give it to every Plant of that model; building modes is
-// what costs when a plant is new (some 0.1 ms each for six states). The cache may be shared by any
-// number of plants in any number of threads. A Plant itself belongs to one thread at a time; copies
-// are independent (and continue with the same doubles).
+// Sweeps: build one ModeCache per Model and pass it to every Plant of that model; most of a new
+// plant's cost is building its modes (some 0.1 ms each for six states). The cache may be shared by
+// any number of plants in any number of threads. A Plant itself belongs to one thread at a time;
+// copies are independent (and continue with the same doubles).
 //
 // Between two ticks the plant is exact to rounding: piecewise linear, matrix exponentials,
 // switching instants located to rounding (dips of 1e-12 m are found). The same codes give the same
@@ -35,11 +35,12 @@ struct PlantOptions {
   std::uint64_t seed = 0;            ///< of the noise of ADCs and DAC
 };
 
-/// What the axis controller reads, raw. A missing encoder reads 0, a missing ADC 0.
+/// The raw codes that the axis controller reads. A missing encoder or ADC reads 0.
 struct SensorCodes {
   std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps
-  /// clamp(floor(reading * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), the reading as Adc
-  /// says. Noise is a function of seed, channel and tick alone: asking twice gives the same code.
+  /// clamp(floor(reading * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), with the reading of
+  /// Adc. Noise is a function of seed, channel and tick alone: converting twice yields the same
+  /// code.
   std::uint16_t adc[2] = {0, 0};
 };
 
@@ -64,7 +65,7 @@ struct EnergyAudit {
   double impulses = 0.0;  ///< the impulses' part of it
   double kinetic = 0.0;
   double stored = 0.0;     ///< in springs and pressed contacts
-  double discarded = 0.0;  ///< left in a contact's spring when it let go while still overlapping
+  double discarded = 0.0;  ///< in a contact's spring when it separates while still overlapping
   struct Damper {
     std::string element;  ///< spring, damper, contact, friction, or "drive" for b_m
     double energy = 0.0;
@@ -81,12 +82,13 @@ class Plant {
   /// One tick (1/1500 s, or the part of it that the ModeCache steps) with the code held.
   /// `amp_enable` false: coasting, the drive's current (or force) is 0 from this instant on and the
   /// code has no effect. Throws std::invalid_argument if the code does not fit the DAC,
-  /// SimulationError if it cannot be stepped on, InputError if too fast: then of no further use.
+  /// SimulationError if it cannot be stepped on, InputError if a mode is too fast; after either the
+  /// plant must not be used.
   void step(int dac_code, bool amp_enable);
-  /// The volts that the DAC puts out for a code in this tick, offset and noise included.
+  /// The DAC's output in V for a code in this tick, offset and noise included.
   double volts(int dac_code) const;
-  /// step() with volts from wherever, in two halves, so that signals() may be asked in between:
-  /// what the drive is given from this instant on, and the tick with the same.
+  /// step() with a command in V in place of a code, in two halves, so that signals() can be read
+  /// between them: hold_volts() applies the command, step_volts() steps with the same values.
   void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
   void step_volts(double volts, bool amp_enable) { stepper_.step(volts, amp_enable); }
   /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
@@ -100,15 +102,16 @@ class Plant {
   /// codes().
   double edge_margin() const { return edge_margin_; }
 
-  /// Names and values of all signals, in the order of Model::signal_list(). signals() wants exactly
-  /// as many places (std::invalid_argument otherwise).
+  /// Names and values of all signals, in the order and units of Model::signal_list(). `values` must
+  /// have as many places (std::invalid_argument otherwise).
   const std::vector<std::string> &signal_names() const { return *signal_names_; }
   void signals(std::span<double> values) const;
-  /// One signal by name; std::invalid_argument if there is none. signal_at(): by place in
-  /// signal_names(), one product, for every tick.
+  /// One signal, in the unit of its SignalInfo. By name: std::invalid_argument if there is none. By
+  /// place in signal_names(): one product, cheap enough for every tick.
   double signal(std::string_view name) const;
   double signal_at(std::size_t place) const;
 
+  /// Steps done so far, and their time; one step is 1 / (1500 parts()) s.
   std::int64_t tick() const { return stepper_.tick(); }
   double time_s() const {
     return static_cast<double>(stepper_.tick()) / stepper_.cache().rate_hz();
@@ -118,7 +121,7 @@ class Plant {
 
   /// The first `listed_events` events.
   std::vector<Event> events() const;
-  /// How many changes were located between ticks, and how many jumped with a code or an impulse.
+  /// Changes located between ticks, and changes caused at a tick by a code or an impulse.
   std::int64_t crossings() const { return stepper_.crossings(); }
   std::int64_t jumps() const { return stepper_.jumps(); }
   struct EventCount {
@@ -127,7 +130,7 @@ class Plant {
     std::string to;
     std::int64_t count = 0;
   };
-  /// All changes met so far, by kind; kinds never met are left out.
+  /// All changes so far, by kind; kinds that did not occur are omitted.
   std::vector<EventCount> event_counts() const;
   /// "element: state" of every switching element; "off" for the drive's while it is disabled.
   std::vector<std::string> mode() const;

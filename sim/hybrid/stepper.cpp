@@ -38,7 +38,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // finding the first mode is no change of it
+  energy_.begin();  // the search for the first mode discards no energy
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -85,7 +85,7 @@ void Stepper::step(double command, bool enable) {
   if (Network::enabled(mode_->key) != enable) {
     switch_drive(command, enable);
   } else if (sensors_in_result_ && detector_.beyond_after(command - z_[n + 1])) {
-    // Only spares the quiet test: it is settle() that decides, now or after the test.
+    // Only saves the quiet test: settle() decides, now or after the test.
     z_[n + 1] = command;
     settle(true);
   }
@@ -174,7 +174,7 @@ void Stepper::advance_within_part(double ticks) {
   evaluate(ticks);
 }
 
-// Whole parts of the grid, and what is left by series.
+// Whole parts of the grid by their flow, the remainder by series.
 void Stepper::advance(double ticks) {
   const Mode &m = *mode_;
   const auto parts = static_cast<std::size_t>(ticks / m.reach);
@@ -196,16 +196,16 @@ bool Stepper::cross_tick() {
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
-  // More than a cascade through all switches needs, several times over.
+  // Several times what a cascade through all switches needs.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;
     const double rest = 1.0 - done;
     if (changes_here >= enough_here) {
-      // Signals on their bounds whose deciding coefficients lie at the limit of rounding, on one
-      // side of it in one mode and on the other in the next. A moment later, in either mode, they
-      // do not: what a wrong mode does until then is far below rounding. States that contradict
-      // each other in earnest go on contradicting, and the changes run out.
+      // Some signals lie on their bounds with deciding coefficients at the limit of rounding, on
+      // one side of it in one mode and on the other in the next. A moment later, in either mode,
+      // they do not: what a wrong mode does until then is far below rounding. States that
+      // contradict each other in earnest go on contradicting, and the changes run out.
       const double moment = smaller(rest, kMoment * m.reach);
       advance_within_part(moment);
       done = moment < rest ? done + moment : 1.0;
@@ -282,7 +282,7 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   if (audit_) energy_.discard(before - energy_.stored(z_.data()));
   if (!counted) return;
   const double time_s = (static_cast<double>(tick_) + s) / cache_->rate_hz();
-  // There and back in no time is no change.
+  // A change and its reversal at the same instant cancel.
   if (last_.switch_index == index && last_.time_s == time_s && last_.from == to &&
       last_.to == from && last_.jump == jump) {
     --(jump ? jumps_ : crossings_);
@@ -310,7 +310,7 @@ void Stepper::kick(std::size_t body, double impulse) {
   settle(true);
 }
 
-// Velocities have just been given: every friction whose ends have different ones slides.
+// After an impulse every friction whose ends differ in velocity slides.
 void Stepper::slide(bool counted) {
   constexpr double kSame = 0x1p-36;  // of the velocities: what sticks may differ by rounding
   for (const Wiring::FrictionEnds &friction : network().frictions()) {

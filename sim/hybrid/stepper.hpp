@@ -29,12 +29,12 @@ class Stepper {
   /// `listed_events`: how many events are kept for events(); all are counted.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
 
-  /// One tick with the command voltage held. Throws SimulationError, InputError (as ModeCache).
+  /// One tick with the command in V held. Throws SimulationError, InputError (as ModeCache).
   void step(double command, bool enable);
-  /// The command from this instant on: switches and z() follow at once. The next step() must be
-  /// given the same.
+  /// Applies the command at this instant: switches and z() change at once. The next step() must
+  /// have the same arguments.
   void hold(double command, bool enable);
-  /// Adds to the velocity of a body at this instant and lets the switches follow.
+  /// Adds impulse (N s) / mass to the velocity of a body at this instant; switches change at once.
   void kick(std::size_t body, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
@@ -42,7 +42,7 @@ class Stepper {
   const Mode &mode() const { return *mode_; }
   /// z = (x, 1, u) now.
   const std::vector<double> &z() const { return z_; }
-  /// What the two ADCs convert now, in SI units; valid until the next call of anything else.
+  /// The signals that the two ADCs convert now, in SI units; valid until any other call.
   const double *sensors();
   std::int64_t tick() const { return tick_; }
 
@@ -54,8 +54,9 @@ class Stepper {
   std::int64_t count(int switch_index, int from, int to) const;
 
   EnergyIntegrals energy() const { return energy_.integrals(); }
+  /// J.
   double kinetic() const;
-  /// Spring energy, one entry per Network::storages().
+  /// Spring energy in J, one entry per Network::storages().
   std::vector<double> stored() const {
     return stored_energies(*mode_, cache_->audit(mode_->key), z_.data());
   }

@@ -1,5 +1,5 @@
 #pragma once
-// What a network consists of, and the parts that elements are wired from.
+// The parts of a network: states, wires and switches, and functions that add them for an element.
 #include <array>
 #include <cstdint>
 #include <string>
@@ -47,7 +47,7 @@ struct Wiring {
     int home = 0;
     int stuck = -1;  ///< a friction's state in which its ends have one velocity
   };
-  /// Of a channel, in one state of its switch.
+  /// The bounds of one signal in one state of a switch; see Channel.
   struct Bounds {
     Wire wire;
     double low, high;
@@ -64,7 +64,7 @@ struct Wiring {
     int velocity_a;  ///< state, -1: ground
     int velocity_b;
   };
-  /// Power as the product of two wires; or energy, half of that plus a constant one.
+  /// Power, W: the product of two wires; or energy, J: half of that product plus a constant wire.
   struct Product {
     std::string element;
     Wire first;
@@ -86,11 +86,12 @@ struct Wiring {
   int add_segments(const std::string &element, Wire input, const Curve &curve, bool of_drive);
   Wire add_curve(int segments, Wire input, const Curve &curve);
   Wire add_clamp(const std::string &element, Wire input, double limit, bool of_drive);
+  /// x_a - x_b - offset, m, and its rate, m/s.
   Wire deflection_of(Ends ends, double offset = 0.0);
   Wire rate_of(Ends ends);
-  /// A positive force pushes end a back and end b forward.
+  /// Adds a force in N: positive pushes end a back and end b forward.
   void push(Ends ends, Wire force);
-  /// Gives a wire the name of a signal of Model::signal_list().
+  /// Assigns the name of a signal of Model::signal_list() to a wire.
   void name_signal(const std::string &name, Wire wire_index);
   void name_link(const std::string &name, const LinkWires &link);
   Wire named(const std::string &name) const;

@@ -46,7 +46,8 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
   return key;
 }
 
-// The drive taken off: its force is the command. What only the drive shows is gone with it.
+// The model with a perfect drive of 1 N/V: its force is the command. The drive's own signals are
+// removed.
 Model without_drive(Model model) {
   if (!model.drive) return model;
   model.drive->type = PerfectDrive{1.0, std::nullopt};
@@ -58,8 +59,8 @@ Model without_drive(Model model) {
   return model;
 }
 
-// A constant force on a body, in the guise of gravity: what it adds to the constant column is how
-// the plant answers, whatever sticks.
+// A constant force on a body, modelled as gravity: its addition to the constant column is the
+// plant's response, with sticking frictions included.
 Model pushed(Model model, int body, double force_N) {
   if (body == kGround) return model;
   const double mass = model.bodies[static_cast<std::size_t>(body)].mass;

@@ -26,14 +26,14 @@ struct Linear {
 struct LinearMode {
   std::map<std::string, std::string> states;
   bool free = false;  ///< contacts are apart
-  bool drive = true;  ///< false: the drive is taken off; input drive.force acts in its place
+  bool drive = true;  ///< false: the drive is removed; input drive.force acts in its place
 };
 
 /// Inputs: drive.command V | drive.tach V, added to a DC motor's tachometer | drive.force N, on the
-/// drive's body and against its reaction, besides what the drive gives | BODY.force N, from
-/// outside. Outputs: any signal of the model | reading, what ADC 0 converts, in its signal's unit |
-/// adc0, adc1 in 8-bit counts | encoder in counts. Throws InputError if an input, output, element
-/// or state is not there.
+/// drive's body and against its reaction, in addition to the drive's own | BODY.force N, external.
+/// Outputs: any signal of the model | reading, what ADC 0 converts, in its signal's unit | adc0,
+/// adc1 in 8-bit counts | encoder in counts. Throws InputError if an input, output, element or
+/// state does not exist.
 Linear linearise(const Model &model, const LinearMode &mode, std::span<const std::string> inputs,
                  std::span<const std::string> outputs);
 

@@ -88,7 +88,7 @@ Slopes read_slopes(Section &section, const char *key, Dimension dimension, Dimen
                      std::to_string(curve.slopes.size()) + "; add or remove values");
   if (!by_load) return curve;
 
-  // The deflection at a load: every slope's share of the way there from 0.
+  // The deflection at a load: the sum of the shares of all slopes between 0 and it.
   const std::vector<double> loads = curve.breaks;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   for (double &at : curve.breaks) {
@@ -108,7 +108,7 @@ Slopes read_slopes(Section &section, const char *key, Dimension dimension, Dimen
   return curve;
 }
 
-// What every element with two ends begins with.
+// Reads the keys that every element with two ends has.
 template <class Link>
 Link Elements::link(Section &section) {
   Link element;
@@ -121,7 +121,7 @@ double read_damping(Section &section) {
   return section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
 }
 
-// A link that acts where its ends touch: a contact, or either side of a stop.
+// Reads a link that acts where its ends touch: a contact, or either side of a stop.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);
@@ -330,7 +330,7 @@ void Elements::read_sensors() {
     constexpr double kFastestFilter = 1e6;
     if (adc.filter && *adc.filter > kFastestFilter)
       section.fail("filter", "expected at most 1e6 rad/s, got " + number_text(*adc.filter) +
-                                 "; leave out a filter that no tick can tell from none");
+                                 "; omit a filter whose effect within a tick is negligible");
     adc.conditioning_limit = section.optional_value("conditioning_limit", unit, Sign::positive);
     adc.noise = section.value_or("noise", unit, Sign::not_negative, 0.0);
     adc.per_count = section.value("per_count", *per_count(unit), Sign::not_zero);

@@ -71,7 +71,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   return parameters;
 }
 
-// The overrides of a model and where a message says that they are.
+// The overrides of a model and the file that messages about them name.
 class Overriding {
  public:
   Overriding(Source &source, const std::string &file)
@@ -79,7 +79,7 @@ class Overriding {
 
   void apply(std::span<const Override> overrides) {
     check_names(overrides);
-    // Names take the values that numbers and quantities have made.
+    // Names of parameters are resolved after numbers and quantities, to the overridden values.
     for (const Override &change : overrides)
       if (!names_parameter(change)) put(*source_.find(change.parameter), number(change));
     std::vector<std::pair<Parameter *, double>> named;
@@ -155,7 +155,7 @@ class Overriding {
   bool in_set_;
 };
 
-// Follows everything with two ends from ground; what is not reached floats freely.
+// Follows all elements with two ends from ground; a body that is not reached floats freely.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
   model.each_link([&](const auto &link) { links.push_back(link.ends); });
@@ -178,7 +178,7 @@ void check_connected(const Model &model) {
               in_quotes(model.bodies[i].name) + " disconnected; connect or remove it");
 }
 
-// Each friction may stick, and then its ends move as one; a loop would hold them twice over.
+// A loop of sticking frictions would have undetermined forces.
 void check_frictions(const Model &model) {
   std::vector<int> group(model.bodies.size() + 1);  // [0] is ground
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);

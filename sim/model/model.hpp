@@ -2,13 +2,13 @@
 // A plant as its file describes it: checked, immutable, without any dynamics.
 //
 // load_model() reads a TOML file and either returns a Model in which every rule below holds or
-// throws InputError with one line that names file, key, what was expected and what to do. Nothing
-// else leaves it (but std::bad_alloc). Positive motion is toward the workpiece; SI units
+// throws InputError with one line that names file, key, what was expected and what to do. It throws
+// nothing else but std::bad_alloc. Positive motion is toward the workpiece; SI units
 // throughout.
 //
 //   title = "..."   shows = "..."               optional texts
 //   parameters_file = "thesis.toml"             optional, relative to this file; holds [parameters]
-//   [parameters]                                own entries win over those of parameters_file
+//   [parameters]                                own entries override those of parameters_file
 //   m_r = { value = 132.4, unit = "kg", source = "Fig 4.26" }            source is optional
 //   [[body]]     name, mass > 0, position = 0, velocity = 0
 //   [[spring]]   name, between = ["a", "b"], stiffness >= 0, damping = 0; piecewise linear: a list
@@ -33,10 +33,11 @@
 // back and b forward.
 // * Piecewise linear: breaks rise; slope k holds between breaks[k-1] and breaks[k]; the curve is
 //   continuous and 0 at 0. Breaks may be given as `loads`: compliance that depends on the load.
-// * A contact gives k d + b d' while d > 0 and that sum is > 0, else 0. A stop is such a contact on
+// * A contact exerts k d + b d' while d > 0 and that sum is > 0, else 0. A stop is such a contact
+// on
 //   either side, free while low < d < high; a backlash a stop at -width/2 and +width/2.
 // * Friction opposes sliding with `coulomb`; it sticks at d' = 0 while no more than `stiction` is
-//   needed for that. Frictions must not form a loop: what each would hold were not determined.
+//   needed for that. Frictions must not form a loop: their forces would be undetermined.
 // * Gravity pulls its body with mass * acceleration, toward +x where positive; between positions it
 //   is interpolated, beyond the outer ones it is constant.
 // Every body must be tied to ground through these or the drive. A parameter that this file defines
@@ -55,8 +56,8 @@
 
 namespace forceaxis::sim {
 
-/// Format of models, experiments and measurements; rises when a file that was right is read
-/// otherwise.
+/// Format of models, experiments and measurements; incremented when the meaning of a valid file
+/// changes.
 inline constexpr int kFileFormat = 1;
 
 /// A refused input. what() is one line: "FILE: KEY: expected ..., got ...; what to do".
@@ -134,7 +135,7 @@ struct Friction {
   std::string name;
   Ends ends;
   double coulomb = 0.0;   ///< N, >= 0, while sliding
-  double stiction = 0.0;  ///< N, >= coulomb, what it takes to break loose
+  double stiction = 0.0;  ///< N, >= coulomb, at which sliding begins
 };
 
 struct Gravity {
@@ -151,7 +152,7 @@ struct Gravity {
 ///   vm  = slope k_amp up to |e| = amp_break, k_amp_outer beyond, clamped to +-supply_limit
 ///   L i' = vm - R i - k_back_emf / r_trans * v
 ///   F   = k_torque / r_trans * i - b_m / r_trans^2 * v                on the body, -F on reaction
-/// What the DAC (or an analyzer) puts out is the velocity command u, with t = 0; with input =
+/// The output of the DAC (or an analyzer) is the velocity command u, with t = 0; with input =
 /// "tach" it is added to the tachometer's voltage instead: t, with u = 0 (Fig 3.7). v is the
 /// velocity of the body against the reaction body. Disabled: i = 0, F = -b_m/r^2 v.
 struct DcMotor {
@@ -175,8 +176,8 @@ struct DcMotor {
   std::optional<double> supply_limit;            ///< V, > 0; none: not limited
 };
 
-/// F' = a_act (k_act (velocity_per_volt u - v) - F), the simple actuator of 2.3; what acts is
-/// clamp(F, +-force_limit). Disabled: F = 0.
+/// F' = a_act (k_act (velocity_per_volt u - v) - F), the simple actuator of 2.3; the force on the
+/// body is clamp(F, +-force_limit). Disabled: F = 0.
 struct FirstOrderDrive {
   double k_act = 0.0;                 ///< N s/m, > 0
   double a_act = 0.0;                 ///< rad/s, > 0
@@ -224,12 +225,13 @@ struct Dac {
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
 };
 
-/// A named truth signal of a model and what it measures.
-///   BODY.position m, .velocity m/s, .acceleration m/s^2 (what an accelerometer on it shows)
-///   LINK.force N (what pushes a back), .spring_force N (its stiffness part alone, which a strain
-///       gauge shows; 0 for a damper, a friction and out of contact), .spring_force_rate N/s (k d',
-///       what a velocity-sensing force sensor shows, 6.2.1), .deflection m (overlap of a contact,
-///       < 0 is a gap; x_a - x_b of a stop); LINK is any element with two ends
+/// A named true signal of a model and what it measures.
+///   BODY.position m, .velocity m/s, .acceleration m/s^2 (the output of an accelerometer on it)
+///   LINK.force N (positive pushes a back), .spring_force N (its stiffness part alone, the output
+///   of
+///       a strain gauge; 0 for a damper, a friction and out of contact), .spring_force_rate N/s (k
+///       d', the output of a velocity-sensing force sensor, 6.2.1), .deflection m (overlap of a
+///       contact, < 0 is a gap; x_a - x_b of a stop); LINK is any element with two ends
 ///   GRAVITY.force N
 ///   drive.force N, .command V (held DAC output); dc_motor also .current A, .tach V (unfiltered),
 ///       .tach_filtered V (vf), .current_command V (c), .voltage V (vm; the back EMF when disabled)
@@ -271,16 +273,15 @@ struct Model {
 };
 
 /// Replaces the value of one parameter: by a number in the parameter's own unit, or by a text,
-/// which is a quantity or another parameter's name; that one's value is what the other overrides
-/// make it.
+/// which is a quantity or another parameter's name. Other overrides apply to that one first.
 struct Override {
   std::string parameter;
   std::variant<double, std::string> value;
 };
 
 /// Reads and checks a model. Overrides must name parameters of the model (or of its
-/// parameters_file); Parameter::used tells whether an override had anything to act on. What is
-/// wrong with them is reported as `set.NAME` of the file `overrides_file`, if that is given. Throws
+/// parameters_file); Parameter::used is false for one that nothing in the model uses. Mistakes in
+/// them are reported as `set.NAME` of the file `overrides_file`, if that is not empty. Throws
 /// InputError.
 Model load_model(const std::filesystem::path &path, std::span<const Override> overrides = {},
                  const std::string &overrides_file = "");

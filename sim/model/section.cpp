@@ -266,7 +266,7 @@ std::vector<double> Section::list(std::string_view key, Dimension dimension, Sig
 
 std::vector<double> Section::values(std::string_view key, Dimension dimension, Sign sign) {
   std::vector<double> found = list(key, dimension, sign);
-  if (found.empty()) (void)value(key, dimension, sign);  // says that it is missing
+  if (found.empty()) (void)value(key, dimension, sign);  // reports that it is missing
   return found;
 }
 

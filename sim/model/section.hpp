@@ -1,10 +1,10 @@
 #pragma once
-// Reading a TOML file: a Section hands out the typed values of one table.
+// Reads a TOML file: a Section returns the typed values of one table.
 //
 // Every value is checked for its kind, range and dimension; a text is a quantity (units.hpp) or the
-// name of a parameter. What does not fit is thrown as InputError: one line with the whole path of
-// the key. In the end finish() refuses the keys that nobody has asked for. A section holds
-// references: the table, the source and the lists given to it must outlive it.
+// name of a parameter. A value that does not fit throws InputError: one line with the whole path of
+// the key. In the end finish() refuses keys that were never read. A section holds references: the
+// table, the source and the lists passed to it must outlive it.
 #include <toml++/impl/forward_declarations.h>
 
 #include <functional>
@@ -33,7 +33,7 @@ struct Source {
   }
 };
 
-/// What a number may be. All are finite, and 0 or between 1e-30 and 1e30 in size.
+/// The sign that a number may have. All are finite, and 0 or between 1e-30 and 1e30 in magnitude.
 enum class Sign { any, not_zero, not_negative, positive };
 
 class Section {
@@ -83,7 +83,7 @@ class Section {
   /// Visits and finishes every table of a list, if there is one.
   void each(std::string_view key, const std::function<void(Section &)> &visit);
 
-  /// Refuses what has not been asked for.
+  /// Refuses the keys that were not read.
   void finish() const;
   [[noreturn]] void fail(std::string_view key, const std::string &message) const;
 
@@ -108,13 +108,13 @@ class Section {
 
 /// The file as TOML. Throws InputError.
 toml::table parse_toml(const std::string &file);
-/// The same of a text; `file` is what a message calls it.
+/// The same for a text; messages name it `file`.
 toml::table parse_toml_text(std::string_view text, const std::string &file);
 
 /// Index of a body by name, or kGround.
 int find_body(const std::vector<Body> &bodies, std::string_view name);
 
-/// A node as a message calls it.
+/// The kind of a node in messages, such as "a table".
 std::string kind_of(const toml::node &node);
 
 }  // namespace forceaxis::sim

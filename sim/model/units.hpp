@@ -1,5 +1,5 @@
 #pragma once
-// Units: what a value measures, how its unit is spelled, and quantities such as "12 mm/s".
+// Units: dimensions of values, spellings of their units, and quantities such as "12 mm/s".
 //
 // clang-format off
 // The spellings, by what they measure (each entry: spellings of one dimension):
@@ -97,7 +97,7 @@ struct QuantityText {
 };
 QuantityText split_quantity(std::string_view text);
 
-/// A quantity in the first spelling's unit, or else what was obtained, in words that follow "got ".
+/// A quantity in the first spelling's unit, or else a description of the text to follow "got ".
 struct QuantityResult {
   std::optional<double> value;
   std::string obtained;

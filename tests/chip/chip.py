@@ -29,7 +29,7 @@ STEPS_MAX = 40_000_000
 
 
 class Stuck(Exception):
-    """What was called did not come back."""
+    """A called function did not return."""
 
 
 @functools.cache
@@ -60,8 +60,8 @@ def symbols(path):
 
 
 class Chip:
-    """A chip out of reset. `store` is what its flash kept, as 32 KiB. `steps` counts instructions,
-    without `ram_counts` only those in the flash."""
+    """A chip out of reset. `store`: the stored sectors of its flash, 32 KiB. `steps` counts
+    instructions, without `ram_counts` only those in the flash."""
 
     def __init__(self, store=None, ram_counts=True):
         self.board = Board()
@@ -84,7 +84,7 @@ class Chip:
         self.uc.mem_write(UID, struct.pack("<3I", *UID_WORDS))
         self.uc.mem_map(EXIT & ~0xFFF, 0x1000, read_only)
         self.steps, self.steps_max = 0, STEPS_MAX
-        self.watch = None  # called with address and bytes of each block that is run
+        self.watch = None  # called with address and bytes of each block that is executed
         self.problem = None
         counted = (1, 0) if ram_counts else (FLASH, FLASH + FLASH_BYTES)
         self.uc.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, None, *counted)
@@ -94,10 +94,10 @@ class Chip:
         self.vectors = struct.unpack_from("<55I", self.code)
         self.uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self.idle = self.symbols["port_idle"]
-        # The loader's copy, so that a boot is from power-up whatever came before.
+        # The loader's copy of the data, so that every boot starts as at power-up.
         self.boot_steps = None
 
-    # Buses: an exception in a callback must not get lost in C.
+    # Peripherals: an exception in a callback must not be lost in C code.
 
     def _guard(self, call, *arguments):
         try:
@@ -138,14 +138,14 @@ class Chip:
             raise Stuck(f"after {self.steps} instructions")
 
     def boot(self):
-        """From reset to the first time there is nothing to do."""
+        """Runs from reset to the first idle point."""
         self._run(self.entry, 0xFFFFFFFE)
         assert self.uc.reg_read(arm_const.UC_ARM_REG_PC) & ~1 == self.idle
         self.boot_steps = self.steps
         return self
 
     def call(self, name, *arguments):
-        """A function, as an interrupt would come in between; returns its signed result."""
+        """A function, called as by an interrupt; returns its signed result."""
         return self._call(self.symbols[name], *arguments)
 
     def _call(self, address, *arguments):
@@ -193,7 +193,7 @@ class Chip:
         self._call(self.vectors[16 + irq])
 
     def interrupts(self):
-        """Those that the peripherals ask for, until none does."""
+        """Serves the interrupts that peripherals request, until none is pending."""
         for _ in range(2000):
             if self.board.can.interrupt():
                 self.interrupt(CAN_RX0)
@@ -204,8 +204,8 @@ class Chip:
         raise Stuck("an interrupt that does not end")
 
     def tick(self, count=1, hung=False):
-        """Interrupts of the timer, with what else asks for one before each; after each the main
-        loop, unless it is hung; 667 bits on the bus."""
+        """Interrupts of the timer, with the other pending interrupts before each; after each
+        the main loop, unless it is hung; 667 bits on the bus."""
         for _ in range(count):
             self.interrupts()
             systick = self.board.systick

@@ -42,7 +42,7 @@ class Inputs(ctypes.Structure):
 
 
 def run(*command):
-    """Output of a tool; a missing or failing one ends with what it printed."""
+    """Output of a tool; a missing or failing one ends the program with its message."""
     if not shutil.which(command[0]):
         raise SystemExit(f"{command[0]} is not installed: run tools/setup")
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
@@ -57,7 +57,7 @@ def sources():
 
 @functools.cache
 def _folder():
-    """Of what is built once for all tests of this process."""
+    """The folder of what is built once for all tests of this process."""
     folder = Path(tempfile.mkdtemp(prefix="forceaxis."))
     atexit.register(shutil.rmtree, folder)
     return folder
@@ -90,7 +90,7 @@ def build_counter():
 
 
 class Code:
-    """What the image holds: functions, their instructions and whom they call."""
+    """The image's functions, their instructions and calls."""
 
     def __init__(self, image):
         self.symbols, self.instructions, self.calls = {}, {}, {}
@@ -121,7 +121,7 @@ class Code:
         self.owner = owner
 
     def reachable(self, *roots):
-        """Functions that these can come to; calls through pointers are not followed."""
+        """Functions reachable from these; calls through pointers are not followed."""
         found, left = set(), list(roots)
         while left:
             name = left.pop()
@@ -143,7 +143,7 @@ class Counter(ctypes.Structure):
 
 
 class Chip:
-    """The firmware in the emulator; count() and shares() speak of the last call."""
+    """The firmware in the emulator; count() and shares() refer to the last call."""
 
     def __init__(self):
         image, library = build_image(), build_counter()
@@ -203,7 +203,7 @@ class Chip:
         assert status == unicorn.UC_ERR_OK
 
     def call(self, name, *arguments, goes_on=False):
-        """The signed result of a function; `goes_on`: it is counted with the call before."""
+        """The signed result of a function; `goes_on`: added to the counts of the last call."""
         write = self.uc.reg_write
         for i, value in enumerate(arguments):
             write(arm_const.UC_ARM_REG_R0 + i, value & 0xFFFFFFFF)

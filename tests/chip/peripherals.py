@@ -1,9 +1,10 @@
 """Models of the STM32F446's peripherals, written from the reference manual RM0390 (register maps at
 the end of each chapter) and the ARMv7-M manual, with addresses and bits of their own: nothing here
-is taken from the port. What the manual forbids is noted in `Board.mistakes`.
+is taken from the port. Violations of the manual are recorded in `Board.mistakes`.
 
-Time is what a test makes it: a conversion takes so many reads of its status register, a PLL locks
-after so many, a CAN bus moves when Can.bits() is called, the core's clock when Board.advance() is.
+Time is under a test's control: a conversion takes a number of reads of its status register, a PLL
+locks after a number of reads, a CAN bus moves when Can.bits() is called, the core's clock when
+Board.advance() is.
 """
 
 from collections import defaultdict
@@ -67,7 +68,7 @@ class Rcc(Peripheral):
     def write(self, offset, value):
         if offset == 0x00:
             value = value & ~(1 << 25) | (self[0x00] & 1 << 25 if bits(value, 24) else 0)
-        if offset == 0x74:  # RMVF clears why the chip was reset
+        if offset == 0x74:  # RMVF clears the causes of the reset
             value = 0 if bits(value, 24) else self[0x74]
         if offset == 0x04 and bits(self[0x00], 24):
             self.board.mistakes.append("PLLCFGR written while the PLL is on")
@@ -125,7 +126,7 @@ class Flash(Peripheral):
         self.protected = set()  # sectors
         self.words = 0
         self.erased = []
-        self.cut_after = None  # words or erases until the power goes
+        self.cut_after = None  # words or erases until the power fails
 
     def error(self, bit):
         self.registers[0x0C] = self[0x0C] | 1 << bit
@@ -199,7 +200,7 @@ class Gpio(Peripheral):
         super().__init__(board)
         self.name = name
         self.registers[0x00] = moder
-        self.wires = {}  # pin: level that something outside drives
+        self.wires = {}  # pin: level driven from outside
 
     def mode(self, pin):
         return bits(self[0x00], 2 * pin, 2)
@@ -471,7 +472,7 @@ class Can(Peripheral):
             self.registers[0x0C] |= 8
 
     def transmit(self):
-        """Everything that waits goes out."""
+        """Transmits all pending mailboxes."""
         while self.requests and self.connected() and not self[0x18] & 4:
             box = self.requests[0]
             if not self[0x00] & 4:  # without TXFP the lowest identifier first
@@ -612,7 +613,7 @@ class Scb(Peripheral):
 
 
 class Board:
-    """All of them on their buses. A peripheral without its clock takes and gives nothing."""
+    """All peripherals on their buses. One without its clock ignores writes and reads as 0."""
 
     def __init__(self):
         self.mistakes = []
@@ -650,7 +651,7 @@ class Board:
         self.systick.reached(self.cycles)
 
     def look(self):
-        """What stands at the terminals: an output that is not driven is pulled down."""
+        """The levels at the terminals: an output that is not driven is pulled down."""
         port = getattr(self, "gpiob", None)
         if port is None or not hasattr(self, "dac"):
             return

@@ -15,7 +15,7 @@ STATES = objects.BY_NAME["store_state"].enum
 
 
 def enable(chip, code):
-    """Open loop with a code that is out at once."""
+    """Open loop with a code that is output at once."""
     assert chip.write("bump_decay_shift", 0) == 0
     assert chip.write("open_loop_code", code) == 0
     assert chip.write("mode", objects.BY_NAME["mode"].enum.index("open_loop")) == 0
@@ -70,7 +70,7 @@ def test_without_its_clock_the_axis_stays_off(never):
     assert chip.board.trail == [OFF]
     # The polls end: at 16 MHz and at least a cycle an instruction, within 10 ms but for the store.
     assert chip.board.rcc.reads <= 5000
-    # CAN would have the wrong bit rate and is left alone; the serial line has the right one.
+    # CAN would have the wrong bit rate and is not started; the serial line has the right one.
     assert chip.board.can[0x00] == 0x00010002
     assert abs(16e6 / chip.board.usart[0x08] / 115200 - 1) < 0.005
     assert chip.board.mistakes == []
@@ -133,8 +133,8 @@ def test_version_hash_and_source_are_in_the_image_and_read_back(chip):
     text = chip.text(0x100A)
     assert re.fullmatch(r"\d+\.\d+\.\d+ [0-9a-f]{8} [0-9a-f]{12}\+?", text)
     assert text.split()[1] == objects.OBJECTS_HASH[:8]
-    assert len(text) <= 30  # what a Modbus client is shown of it
-    # At a fixed place, for those who hold a file.
+    assert len(text) <= 30  # the part that a Modbus client reads
+    # At a fixed place, so that programs find it in an image file.
     assert chip.code[0x200 : 0x200 + len(text) + 1] == text.encode() + b"\0"
     binary = IMAGE.with_suffix(".bin").read_bytes()
     assert binary[0x200 : 0x200 + len(text)] == text.encode()
@@ -245,7 +245,7 @@ def test_the_amplifier_stays_off_while_the_dac_does_not_stand_at_mid_scale(chip)
     chip.tick(5)
     assert chip.board.gpiob.level(0) == 0
     chip.board.dac.write = original
-    chip.tick(2)  # one to mid-scale, one to enable
+    chip.tick(2)  # the first sets mid-scale, the second enables
     assert chip.terminals() == (1, 1, pytest.approx(100 * LSB_V))
 
 
@@ -368,7 +368,7 @@ def test_a_conversion_that_comes_late_is_not_taken_for_the_next_one(chip):
     adc.finish()  # between two ticks
     adc.ready_reads = NEVER
     chip.tick()
-    assert adc.waiting is not None  # started again, and what lay there was not taken
+    assert adc.waiting is not None  # a new conversion was started; the old result was not used
     assert chip.write("fault_reset", 1) == 0
     chip.tick()
     assert chip.read("fault") == objects.BY_NAME["fault"].enum.index("sensor_invalid")
@@ -384,7 +384,7 @@ def test_a_missed_tick_is_counted(chip):
     tim5 = chip.board.tim5
     original = tim5.read
 
-    def read(offset):  # the next one comes while this one is at work
+    def read(offset):  # the next tick begins during this one
         chip.board.systick.wrap()
         return original(offset)
 
@@ -401,12 +401,12 @@ def test_the_watchdog_fires_some_20_ms_after_the_last_tick(chip):
     iwdg = chip.board.iwdg
     assert iwdg.started
     assert iwdg.timeout_s(32e3) == pytest.approx(20e-3)
-    # At either end of the oscillator's range it outlasts some ticks, and not many.
+    # At either end of the oscillator's range the timeout is some ticks, and not many.
     assert iwdg.timeout_s(47e3) > 5 / 1500 and iwdg.timeout_s(17e3) < 40e-3
 
 
 def test_a_main_loop_that_hangs_costs_the_axis_its_outputs_and_then_the_reset(chip):
-    """Heartbeats, NMT and time-outs are the main loop's: without it none of them is served."""
+    """Heartbeats, NMT and time-outs depend on the main loop."""
     iwdg = chip.board.iwdg
     enable(chip, 400)
     chip.tick(3)
@@ -419,7 +419,7 @@ def test_a_main_loop_that_hangs_costs_the_axis_its_outputs_and_then_the_reset(ch
     chip.tick(100, hung=True)
     assert iwdg.feeds - before == 15, "it would never be reset"
     assert chip.board.trail[-1] == OFF
-    # Back before the watchdog is through: the fault stays, and it is named.
+    # It resumes before the watchdog expires: the fault stays latched, and is reported.
     chip.tick(2)
     assert chip.read("fault") == objects.BY_NAME["fault"].enum.index("main_loop_lost")
     assert any(i == 0x081 and d[:2] == b"\x00\x61" for i, d, _ in chip.board.can.sent)  # 6100h
@@ -437,7 +437,7 @@ def test_the_watchdog_is_fed_by_the_tick_and_by_nothing_else(chip):
     chip.board.can.receive(0x601, bytes(8))
     chip.interrupts()
     assert iwdg.feeds == before
-    # Nor before the first tick: a start that hangs is found out.
+    # Nor before the first tick: a start that hangs is detected.
     other = Chip()
     other.boot()
     assert other.board.iwdg.started and other.board.iwdg.feeds == 0

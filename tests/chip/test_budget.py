@@ -1,5 +1,5 @@
 """The whole tick on an emulated Cortex-M4: its instructions stay within the interrupt's budget, and
-docs/chip/instructions.md says what they are.
+docs/chip/instructions.md lists them.
 
 The table and the fuzz behind it are those of tools/tick_profile, which also writes the table.
 """
@@ -45,8 +45,8 @@ def test_the_table_is_what_the_tool_writes(profile):
 
 
 class Pair:
-    """The chip, which ticks in two, and the host, which does not: whatever is asked of them is
-    asked of both, and answered alike."""
+    """The chip, whose tick has two parts, and the host, whose tick has one: every call is made on
+    both, with equal results."""
 
     def __init__(self):
         self.chip, self.host = Chip(), Host()
@@ -73,7 +73,7 @@ def test_the_chip_sends_what_the_host_sends():
     for tick in range(SAME_TICKS):
         fuzz.step(pair, inputs)
         pair.tick(bytes(inputs))
-        # A bus that is busy now and then lets the output run full.
+        # A bus that is busy at times fills the output queue.
         for _ in range(CAN_MAILBOXES if tick % 500 < 400 else 0):
             frames += pair.transmit() is not None
     assert frames > SAME_TICKS // 4

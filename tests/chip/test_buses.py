@@ -28,8 +28,8 @@ def test_bit_timing(chip):
     can = chip.board.can
     assert can.bit_rate() == 1e6
     assert 0.75 <= can.sample_point() <= 0.88
-    # What two nodes may differ by (Robert Bosch, CAN 2.0, 9): twice the smaller of both bounds. The
-    # internal oscillator's 1 % has room in it.
+    # The permitted difference of two nodes (Robert Bosch, CAN 2.0, 9): twice the smaller of both
+    # bounds. It exceeds the internal oscillator's 1 %.
     segment_2, jump = bits(can[0x1C], 20, 3) + 1, bits(can[0x1C], 24, 2) + 1
     quanta = 1 + bits(can[0x1C], 16, 4) + 1 + segment_2
     assert jump <= segment_2
@@ -105,7 +105,7 @@ def test_mailboxes_keep_the_order_and_refuse_a_fourth(chip):
 
 
 def test_what_finds_no_room_waits_for_a_mailbox(chip):
-    """A bus that is busy: nothing is lost and nothing changes places."""
+    """On a busy bus no frame is lost or reordered."""
     can = chip.board.can
     can.transmit, transmit = (lambda: None), can.transmit
     for i in range(3):  # three answers of three servers would be sent; the boxes are full
@@ -280,7 +280,7 @@ def test_the_lines_driver_is_on_whenever_the_interrupt_comes(chip, at):
     assert chip.call("port_serial_transmit", buffer, 2) == 2
     while len(usart.sent) < 2:
         chip.interrupt(38)
-    chip.interrupt(38)  # nothing left: waits for the end of the last bit
+    chip.interrupt(38)  # nothing pending: waits for the end of the last bit
     # The next call, with the interrupt somewhere within.
     chip.call_interrupted("port_serial_transmit", at, 38, buffer + 2, 2)
     chip.interrupts()

@@ -87,9 +87,9 @@ def frames(tmp_path):
 def line():
     """libmodbus at the chip's serial line; a call is a request, its answer a list of numbers."""
     process = emulator(modbus="pty")
-    said = process.stdout.readline()
-    tty = re.search(r"redirected to (\S+)", said)
-    assert tty, said
+    line = process.stdout.readline()
+    tty = re.search(r"redirected to (\S+)", line)
+    assert tty, line
     client = subprocess.Popen(
         [CLIENT, tty[1], "115200", str(NODE)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,

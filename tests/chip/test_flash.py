@@ -118,8 +118,8 @@ def test_an_erase_runs_from_ram_without_interrupts_and_the_watchdog_lives(chip):
 
 def test_the_ticks_that_an_erase_costs_are_counted_and_made_up_for(chip):
     """300 ms are 450 ticks, of which the interrupt that is pending does one. A heartbeat that was
-    due meanwhile comes at once, the next ones at their interval; a master that could not be heard
-    is not lost before its time after the erase."""
+    due meanwhile comes at once, the next ones at their interval; a master counts as lost only its
+    full time after the erase."""
     board, tick_cycles = chip.board, 168e6 / 1500
     assert chip.write("producer_heartbeat_time", 100) == 0  # 150 ticks
     assert chip.write("consumer_heartbeat_1", 2 << 16 | 200) == 0  # node 2, 300 ticks

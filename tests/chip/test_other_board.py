@@ -70,14 +70,14 @@ def ports(tmp_path_factory):
 
 @pytest.fixture
 def known(ports, monkeypatch):
-    """The boards that the package knows are those of the folder."""
+    """Sets the folder in which the package looks for boards."""
     monkeypatch.setattr(board, "PORTS", ports)
     return ports
 
 
 def test_its_image_is_reported_beside_its_limits(ports):
     elf = ports / "out/forceaxis-press.elf"
-    # Its store has no memory, so the calls through the memory's pointers lead nowhere.
+    # Its store has no memory, so calls through the memory's pointers have no targets.
     text = (ports / "press/board.toml").read_text()
     (ports / "press/board.toml").write_text(text.replace('["nothing"]', "[]"))
     done = subprocess.run(

@@ -1,5 +1,5 @@
-"""A random master, bus and plant around the firmware, the same ones for whoever plays them: what
-happens follows from the seed, the tick and the output alone.
+"""A random master, bus and plant around the firmware. All events follow from the seed, the tick and
+the outputs alone, so that every side receives the same ones.
 
 A scenario lasts some hundred ticks: a mode of operation, a mapping of the PDOs, timers, the
 recorder's channels. In it controlwords, targets, parameters, frames of every kind, Modbus requests,
@@ -102,8 +102,8 @@ def crc(frame):
 
 
 class Fuzz:
-    """One world: `step` plays a tick to a side (or several, which must answer alike) and tells
-    what happened to `watch`."""
+    """One run: `step` plays a tick to a side (or several, which must answer alike) and reports
+    the events to `watch`."""
 
     def __init__(self, objects, seed):
         self.objects = objects
@@ -131,7 +131,7 @@ class Fuzz:
 
     def start_scenario(self, side):
         rng = self.rng
-        # None of what went before may hold this one up.
+        # Remains of the previous scenario must not delay this one.
         self.set(side, "controlword", 0)
         self.set(side, "mode", 0)
         self.set(side, "fault_reset", 1)
@@ -216,7 +216,7 @@ class Fuzz:
         self.set(side, "recorder_arm", 1)
 
     def command(self, side):
-        """What a master may do between two ticks."""
+        """A random action of the master between two ticks."""
         rng = self.rng
         chance = rng.random()
         often = 0.05 if self.quiet else 0.3
@@ -324,7 +324,7 @@ class Fuzz:
         inputs.sensor_valid = int(rng.random() >= 0.001)
 
     def step(self, side, inputs):
-        """One tick and what comes before it; the tick is left to the caller."""
+        """The events before one tick, and its inputs; the caller runs the tick."""
         if self.tick_number % SCENARIO_TICKS == 0:
             self.start_scenario(side)
         self.tick_number += 1

@@ -1,4 +1,4 @@
-"""Where the instructions of a tick go: a fuzzed run on the emulated Cortex-M4, and its table."""
+"""The instructions of a tick by function: a fuzzed run on the emulated Cortex-M4, and its table."""
 
 from collections import Counter, defaultdict
 
@@ -10,7 +10,7 @@ from unicorn import UC_HOOK_CODE
 
 SEED = 6
 TICKS = 100_000
-CAN_MAILBOXES = 3  # of a bxCAN: frames that can go out in one tick
+CAN_MAILBOXES = 3  # of a bxCAN: frames that can be sent in one tick
 LATE = 0.002  # share of the ticks after which fw_between() is late
 ENABLED = 4  # AXIS_DRIVE_STATE_
 MODE_NAMES = {
@@ -39,13 +39,13 @@ LIMITS = released.BOARD.limits
 
 
 class Worst:
-    """The longest of calls of one kind, and where its instructions went."""
+    """The longest call of one kind, and its instructions by function."""
 
     def __init__(self):
         self.count, self.shares, self.counts = 0, [], []
 
     def take(self, chip, names=None):
-        """A call; of `names`, where given, only what these functions cost it."""
+        """Records a call; with `names` only the instructions of these functions."""
         shares = chip.shares(names) if names else None
         count = sum(c for c, _ in shares) if names else chip.count
         self.counts.append(count)
@@ -57,7 +57,7 @@ class Worst:
 
 
 class Watched:
-    """The chip, with what it is asked between two ticks counted by kind."""
+    """The chip, with the calls between two ticks counted by kind."""
 
     def __init__(self, chip):
         self.chip, self.frames = chip, Counter()
@@ -111,7 +111,7 @@ class Port:
         self.notice(self.board.board.adc, "read", self.LAST_INPUT, self.sample_taken)
         self.notice(self.board.board.dac, "write", self.OUTPUT, self.output_written)
         self.count, self.inside, self.sampled = 0, False, None
-        # From the start: what was translated before would not be counted.
+        # From the start: blocks translated before would not be counted.
         self.board.uc.hook_add(UC_HOOK_CODE, self.executed)
         self.run()
 

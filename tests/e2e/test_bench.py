@@ -1,4 +1,4 @@
-"""`forceaxis bench`: its JSON, its accuracy, what it says without peers. No times."""
+"""`forceaxis bench`: its JSON, its accuracy, its output without peers. No times."""
 
 import json
 import subprocess

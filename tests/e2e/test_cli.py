@@ -1,4 +1,4 @@
-"""The command line as a user meets it: results, files, exit statuses, one-line refusals."""
+"""The command line: results, files, exit statuses, one-line refusals."""
 
 import csv
 import hashlib
@@ -252,7 +252,7 @@ def test_quantities_override_models_in_python(tmp_path):
     with pytest.raises(_core.InputError, match="m_w: expected a mass in kg, got"):
         _core.facts(model, {"m_w": "3 N"})
     assert _core.quantity("400 kN/m") == 4e5
-    # The one reader of TOML gives what Python's own gives, in the order of the file.
+    # The reader of TOML returns what Python's own returns, in the order of the file.
     for file in sorted((ROOT / "sim").rglob("*.toml")):
         assert repr(toml.read(file)) == repr(tomllib.loads(file.read_text())), file
 
@@ -332,7 +332,7 @@ def test_objects_lists_the_table():
     (row,) = json.loads(done.stdout)
     assert row["name"] == "force_gain"
     assert row["scale"] == 1 / 256
-    # What has no unit shows none; what a number does not say, the text does.
+    # Objects without a unit show none; values that are no numbers show as text.
     listed = forceaxis("objects", "excitation").stdout
     assert "[0 to 65535]" in listed
     assert "below 750" in listed and "folds at 750 Hz" in listed
@@ -355,8 +355,8 @@ def test_an_unstable_verdict_says_why(overrides, because):
     result = json.loads(done.stdout)
     assert (result["verdict"] == "unstable") == bool(because)
     assert len(result["because"]) == len(because)
-    for said, expected in zip(result["because"], because, strict=True):
-        assert said.startswith(expected)
+    for reason, expected in zip(result["because"], because, strict=True):
+        assert reason.startswith(expected)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Every lumped model of the thesis: its equations, its experiments, and what they say they show."""
+"""Every lumped model of the thesis: its equations, its experiments, and what their texts state."""
 
 import tomllib
 from pathlib import Path
@@ -176,7 +176,7 @@ def test_runs_part_at_the_limit():
 
 
 def frequency(run, column, start, stop):
-    """Hz of a trace that rings about where it ends, from its crossings."""
+    """Frequency in Hz of a trace that rings about its final value, from its crossings."""
     t, x = run.columns["time_s"], run.columns[column]
     x = x - x[-1]
     part = (t >= start) & (t <= stop)
@@ -231,7 +231,7 @@ def test_no_load_response(name, ratio):
     )
 
 
-# Experiments whose text says that they are not stable, beside those named *_unstable.
+# Experiments that are unstable by their text, besides those named *_unstable.
 UNSTABLE = {"fig2_3_sampled", "fig2_16a_high", "fig2_35_coupled_stiff", "fig2_43_cycles"}
 
 

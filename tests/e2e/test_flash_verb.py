@@ -1,6 +1,6 @@
-"""`forceaxis flash`: what is shown, what openocd is told, and what is refused.
+"""`forceaxis flash`: its output, its calls of openocd, and its refusals.
 
-A program of the same name stands in for openocd: it records how it was called and fails as told.
+A program of the same name stands in for openocd: it records its arguments and fails as configured.
 Its texts are those of openocd 0.12.
 """
 
@@ -96,7 +96,7 @@ def run(*command, **options):
 
 
 def linked(folder, name="image", source=SOURCE, **changes):
-    """An ELF file of the layout, changed as told."""
+    """An ELF file of the layout, with changes."""
     layout = LAYOUT | changes
     code, script, image = (folder / f"{name}{end}" for end in (".c", ".ld", ".elf"))
     code.write_text(source % layout)
@@ -157,10 +157,10 @@ class Bench:
             cwd=self.folder, env=self.environment(""), stdin=theirs,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
-        told = done.communicate(timeout=60)[0]
+        shown = done.communicate(timeout=60)[0]
         os.close(ours)
         os.close(theirs)
-        return done.returncode, told
+        return done.returncode, shown
 
     def calls(self):
         lines = self.log.read_text().splitlines() if self.log.exists() else []
@@ -213,9 +213,10 @@ def test_hex_and_json(bench, elf):
     path = converted(elf, "hex")
     done = bench.flash(path, "--yes", "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["sectors"] == [0, 3] and told["table_hash"] == HASH and told["warning"] is None
-    assert told["command"] == ["openocd", *bench.calls()[-1]]
+    report = json.loads(done.stdout)
+    assert report["sectors"] == [0, 3] and report["table_hash"] == HASH
+    assert report["warning"] is None
+    assert report["command"] == ["openocd", *bench.calls()[-1]]
     assert bench.calls()[-1] == [*BOARD, "-c", f"program {{{path}}} verify reset exit"]
 
 
@@ -258,17 +259,17 @@ def test_dry_run_prints_the_command_quoted(bench, elf, tmp_path):
         "-c", f"program {{{path.name}}} verify reset exit",
     ]  # fmt: skip
     assert shlex.split(last) == words
-    # A shell hands over the same words.
+    # A shell passes the same words.
     run("sh", "-c", last, env=bench.environment(""))
     assert bench.calls() == [words[1:]]
 
 
 def test_it_asks(bench, elf):
-    status, told = bench.asked(b"n\n", elf)
-    assert status == 1 and "Write it?" in told and "nothing was written" in told
+    status, shown = bench.asked(b"n\n", elf)
+    assert status == 1 and "Write it?" in shown and "nothing was written" in shown
     assert bench.calls() == [[*PROBE, "-c", "shutdown"]]
-    status, told = bench.asked(b"y\n", elf)
-    assert status == 0 and "verified" in told
+    status, shown = bench.asked(b"y\n", elf)
+    assert status == 0 and "verified" in shown
     assert len(bench.calls()) == 3
 
 
@@ -297,11 +298,11 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("access", "expected to be allowed to use the ST-Link", 1),
         ("chip", "the chip does not answer", 1),
         ("other", r"expected an STM32F446 \(0x421\).*0x413", 1),
-        ("mute", "expected to be told what chip it is; it said: nothing", 1),
+        ("mute", "expected the identifier of the chip; last output: nothing", 1),
         ("program", "the chip could not be written", 2),
         ("verify", "the chip does not hold what was written", 2),
-        ("strange", "ended with status 3; it said: Error: the moon is full", 2),
-        ("silent", "expected `Verified OK`; it said: shutdown", 2),
+        ("strange", "ended with status 3; last output: Error: the moon is full", 2),
+        ("silent", "expected `Verified OK`; last output: shutdown", 2),
     ],
 )
 def test_failures_are_one_line(bench, elf, fails, text, calls):
@@ -424,7 +425,7 @@ def test_files_that_are_no_image(bench, tmp_path, name, content, text):
 
 
 def test_any_cut_of_an_elf_file_is_refused_or_read(bench, elf):
-    """In process, for speed: nothing but InputError comes out, however the file is damaged."""
+    """In process, for speed: it raises nothing but InputError, however the file is damaged."""
     from forceaxis import InputError
     from forceaxis.chip import flash, image
 

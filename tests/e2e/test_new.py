@@ -64,8 +64,8 @@ def test_the_first_verdict_is_stable(tmp_path, sheet):
     assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
     contact = ran(tmp_path, "contact.toml")
     assert contact["verdict"] == "stable"
-    # The law has no integral part; what the drive's stiffness leaves of the set-point was promised,
-    # and dry friction takes or adds its own.
+    # The law has no integral part: the stated steady force follows from the drive's stiffness, and
+    # dry friction adds to it or subtracts from it.
     held = result["held_share"] * result["setpoint_N"]
     count = result["setpoint_N"] / result["force_setpoint"]
     dry = 10 if sheet == "worn axis" else 0

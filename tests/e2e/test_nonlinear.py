@@ -1,4 +1,4 @@
-"""The elements of 2.7 in runs, and what 2.7 says of contact and friction."""
+"""The elements of 2.7 in runs, and the statements of 2.7 about contact and friction."""
 
 import tomllib
 from pathlib import Path

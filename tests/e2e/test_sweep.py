@@ -1,4 +1,4 @@
-"""Sweeps: values by hand, every file the same numbers, nothing lost to a kill, failures as rows."""
+"""Sweeps: values by hand, equal numbers in every file, resuming after a kill, failures as rows."""
 
 import csv
 import fcntl
@@ -28,7 +28,7 @@ CASE_B = "sim/experiments/axis_contact_b.toml"
 BIN = Path(sys.executable).parent
 BRIEF = ["--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"]
 
-# A free mass on a spring, let go at `reach`: the encoder swings by 2 * reach.
+# A free mass on a spring, released at `reach`: the encoder swings by 2 * reach.
 MODEL = """
 [parameters]
 m = { value = 1.0, unit = "kg" }
@@ -298,7 +298,7 @@ def test_another_firmware_or_journal_in_the_folder_is_refused(small, tmp_path):
         (tmp_path / "journal.jsonl").write_text(text)
         refused(forceaxis_sweep(*arguments), "journal.jsonl", word)
         assert (tmp_path / "journal.jsonl").read_text() == text
-    # A journal of this very sweep, killed in its first line, is begun anew.
+    # A journal of the same sweep, killed in its first line, is started again.
     (tmp_path / "journal.jsonl").write_text(json.dumps(header)[:40])
     assert done(*arguments)["counts"]["runs"] == 3
 
@@ -414,7 +414,7 @@ def refused(finished, *words):
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A Dask scheduler and two workers, which nobody starts again."""
+    """A Dask scheduler and two workers, which are not restarted."""
     where = tmp_path / "scheduler.json"
     quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     here = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", where]

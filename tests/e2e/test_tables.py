@@ -20,7 +20,7 @@ PRINTED = {
     "k_b": 3600000, "b_b": 9500, "m_r1": 114.5, "m_r2": 17.9, "k_rf": 665000, "b_rf": 640,
     "m_w": 6.6, "k_w": 412700, "b_w": 8.25, "m_s": 0.14, "k_s": 110100, "b_s": 16.5,
     "k_g": 25000, "b_g": 30,
-    "b_m": 0,  # the exception: printed as .02, left out by the formulas of 4.3
+    "b_m": 0,  # the exception: printed as .02, omitted by the formulas of 4.3
 }  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def test_the_fit_on_record_belongs_to_these_files_and_to_these_constants():
 
 
 def test_the_fit_on_record_is_what_runs_give(result):
-    """Every left-out row, and one value of each plateau, run again."""
+    """Every omitted row, and one value of each plateau, run again."""
     found, t = tables.evidence(), tables.load()
     fitted_to = [c for c in result["cells"] if t.group(c) in t.fit_on]
     assert found["cells"] == len(fitted_to) == 53

@@ -1,4 +1,4 @@
-"""The README's tutorial, typed as it stands: its commands run, and they print what it says."""
+"""The README's tutorial, typed as printed there: its commands run and print what it shows."""
 
 import csv
 import os

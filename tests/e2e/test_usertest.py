@@ -59,7 +59,7 @@ from_s = 0.0
 [plot]   # kept below
 rows = [["encoder"]]
 """
-# By hand: band 5 % of 0.5 m is left for the last time at t = ln(20)/4 s.
+# By hand: the band of 5 % of 0.5 m is entered for the last time at t = ln(20)/4 s.
 SETTLE_S = np.log(20) / 4
 GOOD = f"""verdict = "stable"
 fault = "none"
@@ -583,7 +583,7 @@ def test_the_ci_example_does_what_it_says(tmp_path):
     assert forceaxis(*arguments, cwd=tmp_path).returncode == 0
 
 
-# What CMake asks for, and who brings it: a package of apt, or pip and the job itself.
+# CMake's dependencies and their sources: a package of apt, or pip and the job itself.
 BROUGHT_BY = {
     "CLI11": "libcli11-dev",
     "Eigen3": "libeigen3-dev",

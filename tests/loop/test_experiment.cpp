@@ -172,7 +172,7 @@ TEST_F(Files, AMissingFileIsNamed) {
   EXPECT_THROW(load_experiment("no/such/experiment.toml"), sim::InputError);
 }
 
-// b_w one rounding apart makes two models; what the firmware is told makes none.
+// Values of b_w one rounding apart make two models; writes to the firmware make none.
 TEST_F(Files, VariantsShareTheModelThatTheyHaveInCommon) {
   ExperimentFile file(write(kGood));
   using Overrides = std::vector<std::string>;

@@ -85,7 +85,7 @@ TEST(Frames, WhatIsNoRecordIsRefused) {
 }
 
 // A wire in one thread: when the plant waits, the firmware's end serves what has arrived. `fate`
-// says how often a record arrives.
+// is how often a record arrives.
 struct Wire {
   std::deque<LinkInputs> to_axis;
   std::deque<LinkOutputs> to_plant;

@@ -1,10 +1,10 @@
-// Random models, modes and states: what the stepper says of a tick is checked at 1e4 points of it.
+// Random models, modes and states: the stepper's result of a tick is checked at 1e4 points of it.
 //
 // The sampler takes from the simulator only the equations of a mode, the list of events and the
 // product of a matrix and a vector (kernel_test.cpp). It builds the flow over 1e-4 tick by a power
 // series of its own and goes from point to point: every signal must stay within the bounds of the
-// mode it is said to be in, and at every event the signal must have reached the bound.
-// FORCEAXIS_FUZZ_TICKS says how many ticks.
+// reported mode, and at every event the signal must have reached the bound.
+// FORCEAXIS_FUZZ_TICKS is the number of ticks.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -20,13 +20,13 @@ class AxisFixture : public FirmwareFixture {
     fw_init(&fw_, &config);
   }
 
-  // How the recorder is told of an object: index times 256 plus sub-index.
+  // An object as a parameter of the recorder: index times 256 plus sub-index.
   static int32_t Address(uint16_t object) {
     const axis_address_t *a = AddressOf(object);
     return a == nullptr ? 0xFFFFFF : a->index * 256 + a->sub;
   }
 
-  // The code put out.
+  // One tick; returns the output code.
   int Tick() {
     FirmwareFixture::Tick();
     return outputs_.dac_code;

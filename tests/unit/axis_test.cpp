@@ -90,12 +90,10 @@ TEST_F(Axis, EncoderWraps) {
   EXPECT_EQ(TickPosition(INT32_MAX), 9);  // error 7, speed -2
 }
 
-// --- faults, each by its name, in the tick that shows it
-// ------------------------------------------
-
+// Faults, each by its name, in the tick that shows it.
 class Faults : public AxisFixture {
  protected:
-  // Running with latency 1 and a code of 150 pending: neither may get out.
+  // Running with latency 1 and a code of 150 pending: neither may reach the DAC.
   void SetUp() override {
     Set(AXIS_OBJ_LATENCY_TICKS, 1);
     StartForce();
@@ -226,8 +224,6 @@ TEST_F(Faults, ResetWithTheCauseStillThere) {
   ExpectOff(AXIS_FAULT_SENSOR_INVALID);
 }
 
-// --- limits ------------------------------------------------------------------------------------
-
 class Limits : public AxisFixture {
  protected:
   void SetUp() override {
@@ -293,9 +289,6 @@ TEST_F(Limits, LimitSwitchesBlockOneDirection) {
   Expect(-10, 0, AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG);
 }
 
-// --- latency
-// ---------------------------------------------------------------------------------------
-
 TEST_F(Axis, LatencyDelaysByOneTick) {
   Set(AXIS_OBJ_LATENCY_TICKS, 1);
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
@@ -316,7 +309,7 @@ TEST_F(Axis, LatencyDelaysByOneTick) {
   EXPECT_EQ(TickForce(30), 0) << "nothing is left from before";
 }
 
-// Open loop with latency 1 and a code of `asked` computed: the next tick puts it out.
+// Open loop with latency 1 and a code of `asked` computed: the next tick outputs it.
 class Latency : public AxisFixture {
  protected:
   void SetUp() override {
@@ -384,9 +377,9 @@ TEST_F(Latency, SoftLimitActsAtOnce) {
   ExpectOut(-2048, AXIS_LIMIT_REASON_NONE);
 }
 
-// The code back from a limit is computed while the one into it is still to go out: that one is
-// blocked, and the reason speaks of it and not of the computed one.
-TEST_F(Latency, TheReasonSpeaksOfTheCodeThatGoesOut) {
+// A code away from the limit is computed while one into it is still pending: the pending one is
+// blocked, and the reason is that of the pending code, not of the computed one.
+TEST_F(Latency, TheReasonIsThatOfTheOutputCode) {
   Compute(500);
   inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
   Set(AXIS_OBJ_OPEN_LOOP_CODE, -500);
@@ -411,8 +404,8 @@ TEST_F(Latency, SaturationIsReportedWithTheCodeItLimits) {
   ExpectOut(0, AXIS_LIMIT_REASON_NONE);
 }
 
-// While a limit holds the output, a change continues from what went out and not from a code that
-// never did: the axis does not jump when the limit lets go.
+// While a limit holds the output, a change of mode continues from the code at the output, not from
+// a blocked one: the axis does not jump when the limit ends.
 TEST_F(Latency, AChangeContinuesFromTheLimitedCode) {
   for (int latency : {0, 1}) {
     PowerUp();
@@ -424,7 +417,7 @@ TEST_F(Latency, AChangeContinuesFromTheLimitedCode) {
     for (int i = 0; i < 3; ++i) Tick();
     ASSERT_EQ(outputs_.dac_code, 100);
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
-    Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);  // gain 0: the law asks for 0
+    Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);  // gain 0: the law computes 0
     EXPECT_EQ(Tick(), 100) << latency;
     EXPECT_EQ(Read(AXIS_OBJ_COMMAND_CODE), 100) << latency;
     Set(AXIS_OBJ_OUTPUT_LIMIT, 2048);
@@ -432,9 +425,6 @@ TEST_F(Latency, AChangeContinuesFromTheLimitedCode) {
     EXPECT_EQ(Tick(), 100) << latency;
   }
 }
-
-// --- bumpless change
-// ---------------------------------------------------------------------------------
 
 TEST_F(Axis, ModeChangeContinuesAndDecays) {
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 3);
@@ -478,8 +468,8 @@ TEST_F(Axis, GainChangeContinuesAndDecays) {
 
 class Bumpless : public AxisFixture, public ::testing::WithParamInterface<int> {};
 
-// The code computed in the tick of the change, put out `latency` ticks later, is the one put out
-// just before it.
+// The code computed in the tick of the change, which is output `latency` ticks later, equals the
+// code output just before it.
 TEST_P(Bumpless, EveryChange) {
   const int latency = GetParam();
   std::mt19937 random(3);
@@ -553,9 +543,6 @@ TEST_F(Axis, BiasNeverExceedsTheRangeOfTheDac) {
   EXPECT_EQ(Tick(), 0);
   EXPECT_EQ(Read(AXIS_OBJ_BUMP_BIAS), -2048 * 65536);
 }
-
-// --- entering position mode
-// ----------------------------------------------------------------------------
 
 class PositionEntry : public AxisFixture {
  protected:

@@ -38,7 +38,7 @@ class BusFixture : public FirmwareFixture {
     fw_can_receive(&fw_, &frame);
   }
 
-  // What was sent; emergencies are kept for Told() too.
+  // The frames sent since the last call; emergencies are kept for Emergencies() too.
   std::vector<Frame> Take() {
     std::vector<Frame> frames;
     for (can_frame_t f{}; fw_can_transmit(&fw_, &f);) {
@@ -51,7 +51,7 @@ class BusFixture : public FirmwareFixture {
     return frames;
   }
 
-  // The frames of one identifier in what was sent since.
+  // Those of one identifier.
   std::vector<Frame> Take(uint16_t id) {
     std::vector<Frame> frames = Take();
     std::erase_if(frames, [id](const Frame &f) { return f.id != id; });
@@ -59,15 +59,15 @@ class BusFixture : public FirmwareFixture {
   }
 
   // Emergencies since the last call: code, and the info byte in bits 16 to 23.
-  std::vector<int> Told() {
+  std::vector<int> Emergencies() {
     Take();
     return std::exchange(emergencies_, {});
   }
 
-  int CountTold(int code) {
-    const std::vector<int> told = Told();
+  int CountEmergencies(int code) {
+    const std::vector<int> codes = Emergencies();
     return static_cast<int>(
-        std::count_if(told.begin(), told.end(), [&](int t) { return (t & 0xFFFF) == code; }));
+        std::count_if(codes.begin(), codes.end(), [&](int t) { return (t & 0xFFFF) == code; }));
   }
 
   static Bytes Request(uint8_t command, uint16_t index, uint8_t sub, uint32_t value = 0) {
@@ -83,7 +83,7 @@ class BusFixture : public FirmwareFixture {
            static_cast<uint32_t>(answer[7]) << 24;
   }
 
-  // One request, as long as it is, to an SDO server: its answer's 8 bytes, empty without one.
+  // Sends a request of any length to an SDO server; the 8 bytes of its response, empty without one.
   Bytes AskServer(const Bytes &request, uint16_t server = kServer) {
     Take();
     Send(static_cast<uint16_t>(server + kNode), request);

@@ -11,7 +11,7 @@
 
 namespace {
 
-TEST_F(Canopen, ASyncWithDataIsToldAndIgnored) {
+TEST_F(Canopen, ASyncWithDataIsReportedAndIgnored) {
   Start();
   for (int i = 0; i < 3; ++i) Send(0x80, {1});
   EXPECT_TRUE(Take().empty());
@@ -59,7 +59,7 @@ TEST_F(Canopen, EmergenciesKeepTheirInhibitTime) {
     NodeTick(1);
     for (const Frame &frame : Take(0x85)) sent.push_back({i, frame.data[0]});
   }
-  // The queue holds four; the oldest fall out, so that the last one told is what is.
+  // The queue holds four; the oldest are dropped, so that the last one sent is the current state.
   EXPECT_EQ(sent, (std::vector<std::array<int, 2>>{{0, 3}, {15, 4}, {30, 5}, {45, 6}}));
 }
 
@@ -81,10 +81,10 @@ TEST_F(Canopen, AFloodOfRequestsLeavesRoomAndIsCounted) {
   EXPECT_EQ(std::ranges::count(frames, Emergency(0x8110, 0x11, 0)), 1);
   EXPECT_GE(std::ranges::count_if(frames, [](const Frame &f) { return f.id == 0x705; }), 1);
   EXPECT_GE(Read(AXIS_OBJ_CAN_LOST), 10);
-  EXPECT_EQ(Upload(0x1003, 0), 1u) << "told once until all went out";
+  EXPECT_EQ(Upload(0x1003, 0), 1u) << "recorded once until all were sent";
 }
 
-TEST_F(Canopen, LostInputIsCountedAndTold) {
+TEST_F(Canopen, LostInputIsCountedAndReported) {
   Take();
   fw_can_lost(&fw_, 3);
   fw_can_lost(&fw_, 4);
@@ -95,7 +95,7 @@ TEST_F(Canopen, LostInputIsCountedAndTold) {
   EXPECT_EQ(Read(AXIS_OBJ_CAN_LOST), 65535);
 }
 
-TEST_F(Canopen, BusStatesAreTold) {
+TEST_F(Canopen, BusStatesAreReported) {
   Take();
   fw_can_bus(&fw_, CAN_BUS_PASSIVE);
   NodeTick(1);
@@ -116,7 +116,7 @@ TEST_F(Canopen, BusStatesAreTold) {
                                         Emergency(0, 0, 0)}));
 }
 
-TEST_F(Canopen, AStateOfTheBusThatIsNoChangeIsNotTold) {
+TEST_F(Canopen, AStateOfTheBusThatIsNoChangeIsNotReported) {
   Take();
   for (int state : {+CAN_BUS_ACTIVE, +CAN_BUS_PASSIVE, +CAN_BUS_PASSIVE, 3, 255}) {
     fw_can_bus(&fw_, static_cast<uint8_t>(state));
@@ -131,7 +131,7 @@ TEST_F(Canopen, AStateOfTheBusThatIsNoChangeIsNotTold) {
             (std::vector<Frame>{Emergency(0x8140, 0x11, 0), Emergency(0x8120, 0x11, 0)}));
 }
 
-TEST_F(Canopen, AResetKeepsWhatThePortToldOfTheBus) {
+TEST_F(Canopen, AResetKeepsTheBusStateThatThePortReported) {
   fw_can_bus(&fw_, CAN_BUS_PASSIVE);
   Tick();
   Nmt(130);

@@ -17,8 +17,8 @@ inline Frame Emergency(uint16_t code, uint8_t error_register, uint8_t info) {
   return {0x80 + kNode, data};
 }
 
-// The node's share of a tick, `deferred` as a whole if asked for. What it asks of the firmware is
-// not taken.
+// The node's part of a tick, all of it deferred if `defer` is set. Its requests to the firmware are
+// ignored.
 inline void NodeTickOf(fw_t &fw, bool defer) {
   const canopen_axis_t axis{fw.drive.signals.error_code, fw.axis.signals.fault,
                             fw.axis.signals.active_mode != AXIS_MODE_DISABLED};
@@ -30,7 +30,7 @@ inline void NodeTickOf(fw_t &fw, bool defer) {
   }
 }
 
-// A CANopen node with its boot-up message still to be taken.
+// A CANopen node whose boot-up message is still pending.
 class Canopen : public BusFixture {
  protected:
   Canopen() { PowerUp(); }
@@ -58,7 +58,7 @@ class Canopen : public BusFixture {
     Take();
   }
 
-  // One request of 8 bytes to an SDO server: its answer, empty without one.
+  // Sends a request of 8 bytes to an SDO server; its response, empty without one.
   Bytes Ask(Bytes request, uint16_t server = kServer) {
     request.resize(8);
     return AskServer(request, server);
@@ -94,7 +94,7 @@ class Canopen : public BusFixture {
     }
   }
 
-  // As a drive that has latched a fault shows it.
+  // Sets the signals of a drive that has latched a fault.
   void ShowFault(uint16_t code, uint8_t fault) {
     fw_.drive.signals.error_code = code;
     fw_.axis.signals.fault = fault;
@@ -105,7 +105,7 @@ class Canopen : public BusFixture {
     for (int i = 0; i < ticks; ++i) NodeTickOf(fw_, false);
   }
 
-  // The standard sequence of a client.
+  // Maps a PDO with a client's standard sequence of writes.
   void Remap(uint16_t communication, uint16_t mapping, uint32_t cob_id,
              const std::vector<uint32_t> &entries, uint8_t type) {
     EXPECT_EQ(Download(communication, 1, cob_id | 0x80000000u, 4), 0u);

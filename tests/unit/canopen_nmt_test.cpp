@@ -78,7 +78,7 @@ TEST_F(Canopen, HeartbeatTimesRoundUpToTicks) {
   EXPECT_EQ(TicksUntil(0x700 + kNode, 5000), 0);
 }
 
-TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
+TEST_F(Canopen, AMissingHeartbeatIsReportedAndReturnsWithAReset) {
   ASSERT_EQ(Download(0x1016, 1, 0x000A0064, 4), 0u);  // node 10, 100 ms
   ASSERT_EQ(Download(0x1016, 2, 0x000B0032, 4), 0u);  // node 11, 50 ms
   EXPECT_EQ(Download(0x1016, 3, 0x000A0001, 4), 0x06040043u) << "one consumer for each node";
@@ -97,7 +97,7 @@ TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
   EXPECT_EQ(Take(0x80 + kNode), std::vector<Frame>{Emergency(0x8130, 0x11, 10)});
   EXPECT_EQ(Read(AXIS_OBJ_NMT_STATE), 127) << "1029h: pre-operational";
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0x11);
-  // The fault that follows was told already.
+  // The fault that follows was reported already.
   ShowFault(0x8130, AXIS_FAULT_HEARTBEAT_LOST);
   NodeTick(3);
   EXPECT_TRUE(Take(0x80 + kNode).empty());
@@ -110,7 +110,7 @@ TEST_F(Canopen, AMissingHeartbeatIsToldAndReturnsWithAReset) {
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_REGISTER), 0);
 }
 
-// All 16 bits of the time count.
+// The time has 16 significant bits.
 TEST_F(Canopen, AHeartbeatMayTakeLong) {
   for (uint32_t ms : {0x8000u, 0xFFFFu}) {
     PowerUp();
@@ -123,8 +123,7 @@ TEST_F(Canopen, AHeartbeatMayTakeLong) {
   }
 }
 
-// The end of a tick may be left to the main loop at any tick: the frames are the same, in the same
-// order.
+// Any tick's deferred part may run in the main loop: the frames are the same, in the same order.
 TEST_F(Canopen, WhereATickIsServedMakesNoDifference) {
   ASSERT_EQ(Download(0x1016, 1, 0x000A0014, 4), 0u);
   ASSERT_EQ(Download(0x1029, 1, 1, 1), 0u);

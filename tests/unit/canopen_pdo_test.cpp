@@ -59,8 +59,8 @@ TEST_F(Canopen, AnEventTimeOfZeroIsNone) {
   EXPECT_TRUE(Take(0x185).empty());
 }
 
-// The processor stood still: what was due meanwhile is sent once, at the next tick, and from there
-// on at its interval; what ends later ends when it would have ended anyway.
+// After ticks that did not run, a PDO that was due is sent once, at the next tick, and from there
+// on at its interval; timers that are not due keep their ends.
 TEST_F(Canopen, TicksThatWereMissedAreMadeUpForAtOnce) {
   Start();
   fw_.drive.signals.statusword = 0x1234;
@@ -84,7 +84,7 @@ TEST_F(Canopen, TicksThatWereMissedAreMadeUpForAtOnce) {
   EXPECT_EQ(Take(0x185).size(), 1u);
 }
 
-// While they are missed nothing can be received, so a deadline is put off by as many ticks.
+// During missed ticks nothing can be received, so a deadline is extended by as many ticks.
 TEST_F(Canopen, TicksThatWereMissedAreNoSilenceOfAMaster) {
   ASSERT_EQ(Download(0x1016, 1, 9 << 16 | 100, 4), 0u);  // 150 ticks
   Send(0x709, {5});
@@ -163,7 +163,7 @@ TEST_F(Canopen, SynchronousRpdosWaitForSync) {
   Nmt(128);
   Nmt(1);
   Send(0x80, {});
-  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2) << "forgotten with the state";
+  EXPECT_EQ(Read(AXIS_OBJ_TARGET_POSITION), 2) << "discarded with the state";
 }
 
 TEST_F(Canopen, RemapsAtRunTime) {
@@ -262,7 +262,7 @@ TEST_F(Canopen, CobIdsAreChecked) {
   EXPECT_EQ(Download(0x1014, 0, 0x90, 4), 0u);
 }
 
-TEST_F(Canopen, PdoLengthErrorsAreToldOnce) {
+TEST_F(Canopen, PdoLengthErrorsAreReportedOnce) {
   Start();
   for (int i = 0; i < 5; ++i) Send(0x305, {0, 0, 1, 0, 0});
   Tick();
@@ -290,7 +290,7 @@ TEST_F(Canopen, AnRpdoWithNothingMappedDoesNothing) {
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_HISTORY_COUNT), 0);
 }
 
-TEST_F(Canopen, ARefusedValueIsToldAndTheOthersAreTaken) {
+TEST_F(Canopen, ARefusedValueIsReportedAndTheOthersAct) {
   Start();
   Remap(0x1403, 0x1603, 0x505, {0x60FF0020, 0x60710010}, 255);
   for (int i = 0; i < 3; ++i) Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});
@@ -307,14 +307,14 @@ TEST_F(Canopen, ARefusedValueIsToldAndTheOthersAreTaken) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 7);
 }
 
-// Another source owns the axis: the RPDO changes nothing, and its sender has done nothing wrong.
-// What is wrong whoever owns it is told afterwards as if nothing had been.
+// While another source owns the axis an RPDO has no effect and is no error. Errors that do not
+// depend on the owner are reported as usual afterwards.
 TEST_F(Canopen, ALockedRpdoIsNoError) {
   Start();
   Remap(0x1403, 0x1603, 0x505, {0x60FF0020, 0x60710010}, 255);
   Send(0x505, {1, 0, 0, 0, 2, 0});
   ASSERT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
-  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);  // LCM takes the axis
+  ASSERT_EQ(Download(0x2301, 0, 2, 1, 0x660), 0u);  // LCM acquires the axis
   for (int i = 0; i < 3; ++i) {
     Send(0x505, {9, 0, 0, 0, 9, 0});
     Tick();
@@ -323,7 +323,7 @@ TEST_F(Canopen, ALockedRpdoIsNoError) {
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_VELOCITY), 1);
   EXPECT_EQ(Read(AXIS_OBJ_TARGET_FORCE), 2);
   EXPECT_EQ(Read(AXIS_OBJ_ERROR_HISTORY_COUNT), 0);
-  ASSERT_EQ(Download(0x2301, 0, 0, 1, 0x660), 0u);  // and gives it back
+  ASSERT_EQ(Download(0x2301, 0, 0, 1, 0x660), 0u);  // and releases it
   Send(0x505, {0xFF, 0xFF, 0xFF, 0x7F, 7, 0});      // above the range of a speed
   Tick();
   EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x6320, 0x01, 4)});
@@ -333,7 +333,7 @@ TEST_F(Canopen, ALockedRpdoIsNoError) {
 TEST_F(Canopen, AnRpdoThatStaysAwayFromAnActiveAxisIsAFault) {
   ASSERT_EQ(Download(0x1800, 1, 0xC0000185, 4), 0u);
   ASSERT_EQ(Download(0x1401, 5, 100, 2), 0u);  // 150 ticks
-  ASSERT_EQ(Download(0x6007, 0, 0, 2), 0u);    // the drive does nothing about it
+  ASSERT_EQ(Download(0x6007, 0, 0, 2), 0u);    // without a reaction of the drive
   Start();
   Send(0x305, {0, 0, 1, 0, 0, 0});
   NodeTick(1000);

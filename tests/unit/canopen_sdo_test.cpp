@@ -129,7 +129,7 @@ TEST_F(Canopen, TransfersOfServersAreApart) {
   EXPECT_EQ(Ask({0x60})[0] & 0xF0, 0x00);
   EXPECT_EQ(Ask({0x60}, 0x660)[0] & 0xF0, 0x00);
   EXPECT_EQ(Ask({0x60}, 0x640)[0], 0x80);
-  EXPECT_EQ(Ask({0x70})[0], 0x1B);  // "ax" is left
+  EXPECT_EQ(Ask({0x70})[0], 0x1B);  // "ax" remains
   EXPECT_EQ(UploadAll(0x1008, 0, size).size(), 9u);
 }
 
@@ -160,7 +160,7 @@ TEST_F(Canopen, TheRecordingIsUploadedWhole) {
   }
 }
 
-TEST_F(Canopen, AnUploadEndsWhenItsRecordingIsGone) {
+TEST_F(Canopen, AnUploadEndsWithItsRecording) {
   ASSERT_EQ(Download(0x2100, 1, 0x201F00, 4), 0u);
   ASSERT_EQ(Download(0x2106, 0, 8, 2), 0u);
   ASSERT_EQ(Download(0x2107, 0, 1, 1), 0u);

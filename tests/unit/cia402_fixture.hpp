@@ -10,7 +10,7 @@
 #include "tests/unit/firmware_fixture.hpp"
 
 // A drive on a simple axis: the amplifier commands speed, `counts_per_code` counts a tick and code;
-// disabled it stands. A spring of `stiffness` 8-bit counts per encoder count from `wall` on.
+// disabled it is at rest. A spring of `stiffness` 8-bit counts per encoder count from `wall` on.
 class DriveFixture : public FirmwareFixture {
  protected:
   DriveFixture() { PowerUp(); }
@@ -31,7 +31,7 @@ class DriveFixture : public FirmwareFixture {
   int Mode() const { return fw_.drive.signals.modes_of_operation_display; }
   int32_t Demand() const { return fw_.drive.signals.position_demand; }
 
-  // Convert, tick, move. Every tick: what is not powered puts out nothing.
+  // Convert, tick, move. Checks in every tick that a disabled axis outputs code 0.
   void Tick(int ticks = 1) {
     for (int i = 0; i < ticks; ++i) {
       inputs_.encoder_cnt = static_cast<int32_t>(std::floor(place_ + 0.5));
@@ -102,7 +102,7 @@ class Drive : public DriveFixture {
     Control(kOperate);
   }
 
-  // Follows the trajectory until it stands; checks speed and its changes.
+  // Follows the trajectory until it is at rest; checks speed and its changes.
   int Follow(double speed_max, double up, double down, int most = 20000) {
     double before = Speed();
     for (int i = 1; i <= most; ++i) {

@@ -18,7 +18,7 @@ TEST_F(Drive, TheForceModeApproachesSlowlyAndPresses) {
     Enable(mode);
     Tick(50);
     EXPECT_EQ(place_, 0.0);
-    EXPECT_EQ(Status() & kReached, kReached);  // no force is wanted
+    EXPECT_EQ(Status() & kReached, kReached);  // the target force is 0
     Set(AXIS_OBJ_TARGET_FORCE, 750);           // 30 counts
     double fastest = 0.0;
     int ticks = 0;
@@ -39,7 +39,7 @@ TEST_F(Drive, TheForceModeApproachesSlowlyAndPresses) {
     EXPECT_EQ(Status() & kReached, kReached);
     EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 0);
     EXPECT_NEAR(Read(AXIS_OBJ_FORCE_PEAK), 30 * 256, 4 * 256);
-    // Halted, it lets go and then stays.
+    // Halted, the axis releases the force and then stays.
     Control(kOperate | kHalt);
     Tick(1500);
     EXPECT_LT(Read(AXIS_OBJ_FORCE_ACTUAL), 60);
@@ -55,7 +55,7 @@ TEST_F(Drive, LosingTheContactNeverRunsAway) {
   Tick(1200);
   ASSERT_EQ(Read(AXIS_OBJ_CONTACT), 1);
   wall_ = 1e6;  // the workpiece is pulled away
-  Tick();       // the force law sees no force yet
+  Tick();       // the force law reads no force yet
   for (int i = 0; i < 300; ++i) {
     const double from = place_;
     Tick();
@@ -80,7 +80,7 @@ TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
   }
 }
 
-// A target force acts if it was written since the last fault.
+// A target force acts only if it was written since the last fault.
 TEST_F(Drive, ATargetForceFromBeforeAFaultMovesNothing) {
   for (const int mode : {kTq, kCst}) {
     PowerUp();
@@ -140,7 +140,7 @@ TEST_F(Drive, LimitCyclesAreNamed) {
   EXPECT_EQ(Read(AXIS_OBJ_LIMIT_CYCLE), 0);
 }
 
-TEST_F(Drive, AForceReadingAtItsEndIsTold) {
+TEST_F(Drive, AForceReadingAtItsEndIsReported) {
   Enable(kTq);
   EXPECT_EQ(Status() & 0x80, 0);
   wall_ = -1000;
@@ -179,7 +179,7 @@ TEST_F(Drive, TheGuardedMoveStopsAtTheWorkpiece) {
 }
 
 TEST_F(Drive, StiffnessIsASpring) {
-  // 1/2 count of force per encoder count: pressed by 60 counts of way, the axis gives 30 of force.
+  // 1/2 count of force per encoder count: a displacement of 60 counts yields 30 of force.
   wall_ = 100;
   stiffness_ = 0.5;
   Set(AXIS_OBJ_STIFFNESS, 32768);
@@ -197,7 +197,7 @@ TEST_F(Drive, StiffnessIsASpring) {
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 0);
 }
 
-// The set-point that a spring asks for is bounded as a target force is: 500 per mille, 20 counts.
+// The set-point of a spring is limited as a target force is: 500 per mille, 20 counts.
 TEST_F(Drive, TheForceLimitBoundsTheSpring) {
   for (const int sign : {1, -1}) {
     PowerUp();

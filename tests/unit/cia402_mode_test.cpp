@@ -1,4 +1,4 @@
-// Native modes, changes of mode, and masters that do anything at random.
+// Native modes, changes of mode, and masters that write at random.
 
 #include <gtest/gtest.h>
 
@@ -63,7 +63,7 @@ TEST_F(Drive, ARewriteOfTheModeChangesNothing) {
   EXPECT_EQ(Demand(), 5000);
 }
 
-// What was reached was the target of the mode that is left.
+// The target that was reached is that of the previous mode.
 TEST_F(Drive, AChangeOfModeShowsNothingReached) {
   for (const int to : {kPv, kCsv, kCsp}) {
     PowerUp();

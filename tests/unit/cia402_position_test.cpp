@@ -10,8 +10,6 @@
 
 namespace {
 
-// --- profile position ---------------------------------------------------------------------------
-
 TEST_F(Drive, ProfilePositionLandsExactly) {
   Enable(kPp);
   Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 3000);
@@ -50,7 +48,7 @@ TEST_F(Drive, TheHandshakeOfSetpoints) {
   EXPECT_EQ(Status() & kBit12, 0);  // there is room
   Control(kNew);
   Control(kOperate);
-  EXPECT_EQ(Status() & kBit12, kBit12);  // 900 waits behind 500: no room
+  EXPECT_EQ(Status() & kBit12, kBit12);  // 900 is queued behind 500: no room
   Set(AXIS_OBJ_TARGET_POSITION, -50);
   Control(kNew);
   EXPECT_EQ(fw_.drive.buffered.position, 900);
@@ -113,8 +111,7 @@ TEST_F(Drive, ChangeOnSetpointDoesNotStop) {
   }
 }
 
-// Of two set-points, the one pursued and the one behind it, neither is there when the mode comes
-// back.
+// Both set-points, the active one and the queued one, are discarded when the mode is left.
 TEST_F(Drive, LeavingProfilePositionDropsItsSetpoints) {
   Enable(kPp);
   MoveTo(500);
@@ -181,8 +178,6 @@ TEST_F(Drive, LimitsDecideTheWayRound) {
   EXPECT_GT(Speed(), 0.0);  // not backward across the limit, which would be the shorter way
 }
 
-// --- cyclic position -----------------------------------------------------------------------------
-
 TEST_F(Drive, CyclicPositionInterpolates) {
   place_ = 1000;
   Enable(kCsp);
@@ -229,7 +224,7 @@ TEST_F(Drive, AStaleCyclicTargetDoesNotMoveTheAxis) {
   Enable(kCsp);
   Tick(50);
   EXPECT_EQ(Demand(), 5000);
-  // One that was written while disabled is pursued.
+  // One that was written while disabled becomes active.
   Control(0x07);
   Tick(3);
   Set(AXIS_OBJ_TARGET_POSITION, 5100);
@@ -238,8 +233,8 @@ TEST_F(Drive, AStaleCyclicTargetDoesNotMoveTheAxis) {
   EXPECT_EQ(Demand(), 5100);
 }
 
-// Written for a set-point of profile position, and taken: not for a cyclic mode that comes later.
-TEST_F(Drive, ATakenSetpointIsNoCyclicTarget) {
+// A target that profile position has accepted as a set-point is none of a later cyclic mode.
+TEST_F(Drive, AnAcceptedSetpointIsNoCyclicTarget) {
   for (const int mode : {kCsp, static_cast<int>(AXIS_MODES_OF_OPERATION_STIFFNESS)}) {
     PowerUp();
     Enable(kPp);
@@ -275,8 +270,8 @@ TEST_F(Drive, AHaltDropsTheCyclicTarget) {
   EXPECT_EQ(Demand(), stopped + 200);
 }
 
-// So does the target of a mode that measures the axis against it, once the mode was left.
-TEST_F(Drive, TheTargetOfALeftModeActsNoMore) {
+// The same for the target of a mode with a position reference, once that mode is left.
+TEST_F(Drive, LeavingAModeDropsItsTarget) {
   for (const int from : {-6, -8, kCsp}) {
     for (const int to : {kCsp, -6, -8}) {
       PowerUp();
@@ -298,8 +293,8 @@ TEST_F(Drive, TheTargetOfALeftModeActsNoMore) {
   }
 }
 
-// The same from mode to mode without switching off.
-TEST_F(Drive, AnEnabledAxisLeavesTheTargetOfImpedanceBehind) {
+// The same from mode to mode while enabled.
+TEST_F(Drive, LeavingImpedanceWhileEnabledDropsItsTarget) {
   for (const int from : {-6, -8}) {
     PowerUp();
     Set(AXIS_OBJ_STIFFNESS, 32768);
@@ -316,8 +311,6 @@ TEST_F(Drive, AnEnabledAxisLeavesTheTargetOfImpedanceBehind) {
     EXPECT_NEAR(place_, 0, 1) << from;
   }
 }
-
-// --- homing --------------------------------------------------------------------------------------
 
 TEST_F(Drive, HomingShowsItsBitsInOrder) {
   place_ = 1234;
@@ -350,7 +343,7 @@ TEST_F(Drive, HomingShowsItsBitsInOrder) {
   EXPECT_EQ(Demand(), 0);
 }
 
-// The trajectory stands at once, the axis is pushed on: home is where it comes to rest.
+// The trajectory stops at once, the axis is pushed on: home is where it comes to rest.
 TEST_F(Drive, HomingWaitsUntilTheAxisStands) {
   Set(AXIS_OBJ_HOMING_METHOD, 35);
   Set(AXIS_OBJ_HOME_OFFSET, 70);
@@ -367,7 +360,7 @@ TEST_F(Drive, HomingWaitsUntilTheAxisStands) {
   EXPECT_NEAR(Read(AXIS_OBJ_POSITION_ACTUAL), 70, 2);
 }
 
-// A target from before homing was meant from another origin. One from after it is not.
+// A target from before homing refers to another origin and is discarded; a later one acts.
 TEST_F(Drive, HomingDropsTheCyclicTarget) {
   for (const bool again : {false, true}) {
     PowerUp();
@@ -396,10 +389,8 @@ TEST_F(Drive, HomingWithoutAMethodIsAnError) {
   EXPECT_EQ(Status() & 0x3400, 0x2000);
 }
 
-// --- polarity ------------------------------------------------------------------------------------
-
-// A target that was written before means the other way now.
-TEST_F(Drive, PolarityTakesTargetsBack) {
+// A target written before the change has the opposite direction now and is discarded.
+TEST_F(Drive, PolarityDropsTargets) {
   Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
   Set(AXIS_OBJ_POLARITY, 0x40);
   Enable(kPv);
@@ -429,8 +420,6 @@ TEST_F(Drive, PolarityNegatesTheWire) {
   EXPECT_EQ(Demand(), 1000);
   EXPECT_NEAR(place_, -1000, 11);
 }
-
-// --- following error -----------------------------------------------------------------------------
 
 TEST_F(Drive, TheFollowingErrorFaultsAfterItsTimeout) {
   Enable(kCsp);

@@ -54,7 +54,7 @@ const Reached kNext[8][6] = {{NR, NR, NR, NR, NR, NR},   // NR
 
 class DriveState : public DriveFixture {
  protected:
-  // Every state by the way a machine gets there.
+  // Enters a state by the transitions that lead there.
   void Reach(Reached state) {
     PowerUp();
     Set(AXIS_OBJ_MODES_OF_OPERATION, 1);
@@ -113,7 +113,7 @@ TEST_F(DriveState, EveryControlwordInEveryState) {
       }
       ASSERT_EQ(Write(AXIS_OBJ_CONTROLWORD, controlword), FW_OK);
       ASSERT_EQ(State(), expected) << "state " << state << " controlword " << controlword;
-      // The statusword tells the same, by mask and value.
+      // The statusword agrees, by mask and value.
       const int mask[8] = {0x4F, 0x4F, 0x6F, 0x6F, 0x6F, 0x6F, 0x4F, 0x4F};
       const int value[8] = {0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08};
       ASSERT_EQ(Status() & mask[expected], value[expected]);
@@ -182,7 +182,7 @@ TEST_F(DriveState, QuickStopResumesWithOptions5And6) {
   }
 }
 
-TEST_F(DriveState, QuickStopIsSeenAndLeftByItself) {
+TEST_F(DriveState, QuickStopIsReportedAndEndsByItself) {
   for (const int option : {1, 2}) {
     Reach(OE);
     Set(AXIS_OBJ_QUICK_STOP_OPTION, option);
@@ -226,7 +226,7 @@ TEST_F(DriveState, ALostOwnerActsAsTheOptionSays) {
     EXPECT_EQ(Read(AXIS_OBJ_ERROR_CODE), row.fault == AXIS_FAULT_NONE ? 0 : 0x6010);
     EXPECT_EQ(outputs_.amp_enable, row.later == OE);
   }
-  // Nothing to do where nothing is enabled.
+  // No effect in states that are not enabled.
   for (const Reached state : {SD, RS, SO}) {
     Reach(state);
     cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_SOURCE_LOST);
@@ -287,7 +287,7 @@ TEST_F(DriveState, TheNativeModeMovesTheState) {
   }
 }
 
-TEST_F(DriveState, ADriveThatWakesTakesUpTheAxis) {
+TEST_F(DriveState, ADriveThatWakesControlsTheAxis) {
   fw_ = fw_t{};
   const fw_config_t config{};
   fw_init(&fw_, &config);
@@ -303,7 +303,7 @@ TEST_F(DriveState, ADriveThatWakesTakesUpTheAxis) {
   EXPECT_EQ(outputs_.amp_enable, 1);
 }
 
-TEST_F(DriveState, WhatThereIsNotIsRefused) {
+TEST_F(DriveState, UnsupportedValuesAreRefused) {
   for (const int mode : {2, 5, 7}) {
     EXPECT_EQ(Write(AXIS_OBJ_MODES_OF_OPERATION, mode), FW_ERROR_RANGE) << mode;
   }

@@ -71,7 +71,7 @@ TEST_F(Drive, DisableOperationAndShutdownSlowDownIfAsked) {
         EXPECT_NEAR(Follow(10.0, 0.0, 0.1), 100, 1);
       }
       if (option == 1) {
-        // It is switched off once the axis stands too, not only its trajectory.
+        // It is switched off when the axis itself is at rest, not only its trajectory.
         EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
         Tick(151);
         EXPECT_LE(std::abs(Read(AXIS_OBJ_VELOCITY_ACTUAL)), 200);
@@ -95,8 +95,8 @@ TEST_F(Drive, SlowingDownCanBeCalledOff) {
   EXPECT_NEAR(Speed(), 10.0, 1e-4);
 }
 
-// Without its owner an axis that is to go on does what it was last asked for.
-TEST_F(Drive, AnAxisThatIsToGoOnKeepsItsTarget) {
+// With the option to continue, an axis that lost its owner keeps its last command.
+TEST_F(Drive, AnAxisThatContinuesKeepsItsTarget) {
   Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 0);
   Enable(kPv);
   Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
@@ -107,7 +107,7 @@ TEST_F(Drive, AnAxisThatIsToGoOnKeepsItsTarget) {
   EXPECT_EQ(Speed(), 2.0);
 }
 
-// A deceleration of next to nothing, and nobody there to see it.
+// A deceleration near 0 with no master left: the reaction's own time limit ends it.
 TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
@@ -126,7 +126,7 @@ TEST_F(Drive, AFaultReactionEnds) {
   EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
 }
 
-// Each quick stop has its own 10 s: 15000 ticks of 1/1500 s, whatever an earlier one has used up.
+// Each quick stop has its own 10 s: 15000 ticks of 1/1500 s, independent of earlier ones.
 TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);  // 15000 count/s would take 375 s
@@ -139,13 +139,13 @@ TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
     ASSERT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) << "stop " << stop;
     Tick();
     ASSERT_EQ(State(), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED) << "stop " << stop;
-    stuck_ = true;  // nothing coasts into the next one
+    stuck_ = true;  // the axis does not coast into the next one
     Tick(50);
     stuck_ = false;
   }
 }
 
-// Two that follow each other without a stand between them, by options that resume.
+// Two in succession without a standstill between them, with options that resume.
 TEST_F(Drive, AQuickStopThatIsResumedDoesNotShortenTheNext) {
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 5);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
@@ -186,7 +186,7 @@ TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
     EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
     EXPECT_EQ(Read(AXIS_OBJ_ERROR_CODE), 0x8130);
     EXPECT_EQ(outputs_.amp_enable, 0);
-    // What was asked for before the fault must be asked for again.
+    // A command from before the fault must be repeated.
     Control(0x80);
     Enable(kPv);
     Tick(100);

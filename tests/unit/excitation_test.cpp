@@ -35,7 +35,7 @@ TEST_F(Excitation, WithoutAmplitudeIsOpenLoop) {
   EXPECT_EQ(outputs_.amp_enable, 1);
 }
 
-// Uniform within +-A: mean 0, variance A^2 / 3, no value like the next.
+// Uniform within +-A: mean 0, variance A^2 / 3, successive values uncorrelated.
 TEST_F(Excitation, NoiseIsUniformAndWhite) {
   constexpr int kCount = 40000;
   constexpr double kA = 1000;

@@ -8,8 +8,8 @@
 
 #include "firmware/port/host/firmware.hpp"
 
-// A firmware and its inputs, good ones: enable chain closed, sensors valid, everything 0. A fixture
-// that is derived from this one powers it up.
+// A firmware with inputs that permit operation: enable chain closed, sensors valid, everything else
+// 0. A derived fixture powers it up.
 class FirmwareFixture : public ::testing::Test {
  protected:
   static const axis_address_t *AddressOf(uint16_t object) {

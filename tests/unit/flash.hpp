@@ -9,7 +9,7 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/frames.hpp"
 
-// What a memory does wrong; as it stands, nothing.
+// The faults of a memory; by default none.
 struct FlashFaults {
   enum class Erase {
     kSound,
@@ -22,16 +22,16 @@ struct FlashFaults {
     kRefused,  // clears all but one bit of the byte, and reports a failure
     kStuck,    // clears all but one bit of each byte, and reports success
     kNothing,  // reports success and programs nothing
-    kHalf      // reports success and programs the first half of what it is given
+    kHalf      // reports success and programs the first half of the bytes
   };
   Erase erase = Erase::kSound;
   Program program = Program::kSound;
-  uint32_t program_from = 0;  // the addresses that `program` is about
+  uint32_t program_from = 0;  // the addresses where `program` applies
   uint32_t program_to = UINT32_MAX;
 };
 
 // Flash: programming clears bits of blank bytes, erasing sets those of a sector. Each byte is one
-// step, an erase kEraseSteps; after `life` steps the power is gone in the middle of the next one.
+// step, an erase kEraseSteps; after `life` steps the power fails in the middle of the next one.
 class Flash {
  public:
   static constexpr int kErased = 0xFF;

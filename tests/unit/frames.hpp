@@ -1,7 +1,7 @@
 #ifndef TESTS_UNIT_FRAMES_HPP_
 #define TESTS_UNIT_FRAMES_HPP_
 
-// What is on a wire or in a memory, put together and checked apart from the firmware.
+// Frames and records, built and checked without the firmware's code.
 
 #include <cstddef>
 #include <cstdint>
@@ -21,7 +21,7 @@ inline void PutWord(Bytes &bytes, size_t at, uint32_t word) {
   for (size_t i = 0; i < 4; ++i) bytes[at + i] = static_cast<uint8_t>(word >> (8 * i));
 }
 
-// Of the parameter store: reflected, 0x04C11DB7, as in Ethernet.
+// The CRC of the parameter store: reflected, 0x04C11DB7, as in Ethernet.
 inline uint32_t Crc32(const uint8_t *bytes, size_t count) {
   uint32_t crc = ~0u;
   for (size_t i = 0; i < count; ++i) {
@@ -46,7 +46,7 @@ inline std::ostream &operator<<(std::ostream &out, const Frame &frame) {
   return out << " ]" << std::dec;
 }
 
-// As the Modbus specification writes it, by 16 bits and a polynomial.
+// The CRC of Modbus RTU, bit by bit as in its specification.
 inline uint16_t Crc16(const Bytes &bytes) {
   unsigned crc = 0xFFFF;
   for (uint8_t byte : bytes) {

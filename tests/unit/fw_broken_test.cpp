@@ -11,7 +11,7 @@
 namespace {
 
 // A request that would switch off (controlword 0), with every command byte and length: an answer or
-// silence as CiA 301 has it, and only a download of two bytes, or of an untold number, acts.
+// silence as CiA 301 requires, and only a download of two bytes, or of unspecified size, acts.
 TEST_F(Fw, EveryCommandByteAndLengthOfSdo) {
   for (unsigned command = 0; command < 256; ++command) {
     for (unsigned length = 0; length <= 8; ++length) {
@@ -52,7 +52,7 @@ TEST_F(Fw, EveryCommandByteAndLengthOfSdo) {
   }
 }
 
-TEST_F(Fw, ShortRpdosAreToldAndNotUsed) {
+TEST_F(Fw, ShortRpdosAreReportedAndNotUsed) {
   for (size_t length = 0; length < 3; ++length) {
     PowerUp();
     Send(0, {1, kNode});
@@ -60,7 +60,7 @@ TEST_F(Fw, ShortRpdosAreToldAndNotUsed) {
     Send(0x205, Bytes(length, 0));
     Tick();
     EXPECT_TRUE(IsOn()) << length;
-    EXPECT_EQ(CountTold(0x8210), 1);
+    EXPECT_EQ(CountEmergencies(0x8210), 1);
   }
 }
 

@@ -1,4 +1,4 @@
-// What the buses are told: a fault that ramps first, and what is no fault.
+// Emergencies: of a fault with a ramp before it, and of events that are no faults.
 
 #include <gtest/gtest.h>
 
@@ -29,8 +29,8 @@ TEST_F(Fw, AFaultReactionIsNamedFromItsBeginning) {
     }
   };
   move(500);
-  Told();
-  // A fault that the drive finds: the axis is held, the demand runs away.
+  Emergencies();
+  // A fault that the drive detects: the axis is held while the demand moves away.
   Set(AXIS_OBJ_FOLLOWING_ERROR_WINDOW, 20);
   Set(AXIS_OBJ_FOLLOWING_ERROR_TIMEOUT, 0);
   int waited = 0;
@@ -41,81 +41,81 @@ TEST_F(Fw, AFaultReactionIsNamedFromItsBeginning) {
   ASSERT_EQ(Inner(AXIS_OBJ_DRIVE_STATE), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE) << "latched at the end";
   EXPECT_EQ(Inner(AXIS_OBJ_ERROR_CODE), 0x8611);
-  EXPECT_EQ(Told(), std::vector<int>{0x8611 | AXIS_FAULT_FOLLOWING_ERROR << 16});
+  EXPECT_EQ(Emergencies(), std::vector<int>{0x8611 | AXIS_FAULT_FOLLOWING_ERROR << 16});
   for (int i = 0; i < 2000 && !IsOff(); ++i) Tick();
   EXPECT_TRUE(IsOff());
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_FOLLOWING_ERROR);
-  EXPECT_TRUE(Told().empty()) << "once";
+  EXPECT_TRUE(Emergencies().empty()) << "once";
 }
 
-TEST_F(Fw, ALostContactIsToldWhileForceIsControlled) {
+TEST_F(Fw, ALostContactIsReportedWhileForceIsControlled) {
   inputs_.adc_code[0] = 30;
   Tick(2);
   inputs_.adc_code[0] = 0;
   Tick(2);
-  EXPECT_EQ(CountTold(0xFF01), 0) << "nobody controls force";
+  EXPECT_EQ(CountEmergencies(0xFF01), 0) << "nobody controls force";
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_FORCE_COUNTS), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
   ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
   inputs_.adc_code[0] = 30;
   Tick(3);
-  EXPECT_EQ(CountTold(0xFF01), 0);
+  EXPECT_EQ(CountEmergencies(0xFF01), 0);
   inputs_.adc_code[0] = 0;
   Tick();
-  EXPECT_EQ(Told(), std::vector<int>{0xFF01});
+  EXPECT_EQ(Emergencies(), std::vector<int>{0xFF01});
   // Again and again: once a second, and the limit cycle.
   for (int i = 0; i < 1480; ++i) {
     inputs_.adc_code[0] = (i & 1) != 0 ? 0 : 30;
     Tick();
     Take();
   }
-  EXPECT_EQ(Told(), std::vector<int>{0xFF03});
+  EXPECT_EQ(Emergencies(), std::vector<int>{0xFF03});
   for (int i = 0; i < 1500; ++i) {
     inputs_.adc_code[0] = (i & 1) != 0 ? 0 : 30;
     Tick();
     Take();
   }
-  EXPECT_EQ(Told(), std::vector<int>{0xFF01});
+  EXPECT_EQ(Emergencies(), std::vector<int>{0xFF01});
   EXPECT_EQ(Inner(AXIS_OBJ_CONTACT_LOSSES), 1 + 740 + 750);
   EXPECT_EQ(Inner(AXIS_OBJ_ERROR_REGISTER), 0) << "nothing of it lasts";
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
 }
 
-TEST_F(Fw, ASaturatedSensorIsTold) {
+TEST_F(Fw, ASaturatedSensorIsReported) {
   inputs_.adc_code[0] = 254;
   Tick(3);
-  EXPECT_EQ(CountTold(0xFF02), 0);
+  EXPECT_EQ(CountEmergencies(0xFF02), 0);
   inputs_.adc_code[0] = 255;
   Tick();
-  EXPECT_EQ(CountTold(0xFF02), 1);
+  EXPECT_EQ(CountEmergencies(0xFF02), 1);
   Tick(3000);
-  EXPECT_EQ(CountTold(0xFF02), 0) << "the edge, not the state";
+  EXPECT_EQ(CountEmergencies(0xFF02), 0) << "the edge, not the state";
   inputs_.adc_code[0] = 254;
   Tick();
   inputs_.adc_code[0] = 255;
   Tick();
-  EXPECT_EQ(CountTold(0xFF02), 1);
+  EXPECT_EQ(CountEmergencies(0xFF02), 1);
 }
 
-TEST_F(Fw, OverrunsAreToldOnceASecond) {
+TEST_F(Fw, OverrunsAreReportedOnceASecond) {
   for (int i = 0; i < 3000; ++i) {
     fw_overrun(&fw_, 0);
     Tick();
     Take();
   }
-  EXPECT_EQ(CountTold(0xFF04), 2);
+  EXPECT_EQ(CountEmergencies(0xFF04), 2);
   EXPECT_EQ(Inner(AXIS_OBJ_OVERRUNS), 3000);
   EXPECT_EQ(Inner(AXIS_OBJ_ERROR_HISTORY_COUNT), 2);
 }
 
-// Held back for 1500 ticks, a second, from the one that was given: 1499 ticks later it is still
-// held.
+// A repeated emergency is inhibited for 1500 ticks, a second, from the one sent: 1499 ticks later
+// it still is.
 TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
   std::vector<int> given;
   for (int i = 0; i < 4600; ++i) {
     fw_overrun(&fw_, 0);
     Tick();
-    if (CountTold(0xFF04) != 0) given.push_back(i);
+    if (CountEmergencies(0xFF04) != 0) given.push_back(i);
   }
   EXPECT_EQ(given, (std::vector<int>{0, 1500, 3000, 4500}));
   PowerUp();
@@ -123,58 +123,58 @@ TEST_F(Fw, AnEmergencyIsHeldForASecondToTheTick) {
     PowerUp();
     fw_overrun(&fw_, 0);
     Tick();
-    EXPECT_EQ(CountTold(0xFF04), 1);
+    EXPECT_EQ(CountEmergencies(0xFF04), 1);
     Tick(wait - 1);
     fw_overrun(&fw_, 0);
     Tick();
-    EXPECT_EQ(CountTold(0xFF04), wait == 1500 ? 1 : 0) << wait;
+    EXPECT_EQ(CountEmergencies(0xFF04), wait == 1500 ? 1 : 0) << wait;
   }
 }
 
-// Each of them has a second of its own.
+// Each code has its own second.
 TEST_F(Fw, OneHeldEmergencyDoesNotHoldAnother) {
   fw_overrun(&fw_, 0);
   inputs_.adc_code[0] = 255;
   Tick();
-  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+  EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF04, 0xFF02}));
 }
 
-// At a reset of the node everything is at its power-up value: what happens then is told, however
-// recently it was told before.
-TEST_F(Fw, AResetOfTheNodeTellsAnew) {
+// A reset of the node restores power-up values: what happens then is reported, however recently it
+// was reported before.
+TEST_F(Fw, AResetOfTheNodeReportsAnew) {
   inputs_.adc_code[0] = 255;
   fw_overrun(&fw_, 0);
   Tick(2);
-  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+  EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF04, 0xFF02}));
   inputs_.adc_code[0] = 0;
   Tick(2);
   Send(0, {129, kNode});
   Tick(3);
   ASSERT_EQ(Inner(AXIS_OBJ_NMT_STATE), AXIS_NMT_STATE_PRE_OPERATIONAL);
-  Told();
+  Emergencies();
   inputs_.adc_code[0] = 255;
   fw_overrun(&fw_, 0);
   Tick(2);
-  EXPECT_EQ(Told(), (std::vector<int>{0xFF04, 0xFF02}));
+  EXPECT_EQ(Emergencies(), (std::vector<int>{0xFF04, 0xFF02}));
 }
 
-// A set is there, but nothing says what its values mean: the axis runs on defaults.
-TEST_F(Fw, AStoreThatCannotBeLoadedIsToldAtPowerUp) {
+// A set exists, but the meaning of its values is unknown: the axis runs on defaults.
+TEST_F(Fw, AStoreThatCannotBeLoadedIsReportedAtPowerUp) {
   Flash flash;
   PowerUp(flash.memory());
   Tick();
-  EXPECT_EQ(CountTold(0x5530), 0);
+  EXPECT_EQ(CountEmergencies(0x5530), 0);
   PutOldSet(flash.bytes(), 0, 0x12345678, 1, {0x200A00, 1234});
   PowerUp(flash.memory());
   Tick();
   ASSERT_EQ(Inner(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_OTHER_TABLE);
-  EXPECT_EQ(CountTold(0x5530), 1);
+  EXPECT_EQ(CountEmergencies(0x5530), 1);
   Send(0, {129, kNode});
   Tick(2);
-  EXPECT_EQ(CountTold(0x5530), 1) << "also after a reset";
+  EXPECT_EQ(CountEmergencies(0x5530), 1) << "also after a reset";
 }
 
-// The emergency names the first parameter that is not as stored, and says how many there are.
+// The emergency names the first parameter that is not as stored, and their number.
 TEST_F(Fw, AStoreThatIsLoadedPartlyNamesWhatIsNot) {
   Flash flash;
   Entry bits = EntryOf(AXIS_OBJ_ADC_BITS, 10);
@@ -196,10 +196,10 @@ TEST_F(Fw, AStoreThatIsLoadedPartlyNamesWhatIsNot) {
                  {0x30, 0x55, 1, AXIS_STORE_STATE_LOADED_OLD_DEFAULTS, 0x0F, 0x20, 0, 1}}}));
 }
 
-// Without a memory a save is not a matter of the axis's state.
-TEST_F(Fw, WithoutAMemoryEachWaySaysSo) {
+// Without a memory a save is refused in every state, with each bus's own code for that.
+TEST_F(Fw, WithoutAMemoryEveryBusRefusesASave) {
   for (const Way way : kWays) {
-    ASSERT_TRUE(Takes(way));
+    ASSERT_TRUE(Acquires(way));
     const uint32_t refusal = way == kRtu ? 4u : 0x06060000u;
     EXPECT_EQ(Write(way, AXIS_OBJ_STORE_PARAMETERS, 1), refusal) << way;
     EXPECT_EQ(Write(way, AXIS_OBJ_RESTORE_DEFAULTS, 1), refusal) << way;
@@ -208,16 +208,16 @@ TEST_F(Fw, WithoutAMemoryEachWaySaysSo) {
   EXPECT_EQ(Download(kCanopen, 0x1010, 1, 0x65766173, 4), 0x06060000u);
 }
 
-TEST_F(Fw, AResetByTheWatchdogIsToldOnce) {
+TEST_F(Fw, AResetByTheWatchdogIsReportedOnce) {
   fw_config_t config = NodeConfig();
   config.watchdog_fired = 1;
   fw_init(&fw_, &config);
   Tick();
-  EXPECT_EQ(CountTold(0xFF07), 1);
+  EXPECT_EQ(CountEmergencies(0xFF07), 1);
   EXPECT_EQ(Inner(AXIS_OBJ_ERROR_CODE), 0) << "it is no fault";
   Send(0, {129, kNode});
   Tick(3);
-  EXPECT_EQ(CountTold(0xFF07), 0) << "the chip was not reset again";
+  EXPECT_EQ(CountEmergencies(0xFF07), 0) << "the chip was not reset again";
 }
 
 }  // namespace

@@ -10,18 +10,18 @@
 
 #include "tests/unit/bus_fixture.hpp"
 
-// The safety side of the buses: whoever falls silent, breaks off or sends rubbish, the axis is
-// disabled with code 0 within the stated ticks, and every bus names why.
+// The safety of the buses: whether a partner falls silent, disconnects or sends invalid frames, the
+// axis is disabled with code 0 within the stated ticks, and every bus reports the reason.
 //
 // Ticks are counted from the event, 1: the very next tick is off. N is a time rounded up to ticks.
 //   no valid sensors (dead plant)        1        lost lock of a source on another bus   N + 1
 //   CAN bus off, NMT stop, NMT reset *   1        lost heartbeat, late RPDO              N + 2
-// (* a reset of the node: 2.) Ramps of fault_reaction_option come before that where it asks so.
+// (* a reset of the node: 2.) A ramp of fault_reaction_option precedes that if selected.
 class Fw : public BusFixture {
  protected:
-  static constexpr int kCode = 300;  // what the enabled axis puts out, in open loop
+  static constexpr int kCode = 300;  // output of the enabled axis, in open loop
 
-  // The ways in. Gateway: the second SDO server, for Modbus TCP.
+  // The sources of writes. Gateway: the second SDO server, for Modbus TCP.
   enum Way { kCanopen, kGateway, kLcm, kRtu };
   static constexpr std::array<Way, 4> kWays{kCanopen, kGateway, kLcm, kRtu};
 
@@ -87,7 +87,7 @@ class Fw : public BusFixture {
     return Inner(AXIS_OBJ_MODBUS_WORD_ORDER) == AXIS_MODBUS_WORD_ORDER_LOW_FIRST;
   }
 
-  // An object by one of the ways: 0, an abort code or an exception.
+  // Writes an object by one of the ways: 0, an abort code or an exception.
   uint32_t Write(Way way, uint16_t object, int32_t value) {
     const uint32_t raw = Masked(value, object);
     if (way != kRtu) {
@@ -103,7 +103,7 @@ class Fw : public BusFixture {
     return IsException(answer) ? (answer.size() > 2 ? answer[2] : kSilence) : 0;
   }
 
-  // The raw bits as this way shows them.
+  // The raw bits as this way reads them.
   uint32_t Read(Way way, uint16_t object) {
     const int bytes = SizeOf(object);
     if (way != kRtu) {
@@ -126,23 +126,23 @@ class Fw : public BusFixture {
 
   static bool Reaches(Way way, uint16_t object) { return way != kRtu || RegisterOf(object); }
 
-  // As the firmware has it, past every bus.
+  // The firmware's own value, without a bus.
   int32_t Inner(uint16_t object) const { return FirmwareFixture::Read(object); }
 
   int Owner() const { return Inner(AXIS_OBJ_COMMAND_SOURCE); }
-  bool Takes(Way way) { return Write(way, AXIS_OBJ_COMMAND_SOURCE, SourceOf(way)) == 0; }
+  bool Acquires(Way way) { return Write(way, AXIS_OBJ_COMMAND_SOURCE, SourceOf(way)) == 0; }
 
-  // The axis enabled by this way, with kCode put out.
+  // Enables the axis by this way, with output kCode.
   void Drive(Way way = kCanopen) {
     Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
-    ASSERT_TRUE(Takes(way));
+    ASSERT_TRUE(Acquires(way));
     ASSERT_EQ(Write(way, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
     Tick(2);
     ASSERT_TRUE(IsOn());
-    Told();
+    Emergencies();
   }
 
   bool IsOn() const { return outputs_.dac_code == kCode && outputs_.amp_enable == 1; }
@@ -170,7 +170,7 @@ class Fw : public BusFixture {
     return 0;
   }
 
-  // Every bus says the same. An emergency names it once.
+  // Every bus reports the same fault; one emergency is sent.
   void ExpectNamed(int fault, int code, bool reachable_by_can = true) {
     for (Way way : kWays) {
       if (way != kRtu && !reachable_by_can) continue;
@@ -178,7 +178,7 @@ class Fw : public BusFixture {
       EXPECT_EQ(Read(way, AXIS_OBJ_ERROR_CODE), static_cast<uint32_t>(code)) << "way " << way;
       EXPECT_EQ(Read(way, AXIS_OBJ_STATUSWORD) & 0x4F, 0x08u) << "way " << way;
     }
-    EXPECT_EQ(CountTold(code), reachable_by_can ? 1 : 0);
+    EXPECT_EQ(CountEmergencies(code), reachable_by_can ? 1 : 0);
   }
 
   void WatchHeartbeat(int ms) {

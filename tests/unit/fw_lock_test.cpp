@@ -1,5 +1,5 @@
-// Who owns the axis, how the lock is taken, lost and given back, and what of an owner's demands
-// outlives it: nothing.
+// Ownership of the axis: how the lock is acquired, lost and released; an owner's commands end with
+// its ownership.
 
 #include <gtest/gtest.h>
 
@@ -12,14 +12,14 @@
 
 namespace {
 
-// Enabled again by canopen, which asks for nothing: the axis stands, whatever was asked before.
-TEST_F(Fw, WhatAnOwnerAskedForEndsWithIt) {
+// Enabled again by CANopen without a command: the axis is at rest, whatever was commanded before.
+TEST_F(Fw, AnOwnersCommandsEndWithIt) {
   for (int how = 0; how < 3; ++how) {
     PowerUp();
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
     Set(AXIS_OBJ_WATCHDOG, 20);
     Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 2);
-    ASSERT_TRUE(Takes(kRtu));
+    ASSERT_TRUE(Acquires(kRtu));
     ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY),
               0u);
     ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
@@ -28,7 +28,7 @@ TEST_F(Fw, WhatAnOwnerAskedForEndsWithIt) {
       ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
     }
     if (how == 2) {
-      ASSERT_TRUE(Takes(kCanopen));
+      ASSERT_TRUE(Acquires(kCanopen));
     }
     Tick(40);
     ASSERT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
@@ -47,7 +47,7 @@ TEST_F(Fw, NativeSetpointsEndWithTheirOwner) {
     PowerUp();
     Set(AXIS_OBJ_WATCHDOG, 20);
     Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 2);
-    ASSERT_TRUE(Takes(way));
+    ASSERT_TRUE(Acquires(way));
     ASSERT_EQ(Write(way, AXIS_OBJ_FORCE_SETPOINT, 256), 0u);
     ASSERT_EQ(Write(way, AXIS_OBJ_EXCITATION_AMPLITUDE, 10), 0u);
     Drive(way);
@@ -99,10 +99,10 @@ TEST_F(Fw, AnRpdoStartsTheTargetItBrings) {
   EXPECT_EQ(fw_.drive.setpoint.position, -5000);
 }
 
-// Modbus refuses a whole request: nothing of it, nor of what was there before, starts to act.
-TEST_F(Fw, ARefusedRequestThatGivesTheAxisAwayStartsNothing) {
+// Modbus refuses a whole request: neither its values nor earlier ones become active.
+TEST_F(Fw, ARefusedRequestThatReleasesTheAxisStartsNothing) {
   Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   ASSERT_EQ(Write(kRtu, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY), 0u);
   ASSERT_EQ(Write(kRtu, AXIS_OBJ_TARGET_VELOCITY, 30000), 0u);
   inputs_.sensor_valid = 0;
@@ -133,21 +133,21 @@ TEST_F(Fw, CanopenOwnsAtPowerUp) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
 }
 
-TEST_F(Fw, NobodyGivesTheAxisToAThirdOne) {
+TEST_F(Fw, OnlyTheOwnerReleasesTheAxis) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS), 0x08000021u);
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_LCM), 4u);
   EXPECT_EQ(Write(kLcm, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN), 0x08000021u)
-      << "not its to give away";
+      << "not its to release";
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS);
 }
 
-// Also one that goes on reading: that says nothing of who commands the axis.
+// Also one that continues to read: reading is no sign of a working owner.
 TEST_F(Fw, AnOwnerThatWritesNoMoreIsLost) {
   for (Way way : {kGateway, kLcm, kRtu}) {
     for (int ms : {10, 15, 1000}) {
       PowerUp();
-      ASSERT_TRUE(Takes(way));
+      ASSERT_TRUE(Acquires(way));
       ASSERT_EQ(Write(way, AXIS_OBJ_WATCHDOG, ms), 0u);
       Drive(way);
       ASSERT_EQ(Write(way, AXIS_OBJ_WATCHDOG, ms), 0u);
@@ -163,7 +163,7 @@ TEST_F(Fw, AnOwnerThatWritesNoMoreIsLost) {
   }
 }
 
-TEST_F(Fw, WhatOthersSendFeedsNobody) {
+TEST_F(Fw, FramesOfOthersFeedNoWatchdog) {
   const std::map<Way, std::vector<Way>> others{
       {kRtu, {kCanopen, kLcm}}, {kLcm, {kCanopen, kGateway, kRtu}}, {kGateway, {kCanopen, kLcm}}};
   for (const auto &[owner, loud] : others) {
@@ -184,7 +184,7 @@ TEST_F(Fw, WhatOthersSendFeedsNobody) {
   }
 }
 
-// What another bus sends does not keep canopen's own watch from finding it lost.
+// Frames of another bus do not hide the loss of a CANopen owner.
 TEST_F(Fw, AModbusClientDoesNotFeedCanopen) {
   WatchHeartbeat(20);
   Drive();
@@ -200,19 +200,19 @@ TEST_F(Fw, AModbusClientDoesNotFeedCanopen) {
 }
 
 TEST_F(Fw, ASilentOwnerOfADisabledAxisLosesTheLockOnly) {
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   Tick(1500);
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_MODBUS);
   Tick();
   EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
-  EXPECT_TRUE(Told().empty());
+  EXPECT_TRUE(Emergencies().empty());
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x06), 4u);
 }
 
 TEST_F(Fw, TheReactionIsChosenBy6007) {
   const struct {
-    int option, state, owner_told;
+    int option, state, owner_reported;
   } cases[] = {{0, AXIS_DRIVE_STATE_OPERATION_ENABLED, 1},
                {1, AXIS_DRIVE_STATE_FAULT, 1},
                {2, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED, 1},
@@ -226,7 +226,7 @@ TEST_F(Fw, TheReactionIsChosenBy6007) {
     EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
     EXPECT_EQ(Inner(AXIS_OBJ_DRIVE_STATE), c.state) << c.option;
     EXPECT_EQ(IsOff(), c.option != 0);
-    EXPECT_EQ(CountTold(0x6010), c.owner_told) << "option " << c.option;
+    EXPECT_EQ(CountEmergencies(0x6010), c.owner_reported) << "option " << c.option;
   }
 }
 
@@ -240,18 +240,18 @@ TEST_F(Fw, TheOwnerMayChangeItsWatchdog) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_WATCHDOG, 10), 0x08000021u) << "not by others";
 }
 
-TEST_F(Fw, CanopenTakesTheAxisBackWhileItRuns) {
+TEST_F(Fw, CanopenAcquiresARunningAxis) {
   Drive(kRtu);
-  ASSERT_TRUE(Takes(kCanopen));
+  ASSERT_TRUE(Acquires(kCanopen));
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0), 4u);
   Tick(5000);
-  EXPECT_TRUE(IsOn()) << "nobody is lost: canopen has it";
+  EXPECT_TRUE(IsOn()) << "no owner is lost: canopen has acquired the axis";
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0), 0u);
   EXPECT_EQ(TicksToOff(10), 1);
 }
 
-// While Modbus had the axis nobody asked whether canopen lives.
-TEST_F(Fw, WhoGivesTheAxisToADeadCanopenLosesIt) {
+// While Modbus owned the axis the CANopen master was not supervised; it is at the release.
+TEST_F(Fw, ReleasingTheAxisToALostCanopenDisablesIt) {
   Set(AXIS_OBJ_WATCHDOG, 60000);
   for (int how = 0; how < 3; ++how) {
     PowerUp();
@@ -278,8 +278,8 @@ TEST_F(Fw, WhoGivesTheAxisToADeadCanopenLosesIt) {
   }
 }
 
-// Nor to a canopen of which nobody would notice that it is not there.
-TEST_F(Fw, WhoGivesTheAxisToAnUnwatchedCanopenLosesIt) {
+// The same for a CANopen master whose loss nothing would detect.
+TEST_F(Fw, ReleasingTheAxisToAnUnwatchedCanopenDisablesIt) {
   for (Way way : {kRtu, kLcm, kGateway}) {
     PowerUp();
     Drive(way);
@@ -296,7 +296,7 @@ TEST_F(Fw, TwoMastersOneOwner) {
   for (int i = 0; i < 3000; ++i) {
     const Way who = kWays[random() % 4];
     if (random() % 4 == 0) {
-      ASSERT_TRUE(Takes(who));
+      ASSERT_TRUE(Acquires(who));
       owner = who;
     }
     const bool allowed = SourceOf(who) == SourceOf(owner);
@@ -314,7 +314,7 @@ TEST_F(Fw, TwoMastersOneOwner) {
   }
 }
 
-TEST_F(Fw, AResetGivesTheLockBack) {
+TEST_F(Fw, AResetReleasesTheLock) {
   Drive(kRtu);
   Send(0, {130, kNode});
   Tick();

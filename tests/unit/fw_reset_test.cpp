@@ -33,7 +33,7 @@ class Node {
     fw_can_receive(&fw_, &frame);
   }
 
-  // Anything that is written, received or measured, then a tick.
+  // A random write, frame or measurement, then a tick.
   void Live(std::mt19937 &random) {
     const auto below = [&](uint32_t bound) { return static_cast<uint32_t>(random() % bound); };
     const int controlwords[] = {0x06, 0x07, 0x0F, 0x0F, 0x1F, 0x3F, 0x10F, 0x02, 0x80, 0x00};
@@ -131,11 +131,11 @@ class Node {
   std::vector<Frame> sent_;
 };
 
-// What counts losses goes on over a reset.
+// Counters of losses keep their values over a reset.
 bool GoesOn(uint16_t object) { return object == AXIS_OBJ_OVERRUNS || object == AXIS_OBJ_CAN_LOST; }
 
-// NMT reset of the node: everything at its power-up value. So a node that had a life before its
-// reset and one that had none do the same from then on, object by object and frame by frame.
+// An NMT reset of the node restores all power-up values: a node used before its reset and a fresh
+// one behave the same from then on, object by object and frame by frame.
 TEST(FwReset, ANodeThatWasResetIsAsOneThatWasNeverUsed) {
   int frames = 0;
   for (uint32_t seed = 1; seed <= 60; ++seed) {
@@ -167,7 +167,7 @@ TEST(FwReset, ANodeThatWasResetIsAsOneThatWasNeverUsed) {
   EXPECT_GT(frames, 5000);
 }
 
-// Also of the place that homing found.
+// Also of the origin that homing set.
 TEST(FwReset, TheOriginOfHomingIsThatOfPowerUp) {
   Node node;
   node.Idle();

@@ -1,4 +1,4 @@
-// Who falls silent, breaks off or loses its senses is missed, in time.
+// A partner that falls silent or disconnects, or sensors that fail, are detected in time.
 
 #include <gtest/gtest.h>
 
@@ -44,7 +44,7 @@ TEST_F(Fw, AnRpdoThatStaysAway) {
   }
 }
 
-// The master that died before its first RPDO: the deadline begins with the axis being active.
+// A master lost before its first RPDO: the deadline begins when the axis becomes active.
 TEST_F(Fw, AnRpdoThatNeverCame) {
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
   ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
@@ -57,8 +57,8 @@ TEST_F(Fw, AnRpdoThatNeverCame) {
   ExpectNamed(AXIS_FAULT_PDO_TIMEOUT, 0x8250);
 }
 
-// On a chip fw_between() is the main loop's, and with it everything that watches the buses.
-// Ticks that a late main loop misses are made up for: the node's times stay ticks.
+// On a chip the main loop calls fw_between(), which supervises the buses. Ticks that a late main
+// loop misses are counted at its next call: the node's times stay exact.
 TEST_F(Fw, AHeartbeatIsOnTimeHoweverLateTheMainLoop) {
   for (int late : {1, 2, 7, 15}) {
     PowerUp();
@@ -92,7 +92,7 @@ TEST_F(Fw, AMainLoopThatHangs) {
       EXPECT_TRUE(interrupt()) << "tick " << i;
       ASSERT_TRUE(IsOn()) << "tick " << i;
     }
-    fw_between(&fw_);  // only late
+    fw_between(&fw_);  // late, but in time
     for (int i = 0; i < FW_BETWEEN_TICKS_MAX; ++i) {
       EXPECT_TRUE(interrupt()) << "tick " << i;
       ASSERT_TRUE(IsOn()) << "tick " << i;
@@ -101,7 +101,7 @@ TEST_F(Fw, AMainLoopThatHangs) {
       EXPECT_FALSE(interrupt()) << "the watchdog would be fed";
       ASSERT_TRUE(IsOff()) << "tick " << i;
     }
-    fw_between(&fw_);  // it comes back before the watchdog is through
+    fw_between(&fw_);  // it resumes before the watchdog expires
     Take();
     for (int i = 0; i < 100; ++i) {
       Tick();
@@ -116,8 +116,8 @@ TEST_F(Fw, AMainLoopThatHangs) {
   }
 }
 
-// The loss is a state, not an event: who enables again while it lasts is not left alone.
-TEST_F(Fw, NobodyEnablesWhileTheHeartbeatIsAway) {
+// The loss is a state, not an event: enabling again while it lasts fails again.
+TEST_F(Fw, NoEnablingWhileTheHeartbeatIsLost) {
   WatchHeartbeat(10);
   Drive();
   Send(0x77F, {5});
@@ -146,7 +146,7 @@ TEST_F(Fw, AnRpdoThatStaysAwayAgain) {
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_PDO_TIMEOUT);
 }
 
-// Frames come, but the SYNC that would have them act does not.
+// Frames arrive, but not the SYNC that would apply them.
 TEST_F(Fw, RpdosWithoutSyncKeepNoDeadline) {
   ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
   ASSERT_EQ(Download(kCanopen, 0x1400, 2, 1, 1), 0u);
@@ -173,7 +173,7 @@ TEST_F(Fw, AMasterThatBootsUpAgainIsLost) {
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
 }
 
-TEST_F(Fw, ADeadPlantIsSeenInTheSameTick) {
+TEST_F(Fw, ASilentPlantIsDetectedInTheSameTick) {
   Drive();
   inputs_.sensor_valid = 0;
   EXPECT_EQ(TicksToOff(10), 1);
@@ -208,10 +208,10 @@ TEST_F(Fw, ALostBusIsSeenInTheComingTick) {
   Drive();
   fw_can_bus(&fw_, CAN_BUS_OFF);
   EXPECT_EQ(TicksToOff(10), 1);
-  ExpectNamed(AXIS_FAULT_CAN_OFF, 0x8140, false && "nobody hears it");
+  ExpectNamed(AXIS_FAULT_CAN_OFF, 0x8140, false && "the bus is off");
 }
 
-TEST_F(Fw, ALostBusIsToldWhenItIsBack) {
+TEST_F(Fw, ALostBusIsReportedWhenItIsBack) {
   Drive();
   fw_can_bus(&fw_, CAN_BUS_OFF);
   Tick(1000);
@@ -221,7 +221,7 @@ TEST_F(Fw, ALostBusIsToldWhenItIsBack) {
   ExpectNamed(AXIS_FAULT_CAN_OFF, 0x8140);
 }
 
-TEST_F(Fw, WhoOwnsTheAxisByAnotherBusIsNotHurtByCan) {
+TEST_F(Fw, AnOwnerOnAnotherBusSurvivesTheLossOfCan) {
   WatchHeartbeat(10);
   Drive(kRtu);
   Send(0x77F, {5});
@@ -244,8 +244,8 @@ TEST_F(Fw, StopAndResetsByNmtSwitchOff) {
 }
 
 // The master of the node asks for a reset while another bus drives the axis. Loading parameters may
-// take the chip longer than a tick, so the axis is off before.
-TEST_F(Fw, AResetOfTheNodeRestsTheAxisFirst) {
+// take the chip longer than a tick, so the axis is disabled before.
+TEST_F(Fw, AResetOfTheNodeDisablesTheAxisFirst) {
   Drive(kRtu);
   Send(0, {129, kNode});
   Tick();
@@ -256,7 +256,7 @@ TEST_F(Fw, AResetOfTheNodeRestsTheAxisFirst) {
   EXPECT_EQ(Inner(AXIS_OBJ_OPEN_LOOP_CODE), 0);
 }
 
-// Frames that all come between two ticks: active_mode knows nothing of the controlword yet.
+// All frames come between two ticks: active_mode does not reflect the controlword yet.
 TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
   for (int command : {2, 130}) {
     PowerUp();
@@ -272,7 +272,7 @@ TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
   }
 }
 
-// LCM has no way in but the SDO server of this bus; its watchdog would come much later.
+// LCM writes through the SDO server of this bus alone; its watchdog would act much later.
 TEST_F(Fw, LcmIsLostWithTheBus) {
   for (int how = 0; how < 3; ++how) {
     PowerUp();

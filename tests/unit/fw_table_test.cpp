@@ -18,7 +18,7 @@ namespace {
 TEST_F(Fw, ReadOnlyObjectsRefuseEveryLengthByEveryServer) {
   int count = 0;
   for (Way way : {kCanopen, kGateway, kLcm}) {
-    ASSERT_TRUE(Takes(way));
+    ASSERT_TRUE(Acquires(way));
     for (const axis_address_t &at : axis_addresses) {
       if (at.what == AXIS_ADDRESS_OBJECT && axis_objects[at.value].access != AXIS_ACCESS_RO) {
         continue;
@@ -39,7 +39,7 @@ TEST_F(Fw, ReadOnlyObjectsRefuseEveryLengthByEveryServer) {
 
 // Modbus: an input register is of a table that cannot be written.
 TEST_F(Fw, NoInputRegisterIsAHoldingRegister) {
-  ASSERT_TRUE(Takes(kRtu));
+  ASSERT_TRUE(Acquires(kRtu));
   for (const axis_register_t &input : axis_input) {
     const bool held = std::any_of(std::begin(axis_holding), std::end(axis_holding),
                                   [&](const auto &h) { return h.first == input.first; });
@@ -84,12 +84,12 @@ TEST_F(Fw, WhatOneBusWritesTheOthersRead) {
       std::map<Way, bool> took;
       for (Way writer : kWays) {
         if (!Reaches(writer, object)) continue;
-        ASSERT_TRUE(Takes(writer));
+        ASSERT_TRUE(Acquires(writer));
         const uint32_t before = Masked(Inner(object), object);
         const bool ok = Write(writer, object, value) == 0;
         took[writer] = ok;
         accepted[{object, writer}] += ok;
-        // The count of the history reads what is there.
+        // The count of the history reads back the number of entries.
         const uint32_t expected = ok ? Masked(value, object) : before;
         for (Way reader : kWays) {
           if (!Reaches(reader, object)) continue;

@@ -65,7 +65,7 @@ TEST(FxRates, Q16PerTickAsCountsPerSecond) {
   for (int32_t x : Samples()) check(x);
   RandomBits random(kSeed);
   for (int i = 0; i < kFuzz; ++i) check(random.S32());
-  // What was written is what is read.
+  // A written value reads back unchanged.
   for (uint32_t x = 0; x < 3000; ++x) {
     ASSERT_EQ(fx_per_s_from_q16(fx_q16_from_per_s(x)), static_cast<int32_t>(x));
   }
@@ -124,8 +124,8 @@ TEST(FxRates, TimesRoundUpToTicks) {
   }
 }
 
-// The step that gets there in n more ticks: no longer than a 1/n part, shorter by less than 2^-10
-// count, never above the bound; and n of them do get there.
+// The step that covers a distance in n ticks: at most a 1/n part, shorter by less than 2^-10 count,
+// never above the bound; n of them cover the distance.
 TEST(FxRates, PartsOfADistanceGetThere) {
   const auto check = [](uint64_t d, uint32_t n, int32_t most) {
     const Wide part = FloorDivide(d, n);

@@ -207,7 +207,7 @@ TEST(Fx, DistanceIsTheShorterWayRound) {
   }
 }
 
-// The real way to a stop, speed by speed.
+// The true stopping distance, summed tick by tick.
 Wide StoppingWay(Wide v, Wide a) {
   const Wide n = v / a;
   return (n + 1) * v - a * n * (n + 1) / 2;

@@ -20,7 +20,7 @@ constexpr uint8_t kUnit = kNode;
 
 class Modbus : public BusFixture {
  protected:
-  static constexpr int kSilence = 4;  // ticks of 1.75 ms, and the one that still sees the bytes
+  static constexpr int kSilence = 4;  // ticks of 1.75 ms, and the one in which the bytes arrive
 
   Modbus() { PowerUp(0); }
 
@@ -32,7 +32,7 @@ class Modbus : public BusFixture {
 
   void Send(const Bytes &bytes) { SendSerial(bytes); }
 
-  // The answer's PDU: function and data; empty without one. Its unit and CRC are checked.
+  // Sends a request; the response's PDU, empty without one. Its unit and CRC are checked.
   Bytes Ask(const Bytes &pdu, uint8_t unit = kUnit) {
     Send(RtuFrame(unit, pdu));
     Bytes answer = Fetch();
@@ -75,7 +75,7 @@ class Modbus : public BusFixture {
   }
 };
 
-// The table that the gateway is held to as well.
+// The table of requests that the gateway must answer too.
 TEST_F(Modbus, EveryRequestOfTheTableHasItsAnswer) {
   std::ifstream file(MODBUS_REQUESTS);
   ASSERT_TRUE(file) << MODBUS_REQUESTS;
@@ -239,7 +239,8 @@ TEST_F(Modbus, AWriteOfSeveralRegistersIsAllOrNothing) {
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SETPOINT), 100);
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SIGN), -1);
   EXPECT_EQ(Read(AXIS_OBJ_ADC_BITS), 12);
-  // Both limits fit what was there, not each other: the second is refused when it is written.
+  // Each limit fits the stored other one, but not the new one: the second is refused when it is
+  // written.
   Set(AXIS_OBJ_POSITION_MIN, -100);
   Set(AXIS_OBJ_POSITION_MAX, 100);
   EXPECT_EQ(Write16(0x11D, {0, 90, 0, 80}), Exception(16, 3));
@@ -248,7 +249,7 @@ TEST_F(Modbus, AWriteOfSeveralRegistersIsAllOrNothing) {
   // A hole behind, a register before.
   EXPECT_EQ(Write16(8, {500, 0}), Exception(16, 2));
   EXPECT_EQ(Read(AXIS_OBJ_WATCHDOG), 1000);
-  // Two that cannot be taken back.
+  // Two commands that cannot be undone.
   EXPECT_EQ(Write16(0x1F0, {1, 1}), Exception(16, 3));
 }
 
@@ -308,7 +309,7 @@ TEST_F(Modbus, CountsAreChecked) {
   EXPECT_EQ(Ask(Bytes{23, 0, 0, 0, 1, 0, 0, 0, 0, 0}), Exception(23, 3));
 }
 
-TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
+TEST_F(Modbus, CanopenOwnsUntilTheLockIsAcquired) {
   EXPECT_EQ(Ask(6, {0x010C, 5}), Exception(6, 4));
   EXPECT_EQ(Ask(5, {0, 0xFF00}), Exception(5, 4));
   EXPECT_EQ(Ask(5, {1, 0x0000}), Exception(5, 4));
@@ -316,11 +317,11 @@ TEST_F(Modbus, CanopenOwnsUntilTheLockIsTaken) {
   EXPECT_EQ(Ask(6, {7, 2}), Exception(6, 4)) << "not in the name of another";
   EXPECT_EQ(Write16(6, {1, 1}), Exception(16, 4));
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
-  // Taken and used in one request.
+  // Acquired and used in one request.
   EXPECT_EQ(Write16(7, {1, 100}), (Bytes{16, 0, 7, 0, 2}));
   EXPECT_EQ(Read(AXIS_OBJ_WATCHDOG), 100);
   EXPECT_EQ(Ask(6, {0x010C, 5}).size(), 5u);
-  // Taken and misused in one request: not taken.
+  // Acquired in a request that is refused: not acquired.
   EXPECT_EQ(Ask(6, {7, 0}).size(), 5u);
   EXPECT_EQ(Write16(7, {1, 9}), Exception(16, 3));
   EXPECT_EQ(Read(AXIS_OBJ_COMMAND_SOURCE), AXIS_COMMAND_SOURCE_CANOPEN);
@@ -388,7 +389,7 @@ TEST_F(Modbus, StoreAndEnableAreTwoRequests) {
   EXPECT_EQ(Read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_EMPTY);
 }
 
-// What it writes as the owner is checked before it takes the axis.
+// The values are checked before the request acquires the axis.
 TEST_F(Modbus, ARefusedRequestLeavesTheAxisToItsOwner) {
   for (const int owner : {AXIS_COMMAND_SOURCE_CANOPEN, AXIS_COMMAND_SOURCE_LCM}) {
     Set(AXIS_OBJ_COMMAND_SOURCE, owner);
@@ -463,7 +464,8 @@ TEST_F(Modbus, BusyWhileTheStoreIsAtWork) {
   EXPECT_EQ(Ask(6, {0x010C, 1}).size(), 5u);
 }
 
-// A store at work refuses the old word, which would enable; halt must come with the new one.
+// While the store is busy the old controlword, which would enable, is refused; halt must be in the
+// new one.
 TEST_F(Modbus, HaltIsNotLostBesideStore) {
   Memory memory;
   fw_config_t config{};
@@ -554,7 +556,7 @@ TEST_F(Modbus, ASilenceEndsAFrame) {
   for (const auto &[baud, ticks] : cases) {
     PowerUp(baud);
     Send({kRequest.begin(), kRequest.begin() + 3});
-    Tick(ticks);  // the first one still sees the bytes
+    Tick(ticks);  // the bytes arrive in the first one
     Send({kRequest.begin() + 3, kRequest.end()});
     EXPECT_EQ(Fetch().size(), 7u) << baud;
     Send({kRequest.begin(), kRequest.begin() + 3});
@@ -639,7 +641,7 @@ TEST_F(Modbus, Counters) {
   EXPECT_EQ(Counter(11), 5u);
   EXPECT_EQ(Counter(12), 1u);
   EXPECT_EQ(Counter(13), 1u);
-  EXPECT_EQ(Counter(14), 7u);  // three, and the questions of this test
+  EXPECT_EQ(Counter(14), 7u);  // three, and the requests of this test
   EXPECT_EQ(Counter(15), 1u);
   EXPECT_EQ(Counter(16), 0u);
   EXPECT_EQ(Ask(8, {10, 0}), (Bytes{8, 0, 10, 0, 0}));
@@ -650,7 +652,7 @@ TEST_F(Modbus, Counters) {
   EXPECT_EQ(Fetch(), Closed({kUnit, 8, 0, 0, 1, 2, 3}));  // ... after the silence
 }
 
-// Nothing but frames with a right CRC gets an answer, and after a silence the next request does.
+// Only frames with a valid CRC are answered, and after a silence the next request is.
 TEST_F(Modbus, RandomBytes) {
   std::minstd_rand random(3);
   for (int round = 0; round < 20000; ++round) {

@@ -10,7 +10,7 @@ namespace {
 
 constexpr uint32_t kSeed = 427;
 
-// Distance in Q16 still to go, in 64-bit arithmetic of counts that do not wrap here.
+// Remaining distance in Q16, in 64-bit arithmetic of counts that do not wrap here.
 int64_t PositionQ16(const profile_t &profile) {
   return static_cast<int64_t>(profile.position_q32) / 65536;
 }

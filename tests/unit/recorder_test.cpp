@@ -12,7 +12,7 @@ namespace {
 
 class Recorder : public AxisFixture {
  protected:
-  // Ticks with the encoder at `from`, from+1, ...: position and tick number say the same.
+  // Ticks with the encoder at `from`, from+1, ...: position and tick number differ by a constant.
   void TickTo(int ticks) {
     for (int i = 0; i < ticks; ++i) TickPosition(next_++);
   }
@@ -96,7 +96,7 @@ TEST_F(Recorder, FallingEdgeOnly) {
   EXPECT_EQ(Column(0), (std::vector<int32_t>{50, 49}));
 }
 
-// A u32 has no sign: past 2^31 it goes on rising, and falls only where it wraps.
+// A u32 has no sign: past 2^31 it still rises, and falls only where it wraps.
 TEST_F(Recorder, AnUnsignedSourceIsComparedWithoutSign) {
   struct Case {
     uint32_t from;
@@ -162,7 +162,7 @@ TEST_F(Recorder, DecimationKeepsItsRasterAndMissesNoTrigger) {
 TEST_F(Recorder, PacksEachSignalByItsWidth) {
   Set(AXIS_OBJ_RECORDER_SIGNAL_1, Address(AXIS_OBJ_DAC_CODE));     // 2 bytes, negative
   Set(AXIS_OBJ_RECORDER_SIGNAL_2, Address(AXIS_OBJ_POSITION));     // 4 bytes, negative
-  Set(AXIS_OBJ_RECORDER_SIGNAL_4, Address(AXIS_OBJ_ACTIVE_MODE));  // 1 byte; channel 3 is left out
+  Set(AXIS_OBJ_RECORDER_SIGNAL_4, Address(AXIS_OBJ_ACTIVE_MODE));  // 1 byte; channel 3 is unused
   Set(AXIS_OBJ_RECORDER_SIGNAL_5, Address(AXIS_OBJ_FORCE_SIGN));   // 1 byte, negative
   Set(AXIS_OBJ_RECORDER_SIGNAL_8, Address(AXIS_OBJ_TICK_COUNT));   // 4 bytes
   Set(AXIS_OBJ_FORCE_SIGN, -1);
@@ -206,7 +206,7 @@ TEST_F(Recorder, LastByteOfTheBufferAndNoFurther) {
   EXPECT_EQ(small.back(), 0xEE);
 }
 
-// A recording is the samples from `pretrigger` before the trigger on, wherever in the ring the
+// A recording holds the samples from `pretrigger` before the trigger on, wherever in the ring the
 // oldest lies; a byte is read by its offset in it. Five samples of six bytes in a buffer of thirty,
 // of its own on the heap: the address sanitizer sees every byte beside it.
 TEST_F(Recorder, EveryTurnOfTheRingReadsBackWhole) {

@@ -12,8 +12,8 @@
 
 namespace {
 
-// Several saves that fill a sector and go on in the other, each one cut after every single step and
-// in every case taken up again: old set or new set, and the next save works.
+// Several saves that fill a sector and continue in the other. Power is cut after every single step;
+// at the next start the old set or the new set is loaded, and the next save works.
 TEST(Store, ACutAfterAnyByteLeavesTheOldSetOrTheNewOne) {
   Flash flash;
   Axis first(flash.memory());
@@ -80,7 +80,7 @@ TEST(Store, ACutAfterAnyByteLeavesTheOldSetOrTheNewOne) {
   EXPECT_GT(reported, old_seen / 2);
 }
 
-// One cut upon the other, saves in between: whatever the memory looks like by then.
+// Repeated cuts with saves between them, so that the memory holds remains of several.
 TEST(Store, ManyCutsInARow) {
   for (uint32_t seed = 1; seed <= 40; ++seed) {
     std::minstd_rand random(seed);
@@ -105,7 +105,7 @@ TEST(Store, ManyCutsInARow) {
   }
 }
 
-// "save", and a reset of the node before that is done: the reset waits, nothing is lost.
+// "save", and a reset of the node before it is done: the reset is delayed, nothing is lost.
 TEST(Store, AResetOfTheNodeFindsWhatWasJustSaved) {
   Flash flash;
   fw_config_t config{};

@@ -1,5 +1,5 @@
-// A memory that fails, or reports what is not so: never a wrong value in force, and the state says
-// it.
+// A memory that fails or reports false success: never a wrong value in force, and the state reports
+// the failure.
 
 #include <gtest/gtest.h>
 
@@ -37,7 +37,7 @@ TEST_P(WornStore, WhereNothingCanBeProgrammedNothingIsLost) {
     EXPECT_EQ(Axis(flash.memory()).Stored(), kept);
   }
   EXPECT_FALSE(flash.misused()) << "nothing is programmed over what a failed save programmed";
-  flash.faults = {};  // a memory that was only cold
+  flash.faults = {};  // the fault was temporary
   axis.Save();
   EXPECT_EQ(Axis(flash.memory()).Stored(), axis.Stored());
 }
@@ -83,8 +83,8 @@ TEST(Store, AFailureIsAnEmergency) {
   EXPECT_EQ(latest & 0xFFFF, 0x5530);
 }
 
-// An erase that reports success and leaves the second half: the store sees it before it programs
-// anything there, so nothing is ever programmed over what remained.
+// An erase that reports success and keeps the second half: the store detects it before it programs
+// anything there, so remains are never programmed over.
 TEST(Store, AnErasedSectorIsCheckedToBeBlank) {
   for (const auto fault : {FlashFaults::Erase::kNothing, FlashFaults::Erase::kHalf}) {
     Flash flash;
@@ -108,8 +108,8 @@ TEST(Store, AnErasedSectorIsCheckedToBeBlank) {
   }
 }
 
-// A memory that reports success wherever one piece of a set comes to lie and does something else:
-// saved means that it is there, failed that the set before it is.
+// A memory that reports success at any piece of a set without doing it: "saved" means that the set
+// is there, "failed" that the one before it is.
 TEST(Store, SavedMeansThatEveryPieceWasReadBack) {
   using Program = FlashFaults::Program;
   for (const Program fault : {Program::kNothing, Program::kHalf, Program::kStuck}) {

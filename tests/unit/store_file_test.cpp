@@ -73,7 +73,7 @@ TEST_F(StoreFile, AKilledProcessLeavesAWholeSet) {
   int new_sets = 0;
   for (int round = 1; round <= 24; ++round) {
     const int ticks = (round - 1) * kTicks / 23;
-    Axis made(nullptr);  // what the child is about to save
+    Axis made(nullptr);  // the values that the child process saves
     made.Change(static_cast<uint32_t>(round), 100);
     const pid_t child = fork();
     ASSERT_GE(child, 0);

@@ -99,7 +99,7 @@ class Axis {
     EXPECT_EQ(outputs.dac_code, 0);
   }
 
-  // Until the store is idle; how many ticks that took.
+  // Ticks until the store is idle; returns their number.
   int Run() {
     int ticks = 0;
     while (State() == AXIS_STORE_STATE_SAVING && ticks < 2000) {
@@ -118,7 +118,7 @@ class Axis {
     return ticks;
   }
 
-  // Everything that is kept, in the order of the table.
+  // All stored parameters, in the order of the table.
   Values Stored() const {
     Values values;
     for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
@@ -127,7 +127,7 @@ class Axis {
     return values;
   }
 
-  // Gives some of the stored parameters other values.
+  // Sets some of the stored parameters to other values.
   void Change(uint32_t seed, int percent) {
     std::minstd_rand random(seed * 7919 + 1);
     for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {

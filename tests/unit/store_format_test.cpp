@@ -73,8 +73,8 @@ TEST(Store, TheFormatIsThatOfTheHeader) {
   EXPECT_EQ(flash.bytes(), expected);
 }
 
-// A set of an unknown table without signatures says nothing about what its values mean.
-TEST(Store, ASetThatDoesNotDescribeItselfIsLeftAlone) {
+// In a set of an unknown table without signatures the meaning of its values is unknown.
+TEST(Store, ASetThatDoesNotDescribeItselfIsIgnored) {
   Flash flash;
   const size_t end = PutSet(flash.bytes(), 0, kOurs, 1, {ForceGain(1280)});
   PutOldSet(flash.bytes(), end, kOurs, 2, {kForceGain, 2560});
@@ -107,7 +107,7 @@ std::vector<Entry> EntriesThatDoNotFit() {
   };
 }
 
-TEST(Store, ASetWithAnEntryThatDoesNotFitIsPassedOverWhole) {
+TEST(Store, ASetWithAnInvalidEntryIsIgnoredWhole) {
   for (const Entry &entry : EntriesThatDoNotFit()) {
     Flash flash;
     const size_t end = PutSet(flash.bytes(), 0, kOurs, 1, {ForceGain(1280)});
@@ -127,7 +127,7 @@ TEST(Store, ASetWithAnEntryThatDoesNotFitIsPassedOverWhole) {
   }
 }
 
-// Of another table the same entries are dropped alone, and the rest is in force.
+// In a set of another table only those entries are dropped; the others are in force.
 TEST(Store, ASetOfAnotherTableIsLoadedEntryByEntry) {
   for (const Entry &entry : EntriesThatDoNotFit()) {
     Flash flash;
@@ -148,7 +148,7 @@ TEST(Store, ASetOfAnotherTableIsLoadedEntryByEntry) {
 }
 
 // "All defaults" needs no table to be understood.
-TEST(Store, ForgettingCountsUnderEveryTable) {
+TEST(Store, RestoringDefaultsNeedsNoTable) {
   Flash flash;
   const size_t end = PutSet(flash.bytes(), 0, kOurs, 1, {ForceGain(99)});
   PutRecord(flash.bytes(), end, {0x31464146, ~kOurs, 2}, {});
@@ -230,7 +230,7 @@ TEST(Store, TheSetInForceIsKeptUntilANewOneIsWhole) {
   const Values kept = axis.Stored();
   for (int save = 0; save < 3; ++save) {
     axis.Change(static_cast<uint32_t>(save + 2), 100);
-    flash.PowerFor(1, 1);  // cut in the first step of whatever comes
+    flash.PowerFor(1, 1);  // cut in the first step of the save
     ASSERT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
     axis.Run();
     flash.PowerFor(-1, 0);
@@ -279,7 +279,7 @@ TEST(Store, ADamagedSectorLeavesTheOther) {
   EXPECT_EQ(next.State(), AXIS_STORE_STATE_LOADED_OLDER);
   EXPECT_EQ(next.Stored(), older);
   next.Change(99, 20);
-  next.Save();  // takes the damaged one
+  next.Save();  // uses the damaged sector
   EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_LOADED);
   EXPECT_EQ(Axis(flash.memory()).Stored(), next.Stored());
 }
@@ -338,7 +338,7 @@ TEST(Store, RubbishIsNoSet) {
   for (int round = 0; round < 200; ++round) {
     Flash flash;
     for (auto &byte : flash.bytes()) byte = static_cast<uint8_t>(random());
-    for (int i = 0; i < 20; ++i) {  // heads that look right
+    for (int i = 0; i < 20; ++i) {  // heads that are valid
       const size_t at = random() % (flash.bytes().size() / 4 - 5) * 4;
       PutWord(flash.bytes(), at, i % 2 == 0 ? 0x31534146 : 0x32534146);
       PutWord(flash.bytes(), at + 12, static_cast<uint32_t>(random() % 3000));

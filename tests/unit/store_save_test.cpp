@@ -50,7 +50,7 @@ TEST(Store, ASavedDefaultIsLoadedToo) {
   EXPECT_EQ(Axis(flash.memory()).State(), AXIS_STORE_STATE_LOADED);
 }
 
-TEST(Store, ForgettingGivesTheDefaults) {
+TEST(Store, RestoringDefaultsLoadsThem) {
   Flash flash;
   Axis axis(flash.memory());
   const Values defaults = axis.Stored();
@@ -97,8 +97,8 @@ TEST(Store, IsRefusedWhileAModeIsActive) {
   EXPECT_EQ(flash.steps(), 0);
 }
 
-// An erase holds up the processor of a chip: never with the amplifier on, also if both are asked
-// for between the same two ticks.
+// An erase stalls the processor of a chip: never with the amplifier on, also if both are requested
+// between the same two ticks.
 TEST(Store, NothingEnablesWhileItWorksNorInTheSameTick) {
   for (const bool native : {true, false}) {
     const uint16_t object = native ? AXIS_OBJ_MODE : AXIS_OBJ_CONTROLWORD;

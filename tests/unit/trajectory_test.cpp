@@ -1,5 +1,5 @@
-// The drive's trajectory from what its header promises: bounds of speed, bounds of its changes,
-// exact landings, and braking down to a limit that was lowered on the way.
+// The drive's trajectory against its header's specification: bounds of speed, bounds of its
+// changes, exact landings, and braking down to a limit that was lowered on the way.
 
 #include <gtest/gtest.h>
 
@@ -24,7 +24,8 @@ profile_t At(int32_t cnt, int32_t velocity_q16) {
   return at;
 }
 
-// One tick toward a count; the distance left before it, positive toward larger counts, 1/65536.
+// One tick toward a count; the remaining distance before it, positive toward larger counts,
+// 1/65536.
 int64_t Move(profile_t &trajectory, int32_t target, const trajectory_limits_t &limits) {
   bool negative = false;
   const uint64_t distance =

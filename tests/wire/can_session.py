@@ -33,7 +33,7 @@ def start(name, *args):
 
 
 def end(process):
-    """{"status", "error", and what its JSON object says}."""
+    """{"status", "error", and the fields of its JSON object}."""
     out, error = process.communicate(timeout=60)
     return {"status": process.returncode, "stderr": error, **json.loads(out.splitlines()[-1])}
 
@@ -85,9 +85,9 @@ def killed_axis():
     time.sleep(0.5)
     axis.kill()
     since = time.monotonic()
-    told = end(plant)
+    report = end(plant)
     axis.communicate()
-    return told | {"after_s": time.monotonic() - since}
+    return report | {"after_s": time.monotonic() - since}
 
 
 def six_axes():

@@ -198,8 +198,8 @@ class Flood {
     for (unsigned i = 0; i < 4; ++i) {
       if ((fw_.canopen.rpdo[i].reported & PDO_REPORTED_REFUSED) != 0) refused |= uint8_t(1u << i);
     }
-    // Only of what the drive judges does the model need this; within a tick it cannot be told
-    // from a write before.
+    // The model needs this only for what the drive judges; within a tick it cannot be distinguished
+    // from an earlier write.
     const bool wrote = (fw_.objects.writers >> fw_.device.command_source & 1) != 0;
     if (fw_.source_silence == 0 || wrote) refused |= 0x10;
     if (refused != refused_) {

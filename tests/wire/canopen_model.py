@@ -1,7 +1,7 @@
 """An independent CANopen node, written from CiA 301 and the object table, as the reference.
 
-`Node` is fed the log of canopen_flood: received frames, ticks, the port's reports, and what no
-model of communication can know (values of mapped objects, the drive's error code, whether an object
+`Node` reads the log of canopen_flood: received frames, ticks, the port's reports, and what a model
+of communication cannot predict (values of mapped objects, the drive's error code, whether an object
 of the drive refused the value of an RPDO or an SDO server). It predicts every transmitted frame,
 the NMT state, the lock, and each object of the communication part; `check` compares them and names
 the record that differs.
@@ -160,7 +160,7 @@ class Node:
         self.late = [False] * 4
         self.unwatched = [False] * 4
         self.brought = [None] * 4
-        self.told = [set() for _ in range(4)]
+        self.reported = [set() for _ in range(4)]
         self.must_send = [True] * 4
         self.sent = [0] * 4
         self.syncs = [0] * 4
@@ -367,7 +367,7 @@ class Node:
 
     def start_rpdo(self, i):
         self.brought[i] = None
-        self.told[i].clear()
+        self.reported[i].clear()
         self.in_time(i)
         self.timers[DEADLINE + i] = NEVER
         self.unwatched[i] = not self.od[0x1400 + i, 1] & OFF and self.od[0x1400 + i, 5] > 0
@@ -377,20 +377,20 @@ class Node:
             self.late[i] = False
             self.emergency(0)
 
-    def tell(self, i, code):
-        if code not in self.told[i]:
-            self.told[i].add(code)
+    def report(self, i, code):
+        if code not in self.reported[i]:
+            self.reported[i].add(code)
             self.emergency(code, i + 1)
 
     def rpdo(self, i, length, data):
         expected = (self.bits(0x1600 + i) + 7) // 8
         if length < expected:
-            self.tell(i, 0x8210)
+            self.report(i, 0x8210)
             return
         if length > expected:
-            self.tell(i, 0x8220)
+            self.report(i, 0x8220)
         else:
-            self.told[i] -= {0x8210, 0x8220}
+            self.reported[i] -= {0x8210, 0x8220}
         self.brought[i] = data
         if self.od[0x1400 + i, 2] > 240:
             self.take_over(i)
@@ -406,9 +406,9 @@ class Node:
                 self.own(0)  # CANopen acquires the lock
             data >>= width
         if self.refused >> i & 1:
-            self.tell(i, 0x6320)
+            self.report(i, 0x6320)
         else:
-            self.told[i].discard(0x6320)
+            self.reported[i].discard(0x6320)
 
     # SDO.
 
@@ -461,11 +461,11 @@ class Node:
             return None
         raise Abort(0x06090011 if index in INDICES else 0x06020000)
 
-    def begin(self, server, transfer, state, index, sub, **rest):
+    def begin(self, server, transfer, state, index, sub, **fields):
         transfer.state = state
         transfer.index, transfer.sub = index, sub
         transfer.toggle = transfer.offset = 0
-        for name, value in rest.items():
+        for name, value in fields.items():
             setattr(transfer, name, value)
         self.start_timer(SDO + server, 7500)
 
@@ -537,7 +537,7 @@ class Node:
             self.answer(server, *exactly(self.frame(0x41, index, sub, size)))
 
     def value_of(self, o):
-        """The value of a readable object where the model knows it."""
+        """The value of a readable object where the model can predict it."""
         at = o.index, o.sub
         if o.kind == "command":
             return o.default
@@ -564,9 +564,9 @@ class Node:
             raise Abort(0x05030000)
         if transfer.data is None and transfer.replaced:
             raise Abort(0x08000024)
-        left = transfer.size - transfer.offset
-        count = min(7, left)
-        command = transfer.toggle << 4 | (7 - count) << 1 | (left <= 7)
+        remaining = transfer.size - transfer.offset
+        count = min(7, remaining)
+        command = transfer.toggle << 4 | (7 - count) << 1 | (remaining <= 7)
         if transfer.data is None:
             known = 0xFF | ((1 << 64) - 1) >> 8 * (count + 1) << 8 * (count + 1)
             self.answer(server, (command, known))
@@ -575,7 +575,7 @@ class Node:
             self.answer(server, *exactly(command | int.from_bytes(part, "little") << 8))
         transfer.offset += count
         transfer.toggle ^= 1
-        if left <= 7:
+        if remaining <= 7:
             self.end(server)
         else:
             self.start_timer(SDO + server, 7500)
@@ -754,12 +754,12 @@ class Node:
                         self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
             if code != self.drive_code:
                 self.drive_code = code
-                told = (
+                by_node = (
                     (code == 0x8130 and any(self.heartbeat_lost))
                     or (code == 0x8250 and any(self.late))
                     or (code == 0x8140 and self.bus == 2)
                 )
-                if told:
+                if by_node:
                     self.update_register()
                 else:
                     self.emergency(code, fault if code else 0)

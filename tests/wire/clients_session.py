@@ -1,5 +1,5 @@
 """The session of test_clients.py on real CAN, in one guest: run under tools/vcan with a folder to
-write to. Third-party clients work at axis_node; each step writes its figures, or why it failed, to
+write to. Third-party clients drive axis_node; each step writes its figures, or why it failed, to
 results.json, and all frames of the session are in session.log, as candump writes them.
 """
 
@@ -155,14 +155,14 @@ class Client:
 
     def reset(self, command):
         """Seconds until the boot-up message, which may arrive before a call could wait for it."""
-        heard = []
-        waiting = threading.Thread(target=lambda: heard.append(self.drive.nmt.wait_for_bootup(5)))
+        booted = []
+        waiting = threading.Thread(target=lambda: booted.append(self.drive.nmt.wait_for_bootup(5)))
         waiting.start()
         time.sleep(0.05)
         since = time.monotonic()
         self.drive.nmt.state = command
         waiting.join()
-        assert heard, f"no boot-up after {command}"
+        assert booted, f"no boot-up after {command}"
         return time.monotonic() - since
 
     def gains(self):
@@ -347,14 +347,14 @@ class Client:
         drive = self.drive
         drive.op_mode = "PROFILED POSITION"
         self.enable()
-        told = []
-        drive.emcy.add_callback(told.append)
+        emergencies = []
+        drive.emcy.add_callback(emergencies.append)
         drive.sdo[0x6065].raw = 1
         drive.sdo[0x607A].raw = self.position() - 4000
         drive.controlword = 0x1F
         wait_until("a fault", lambda: drive.state == "FAULT", 5)
         found = {"error_code": drive.sdo[0x603F].raw, "fault": drive.sdo[0x2021].raw}
-        wait_until("an emergency", lambda: len(told) > 0)
+        wait_until("an emergency", lambda: len(emergencies) > 0)
         found["history"] = drive.sdo[0x1003][1].raw & 0xFFFF
         drive.sdo[0x6065].raw = 0xFFFFFFFF
         since = time.monotonic()
@@ -362,8 +362,8 @@ class Client:
         # python-canopen itself waits 0.4 s there before it sends the rising edge.
         found["reset_s"] = time.monotonic() - since - drive.TIMEOUT_RESET_FAULT
         found["state"] = drive.state
-        wait_until("the emergency that tells its end", lambda: told[-1].code == 0)
-        found["emergencies"] = [e.code for e in told]
+        wait_until("the emergency with error code 0", lambda: emergencies[-1].code == 0)
+        found["emergencies"] = [e.code for e in emergencies]
         drive.state = "SWITCH ON DISABLED"
         # The state alone, by the client's own setter: T15.
         drive.sdo[0x6065].raw = 1
@@ -486,7 +486,7 @@ class Client:
                 if before == after:
                     break
             else:
-                raise TimeoutError(f"no rest: {before} and {after}")
+                raise TimeoutError(f"no steady state: {before} and {after}")
             for name, pdo in seen.items():
                 windows.append([name, since, until, [before[i] for i in pdo]])
         writes = (

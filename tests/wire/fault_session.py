@@ -31,7 +31,7 @@ WATCHDOG_MS = 200
 
 
 class Bus:
-    """vcan0 as a client sees it."""
+    """A client's socket on vcan0."""
 
     def __init__(self):
         self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -65,8 +65,8 @@ class Bus:
         """The response of the first SDO server."""
         self.send(0x601, request)
         end = time.monotonic() + 1
-        while (left := end - time.monotonic()) > 0:
-            frame = self.receive(left)
+        while (remaining := end - time.monotonic()) > 0:
+            frame = self.receive(remaining)
             if frame and frame[0] == 0x581:
                 return frame[1]
         raise SystemExit(f"no answer to {request.hex()}")
@@ -253,8 +253,8 @@ def lost_bus():
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
         bus.listen(2, lambda: 0x8140 in bus.emergencies)
         seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
-    told = entries(seen["journal"], "bus")
-    return seen | {"told": told, "journal": len(seen["journal"])}
+    states = entries(seen["journal"], "bus")
+    return seen | {"told": states, "journal": len(seen["journal"])}
 
 
 def two_masters():
@@ -276,8 +276,8 @@ def two_masters():
         seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
         seen["rival_after"] = registers(line, 6, 0, 6).hex()
     # Frames of the rival before this client's next request.
-    asked = [t for t, *_ in entries(seen["journal"], "modbus") if t <= seen["on"][1]]
-    return seen | {"last": asked[-1], "journal": len(seen["journal"])}
+    requests = [t for t, *_ in entries(seen["journal"], "modbus") if t <= seen["on"][1]]
+    return seen | {"last": requests[-1], "journal": len(seen["journal"])}
 
 
 if __name__ == "__main__":

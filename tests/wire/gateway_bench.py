@@ -52,12 +52,12 @@ class Can:
 
     def frames(self, seconds):
         """[(time, id, data)] of a while."""
-        heard, end = [], time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            frame = self.receive(left)
+        received, end = [], time.monotonic() + seconds
+        while (remaining := end - time.monotonic()) > 0:
+            frame = self.receive(remaining)
             if frame:
-                heard.append((time.monotonic(), *frame))
-        return heard
+                received.append((time.monotonic(), *frame))
+        return received
 
     def write(self, node, index, sub, value, size):
         """An expedited download on the default channel, as CANopen's own master would."""
@@ -132,10 +132,10 @@ def registers(client, start, count, kind="holding", unit=1):
 
 
 def gateway(*args, ready=True, port=PORT):
-    said = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it lives as long as the program
+    errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it lives as long as the program
     words = [link.program("gateway"), "--modbus-port", str(port), *args]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=said, text=True)
-    process.said = lambda: (said.seek(0), said.read())[1]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=errors, text=True)
+    process.errors = lambda: (errors.seek(0), errors.read())[1]
     if ready:
         process.ready = process.stdout.readline()
     return process
@@ -213,7 +213,7 @@ def refusals(axis):
     }
     found = {}
     for key, (name, value) in tried.items():
-        # Past the client's own checks, which know the table as well.
+        # Bypasses the client's own checks, which use the same table.
         try:
             axis._command(axis_command_t.KIND_WRITE, [(name, value)])
             found[key] = "taken"
@@ -238,8 +238,8 @@ def refusals(axis):
 
 def repetitions():
     """A duplicate command, a late one, one of another object table."""
-    heard = []
-    bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
+    received = []
+    bus = Bus(None, lambda channel, data, _: received.append(decode(channel, data)), "AXIS_1_EVENT")
     other = AxisClient(1)
     try:
         command = axis_command_t()
@@ -251,7 +251,7 @@ def repetitions():
         def answers():
             return [
                 e
-                for e in heard
+                for e in received
                 if (e.command_run_id, e.command_id) == (bus.run_id, command.command_id)
             ]
 
@@ -292,8 +292,8 @@ def repetitions():
 
 def events(axis):
     """Events of the axis itself: its limits, then its speed are exceeded."""
-    heard = []
-    bus = Bus(None, lambda channel, data, _: heard.append(decode(channel, data)), "AXIS_1_EVENT")
+    received = []
+    bus = Bus(None, lambda channel, data, _: received.append(decode(channel, data)), "AXIS_1_EVENT")
     try:
         axis.take()
         axis.write_all({"output_limit": 100, "open_loop_code": 300, "modes_of_operation": -2})
@@ -302,7 +302,7 @@ def events(axis):
         axis.wait_event(axis_event_t.EVENT_LIMIT, lambda e: e.code == 2)
         axis.write_all({"output_limit": 2048, "speed_max": 1, "open_loop_code": 500})
         axis.wait_event(axis_event_t.EVENT_FAULT)
-        until(lambda: any(e.kind == axis_event_t.EVENT_EMCY for e in heard))
+        until(lambda: any(e.kind == axis_event_t.EVENT_EMCY for e in received))
         axis.write_all({"speed_max": 0, "controlword": 0x80})
         axis.wait_event(axis_event_t.EVENT_FAULT, lambda e: e.code == 0)
         time.sleep(0.3)
@@ -310,10 +310,10 @@ def events(axis):
         bus.close()
     answers = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
     return {
-        "events": [[e.kind, e.code, e.text] for e in heard if e.kind not in answers],
+        "events": [[e.kind, e.code, e.text] for e in received if e.kind not in answers],
         "emcy": [
             dict(zip(e.object, e.value, strict=True))
-            for e in heard
+            for e in received
             if e.kind == axis_event_t.EVENT_EMCY
         ],
     }
@@ -512,15 +512,15 @@ def request_table():
         if not equals:
             continue
         count += 1
-        asked, expected = (bytes.fromhex(t.replace("UU", "01")) for t in (request, answer))
-        got = wire.ask(1, asked)
+        sent, expected = (bytes.fromhex(t.replace("UU", "01")) for t in (request, answer))
+        got = wire.ask(1, sent)
         if got != expected:
             differ.append([number, line, got.hex() if got is not None else None])
     return {"requests": count, "differ": differ}
 
 
 def streams():
-    """Foreign units, pieces, several requests at once, what is no Modbus, many clients."""
+    """Foreign units, pieces, several requests at once, invalid frames, many clients."""
     request = struct.pack(">BHH", 4, 0, 2)
     wire = Tcp()
     wire.socket.sendall(wire.frame(2, request))
@@ -553,8 +553,8 @@ def second_gateway():
     third = gateway("--node-id", "126", ready=False)
     return {
         "status": status,
-        "said": second.said(),
-        "port": [third.wait(5), third.said()],
+        "said": second.errors(),
+        "port": [third.wait(5), third.errors()],
     }
 
 
@@ -604,17 +604,17 @@ def operational(axis):
 def ended(process, can):
     """SIGTERM while the axis is driven."""
     found = {"driven": drive_on(can)}
-    heard = []
-    listener = threading.Thread(target=lambda: heard.extend(Can().frames(2.0)))
+    received = []
+    listener = threading.Thread(target=lambda: received.extend(Can().frames(2.0)))
     listener.start()
     time.sleep(0.1)
     process.terminate()
     found["status"] = process.wait(5)
     listener.join()
-    found["emergencies"] = sum(i == 0x081 for _, i, _ in heard)
-    words = [d[0] | d[1] << 8 for _, i, d in heard if i == 0x181]
+    found["emergencies"] = sum(i == 0x081 for _, i, _ in received)
+    words = [d[0] | d[1] << 8 for _, i, d in received if i == 0x181]
     found["statusword"] = [words[0] & 0x6F, words[-1] & 0x4F]
-    found["said"] = process.said()
+    found["said"] = process.errors()
     return found
 
 
@@ -668,9 +668,9 @@ def other_table():
     process = gateway("--axes", "2")
     found = {}
     with AxisClient(2, timeout_s=3) as axis:
-        until(lambda: process.said())
+        until(lambda: process.errors())
         state = until(lambda: s if (s := axis.state(3)).objects_hash > 0 else None)
-        found["said"] = process.said()
+        found["said"] = process.errors()
         found["hash"] = state.objects_hash
         try:
             axis.take()
@@ -694,7 +694,7 @@ class Driven(threading.Thread):
         super().__init__(daemon=True)
         self.node, self.stops, self.together = node, stops, [self]
         self.can, self.end = Can(), threading.Event()
-        self.told, self.started = threading.Event(), threading.Event()
+        self.commanded, self.started = threading.Event(), threading.Event()
         self.unwatched = False
         self.values = {(o.index, o.sub): o.default for o in objects.OBJECTS}
         state = BY_NAME["drive_state"]
@@ -705,7 +705,7 @@ class Driven(threading.Thread):
     def value(self, where):
         if where != self.state:
             return self.values.get(where, 0)
-        stopped = self.stops and all(other.told.is_set() for other in self.together)
+        stopped = self.stops and all(other.commanded.is_set() for other in self.together)
         return self.states.index("switch_on_disabled" if stopped else "operation_enabled")
 
     def run(self):
@@ -730,7 +730,7 @@ class Driven(threading.Thread):
             self.values[where] = struct.unpack("<I", request[4:])[0]
             answer = struct.pack("<BHBI", 0x60, *where, 0)
             if where == (0x6040, 0) and self.values[where] == 2:
-                self.told.set()
+                self.commanded.set()
             if where[0] == 0x1016 and self.values[where] == 0:
                 self.unwatched = True
         self.can.send(0x580 + self.node, answer)
@@ -745,14 +745,14 @@ def two_axes_end():
             node.together = nodes
             node.start()
         process = gateway("--axes", "2,3")
-        assert all(node.started.wait(10) for node in nodes), process.said()
+        assert all(node.started.wait(10) for node in nodes), process.errors()
         time.sleep(0.3)  # the set-up ends with the NMT start
         process.terminate()
-        told = [node.told.wait(5) for node in nodes]
+        commanded = [node.commanded.wait(5) for node in nodes]
         if not stops:
             process.terminate()
         status = process.wait(10)
-        found[name] = [told, [node.unwatched for node in nodes], status]
+        found[name] = [commanded, [node.unwatched for node in nodes], status]
         for node in nodes:
             node.end.set()
             node.join()
@@ -785,7 +785,7 @@ def two_axes():
     try:
         with AxisClient(2, timeout_s=4) as second, sessions.Session(1, timeout_s=4) as first:
             until(lambda: operational(second), 10)
-            return move_each(first, second, modbus) | {"said": process.said()}
+            return move_each(first, second, modbus) | {"said": process.errors()}
     finally:
         modbus.close()
         process.terminate()
@@ -887,7 +887,7 @@ def main():
             keep("streams", streams)
             keep("second_gateway", second_gateway)
             modbus.close()
-            results["said"] = process.said()
+            results["said"] = process.errors()
             keep("killed", killed, process, can, axis)
             if isinstance(results["killed"], tuple):
                 results["killed"], process = results["killed"]

@@ -4,7 +4,7 @@ client.
 
     gateway_stand_in.py --url URL --axes 1,2 --rate 50 --count 100 --drop 7 --double 11
 
-The state number k of axis n says force k / 256 counts, position 1000 n + k and so on (`state_of`);
+State number k of axis n has force k / 256 counts, position 1000 n + k and so on (`state_of`);
 `--drop 7` numbers but does not send every k with k % 7 == 3, `--double 11` sends k % 11 == 5 twice.
 """
 
@@ -176,8 +176,8 @@ def main():
     gateway, start = Gateway(args.url, axes), time.monotonic()
     print("ready", flush=True)
     for k in range(args.count):
-        while (left := start + k / args.rate - time.monotonic()) > 0:
-            gateway.lcm.handle_timeout(max(1, int(left * 1000)))
+        while (remaining := start + k / args.rate - time.monotonic()) > 0:
+            gateway.lcm.handle_timeout(max(1, int(remaining * 1000)))
         for axis in axes:
             s = state_of(axis, k, axis == args.fault, axis == args.mismatch)
             if args.lively:

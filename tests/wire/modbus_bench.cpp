@@ -2,8 +2,8 @@
 //
 // usage: modbus_bench DEVICE UNIT BAUD [STORE]
 //
-// The encoder moves one count a tick, so position and tick_count tell whether what was read is one
-// snapshot. Prints "ready", then serves until it is terminated.
+// The encoder moves one count a tick, so position and tick_count show whether the values read are
+// one snapshot. Prints "ready", then serves until it is terminated.
 
 #include <fcntl.h>
 #include <termios.h>

@@ -1,4 +1,4 @@
-/* libmodbus on a serial line, told what to do: a client that nobody here wrote.
+/* libmodbus on a serial line, an independent client, driven by commands.
  *
  * usage: modbus_client DEVICE BAUD UNIT
  *

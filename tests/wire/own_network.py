@@ -2,5 +2,5 @@
 
 import os
 
-# A user namespace gives the right to one, where it is not there and allowed.
+# Without the privilege a user namespace grants it, where user namespaces are allowed.
 OWN_NETWORK = ["unshare", "-n"] if os.getuid() == 0 else ["unshare", "-rn"]

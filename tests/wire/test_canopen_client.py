@@ -1,4 +1,4 @@
-"""python-canopen, which nobody here wrote, as the client of the firmware's node."""
+"""python-canopen, an independent implementation, as the client of the firmware's node."""
 
 import ctypes
 import queue
@@ -99,14 +99,14 @@ def test_every_object_of_the_data_sheet_can_be_read(node):
 
 def test_boots_after_every_reset(node):
     # Not wait_for_bootup(): the message arrives before that starts to wait.
-    heard = queue.Queue()
-    node.network.subscribe(0x700 + NODE, lambda _id, data, _time: heard.put(bytes(data)))
+    received = queue.Queue()
+    node.network.subscribe(0x700 + NODE, lambda _id, data, _time: received.put(bytes(data)))
     for command in ("RESET", "RESET COMMUNICATION"):
         node.nmt.state = command
-        while heard.get(timeout=2) != b"\0":
+        while received.get(timeout=2) != b"\0":
             pass
         node.nmt.state = "OPERATIONAL"
-        while heard.get(timeout=2) != b"\5":
+        while received.get(timeout=2) != b"\5":
             pass
 
 

@@ -1,4 +1,4 @@
-"""A million random frames: the firmware's CANopen node does what the independent model says."""
+"""A million random frames: the firmware's CANopen node behaves as the independent model."""
 
 import re
 import subprocess
@@ -57,7 +57,7 @@ def test_a_million_random_frames_do_what_the_model_predicts(seed):
     counts = check(log)
     assert counts[model.FRAME_IN] >= 250_000
     if seed > 4:
-        return  # chance leaves out what is rare; the first four have everything
+        return  # by chance a run may lack rare cases; the first four together have all
     aborts, emergencies, states, pdos = seen_in(log)
     assert aborts == ABORTS
     assert emergencies >= EMERGENCIES

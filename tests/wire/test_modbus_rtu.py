@@ -1,7 +1,7 @@
 """Modbus RTU over a pty pair: the firmware in real time, with libmodbus and pymodbus as masters.
 
 The firmware is served by tests/wire/modbus_bench.cpp; socat is the line. Both clients read and
-write every register of the map; what must stay silent is sent as raw bytes."""
+write every register of the map; frames that must not be answered are sent as raw bytes."""
 
 import os
 import random
@@ -346,7 +346,7 @@ class Raw:
     def send(self, frame):
         os.write(self.file, frame)
 
-    def heard(self, seconds):
+    def received(self, seconds):
         """The bytes received until a silence of this length."""
         found = b""
         while select.select([self.file], [], [], seconds)[0]:
@@ -378,7 +378,7 @@ def test_foreign_units_get_no_answer(line, raw):
         raw.send(closed(unit, 4, 0, 0, 0, 1))
         raw.send(closed(unit, 6, 0x01, 0x0C, 0x0B, unit))
         time.sleep(0.001)
-    assert raw.heard(0.3) == b""
+    assert raw.received(0.3) == b""
     assert raw.answers()
     assert line.libmodbus(3, 0x010C, 1) == gain
     assert line.libmodbus("unit", UNIT + 1) == []
@@ -388,7 +388,7 @@ def test_foreign_units_get_no_answer(line, raw):
 
 def test_a_broadcast_is_carried_out_without_an_answer(line, raw):
     raw.send(closed(0, 6, 0x01, 0x0C, 0x11, 0x22))
-    assert raw.heard(0.2) == b""
+    assert raw.received(0.2) == b""
     assert line.libmodbus(3, 0x010C, 1) == [0x1122]
 
 
@@ -407,7 +407,7 @@ def test_corrupted_and_truncated_frames_get_no_answer(line, raw):
     for frame in bad:
         raw.send(frame)
         time.sleep(SILENCE_S)
-    assert raw.heard(0.2) == b""
+    assert raw.received(0.2) == b""
     assert raw.answers()
     assert line.libmodbus(3, 0x010C, 1) == gain
     print(f"\n{len(bad)} broken frames, no answer")

@@ -1,4 +1,4 @@
-"""The files made from the object table, read by programs that others wrote and by readers written
+"""The files generated from the object table, read by third-party programs and by readers written
 here from the standards, and compared with the table as tomllib reads it."""
 
 import configparser
@@ -209,7 +209,7 @@ def test_objects_of_the_standards_have_their_names_and_types(sheet, index, sub, 
     assert int(keys["DataType"], 0) == data_type
 
 
-# Programs that others wrote.
+# Third-party programs.
 
 
 @pytest.mark.parametrize("node", [1, 6, 31])
@@ -500,7 +500,7 @@ def test_the_manual_has_every_object_and_register():
             assert f".B {shown}\n{index:04x}:{sub:x}" in man
         if "modbus" in o:
             assert f"| `{name}` |" in modbus
-    # Every row of a table has as many cells as its head.
+    # Every row of a table has as many cells as its header.
     for text in (page, modbus):
         for head, body in re.findall(r"^(\|.*)\n\| ---.*\n((?:\|.*\n)+)", text, re.M):
             for row in body.splitlines():

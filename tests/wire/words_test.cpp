@@ -19,7 +19,7 @@ TEST(Words, AnEmergencyIsNamedByItsCode) {
 }
 
 // States and parameters by their names, whatever else the firmware could not load.
-TEST(Words, TheStoreSaysByNameWhatIsNotInForce) {
+TEST(Words, TheStoreNamesParametersNotInForce) {
   EXPECT_EQ(emergency_text(0x5530, Manufacturer{6, 0, 0, 0, 0}), "EMCY 5530h store failed: failed");
   EXPECT_EQ(emergency_text(0x5530, Manufacturer{8, 0x0E, 0x20, 0, 1}),
             "EMCY 5530h store failed: loaded partly, force_tare");

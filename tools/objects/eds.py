@@ -1,4 +1,4 @@
-"""The electronic data sheet, CiA 306: what a CANopen master knows of an axis.
+"""The electronic data sheet, CiA 306, from which a CANopen master knows the objects of an axis.
 
 Only keys of the standard: units are in the manual and in the DBC."""
 
@@ -19,7 +19,7 @@ def section(name, keys):
 
 
 def file_info():
-    # A fixed date: the same table gives the same bytes.
+    # A fixed date, so that equal tables generate equal files.
     yield "FileName", "forceaxis.eds"
     yield "FileVersion", 1
     yield "FileRevision", 1
@@ -58,7 +58,7 @@ def device_info(found):
 
 
 def literal(o, value):
-    """As a reader of data sheets expects it: COB-IDs, mappings and bit fields in hexadecimal."""
+    """A value in the notation of data sheets: COB-IDs, mappings and bit fields in hexadecimal."""
     width = TYPES[o["type"]][0]
     if o["part"] == "canopen" and o["type"] == "u32":
         return f"0x{value:0{2 * width}X}"
@@ -89,7 +89,7 @@ def variable(at):
     yield "ObjectType", f"0x{VARIABLE:X}"
     yield "DataType", f"0x{DATA_TYPES[o['type']]:04X}"
     yield "AccessType", o["access"]
-    # A command that can be read reads as something else than what is written: no limits then.
+    # A command reads as another value than is written: no limits then.
     if inside or o["access"] == "wo":
         if o["min"] > lowest:
             yield "LowLimit", literal(o, o["min"])
@@ -102,7 +102,7 @@ def variable(at):
 
 
 def is_array(subs):
-    """Whether all elements are alike, where the table does not say."""
+    """Whether all elements are alike, where the table does not state it."""
     return len({at.entry["type"] for sub, at in subs.items() if sub}) == 1
 
 

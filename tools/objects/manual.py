@@ -60,7 +60,7 @@ def value_text(o, value):
 
 
 def range_text(o):
-    """Nothing if the type says it, or the texts of its values."""
+    """The range; nothing if it follows from the type or the texts of the values."""
     if o["enum"] or (o["min"], o["max"]) == TYPES[o["type"]][1:3]:
         return ""
     if o["min"] == o["max"]:
@@ -87,7 +87,7 @@ def default_text(o):
 
 
 def limits(o):
-    """When a write is taken; nothing: always."""
+    """The state in which a write is accepted; nothing: always."""
     return "" if o["access"] == "ro" else WHEN[o["writable"]]
 
 
@@ -165,7 +165,7 @@ def generate_page(table):
 
 
 def roff(text):
-    """Text that roff takes as it stands."""
+    """The text with roff's special characters escaped."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return f"\\&{text}" if text[:1] in (".", "'") else text
 

@@ -1,9 +1,9 @@
-"""What an object means to whoever exchanges its raw values: the table's hash, and the signatures by
-which a stored value is judged.
+"""The meaning of raw values: the table's hash for clients, and the signatures that decide whether a
+stored value is used.
 
 Wording (meaning, title), the order of the table, comments and defaults are no part of it. A default
-is not, because a client is right whatever an axis starts with, and a stored set knows the defaults
-it was written against.
+is not, because clients do not depend on the value at power-up, and a stored set holds the defaults
+it was written with.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ def value_texts(o):
 
 
 def signature_text(o):
-    """What a raw value of an object stands for, as text."""
+    """The meaning of an object's raw values as a text."""
     names = ";".join(f"{value} {text}" for value, text in sorted(value_texts(o)))
     facts = (o["type"], o["unit"], repr(float(o["scale"])), o["min"], o["max"])
     return "|".join(map(str, (*facts, "+id" if o["node_id"] else "", names)))

@@ -20,7 +20,7 @@ class Released(NamedTuple):
 
 
 class Release(NamedTuple):
-    digest: str  # eight digits, as its sets have it
+    digest: str  # eight digits, as in its stored sets
     objects: dict  # {(index, sub-index): Released}
 
 

@@ -75,7 +75,7 @@ class Table(NamedTuple):
 
 
 class Address(NamedTuple):
-    """What lies at a CANopen address."""
+    """The entry at a CANopen address."""
 
     what: str  # OBJECT, COUNT, TEXT, DOMAIN
     name: str  # of the object or special
@@ -157,7 +157,7 @@ def check_object(raw, position, known):
     check_texts(label, o, raw, known)
     check_range(label, o, raw)
     check_addresses(label, o)
-    # What a PDO may carry: what changes from tick to tick, not what is set up once.
+    # A PDO may carry objects that change from tick to tick, not set-up parameters.
     o["mappable"] = o["part"] != "canopen" and o["writable"] == "any" and not o["stored"]
     return o
 
@@ -221,7 +221,7 @@ def check_range(label, o, raw):
     o.setdefault("defaults", [o["default"]] * o["count"])
     if len(o["defaults"]) != o["count"]:
         fail(label, "defaults", f"expected {o['count']} values, got {len(o['defaults'])}")
-    # What a command gives when it is read need not be what may be written.
+    # The value that a command reads as need not be one that may be written.
     low, high = (lowest, highest) if o["kind"] == "command" else (o["min"], o["max"])
     for value in o["defaults"]:
         if type(value) is not int or not low <= value <= high:

@@ -21,7 +21,7 @@ typedef struct axis_host axis_host_t;
  * memory. */
 axis_host_t *axis_host_create(void);
 
-/* The same with what `config` says; a recorder buffer is given it where the config has none. */
+/* The same with a configuration; where that has no recorder buffer, one is allocated. */
 axis_host_t *axis_host_create_with(const fw_config_t *config);
 
 /* NULL is allowed. */
@@ -31,16 +31,16 @@ void axis_host_tick(axis_host_t *host, const axis_inputs_t *inputs, axis_outputs
 
 int axis_host_read(const axis_host_t *host, uint16_t object, int32_t *value);
 
-/* The signals of the axis as they stand, for callers that read them every tick. */
+/* The present signals of the axis, for callers that read them every tick. */
 const axis_signals_t *axis_host_signals(const axis_host_t *host);
 
-/* The firmware itself, for what no object shows. */
+/* The firmware itself, for state that is no object. */
 const fw_t *axis_host_firmware(const axis_host_t *host);
 
-/* As FW_SOURCE_LOCAL: the source lock does not hold it. */
+/* As FW_SOURCE_LOCAL: the source lock does not apply. */
 int axis_host_write(axis_host_t *host, uint16_t object, int32_t value);
 
-/* Buses: fw.h says when and how. */
+/* The buses, as the functions of fw.h. */
 void axis_host_can_receive(axis_host_t *host, const can_frame_t *frame);
 bool axis_host_can_transmit(axis_host_t *host, can_frame_t *frame);
 void axis_host_can_lost(axis_host_t *host, uint16_t frames);

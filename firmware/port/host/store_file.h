@@ -2,8 +2,8 @@
 #define FIRMWARE_PORT_HOST_STORE_FILE_H_
 
 /* The memory of the parameter store as a file of two sectors, each byte as a flash would have it.
- * A process that is killed leaves what it had programmed, as a power cut would; a host that loses
- * power may leave less. The file belongs to one process at a time. */
+ * After a process is killed the file holds what it had programmed, as after a power cut; after a
+ * power cut of the host it may hold less. The file belongs to one process at a time. */
 
 #ifdef __cplusplus
 extern "C" {
@@ -18,8 +18,8 @@ typedef struct {
   int file;
 } store_file_t;
 
-/* Opens the file, a new one blank. Returns NULL, or what is wrong: a file of another size, one that
- * another process has, or what the system says. */
+/* Opens the file, a new one blank. Returns NULL, or the error: a file of another size, one locked
+ * by another process, or the system's message. */
 const char *store_file_open(store_file_t *store_file, const char *path);
 
 void store_file_close(store_file_t *store_file);

@@ -1,5 +1,5 @@
 // The loops that `forceaxis bench` times: plant alone and plant with firmware, and sweeps of the
-// plant on several threads. Python is outside of everything that is timed.
+// plant on several threads. No Python code runs within a timed loop.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -136,8 +136,9 @@ class BenchCase {
     return d;
   }
 
-  // side x side runs, gain and set-point evenly spaced with both ends; metrics only. Runs are
-  // dealt out one by one; every thread starts from copies of one plant and they share its modes.
+  // side x side runs, gain and set-point evenly spaced with both ends; metrics only. Each
+  // thread fetches its next run from one counter; all start from copies of one plant and share its
+  // modes.
   py::dict sweep(std::pair<double, double> gains, std::pair<double, double> setpoints_N, int side,
                  unsigned threads) {
     const auto runs = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);

@@ -104,7 +104,7 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
-// What an experiment is, without running it.
+// The inputs of an experiment, without running it.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
   const Experiment e = forceaxis::host::load_experiment(file, overrides);
   py::dict parameters;
@@ -152,7 +152,7 @@ struct Outcome {
   std::optional<Criterion> criterion;
   std::vector<std::string> overridden;
   RunResult run;
-  std::string error;  // of a failed run, whose other members mean nothing
+  std::string error;  // of a failed run, whose other members are not set
 };
 
 py::dict to_dict(const Outcome &o) {
@@ -183,7 +183,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   std::mutex mutex;  // guards the three below
   std::condition_variable changed;
   std::exception_ptr failure;
-  std::vector<std::size_t> fresh;  // done and not yet told
+  std::vector<std::size_t> fresh;  // done and not yet reported
   unsigned working = std::max(1U, std::min(threads, static_cast<unsigned>(jobs.size())));
 
   const auto run_job = [&](std::size_t i) {
@@ -217,7 +217,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   };
 
   std::vector<py::dict> results(jobs.size());
-  std::size_t told = 0;
+  std::size_t reported = 0;
   try {
     for (bool over = false; !over;) {
       std::vector<std::size_t> done;
@@ -233,8 +233,8 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
         outcomes[i] = {};
         if (!finished.is_none()) finished(i, results[i]);
       }
-      told += done.size();
-      if (!progress.is_none()) progress(told, jobs.size());
+      reported += done.size();
+      if (!progress.is_none()) progress(reported, jobs.size());
     }
   } catch (...) {
     stop = true;

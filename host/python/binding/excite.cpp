@@ -1,5 +1,5 @@
-// What the signal analyzer plays on: the plant alone, given volts on a fine clock, or the running
-// firmware around it, whose excitation mode makes the codes.
+// The system under test of the signal analyzer: the plant alone, driven by volts on a fine clock,
+// or the running firmware with it, whose excitation mode generates the codes.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -80,7 +80,7 @@ class Excited {
     const axis_object_meta_t &meta = forceaxis::host::object_meta(*number);
     const double raw = std::floor(value / meta.scale + 0.5);
     const bool fits = raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max);
-    // A u32 travels as the same 32 bits.
+    // A u32 object is passed as the same 32 bits.
     const auto bits = static_cast<std::uint32_t>(fits ? static_cast<std::int64_t>(raw) : 0);
     if (!fits || axis_host_write(axis_.get(), *number, static_cast<std::int32_t>(bits)) != FW_OK)
       throw std::invalid_argument("the firmware refuses " + object + " = " + std::to_string(value));
@@ -137,7 +137,7 @@ class Excited {
     return counts;
   }
 
-  // Bits of ADC 0 and 1; 0: there is none.
+  // Bits of ADC 0 and 1; 0: not present.
   std::vector<int> adc_bits() const {
     std::vector<int> bits;
     for (const auto &adc : plant_->model().adc) bits.push_back(adc ? adc->bits : 0);
@@ -145,7 +145,7 @@ class Excited {
   }
 
  private:
-  // Both ADCs of a plant may have their own width; the firmware knows one, the wider.
+  // The ADCs of a plant may differ in width; the firmware has one parameter, set to the wider.
   void power_up() {
     if (plant_->parts() != 1) throw std::invalid_argument("the firmware's tick has one part");
     axis_.reset(axis_host_create());
@@ -167,7 +167,7 @@ class Excited {
     return places;
   }
 
-  // Asks for the mode, which is made of texts, only when an element has changed its state.
+  // Builds the mode's texts, which is slow, only when an element has changed its state.
   void count_mode() {
     const std::int64_t changes = plant_->crossings() + plant_->jumps();
     if (changes != changes_) here_ = met_.try_emplace(plant_->mode(), 0).first;

@@ -38,7 +38,7 @@ py::dict linear(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
-// The drive's numbers by their keys, as far as it is linear about zero error.
+// The drive's parameters by their keys, those that act where it is linear about zero error.
 py::dict drive_values(const forceaxis::sim::Drive &drive) {
   using py::literals::operator""_a;
   if (const auto *perfect = std::get_if<forceaxis::sim::PerfectDrive>(&drive.type))
@@ -54,7 +54,7 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
                   "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
 }
 
-// What an analysis asks of a model besides its equations.
+// The facts that an analysis needs of a model besides its equations.
 py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
   const auto name = [&](int body) {

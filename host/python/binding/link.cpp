@@ -87,11 +87,11 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
     throw py::error_already_set();
   }
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
-  py::dict told;
-  told["interrupts"] = counts.interrupts;
-  told["ticks"] = counts.ticks;
-  told["ticks_per_s"] = counts.ticks / took.count();
-  return py::make_tuple(std::move(result), told);
+  py::dict report;
+  report["interrupts"] = counts.interrupts;
+  report["ticks"] = counts.ticks;
+  report["ticks_per_s"] = counts.ticks / took.count();
+  return py::make_tuple(std::move(result), report);
 }
 
 py::tuple replay(const std::filesystem::path &file) {
@@ -111,13 +111,13 @@ py::tuple replay(const std::filesystem::path &file) {
   } catch (const forceaxis::host::RunStopped &) {
     throw py::error_already_set();
   }
-  py::dict told;
-  told["experiment"] = journal.experiment.string();
-  told["overrides"] = journal.overrides;
-  told["entries"] = journal.entries.size();
-  told["ticks"] = journal.ticks < 0 ? py::object(py::none()) : py::cast(journal.ticks);
-  told["trace_hash"] = journal.trace_hash;
-  return py::make_tuple(std::move(result), told);
+  py::dict header;
+  header["experiment"] = journal.experiment.string();
+  header["overrides"] = journal.overrides;
+  header["entries"] = journal.entries.size();
+  header["ticks"] = journal.ticks < 0 ? py::object(py::none()) : py::cast(journal.ticks);
+  header["trace_hash"] = journal.trace_hash;
+  return py::make_tuple(std::move(result), header);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 #pragma once
-// A model as Python asks for it.
+// Loads a model with the overrides of a Python caller.
 #include <filesystem>
 #include <map>
 #include <string>
@@ -9,11 +9,11 @@
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"
 
-// Parameter -> number in its own unit, or text: a quantity or another parameter's name.
+// Parameter name to a number in its own unit, or to a text: a quantity or another parameter's name.
 using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
-// The model of a file under these overrides. Throws InputError, also for overrides that nothing in
-// the model refers to: they would change nothing unnoticed.
+// The model of a file with these overrides. Throws InputError, also for an override that nothing in
+// the model uses: it would have no effect.
 inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});

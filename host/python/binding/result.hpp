@@ -1,5 +1,5 @@
 #pragma once
-// A finished run as Python sees it, and what the ways to run one have in common.
+// A finished run as a Python object, and helpers of the functions that make one.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -90,7 +90,7 @@ struct Result {
   }
 };
 
-// Parameters of the model that [set] or --set moved.
+// Parameters of the model that [set] or --set overrides.
 inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   std::vector<std::string> names;
   for (const auto &p : model.parameters) {
@@ -99,7 +99,7 @@ inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// Of a run that releases the lock: whether Python has been interrupted.
+// Whether Python has been interrupted; for runs that release the interpreter's lock.
 inline bool interrupted() {
   const pybind11::gil_scoped_acquire acquire;
   return PyErr_CheckSignals() != 0;

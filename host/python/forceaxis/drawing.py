@@ -1,4 +1,4 @@
-"""What every figure shares: colours, axes in the thesis's form, how a figure becomes a file."""
+"""Shared by all figures: colours, axes in the thesis's form, writing to files."""
 
 import io
 from pathlib import Path
@@ -41,13 +41,13 @@ SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def check_name(path):
-    """Refuse a file that no figure can be written to, before the work."""
+    """Refuse a file to which no figure can be written; to be called before the computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure, path):
-    """Write a figure as .png, .svg or .pdf, by the name of `path`; the same one, the same bytes."""
+    """Write a figure as .png, .svg or .pdf, by the suffix of `path`; equal figures, equal bytes."""
     check_name(path)
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(Path(path).suffix)
     with plt.rc_context({"svg.hashsalt": "forceaxis"}):

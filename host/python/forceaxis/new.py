@@ -32,8 +32,8 @@ class Field:
     low: float
     high: float
     default: float | Callable | None  # None: the word
-    why: str  # where the default comes from
-    ask: str  # what it is and where the data sheet has it
+    why: str  # the origin of the default
+    ask: str  # the question: the quantity and its place in data sheets
     word: str | None = None  # accepted instead of a number
     needs: str | None = None  # asked for only if this field is a number ...
     instead_of: str | None = None  # ... or is not
@@ -72,7 +72,7 @@ def back_emf_speed(v):
 
 
 def motor_side_mass(v):
-    """What the drive moves directly: the rotor alone if the transmission is elastic, kg."""
+    """Mass that the drive moves directly, kg: the rotor alone if the transmission is elastic."""
     rotor = v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
     return rotor if v["transmission_stiffness_n_per_m"] else rotor + v["moving_mass_kg"]
 
@@ -225,7 +225,7 @@ def collect(given, ask=None):
 
 
 def shown(field, default):
-    """A default as it is typed."""
+    """A default in the form in which it is typed."""
     return field.word if default is None else f"{default:.6g}"
 
 
@@ -299,7 +299,7 @@ def derive(v):
 
 
 def within(name, value):
-    """A value of a firmware object, not beyond what the object takes."""
+    """A value of a firmware object, limited to the object's range."""
     taken = next(o for o in objects.OBJECTS if o.name == name)
     return min(max(value, taken.min * taken.scale), taken.max * taken.scale)
 
@@ -310,7 +310,7 @@ def fail(name, expected, remedy):
 
 @dataclass
 class First:
-    """The first gains and what they promise."""
+    """The first gains and the performance to expect of them."""
 
     limit: float
     gain: float
@@ -482,7 +482,7 @@ def refuse_existing(folder, force):
 
 
 def describe(done):
-    """What was written, for a terminal."""
+    """The summary for a terminal."""
     rows = [
         ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),

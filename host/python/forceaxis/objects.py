@@ -25,11 +25,11 @@ class AxisObject(NamedTuple):
     index: int  # CANopen
     sub: int
     modbus: int  # first register, holding if rw, input if ro; -1: none
-    stored: bool  # kept by the parameter store
+    stored: bool  # saved by the parameter store
     title: str  # CANopen's name
     node_id: bool  # a COB-ID to whose default the node id is added
-    mappable: bool  # a PDO may carry it, as far as its access allows
-    values: tuple[tuple[int, str], ...]  # names of some raw values, where no enum
+    mappable: bool  # a PDO may map it, in the directions that its access allows
+    values: tuple[tuple[int, str], ...]  # names of single raw values of an object that is no enum
 
 
 class AxisBit(NamedTuple):

@@ -14,13 +14,13 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# What is generated for other programs: data sheet, DBC, Modbus map.
+# The files generated for other programs: data sheet, DBC, Modbus map.
 _generated = _package.parents[2] / "firmware/objects/generated"
 OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
 
 
 def display(path: Path | str) -> str:
-    """The path as a reader would type it: relative to the current folder where it lies below."""
+    """The path for display: relative to the current folder where it lies below."""
     path = Path(path).resolve()
     try:
         return str(path.relative_to(Path.cwd()))
@@ -29,14 +29,14 @@ def display(path: Path | str) -> str:
 
 
 def quoted(path: Path | str) -> str:
-    """The same as a word of a shell, for what a reader copies: quoted where it has blanks."""
+    """The same as a word of a shell, quoted where it has blanks."""
     return shlex.quote(display(path))
 
 
 @contextlib.contextmanager
 def replacing(folder, *names):
-    """Paths to write to, which become files `names` of the folder (made) when the block ends well:
-    all of them or, where one cannot be written, none. Raises OSError."""
+    """Paths to write to, which become files `names` of the folder (created) when the block ends
+    without an exception: all of them or, where one cannot be written, none. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         if (folder / name).is_dir():
@@ -52,7 +52,7 @@ def replacing(folder, *names):
 
 
 def replace_text(file, text):
-    """Write a file whole or not at all; its mode stays, a link stays a link. Raises OSError."""
+    """Write a file whole or not at all; its mode is kept, a link remains a link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

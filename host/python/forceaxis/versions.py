@@ -1,4 +1,4 @@
-"""What has a version of its own, and which one is here."""
+"""The versions of program, firmware, object table, types and file formats."""
 
 import hashlib
 from importlib.metadata import version

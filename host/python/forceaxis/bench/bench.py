@@ -94,7 +94,7 @@ class Peers:
 
 
 def runners(name, tools, peers):
-    """{tool: function of one run} of a case, with what takes time before a run done."""
+    """{tool: function of one run} of a case, each prepared, so that only the run is timed."""
     case, full = CASES[name], name == "full"
     own = _core.BenchCase(paths.EXPERIMENTS / case.experiment, *case.signals)
 
@@ -137,7 +137,7 @@ def cases(names, tools, repeat, progress):
         seconds = {tool: [] for tool in run}
         last = {}
         for _ in range(repeat):
-            for tool, once in run.items():  # in turns, so that all meet the same machine
+            for tool, once in run.items():  # in turns, so that all run under the same conditions
                 seconds[tool] += turn(tool, once, last)
             progress()
         for tool, times in seconds.items():
@@ -366,7 +366,7 @@ def describe(result):
 
 
 def check(result):
-    """What the simulator must reach: [(text, held)]; a figure that is missing does not hold."""
+    """The required figures: [(text, held)]; a missing figure does not hold."""
     row = {(r["case"], r["tool"]): r for r in result["results"]}
     checks = []
 

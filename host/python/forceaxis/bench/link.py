@@ -1,4 +1,4 @@
-"""`forceaxis bench --link`: the lock-step's rate beside the raw rate of what carries it.
+"""`forceaxis bench --link`: the lock-step's rate beside the raw rate of its transport.
 
 Raw is a ping-pong between two bare C programs (tests/bench/link_pingpong_*.c) on the same
 transport, in the same run, in turns with the lock-step of plant_node and axis_node on
@@ -62,13 +62,13 @@ def lock_step(kind, axes):
         axis.stdout.readline()
         plant = _start(link.program("plant_node"), *common)
         text = plant.communicate(timeout=TIME_LIMIT_S)[0]
-        told = axis.communicate(timeout=TIME_LIMIT_S)[0]
+        answer = axis.communicate(timeout=TIME_LIMIT_S)[0]
     finally:
         axis.kill()
         axis.communicate()
     if plant.returncode or axis.returncode:
         raise link.LinkError(f"lock-step over {kind}: a node failed")
-    reports = [json.loads(t.splitlines()[-1]) for t in (text, told)]
+    reports = [json.loads(t.splitlines()[-1]) for t in (text, answer)]
     hashes = [[a["trace_hash"] for a in r["axes"]] for r in reports]
     if hashes[0] != hashes[1]:
         raise link.LinkError(f"lock-step over {kind}: the two sides' hashes differ")
@@ -123,7 +123,7 @@ def describe(rows):
 
 
 def check(rows):
-    """What the link must reach: [(text, held)]."""
+    """The required figures: [(text, held)]."""
     checks = []
     for r in rows:
         share, six = r["share"], r["six_axes_real_time"]

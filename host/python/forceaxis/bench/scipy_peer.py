@@ -102,15 +102,15 @@ def run(gain, setpoint_N, ticks):
         code = min(max((gain * (setpoint_N - 2 * n) + 1) >> 1, -2048), 2047)
         plant.volts = code * (20 / 4096)
         plant.enter(x)
-        left = STEP_S
-        while left > 1e-15:
+        remaining = STEP_S
+        while remaining > 1e-15:
             guards = plant.guards()
             done = solve_ivp(
-                plant.rate, (0, left), x, method="RK45", rtol=TOLERANCE, atol=TOLERANCE,
-                first_step=left, events=[function for function, _ in guards],
+                plant.rate, (0, remaining), x, method="RK45", rtol=TOLERANCE, atol=TOLERANCE,
+                first_step=remaining, events=[function for function, _ in guards],
             )  # fmt: skip
             x = done.y[:, -1]
-            left -= done.t[-1]
+            remaining -= done.t[-1]
             for (_, (element, into)), times in zip(guards, done.t_events, strict=True):
                 if done.status == 1 and len(times):
                     plant.cross(element, into, x)

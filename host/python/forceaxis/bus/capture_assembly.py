@@ -19,7 +19,7 @@ class Assembly:
         self.newest_us = 0
 
     def take(self, block):
-        """Adds an axis_capture_t; False if it does not fit what came before."""
+        """Adds an axis_capture_t; False if it does not fit the earlier blocks."""
         shape = (block.total_samples, block.num_signals)
         decimation = self.decimation or max(1, block.decimation)
         stop = block.first_sample + block.num_samples
@@ -35,7 +35,7 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], bool), decimation
-        # After the size is known: a capture of which no sample arrived misses all of them.
+        # Set when the size is known: a capture without any received sample misses all of them.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:
@@ -76,7 +76,7 @@ class Assembly:
 
 
 def fits(first_tick, samples, decimation):
-    """Whether the ticks of so many samples are 64-bit integers, as all that are not damaged."""
+    """Whether the ticks of so many samples are 64-bit integers; corrupted ones may not be."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 

@@ -1,7 +1,7 @@
 """Lines drawn with braille dots, two by four to a character, for the terminal.
 
-Written here because the ready-made widgets keep three lines of each plot for an axis of its own:
-three strip charts would not fit into 24 lines.
+Written here because ready-made widgets use three lines of each plot for its own time axis: three
+strip charts would not fit into 24 lines.
 """
 
 import numpy as np

@@ -35,12 +35,13 @@ from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import BY_NAME, texts
 
 STRAGGLERS_S = 1.0
-HEARD_S = 1.0  # a gateway sends states more often
+HEARD_S = 1.0  # seconds; a gateway publishes states more often
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
 class Refused(Exception):
-    """A command that the gateway or the firmware refused: the text says why."""
+    """The gateway or the firmware refused a command: the text gives the reason, `code` the SDO
+    abort code (0 without one)."""
 
     def __init__(self, event):
         super().__init__(event.text)
@@ -62,7 +63,7 @@ def object_named(name):
 
 def to_raw(name, value):
     """Raw value of an engineering value or enum text; InputError where the table does not allow
-    it. Of a CANopen address the value is raw already."""
+    it. With a CANopen address the value is raw already."""
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
@@ -118,7 +119,7 @@ class AxisClient:
         self.close()
 
     def write(self, name, value):
-        """Writes one object: engineering value or enum text; an address takes the raw value."""
+        """Writes one object: engineering value or enum text; with an address the raw value."""
         return self.write_all({name: value})
 
     def write_all(self, values):
@@ -132,7 +133,7 @@ class AxisClient:
         return self.read_all([name])[name]
 
     def read_all(self, names):
-        """{name: value} of several objects, of one instant as far as the gateway can."""
+        """{name: value} of several objects; of one tick if the gateway can read them together."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
@@ -215,11 +216,11 @@ class AxisClient:
         end = time.monotonic() + self.timeout_s
         with self._news:
             self._since = self._heard
-        while (left := end - time.monotonic()) > 0:
-            command.timeout_us = round(left * 1e6)
+        while (remaining := end - time.monotonic()) > 0:
+            command.timeout_us = round(remaining * 1e6)
             self._bus.publish(f"AXIS_{self.axis}_COMMAND", command)
             with self._news:
-                answer = self._await(self._answer, min(left, self.retry_s))
+                answer = self._await(self._answer, min(remaining, self.retry_s))
             if answer and answer.kind == axis_event_t.EVENT_REFUSED:
                 raise Refused(answer)
             if answer:
@@ -247,8 +248,8 @@ class AxisClient:
         return found
 
     def wait_event(self, kind=None, where=lambda event: True, timeout_s=None):
-        """The first event of `kind` for which where(event) holds, of those since the latest command
-        was sent: what the command itself causes is not missed."""
+        """The first event of `kind` for which where(event) holds, among the events since the
+        latest command was sent, so that the command's own effects are included."""
 
         def ready():
             for received, event in self._events:
@@ -279,15 +280,15 @@ class AxisClient:
                 self._heard += 1
             elif message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
-                if len(self._captures) > 16:  # nobody waits for the oldest any more
+                if len(self._captures) > 16:  # no caller waits for the oldest any more
                     del self._captures[min(self._captures)]
             self._news.notify_all()
 
     def _await(self, ready, timeout_s):
         """First result of `ready` that is not None, or None at the time-out; the caller locks."""
         end = time.monotonic() + timeout_s
-        while (found := ready()) is None and (left := end - time.monotonic()) > 0:
-            self._news.wait(left)
+        while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
+            self._news.wait(remaining)
         return found
 
     def _silence(self, wanted):

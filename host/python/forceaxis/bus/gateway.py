@@ -63,13 +63,13 @@ class Session(AxisClient):
             return super().write_all(values)
 
     def close(self):
-        """Disables and releases the axis, as far as it still answers."""
+        """Disables and releases the axis, unless it no longer answers."""
         if self._keeper:
             try:
                 self.disable()
                 self.release()
             except (Refused, NoAnswer):
-                pass  # another client has acquired it, or it is gone: nothing to release
+                pass  # another client has acquired it, or it is lost: nothing to release
             self._keeper.close()
             self._keeper = None
         super().close()
@@ -91,22 +91,22 @@ class Session(AxisClient):
         """The first state for which holds(state); NoAnswer names `what` when none comes in time."""
         end = time.monotonic() + timeout_s
         state = None
-        while (left := end - time.monotonic()) > 0:
+        while (remaining := end - time.monotonic()) > 0:
             try:
-                state = self.state(left)
+                state = self.state(remaining)
             except NoAnswer:
                 break
             if holds(state):
                 return state
-        heard = self._bus.trouble or f"nothing was heard on {self._bus.url}"
+        reason = self._bus.trouble or f"nothing was received on {self._bus.url}"
         if state is not None:
-            heard = (
+            reason = (
                 f"it is {state_names.drive_state(state.statusword)}, "
                 f"{state_names.mode(state.mode_display)}, "
                 f"fault {state_names.enum('fault', state.fault)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
-        raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {heard}")
+        raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
     def enable(self, mode, **parameters):
         """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
@@ -132,7 +132,7 @@ class Session(AxisClient):
         self.write("controlword", FAULT_RESET)
 
     def home(self, position=0):
-        """Homing in place: the present position becomes `position`."""
+        """Homing in place: the present position becomes `position`, counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -141,7 +141,7 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position, timeout_s=20.0):
-        """Profile position mode: moves and waits until the target is reached."""
+        """Profile position mode: moves to `position`, counts, and waits until it is reached."""
         self.write_all({"target_position": position, "controlword": NEW_SETPOINT})
         self.wait_for(lambda s: s.statusword & BIT_12, "the set-point to be taken")
         self.write("controlword", ENABLE)
@@ -152,7 +152,10 @@ class Session(AxisClient):
         )
 
     def wait_contact(self, force_cnt=None, within_cnt=5.0, held_s=0.3, timeout_s=10.0):
-        """Until the axis is in contact, with the force about `force_cnt` counts for `held_s`."""
+        """Waits for contact with a force within `within_cnt` of `force_cnt` for `held_s` seconds.
+
+        Forces are in counts of an 8-bit reading; without `force_cnt` any force will do.
+        """
         since = None
 
         def held(s):
@@ -169,8 +172,8 @@ class Session(AxisClient):
 
 class _Keeper:
     """Feeds the watchdog by writing its own value several times within it; only writes of the owner
-    count, so an axis that another client acquired is not taken back. It has a client of its own, so
-    that it also runs while the session waits for a capture."""
+    count, so an axis that another client acquired stays with that one. It has a client of its own,
+    so that it also runs while the session waits for a capture."""
 
     PERIOD_S = 0.2
 
@@ -208,7 +211,7 @@ def trigger_on(name, level, edge="rising"):
 
 
 def seconds(states):
-    """Firmware time of states, from the first one."""
+    """Firmware time of states in s from the first one: array (n,)."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

@@ -29,7 +29,7 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 AXES = range(1, 32)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
-# Messages that liblcm keeps while the thread is busy; its own 30 are lost in the first burst.
+# Messages that liblcm queues while the thread is busy; its default of 30 overflows in a burst.
 QUEUE = 20_000
 
 _TYPES = {
@@ -78,7 +78,7 @@ def decode(channel, data):
 
 
 def blank(message_type):
-    """A message whose integers all say NOT_AVAILABLE; wall_utime is now."""
+    """A message whose integers are all NOT_AVAILABLE; wall_utime is now."""
     message = message_type()
     for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
         if kind == "int64_t" and not isinstance(getattr(message, name), list):
@@ -100,20 +100,20 @@ def default_url():
 
 
 def connect(url=None):
-    """An LCM instance, or InputError in one line with what to do."""
+    """An LCM instance. Raises InputError, one line with the remedy."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
         raise InputError("--url: expected an LCM URL such as " + DEFAULT_URL)
-    # liblcm explains itself on file descriptor 2, in up to a dozen lines.
-    with tempfile.TemporaryFile() as said:
+    # liblcm prints its errors to file descriptor 2, in up to a dozen lines.
+    with tempfile.TemporaryFile() as errors:
         saved = os.dup(2)
         try:
-            os.dup2(said.fileno(), 2)
+            os.dup2(errors.fileno(), 2)
             made = lcm.LCM(url)
         except (RuntimeError, ValueError) as error:
-            said.seek(0)
-            text = " ".join(said.read(300).decode(errors="replace").split()) or str(error)
+            errors.seek(0)
+            text = " ".join(errors.read(300).decode(errors="replace").split()) or str(error)
             raise InputError(f"{url}: expected an LCM URL such as {DEFAULT_URL}: {text}") from None
         finally:
             os.dup2(saved, 2)
@@ -125,7 +125,7 @@ def _expect_route(url):
     """Refuses a multicast URL where the machine has no route to its group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
-        return  # liblcm says what is wrong with it
+        return  # liblcm reports the error in it
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((match[1], int(match[2] or 7667)))
@@ -137,9 +137,9 @@ def _expect_route(url):
 
 
 class Gaps:
-    """Counts what is lost, doubled or late among messages with (run_id, seq)."""
+    """Counts messages that are lost, duplicated or late, by their (run_id, seq)."""
 
-    KEPT = 4096  # lost numbers remembered, to notice one that comes late
+    KEPT = 4096  # missing numbers kept, to recognise a late message
 
     def __init__(self):
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
@@ -148,7 +148,7 @@ class Gaps:
         self._latest = None
 
     def take(self, run_id, seq):
-        """Counts one message; False if it is a doubled one."""
+        """Counts one message; False if it is a duplicate."""
         run = self._runs.get(run_id)
         if run is None:
             self.restarts += bool(self._runs)
@@ -179,7 +179,8 @@ class Gaps:
 
 
 class Bus:
-    """A connection with its own thread, which calls handle(channel, data, wall_us)."""
+    """A connection with its own thread, which calls handle(channel, data, wall_us): bytes, and the
+    time of receipt in us since 1970."""
 
     def __init__(self, url, handle, channels=CHANNELS):
         self.url = url or default_url()

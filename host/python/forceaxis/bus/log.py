@@ -1,4 +1,4 @@
-"""LCM logs: write while receiving, read past damage, say what a log holds.
+"""LCM logs: write while receiving, read past damage, summarise.
 
 The format is that of lcm-logger. liblcm's reader stops silently at the first damaged byte; this one
 continues at the next event and reports what it skipped.
@@ -24,7 +24,7 @@ Entry = namedtuple("Entry", "wall_us channel data")
 
 class LogWriter:
     """Writes a log that lcm-logplayer and every LCM tool reads. Flushed twice a second, so that
-    little is lost with the process."""
+    a killed process loses little."""
 
     def __init__(self, path):
         self.path, self.count = path, 0
@@ -100,7 +100,7 @@ class LogReader:
 
 
 def _find(data, start, stop):
-    """Where an event begins at or after `start`, or -1; by pieces, as a log may be long."""
+    """Where an event begins at or after `start`, or -1; read in pieces, as a log may be large."""
     piece = 1 << 20
     while start < stop:
         found = bytes(data[start : min(stop, start + piece + 3)]).find(SYNC_BYTES)
@@ -188,8 +188,8 @@ def describe(summary):
         bad = f"{row['undecodable']} of another type" if row["undecodable"] else ""
         more = f"{row['runs']} runs" if (row["runs"] or 0) > 1 else ""
         counts = ["" if row[k] is None else str(row[k]) for k in ("lost", "doubled")]
-        said = ", ".join(t for t in (bad, more) if t)
-        rows.append((name, row["type"] or "?", str(row["count"]), rate, *counts, said))
+        notes = ", ".join(t for t in (bad, more) if t)
+        rows.append((name, row["type"] or "?", str(row["count"]), rate, *counts, notes))
     widths = [max(len(r[i]) for r in rows) for i in range(6)]
     lines = [
         f"{r[0]:{widths[0]}}  {r[1]:{widths[1]}}"

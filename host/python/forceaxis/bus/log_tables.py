@@ -16,7 +16,7 @@ from forceaxis.bus.state_names import BY_NAME
 
 
 class Columns:
-    """A table that grows by rows of {column: value}; what a row does not have stays empty."""
+    """A table built from rows of {column: value}; missing values stay empty."""
 
     def __init__(self):
         self.rows, self._columns = 0, {}
@@ -59,7 +59,8 @@ def _kind(column):
 
 
 def _changed(column, wanted):
-    """The column as one that takes values of another kind: doubles take integers, texts all."""
+    """The column converted so that it can hold values of another kind: doubles hold integers, texts
+    hold anything."""
     if column is None:
         return [] if wanted is None else array(wanted)
     if wanted == "d":
@@ -122,7 +123,7 @@ def export(path, out, kinds=("csv", "npz")):
 
 def message_row(message, wall_us):
     """A message's fields as a row: units are in the fields' names; further objects follow by
-    theirs, and words for what is a number by convention."""
+    theirs, and texts for coded numbers."""
     row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
@@ -155,14 +156,14 @@ def event_word(kind):
 
 def state_words(state):
     """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
-    say = {
+    texts = {
         "drive_state": (state.statusword, state_names.drive_state),
         "mode_text": (state.mode_display, state_names.mode),
         "native_mode_text": (state.native_mode, lambda n: state_names.enum("active_mode", n)),
         "fault_text": (state.fault, lambda n: state_names.enum("fault", n)),
         "limit_text": (state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
     }
-    return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in say.items()}
+    return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in texts.items()}
 
 
 def truth_rows(message):
@@ -177,7 +178,7 @@ def truth_rows(message):
 
 def capture_columns(held):
     """A capture's columns: tick, time and every signal in engineering units, with its
-    unit. Samples that were lost on the way are NaN."""
+    unit. Samples that were lost in transit are NaN."""
     ticks = held.ticks()
     columns = {"tick": ticks, "time_s": ticks / 1500}
     for name in held.signals:

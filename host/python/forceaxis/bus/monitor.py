@@ -149,7 +149,7 @@ class Monitor(App):
             self.draw()
 
     def draw(self):
-        # A timer may still fire while the screen is taken down.
+        # A timer may still fire while the screen is being closed.
         with contextlib.suppress(NoMatches):
             self._draw()
 
@@ -187,7 +187,7 @@ class Monitor(App):
         self.draw_chart(now)
 
     def arrange(self, shown, width, room):
-        """As many columns as fit; the tallest panels that leave the charts their lines."""
+        """As many columns as fit, and the tallest panels that leave enough lines for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
         for number, _, _ in shown:
@@ -245,12 +245,12 @@ class Monitor(App):
         with self.watch.lock:
             latest = list(self.watch.events)[-(lines - 1) :]
         text = Text()
-        for wall_us, number, alarm, said in latest:
+        for wall_us, number, alarm, text in latest:
             moment = time.strftime("%H:%M:%S", time.localtime(wall_us / 1e6))
             line = Text.assemble(
                 (f"{moment}.{int(wall_us // 100000 % 10)} ", QUIET),
                 ("" if number is None else f"axis {number}  ", QUIET),
-                (" ".join(said.split()), f"bold {BAD}" if alarm else ""),
+                (" ".join(text.split()), f"bold {BAD}" if alarm else ""),
             )
             line.truncate(width - 2, overflow="ellipsis")
             text.append("\n" if text else "")

@@ -107,7 +107,7 @@ class AxisWatch:
         return force, target, "N" if in_newtons else unit
 
     def age_s(self, now_us):
-        """Age of the drive's values: since the message was received, and before it was sent."""
+        """Age of the drive's values in s: since receipt of the message, plus their age in it."""
         if self.heard_us is None:
             return None
         return max(0, now_us - self.heard_us + (known(self.state.age_us) or 0)) / 1e6
@@ -127,7 +127,7 @@ class AxisWatch:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def mismatch(self):
-        """What differs between the firmware's object table and ours, in words; None if nothing."""
+        """Difference between the object tables of firmware and this program as a text, or None."""
         theirs = self.state and known(self.state.objects_hash)
         if not theirs or theirs == TABLE_HASH:  # 0: not read yet
             return None
@@ -138,24 +138,24 @@ class AxisWatch:
         state = self.state
         if state is None:
             return None
-        say = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
+        text = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
         count, mode = known(state.force_cnt_q8), known(state.mode_display)
         force, target, unit = self.forces()
         return {
-            "drive_state": say(state.statusword, state_names.drive_state),
-            "status": say(state.statusword, lambda w: state_names.status_bits(w, mode)),
+            "drive_state": text(state.statusword, state_names.drive_state),
+            "status": text(state.statusword, lambda w: state_names.status_bits(w, mode)),
             "statusword": known(state.statusword),
-            "mode": say(state.mode_display, state_names.mode),
-            "native_mode": say(state.native_mode, lambda n: state_names.enum("active_mode", n)),
-            "node": say(state.nmt_state, state_names.node_state),
-            "fault": say(state.fault, lambda n: state_names.enum("fault", n)),
+            "mode": text(state.mode_display, state_names.mode),
+            "native_mode": text(state.native_mode, lambda n: state_names.enum("active_mode", n)),
+            "node": text(state.nmt_state, state_names.node_state),
+            "fault": text(state.fault, lambda n: state_names.enum("fault", n)),
             "error_code": known(state.error_code),
-            "limit_reason": say(state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
-            "command_source": say(
+            "limit_reason": text(state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
+            "command_source": text(
                 state.command_source, lambda n: state_names.enum("command_source", n)
             ),
-            "contact": say(state.contact, bool),
-            "limit_cycle": say(state.limit_cycle, bool),
+            "contact": text(state.contact, bool),
+            "limit_cycle": text(state.limit_cycle, bool),
             "position_cnt": known(state.position_cnt),
             "target_position_cnt": known(state.target_position_cnt),
             "following_error_cnt": known(state.following_error_cnt),
@@ -236,7 +236,7 @@ class Watch:
             self.events.append((wall_us, axis.number, True, text))
 
     def snapshot(self, now_us, axis=None):
-        """Everything in words, as --once --json prints it."""
+        """All states in words, as --once --json prints them."""
         with self.lock:
             return {
                 "axes": {

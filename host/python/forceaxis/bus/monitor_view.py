@@ -1,4 +1,4 @@
-"""What the monitor shows of an axis: its panel, strip charts and captures as coloured text."""
+"""The monitor's display of an axis: its panel, strip charts and captures as coloured text."""
 
 import numpy as np
 from rich.text import Text
@@ -47,7 +47,7 @@ def spread(width, left, right):
 
 
 class AxisPanel(Static):
-    """One axis: state, mode and fault in words, its values, what limits it."""
+    """One axis: state, mode and fault in words, its values, its active limit."""
 
     def __init__(self, number):
         super().__init__(classes="panel", id=f"axis-{number}")
@@ -230,7 +230,7 @@ def strip_charts(axis, width, height, now_us, span_s):
 
 
 def broken(time_s, values):
-    """The line, interrupted where messages are missing for longer than a few of them take."""
+    """The line, interrupted where several messages in a row are missing."""
     if len(time_s) < 3:
         return time_s, values
     steps = np.diff(time_s)

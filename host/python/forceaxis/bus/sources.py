@@ -15,7 +15,7 @@ class Live:
 
     def __init__(self, watch, url=None, axis=None):
         self.watch, self.url, self.writer = watch, url or default_url(), None
-        self.unwritten = None  # why a recording ended by itself
+        self.unwritten = None  # the error that ended a recording
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
         channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
@@ -37,13 +37,13 @@ class Live:
             if self.writer:
                 try:
                     self.writer.write(channel, data, wall_us)
-                except OSError as error:  # a full disk ends the recording, not the watching
+                except OSError as error:  # a full disk ends the recording, not the monitor
                     path, self.writer = self.writer.path, None
                     self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
         self.watch.take(channel, data, wall_us)
 
     def record(self, path):
-        """Begins a log; InputError where the file is there."""
+        """Begins a log; InputError where the file exists."""
         writer = LogWriter(path)
         with self._lock:
             self.writer, self.unwritten = writer, None
@@ -91,7 +91,7 @@ class Replay:
         self._thread.start()
 
     def play_all(self):
-        """Hands everything over at once, in this thread."""
+        """Passes all messages at once, in this thread."""
         self.speed = None
         self._play()
 
@@ -122,7 +122,7 @@ class Replay:
                 clock, ahead = now, (entry.wall_us - self._at_us) / 1e6 / self.speed
                 if ahead <= 0 or not self._run:
                     break
-                # Short sleeps: ages move on, and a pause or the end is noticed.
+                # Short sleeps, so that ages advance and a pause or the end takes effect soon.
                 time.sleep(min(ahead, 0.05))
             if not self._run:
                 return

@@ -57,11 +57,11 @@ def drive_state(statusword):
 
 def status_bits(statusword, mode=None):
     """The further statusword bits that are set, by their names in this mode."""
-    said = [text for bit, text in BITS if statusword >> bit & 1]
+    names = [text for bit, text in BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
         if statusword >> bit & 1 and mode in texts:
-            said.append(texts[mode])
-    return said
+            names.append(texts[mode])
+    return names
 
 
 def mode(number):

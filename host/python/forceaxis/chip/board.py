@@ -9,12 +9,12 @@ emulating and flashing its image. Sources and scripts are named from that folder
     [memory]        [address, bytes] of flash, stored parameters and RAM; bytes of each sector
     [limits]        of the released image, and of one interrupt of the tick in instructions
     [stack]         for tools/image_report, which explains it
-    [emulator]      may be left out. Identity and sources of the image for it; QEMU's program, the
+    [emulator]      optional. Identity and sources of the image for it; QEMU's program, the
                     system package it comes in, machine, options of its clock; what each of its
                     serial lines is: "", "modbus", or "can" (frames in records)
-    [probe]         may be left out. openocd's configuration, name of the probe, pattern of its
+    [probe]         optional. openocd's configuration, name of the probe, pattern of its
                     version as openocd prints it; the chip, its 12-bit identifier and where that is
-    [registers]     may be left out. For tools/check_svd: header, PyPI package and devices of the
+    [registers]     optional. For tools/check_svd: header, PyPI package and devices of the
                     vendor's files, peripherals that they lack, names that differ
 
 Programs of tools/ import this file without the package: only the standard library is used.
@@ -92,7 +92,7 @@ class BoardError(ValueError):
 
 
 def _checked(where, value, schema):
-    """The value, tables as namespaces. Raises BoardError unless it is what the schema says."""
+    """The value, tables as namespaces. Raises BoardError unless it fits the schema."""
     if isinstance(schema, type):
         if type(value) is not schema:
             raise BoardError(f"{where}: expected {WORDS[schema]}")
@@ -140,12 +140,12 @@ def read(folder):
 
 
 def folders():
-    """Those of all boards that are known."""
+    """The folders of all known boards."""
     return sorted(path.parent for path in PORTS.glob(f"*/{FILE}"))
 
 
 def known():
-    """All boards whose description can be read; tools/image says what is wrong with another."""
+    """All boards whose description can be read; tools/image reports the errors of others."""
     boards = []
     for folder in folders():
         try:

@@ -1,7 +1,7 @@
 """The image of a board on its emulator, QEMU, with two pipes to the plant.
 
-Only what the emulator has no model of is replaced in the image: start-up, interrupt and firmware
-are those that are flashed.
+Only code for peripherals that the emulator lacks is replaced: start-up, interrupt and firmware are
+those of the image that is flashed.
 """
 
 import contextlib
@@ -33,8 +33,8 @@ def board_of(link):
 def command(board, image, *options, arguments=(), **lines):
     """The emulator's command line for an image, with a command line of its own.
 
-    lines: QEMU's words for what is at the serial lines `modbus` and `can` (frames, since no chip
-    that QEMU knows has CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
+    lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
+    chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
     Raises InputError if the program or the image is missing.
     """
     emulator = board.emulator
@@ -81,7 +81,7 @@ class Emulator:
             raise
         for name in names:
             os.mkfifo(name)
-        # Opened so that neither waits for the other end nor breaks when it closes.
+        # Opened so that neither blocks on the other end nor fails when that closes.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)
@@ -106,4 +106,4 @@ class Emulator:
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().split("\n") if line.strip()]
-        return f"{self.board.emulator.program} said {lines[-1] if lines else 'nothing'}"
+        return f"{self.board.emulator.program} printed {lines[-1] if lines else 'nothing'}"

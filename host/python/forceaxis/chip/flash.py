@@ -13,7 +13,7 @@ from forceaxis.chip import board as boards
 from forceaxis.chip import image as images
 
 TIMEOUT_S = 120
-# What openocd says, and what it means. The first that is found counts.
+# Patterns of openocd's output and their meaning; the first match counts.
 FAILURES = (
     (
         r"LIBUSB_ERROR_ACCESS|Permission denied",
@@ -53,7 +53,7 @@ class Plan(NamedTuple):
 
     @property
     def warning(self):
-        """What is odd about it but not wrong, or None."""
+        """A warning about an image that can be written, or None."""
         ours = objects.OBJECTS_HASH[:8]
         if self.identity.table_hash == ours:
             return None
@@ -74,7 +74,7 @@ def board_of(image, identity):
 
 
 def plan(path, address=None, erase_parameters=False, serial=""):
-    """What would be written. Raises InputError for a file that must not go onto its chip."""
+    """What would be written. Raises InputError for a file that is no image for its chip."""
     image = images.load(path, address)
     identity = images.identity(image)
     board = board_of(image, identity)
@@ -195,7 +195,7 @@ def expect_openocd():
 def find_probe(plan):
     """(probe, chip) as texts, nothing changed on the chip. Raises FlashError."""
     probe = plan.board.probe
-    said = run(
+    output = run(
         plan.board,
         [
             "openocd",
@@ -205,17 +205,17 @@ def find_probe(plan):
             *("-c", "shutdown"),
         ],
     )
-    device = re.search(r"^device ([0-9a-f]{8})\s*$", said, re.M)
+    device = re.search(r"^device ([0-9a-f]{8})\s*$", output, re.M)
     if device is None:
-        raise FlashError("openocd: expected to be told what chip it is; " + last_line(said))
+        raise FlashError("openocd: expected the identifier of the chip; " + last_line(output))
     idcode = int(device.group(1), 16)
     if idcode & 0xFFF != probe.chip_id:
         raise FlashError(
             f"expected an {probe.chip} ({probe.chip_id:#x}) at the {probe.title}, this chip says "
             f"{idcode & 0xFFF:#x}"
         )
-    version = re.search(probe.version, said)
-    supply = re.search(r"Target voltage: ([\d.]+)", said)
+    version = re.search(probe.version, output)
+    supply = re.search(r"Target voltage: ([\d.]+)", output)
     text = f"{probe.title} {version.group(1)}" if version else probe.title
     text += f", {float(supply.group(1)):.1f} V" if supply else ""
     return text, f"{probe.chip}, revision {idcode >> 16:#x}"
@@ -223,9 +223,9 @@ def find_probe(plan):
 
 def write(plan):
     """Erases, writes, verifies, resets. Raises FlashError."""
-    said = run(plan.board, command(plan))
-    if "** Verified OK **" not in said:
-        raise FlashError("openocd: expected `Verified OK`; " + last_line(said))
+    output = run(plan.board, command(plan))
+    if "** Verified OK **" not in output:
+        raise FlashError("openocd: expected `Verified OK`; " + last_line(output))
 
 
 def run(board, words):
@@ -248,8 +248,8 @@ def run(board, words):
     raise FlashError(f"openocd: ended with status {done.returncode}; {last_line(done.stdout)}")
 
 
-def last_line(said):
-    """The line that says most: openocd's last error, else its last line."""
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+def last_line(output):
+    """The most informative line: openocd's last error, else its last line."""
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]
-    return "it said: " + (errors or lines or ["nothing"])[-1]
+    return "last output: " + (errors or lines or ["nothing"])[-1]

@@ -1,4 +1,4 @@
-"""Images of the firmware as files (.elf, .hex, .bin): what lies where in flash, and their identity.
+"""Images of the firmware as files (.elf, .hex, .bin): their contents of flash and their identity.
 
 The identity is a structure that every port places in flash; firmware/port/identity.h defines it.
 """
@@ -12,7 +12,7 @@ from forceaxis._core import InputError
 MAGIC = b"FAXI"
 IDENTITY = struct.Struct("<4sI16s16sI16s")
 ARM, EXECUTABLE, LOADED = 40, 2, 1  # ELF: e_machine, e_type, p_type
-BYTES_MAX = 16 << 20  # no image: reading one by mistake is to end soon
+BYTES_MAX = 16 << 20  # no larger file is an image: reading one by mistake ends soon
 
 
 class Identity(NamedTuple):
@@ -59,7 +59,7 @@ class Image(NamedTuple):
 
 
 def load(path, address=None):
-    """The image in a file, whose name tells the kind; a .bin begins at `address`, by default at 0.
+    """The image in a file, whose suffix is its kind; a .bin begins at `address`, by default at 0.
     Raises InputError, OSError."""
     path = Path(path)
     kind = path.suffix.lower().lstrip(".")
@@ -167,7 +167,7 @@ READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
 
 
 def identity(image):
-    """Who the image is. Raises InputError unless it says so exactly once."""
+    """The identity of an image. Raises InputError unless it holds exactly one."""
     found = []
     for s in image.segments:
         at = s.data.find(MAGIC)
@@ -190,5 +190,5 @@ def identity(image):
 
 
 def text(field):
-    """A field's text; what a terminal must not get is shown as '?'."""
+    """A field's text, with control characters as '?'."""
     return "".join(chr(b) if 32 <= b < 127 else "?" for b in field.split(b"\0")[0])

@@ -26,7 +26,7 @@ log_file = click.argument(
     forceaxis monitor --once --json""",
 )
 @click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else liblcm's own, this machine.")
-@click.option("--axis", type=click.IntRange(1, 31), help="Only this axis. Default: all heard.")
+@click.option("--axis", type=click.IntRange(1, 31), help="Only this axis. Default: all.")
 @click.option(
     "--record", type=File(), metavar="FILE.log", help="Record from the start; a new file."
 )
@@ -51,7 +51,7 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
 
     Shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing to any axis.
     Keys: f freeze, r record into a new log here, c capture, arrows or 1 to 9 choose the axis, + and
-    - the time shown, q quit. With --once the exit status is 1 if no state was heard.
+    - the time shown, q quit. With --once the exit status is 1 if no state was received.
     """
     if replay and (record or url):
         raise click.UsageError("--replay: expected without --url and --record")
@@ -97,8 +97,8 @@ def snapshot(watch, source, axis, seconds, as_json):
         click.echo(describe(shown))
     if not shown["axes"]:
         which = "no axis" if axis is None else f"axis {axis}"
-        heard = "" if source.replayed else f" within {seconds:g} s"
-        click.echo(f"forceaxis: {source.name}: {which} heard{heard}", err=True)
+        within = "" if source.replayed else f" within {seconds:g} s"
+        click.echo(f"forceaxis: {source.name}: {which} heard{within}", err=True)
         source.close()
         sys.exit(1)
 
@@ -112,7 +112,7 @@ def describe(shown):
             force = f"{a['force_N']:.2f} N"
         elif a["force_cnt"] is not None:
             force = f"{a['force_cnt']:.2f} count"
-        said = [
+        parts = [
             a["drive_state"] or "no state",
             a["mode"] or "mode -",
             "no fault" if a["fault"] in (None, "none") else f"FAULT {a['fault']}",
@@ -123,10 +123,10 @@ def describe(shown):
             f"lost {a['lost']}",
         ]
         if a["limit_reason"] not in (None, "none"):
-            said.insert(3, f"limit {a['limit_reason']}")
+            parts.insert(3, f"limit {a['limit_reason']}")
         if a["objects_mismatch"]:
-            said.append(a["objects_mismatch"])
-        lines.append(f"axis {number}: " + ", ".join(said))
+            parts.append(a["objects_mismatch"])
+        lines.append(f"axis {number}: " + ", ".join(parts))
     if "trouble" in shown:
         lines.append(shown["trouble"])
     return "\n".join(lines)
@@ -150,7 +150,7 @@ def log():
 def info(log_path, as_json):
     """Channels, types, counts, rates, span and lost messages of a log.
 
-    A log that is damaged or cut off is read all the same; one line says what was passed over.
+    A log that is damaged or cut off is read all the same; one line reports what was skipped.
     """
     from forceaxis.bus import log as logs
 
@@ -173,7 +173,7 @@ def export(log_path, out, csv, npz, as_json):
 
     One table per channel, named as it is; each capture is one of its own, AXIS_1_CAPTURE_1. Units
     are in the columns' names: force_cnt_q8 is in 1/256 of a count, force_count in counts, time_s in
-    seconds. What was not available or got lost is an empty field, in NPZ nan.
+    seconds. A value that is not available or was lost is an empty field, in NPZ nan.
     """
     from forceaxis.bus import log_tables
 

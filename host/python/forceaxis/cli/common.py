@@ -99,6 +99,6 @@ def link_of(kind, lcm_url, link_can, inject):
 
 
 def fail(message, status=2):
-    """Print one line on standard error and leave."""
+    """Print one line on standard error and exit."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

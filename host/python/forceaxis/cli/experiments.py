@@ -75,10 +75,10 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
 @click.option("--out", type=Folder(), help="Folder, as for run.")
 @as_json
 def replay(journal, out, as_json):
-    """Run again, in process, what a firmware on buses did: from the journal of its axis_node.
+    """Repeat in process the run of a firmware on buses, from the journal of its axis_node.
 
-    The same trace hash comes out; the exit status is 1 if it does not, or if the journal breaks off
-    without one, because the node was killed: then what is there is replayed.
+    The same trace hash comes out; the exit status is 1 if it does not, or if the journal ends
+    without one, because the node was killed: then the recorded part is replayed.
     """
     done, journalled = runs.replay(journal)
     same = done.summary["trace_hash"] == journalled["trace_hash"]
@@ -180,7 +180,7 @@ def sweep(
     the same command runs only what is missing. A run that fails is a row with its error; the exit
     status is 1 only if all fail. A boundary is the last stable value on the way to the first
     unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
-    the row says so.
+    the row reports that.
     """
     from forceaxis.experiments import sweep as sweeps
 
@@ -224,7 +224,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     overshoot = 0.12          # beyond final_value, fraction of the step
     trace_hash = "08b6..."    # every code of every tick
     signal = "sensor.force"   # default: the first contact's force, or encoder
-    from_s = 0.0              # look at `signal` from here on
+    from_s = 0.0              # evaluation of `signal` starts here
     final_s = 0.3             # default: a tenth of what follows from_s
     band = 0.05               # of the step, or { absolute = 1.5 }
 

@@ -52,21 +52,21 @@ class Address(click.ParamType):
 def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
     """Write an image (.elf, .hex, .bin) onto its board through the debug probe, with openocd.
 
-    Shows what is in the file and which sectors it takes, asks, writes, verifies and resets. The
+    Shows the file's contents and the sectors they occupy, asks, writes, verifies and resets. The
     stored parameters are kept. The drive's power should be off: a chip that is being written holds
     no output. Exit status 1 if there is no probe, another chip, or the write or its verification
     fails; 2 if the file is no image of this firmware for a board that is known.
     """
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
-        tell(plan, as_json)
+        show(plan, as_json)
         if not as_json:
             click.echo(flash.quoted(flash.command(plan)))
         return
     flash.expect_openocd()
     if not yes and (as_json or not sys.stdin.isatty()):
         raise InputError("flash: expected --yes where there is no terminal to ask at")
-    tell(plan, as_json, quiet=as_json)
+    show(plan, as_json, quiet=as_json)
     probe, chip = flash.find_probe(plan)
     if not as_json:
         click.echo(f"probe        {probe}\nchip         {chip}")
@@ -79,7 +79,7 @@ def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
         click.echo("written      verified; the chip was reset and runs it, the axis disabled")
 
 
-def tell(plan, as_json, quiet=False):
+def show(plan, as_json, quiet=False):
     """What would be written on standard output, what is odd about it on standard error."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)

@@ -10,7 +10,7 @@ from forceaxis.cli.common import Folder, Verb, Verbs, as_json
 
 
 class Known(click.ParamType):
-    """VALUE or VALUE+-ERROR, above 0: what was measured before, ERROR half of its 95 % interval."""
+    """VALUE or VALUE+-ERROR, above 0: an earlier measurement, ERROR half of its 95 % interval."""
 
     name = "VALUE[+-ERROR]"
 
@@ -124,7 +124,8 @@ def split(total_mass, stiffness, frequency_hz, as_json):
 
     Both solutions; chosen is the one whose actuator side m_r1 has more than half of the mass. The
     equations are those of both masses free. With the motor's shaft locked, as the thesis describes
-    its measurement, the frequency would be that of m_r2 alone: what follows then is said, too.
+    its measurement, the frequency would be that of m_r2 alone: the masses for that case are
+    printed too.
     """
     from forceaxis.identify import procedures
 
@@ -234,11 +235,11 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 def fit(model, response, names, overrides, out, as_json, **given):
     """Fit parameters of MODEL to a measured frequency response.
 
-    RESPONSE is what `forceaxis measure --out` wrote, or a CSV file with columns frequency_hz,
+    RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). Prints for each parameter its 95 % interval
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
-    and what is poorly determined or hard to tell apart. A model that does not (p < 0.001) is
-    rejected: it has best values, but no intervals and nothing to --set.
+    and which parameters are poorly determined or nearly indistinguishable. A model that does not
+    (p < 0.001) is rejected: it has best values, but no intervals and nothing to --set.
     """
     from forceaxis import linear
     from forceaxis.identify import fit as fit_response

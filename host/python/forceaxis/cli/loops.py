@@ -135,7 +135,7 @@ def nyquist(model, out, as_json, **given):
 @drawn
 @as_json
 def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_json):
-    """What limits the bandwidth of a force loop, and what each change of the axis buys.
+    """What limits the bandwidth of a force loop, and the benefit of each change of the axis.
 
     Rows are ranked by the crossover at half the critical gain. Beside the linear limit stands the
     largest gain at which the firmware, with quantisation and loss of contact, is stable on the

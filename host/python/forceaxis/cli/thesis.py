@@ -105,8 +105,8 @@ def session(out, as_json):
 def check_thesis(as_json):
     """Set the numbers that the thesis quotes beside what its models give.
 
-    Frequencies, crossovers, damping ratios, improvements; where ours differ, a line says why. Exit
-    status 1 if one differs without a reason.
+    Frequencies, crossovers, damping ratios, improvements; a line gives the reason for each
+    difference. Exit status 1 if one differs without a reason.
     """
     from forceaxis.thesis import claims
 

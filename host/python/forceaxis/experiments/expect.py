@@ -82,7 +82,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a run gave: values by the keys of [expect], and the response they come from."""
+    """Results of a run: values by the keys of [expect], and the response they come from."""
 
     values: dict
     signal: str
@@ -152,7 +152,7 @@ class Reader:
         return float(value)
 
     def wanted(self, key, value):
-        """What is expected of a number: a Number, or the word where there is none."""
+        """The expectation of a number: a Number, or the word for a missing one."""
         low = -LARGEST if key == "final_value" else 0.0
         if isinstance(value, str) and key in NOTHING:
             if value != NOTHING[key]:
@@ -208,7 +208,7 @@ def read(file, data):
         if key in table and table[key] not in texts:
             fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
     if "verdict" in table and not data["criterion"]:
-        fail("verdict", "expected a [verdict] table that says when the run is stable; add it")
+        fail("verdict", "expected a [verdict] table with the limits of a stable run; add it")
     text = table.get("trace_hash", "0" * 64)
     if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
         fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
@@ -232,7 +232,8 @@ def read(file, data):
 
 
 def measure(done, expect, contacts):
-    """What a run gave by the definitions above. Raises InputError where [expect] is at odds."""
+    """Results of a run by the definitions above. Raises InputError where [expect] contradicts the
+    run."""
 
     def fail(key, message):
         raise InputError(f"{done.experiment}: expect.{key}: {message}")
@@ -254,7 +255,7 @@ def measure(done, expect, contacts):
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    if abs(final) < 1e-9 * largest:  # a signal that died out ends at 0, not at its rounding error
+    if abs(final) < 1e-9 * largest:  # a decayed signal ends at 0, not at its rounding error
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
     width = expect.band if expect.band_is_absolute else expect.band * abs(step)

@@ -38,7 +38,7 @@ class Link:
     kind: str = "inproc"
     lcm_url: str = ""  # default: a port that follows from the run's number
     can: str = "vcan1"
-    inject: str = ""  # for tests: faults in what either end sends
+    inject: str = ""  # for tests: faults in the records sent by either end
     start_timeout_s: float = 5.0
     timeout_s: float = 1.0
 
@@ -131,11 +131,11 @@ class AxisNode:
         """Its next line of output. Raises LinkError if it ends or times out."""
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
-            left = until - time.monotonic()
-            ready = select.select([self.process.stdout], [], [], max(left, 0))[0]
+            remaining = until - time.monotonic()
+            ready = select.select([self.process.stdout], [], [], max(remaining, 0))[0]
             piece = os.read(self.process.stdout.fileno(), 65536) if ready else b""
             if not piece:
-                what = "ended" if ready else f"said nothing for {timeout_s:g} s"
+                what = "ended" if ready else f"no response for {timeout_s:g} s"
                 raise LinkError(f"axis_node (pid {self.process.pid}) {what}")
             self._text += piece
         line, self._text = self._text.split(b"\n", 1)
@@ -218,7 +218,7 @@ def run_with(node, experiment, overrides, trace=True):
 
 
 def run_on_chip(link, experiment, overrides, trace=True):
-    """One run with the firmware on an emulated chip. Returns (the result, what it has to tell)."""
+    """One run with the firmware on an emulated chip. Returns (the result, the chip's report)."""
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
@@ -245,7 +245,7 @@ def run_on_chip(link, experiment, overrides, trace=True):
 
 
 def run(link, experiment, overrides):
-    """One run over `link`. Returns (the result, what the link has to tell)."""
+    """One run over `link`. Returns (the result, the report of the link)."""
     if link.kind in CHIPS:
         return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":

@@ -5,7 +5,7 @@ import numpy as np
 
 from forceaxis.drawing import GOT, INK, THIN, WANTED, finish, style
 
-# What the last word of a column's name is measured in, and the factor to show it by.
+# Unit and factor of a column, by the last part of its name.
 UNITS = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
@@ -51,7 +51,7 @@ def trace(time_s, rows, title, width=7.2):
 
 
 def comparison(time_s, rows, levels, settling, table, title):
-    """Figure of what was expected (green) over what was obtained, with a table of both below.
+    """Figure of the expected values (green) over the obtained ones, with a table of both below.
 
     rows: [{name: values}], the response first. levels: (row, name, from_s, low, high, obtained) of
     each height that is expected, in the units of the trace. settling: None, or (from_s, the two
@@ -98,7 +98,7 @@ def comparison(time_s, rows, levels, settling, table, title):
 
 
 def mark_level(ax, factor, end, name, start, low, high, obtained):
-    """The range expected of a height, from `start` to the end, and the height that came out."""
+    """The range expected of a height, from `start` to the end, and the obtained one."""
     view = ax.get_ylim()
     low = low * factor if low > -np.inf else view[0]
     high = high * factor if high < np.inf else view[1]
@@ -114,7 +114,7 @@ def mark_level(ax, factor, end, name, start, low, high, obtained):
 
 
 def mark_settling(ax, factor, end, begin, band, expected, obtained):
-    """The settling band, the times expected and the time that came out."""
+    """The settling band, the expected times and the obtained one."""
     edges = [edge * factor for edge in band]
     ax.hlines(edges, begin, end, color="#5d6874", linestyle=":", linewidth=1, zorder=3)
     if expected is not None:

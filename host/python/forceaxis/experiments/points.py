@@ -1,4 +1,4 @@
-"""The points of a sweep: a grid, random draws, and what a bisection goes along."""
+"""The points of a sweep: a grid, random draws, and the axis of a bisection."""
 
 import hashlib
 import itertools
@@ -30,7 +30,7 @@ class Axis:
     tolerance: float = 0.0  # of a bisection
 
     def at(self, u):
-        """The value at u = 0..1 of the range; 12 digits, so that it is what it looks like."""
+        """The value at u = 0..1 of the range, rounded to 12 digits: its printed form is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
@@ -126,7 +126,7 @@ def random_points(axes, count, seed):
 
 
 def check_names(experiment, inputs, overrides, axes):
-    """Refuse what `--set` would refuse by its name alone, and what changes nothing."""
+    """Refuse names that `--set` would refuse, and parameters without effect."""
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
         name = axis.name

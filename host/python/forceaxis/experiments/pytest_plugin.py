@@ -3,8 +3,8 @@
     def test_axis(forceaxis_experiment):
         forceaxis_experiment("contact.toml").check()
 
-The path is relative to the test's file. What it returns also has `.run.columns` (the trace),
-`.run.summary` and `.measured.values` for assertions of one's own; further arguments are overrides,
+The path is relative to the test's file. The returned object also has `.run.columns` (the trace),
+`.run.summary` and `.measured.values` for further assertions; further arguments are overrides,
 "firmware.force_gain=7". With
 
     [tool.pytest.ini_options]
@@ -92,7 +92,7 @@ class Experiment:
         return self._examined.checks
 
     def check(self):
-        """Fail with a line for each value that is not as [expect] says."""
+        """Fail with a line for each value that differs from [expect]."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
 

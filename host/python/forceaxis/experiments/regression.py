@@ -20,7 +20,7 @@ class Outcome:
     file: Path
     status: str
     seconds: float = 0.0
-    message: str = ""  # why it could not be examined
+    message: str = ""  # the reason why it could not be examined
     checks: list = field(default_factory=list)
     examined: expect.Examined | None = None  # kept while it is needed for a plot or an update
 
@@ -31,7 +31,7 @@ class Outcome:
 
     @property
     def lines(self):
-        """What differs, a line each."""
+        """The differences, one line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
     def summary(self):
@@ -128,7 +128,7 @@ def run_test(file):
 
 
 def write_update(outcome):
-    """Rewrite the file's [expect] so that it passes, as far as limits let it."""
+    """Rewrite the file's [expect] so that it passes; limits are kept, so that it may still fail."""
     file, examined = outcome.file, outcome.examined
     try:
         with file.open(encoding="utf-8", newline="") as stream:
@@ -186,7 +186,7 @@ def write_difference(outcome, place):
 
 
 def figure(examined):
-    """Figure of what [expect] wants of peak, final value and settling over the trace."""
+    """Figure of the expected peak, final value and settling over the trace."""
     from forceaxis.experiments import plots
 
     measured, wanted = examined.measured, examined.expect.wanted
@@ -228,7 +228,7 @@ def describe(outcome):
 
 
 def counts(outcomes):
-    """How many ended how."""
+    """The number of outcomes of each kind."""
     kinds = ("passed", "updated", "failed", "error", "skipped")
     return {kind: sum(o.status == kind for o in outcomes) for kind in kinds}
 

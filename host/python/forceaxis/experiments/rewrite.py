@@ -1,4 +1,4 @@
-"""What `forceaxis test --update` writes: an experiment's text with another [expect] table."""
+"""`forceaxis test --update`: an experiment's text with another [expect] table."""
 
 import difflib
 import json
@@ -52,7 +52,7 @@ def updated(text, examined):
 def rewritten(file, text, examined):
     """filled() or updated(), with the text's line ends.
 
-    Raises InputError rather than touch anything but [expect].
+    Raises InputError where a change outside [expect] would be needed.
     """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
@@ -70,7 +70,7 @@ def rewritten(file, text, examined):
 
 
 def written(value, allowed):
-    """A value as it goes into the file: as short as a hundredth of its tolerance lets it be."""
+    """A value as written to the file: the shortest number within a hundredth of its tolerance."""
     if not isinstance(value, float):
         return value
     near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100

@@ -19,7 +19,7 @@ class Run:
     columns: dict  # name -> array of one value a tick
     events: list  # (time_s, element, from, to)
     plot: dict  # the experiment's [plot] table
-    shows: str  # what to look for
+    shows: str  # the expected behaviour, from the file
 
     @property
     def title(self):
@@ -47,7 +47,7 @@ def run(experiment, overrides=(), over=None):
 
 
 def replay(journal):
-    """Run again in process what `axis_node --journal` recorded. Returns (the run, its journal).
+    """Repeat in process a run that `axis_node --journal` recorded. Returns (the run, its journal).
 
     Raises InputError.
     """
@@ -89,7 +89,7 @@ def finished(experiment, result, report, command):
 
 
 def reasons(criterion, metrics, fault):
-    """Why a run is unstable: every limit of its [verdict] that it breaks, in words."""
+    """Why a run is unstable: every limit of its [verdict] that it exceeds, in words."""
     found = [] if fault == "none" else [f"fault {fault}"]
     if criterion["contact_held"]:
         if metrics["peak_force_N"] == 0:

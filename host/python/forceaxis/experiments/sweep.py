@@ -1,8 +1,8 @@
 """Run one experiment at many points: a grid, random draws, or bisection to a stability boundary.
 
 Every finished run is a line of FOLDER/journal.jsonl, keyed by a hash of its parameters, the input
-files, firmware and simulator; what stands there is not run again. Points run on threads in this
-process or, in chunks, on a Dask cluster; neither order nor place changes a result.
+files, firmware and simulator; a run with an entry there is not repeated. Points run on threads in
+this process or, in chunks, on a Dask cluster; neither order nor place changes a result.
 """
 
 import contextlib
@@ -144,7 +144,7 @@ def sweep(
 
 
 def counts_of(columns, runner, search):
-    """How many points and runs there were, and how they ended."""
+    """The numbers of points and runs, and of their outcomes."""
     points = len(columns["index"])
     counts = {"points": points, "runs": runner.asked, "resumed": runner.asked - runner.ran}
     if search:

@@ -56,7 +56,7 @@ def run_plot(figure, ax, done):
         mesh = ax.pcolormesh(*edges, cells, cmap="RdYlGn", vmin=0, vmax=1)
         coloured(figure, ax, "share of stable runs", mesh)
         return "Share of stable runs"
-    # A run that never touched has no contact to hold, so its verdict is unstable; the map marks it.
+    # A run without contact fails contact_held, so its verdict is unstable; the map marks it.
     untouched = (verdict == "unstable") & (peak == 0) & bool((peak > 0).any())
     kinds = averaged(done, np.where(untouched, 2, share))
     ax.set_facecolor(FAILED)

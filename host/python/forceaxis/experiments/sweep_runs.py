@@ -1,4 +1,4 @@
-"""The runs of a sweep: on threads or a cluster, none that the journal knows already."""
+"""The runs of a sweep: on threads or a cluster, without those in its journal."""
 
 import fcntl
 import hashlib
@@ -27,7 +27,7 @@ METRICS = (
 
 
 def identity_of(experiment, overrides):
-    """Hashes of what a point runs, its own values apart."""
+    """Hashes of the inputs of all points: experiment, model, firmware and simulator."""
     return {
         "inputs_hash": _core.inputs(str(experiment), list(overrides))["inputs_hash"],
         "firmware_hash": _core.FIRMWARE_HASH,
@@ -94,7 +94,7 @@ class Journal:
         self.file.write(self._line(entry))
 
     def add(self, key, values, outcome):
-        """Keep one finished run."""
+        """Record one finished run."""
         self.known[key] = outcome
         if self.file:
             self._write({"key": key, "parameters": values, "outcome": outcome})
@@ -120,7 +120,7 @@ def read_line(line):
 
 
 def outcome_of(result):
-    """What is kept of run_many()'s result: an error, or verdict, metrics and identity."""
+    """The recorded part of run_many()'s result: an error, or verdict, metrics and identity."""
     if "error" in result:
         return {"error": result["error"]}
     margin = result["edge_margin"]
@@ -144,7 +144,7 @@ def run_columns(outcomes):
 
 
 class Runner:
-    """Gives the outcomes of points, running those that the journal does not know."""
+    """Returns the outcomes of points and runs those that are not in the journal."""
 
     def __init__(self, journal, identity, place):
         self.journal = journal
@@ -155,7 +155,7 @@ class Runner:
         self.seen = []  # (values, outcome) of every point asked for
 
     def key(self, values):
-        """Identity of a run: what is run, and the values in the order of their names."""
+        """Identity of a run: hash of its inputs, and its values in the order of their names."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
@@ -206,7 +206,7 @@ class Here:
 class Cluster:
     """The workers of a Dask scheduler. They read the experiment by its path, as it is here.
 
-    The loss of a worker costs its chunks another run elsewhere, nothing else.
+    The chunks of a lost worker are run again elsewhere.
     """
 
     def __init__(self, address, experiment, overrides, identity):
@@ -271,7 +271,7 @@ class Cluster:
 
 
 class Refused(Exception):
-    """A worker that cannot do this work."""
+    """A worker whose forceaxis or files differ from those here."""
 
 
 def run_chunk(experiment, overrides, identity, jobs):

@@ -74,7 +74,7 @@ def fit(measured, starts, where="fit"):
     """Fit parameters of a model to a measured frequency response.
 
     measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
-    start from, > 0}: what is searched is their logarithm. Others keep the values of
+    start from, > 0}: what is searched is their logarithm. Others have the values of
     `measured.overrides`.
 
     With z = |response - model|^2 / variance, where the variance is itself estimated from dof
@@ -184,7 +184,8 @@ def warnings_of(names, chi_square, degrees, correlation, single, moved):
         )
     for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > CORRELATED), strict=True):
         warnings.append(
-            f"{names[i]} and {names[j]} are hard to tell apart: correlation {correlation[i, j]:.3f}"
+            f"{names[i]} and {names[j]} are nearly indistinguishable: "
+            f"correlation {correlation[i, j]:.3f}"
         )
     warnings += [
         f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
@@ -223,7 +224,9 @@ def read_response(path, model, held=None, **given):
     if file.suffix == ".csv":
         for key in ("output", "averages", "dt"):
             if key not in given:
-                raise InputError(f"{file}: --{key}: expected with a CSV file, which cannot tell it")
+                raise InputError(
+                    f"{file}: --{key}: expected with a CSV file, which does not hold it"
+                )
         measured = response_of_csv(file, given["averages"])
         measured = replace(measured, **given, model=model, overrides=dict(held or {}))
         return checked(measured, file)
@@ -316,7 +319,7 @@ def response_of_csv(file, averages):
 
 
 def starts_of(texts, measured):
-    """NAME or NAME=START texts as {name: start}, by default what the model says; {name: unit}."""
+    """NAME or NAME=START texts as {name: start}, by default the model's value; {name: unit}."""
     known = linear.facts(measured.model, measured.overrides)["parameters"]
     starts = {}
     for text in texts:
@@ -336,7 +339,7 @@ def starts_of(texts, measured):
 
 
 def summarise(found, measured, units):
-    """What `--json` prints of a Fit."""
+    """A Fit as `--json` prints it."""
     rows = {}
     for name, start, value, *halves in zip(
         *(found.names, found.starts, found.values, found.single, found.joint), strict=True

@@ -5,9 +5,9 @@ codes from the excitation mode of the running firmware; two signals are recorded
 from one to the other is estimated (H1), with its error, beside that of the linear model.
 
 Every realisation of the excitation (another noise, another phase) repeats itself exactly. It is
-played until the transient of the previous one has decayed, then one whole period is measured:
-nothing leaks from line to line, so the residuals of H1 over the realisations are the noise alone,
-and with it the error of the response is known, not assumed:
+played until the transient of the previous one has decayed, then one whole period is measured.
+Without leakage from line to line the residuals of H1 over the realisations are the noise alone, and
+determine the error of the response:
 
     H = sum U* Y / sum |U|^2,   variance = sum |Y - H U|^2 / ((K - 1) sum |U|^2),
     |H - true|^2 / variance follows F(2, 2 (K - 1)),    K realisations
@@ -160,7 +160,7 @@ def converter(values, bits, rng):
 
 
 def settling_steps(system, where):
-    """Samples after which a transient is gone, by the slowest pole. Raises InputError."""
+    """Samples after which a transient has decayed, by the slowest pole. Raises InputError."""
     poles = system.poles()
     size = abs(poles)
     if size.max(initial=0) > 1 + 1e-7:
@@ -185,7 +185,7 @@ def measure(target, options=None, plant_set=None):
     target: a measurement file (path, or stem of a file of sim/measurements: "fig3_9"), or a model
     (path or stem) with `options`, {key: value} of Setup, which also replace keys of a file; "set"
     holds parameters {name: value} of both plant and model. plant_set: {name: value} of the plant
-    alone, unknown to the linear model. Raises InputError for a wrong set-up and for a plant that
+    alone, not of the linear model. Raises InputError for a wrong set-up and for a plant that
     cannot be measured.
     """
     setup, where = read_setup(target, options)
@@ -276,7 +276,7 @@ def grid_of(setup, where):
             f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
             f"little data for one; measure longer, with a smaller resolution_hz"
         )
-    if setup.window == "hann":  # removing mean and drift distorts the two lines beside 0 Hz
+    if setup.window == "hann":  # removing mean and drift distorts the two lines next to 0 Hz
         first = max(first, FIRST_OF_HANN)
         if last < first:
             raise InputError(
@@ -290,7 +290,7 @@ def grid_of(setup, where):
 
 
 def settling_of(setup, plant_set, dt, where):
-    """(samples until a transient is gone, whether the plant integrates). Raises InputError."""
+    """(samples until a transient has decayed, whether the plant integrates). Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,

@@ -1,4 +1,4 @@
-"""A measured frequency response: its error, what is read off it, whether a model fits it."""
+"""A measured frequency response: its error, characteristic values, comparison with a model."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -36,7 +36,7 @@ class Measurement:
     response: np.ndarray  #: (n,) complex, in units
     coherence: np.ndarray  #: (n,) 0..1, ordinary coherence of input and output
     variance: np.ndarray  #: (n,) of the complex response: E |response - true|^2, units squared
-    floor: np.ndarray  #: (n,) what quantisation alone makes of the standard deviation, units
+    floor: np.ndarray  #: (n,) standard deviation by quantisation alone, units
     dof: float  #: degrees of freedom of `variance` (complex): averages - 1, fewer with overlap
     averages: int
     input: str  #: a signal of the model ("drive.command": V), or "dac_code"
@@ -47,7 +47,7 @@ class Measurement:
     model: str  #: path of the model file that was measured
     overrides: dict  #: nominal parameters, those of `predict()` without arguments
     free: bool = False  #: contacts apart
-    scale: float = 1.0  #: what the output was multiplied by
+    scale: float = 1.0  #: factor of the output
     window: str = "none"  #: or "hann", under which neighbouring frequencies mix
     resolution_hz: float = 0.0  #: distance of the lines, 1 / length of a record
     band_hz: tuple = (0.0, math.inf)  #: that was excited
@@ -93,7 +93,7 @@ class Measurement:
         return np.sqrt(self.variance * stats.f.ppf(share, 2, 2 * self.dof))
 
     def random_error(self):
-        """(n,) Relative standard deviation of |response| as the coherence tells it:
+        """(n,) Relative standard deviation of |response| by its coherence:
         sqrt((1 - coherence) / (2 averages coherence)) (Bendat and Piersol)."""
         shown = np.maximum(self.coherence, 1e-12)
         return np.sqrt((1 - self.coherence) / (2 * (self.dof + 1) * shown))
@@ -125,8 +125,8 @@ class Measurement:
         }
 
     def readings(self):
-        """What one reads off the plot: gain at the lowest frequency measured; where it has fallen
-        3 dB below that, if the first octave is flat (no corner otherwise: the curve's plateau, if
+        """Characteristic values: gain at the lowest frequency; the frequency, Hz, where it is 3 dB
+        below that, if the first octave is flat (no corner otherwise: the curve's plateau, if
         it has one, is not in the band); where the phase passes through 0 (or 180) degrees, Hz."""
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]

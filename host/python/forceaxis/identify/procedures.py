@@ -1,4 +1,4 @@
-"""Identification: a model's parameters from what was measured, each with its interval.
+"""Identification: a model's parameters from measurements, each with its interval.
 
 The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1);
 `fit` fits any parameters of a model to a measured frequency response.
@@ -18,7 +18,7 @@ LARGEST = 1e100  # number of a CSV file, so that no sum of squares overflows
 FEWEST_CYCLES = 3
 FEWEST_SAMPLES = 30  # of a ring-down: below, noise alone may look like one
 RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # of decay over omega, where the fit starts
-NEARLY = 0.9  # of the largest amplitude: a ring-down has begun
+NEARLY = 0.9  # share of the largest amplitude at which a ring-down begins
 EXPLAINED = 0.5  # share of a record's variance below which it is not one ring-down
 COLOURED = 4  # residual density around the mode over that of white noise: a warning
 
@@ -117,7 +117,7 @@ def read_columns(path, names):
 
 @dataclass(frozen=True)
 class RingDown:
-    """What a recorded free vibration says about its mode."""
+    """Parameters of a mode from a recorded free vibration."""
 
     cycles: int  #: that were used
     damped_frequency: Estimate  #: Hz, one over the period
@@ -127,7 +127,7 @@ class RingDown:
     damping_ratio_exact: Estimate  #: decrement / sqrt(4 pi^2 + decrement^2), its limit beside 1
     decrement_of_ratio: float  #: ln(first cycle's amplitude / last one's) / cycles between them
     explained: float  #: share of the record's variance, 0..1
-    noise: float  #: standard deviation of what is left, in the signal's unit
+    noise: float  #: standard deviation of the residual, in the signal's unit
     warnings: tuple
 
 
@@ -193,9 +193,8 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     largest amplitude on, down to `floor` (0..1) of that. Intervals are those of least squares for
     white noise, or for the noise's density around the vibration's frequency if that is more (as of
     another mode nearby), and for at least twice the variance of a converter's rounding. Beside it
-    stands the ratio of the amplitudes of the first and the last cycle, as one reads them off a
-    plot. Raises InputError for fewer than 3 cycles and for a record that one damped sine does not
-    explain.
+    stands the ratio of the amplitudes of the first and the last cycle, as read off a plot. Raises
+    InputError for fewer than 3 cycles and for a record that one damped sine does not explain.
     """
     if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
         raise InputError(f"{where}: time_s: expected at least two rising times, in s")
@@ -212,7 +211,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
         starts = [(rate * omega, omega) for omega in omegas for rate in rates]
         return time, fit_damped_sine(time, (values[inside] - values.mean()) / unit, starts)
 
-    # What came before the largest amplitude is not part of it; half of a period may be the strike.
+    # The record before the largest amplitude is excluded; half of a period may be the strike.
     period = 2 * math.pi / frequencies[0]
     begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
     level = signal.detrend(values)
@@ -232,9 +231,9 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
         time, found = fitted(inside, [omega], [rate / omega])
         rate, omega = found.x[:2]
 
-    left, n, p = found.fun, inside.sum(), len(found.x)
+    residuals, n, p = found.fun, inside.sum(), len(found.x)
     spread = np.sum((values[inside] - values[inside].mean()) ** 2) / unit**2
-    explained = 1 - (np.sum(left**2) / (n - p)) / (spread / (n - 1))
+    explained = 1 - (np.sum(residuals**2) / (n - p)) / (spread / (n - 1))
     if not explained >= EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
         raise InputError(
             f"{where}: expected one vibration that dies out, the best fit explains "
@@ -245,7 +244,9 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     if cycles < FEWEST_CYCLES:
         raise too_short(where, cycles, floor)
 
-    white, local, rounding, coloured = noise_of(left, n - p, omega * time[-1], values[inside], unit)
+    white, local, rounding, coloured = noise_of(
+        residuals, n - p, omega * time[-1], values[inside], unit
+    )
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
     t = stats.t.ppf((1 + SHARE) / 2, n - p)
 
@@ -283,15 +284,15 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     )
 
 
-def noise_of(left, freedom, turned, values, unit):
-    """Variances of a sample, estimated from the residuals `left`: white noise, noise near the
+def noise_of(residuals, freedom, turned, values, unit):
+    """Variances of a sample, estimated from the `residuals`: white noise, noise near the
     vibration, rounding; and whether the second is clearly more than the first.
 
     turned: rad that the vibration turns in the record of `values`, which `unit` made dimensionless.
     """
-    n = len(left)
-    white = float(np.sum(left**2) / freedom)
-    lines = abs(np.fft.rfft(left)) ** 2 / n
+    n = len(residuals)
+    white = float(np.sum(residuals**2) / freedom)
+    lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
     local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
@@ -426,7 +427,7 @@ def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, where="motor"
 
 def decrement(path, column=None, window_s=(-math.inf, math.inf), floor=0.05, **known):
     """ring_down() of a CSV file with column time_s, and mode_parameters() for a known Estimate of
-    mass or stiffness. `column`: that of the signal; may be left out if it is the only other one.
+    mass or stiffness. `column`: that of the signal; optional if it is the only other one.
     Returns (RingDown, {"mass", "stiffness", "damping"} or {}).
     """
     if column is None:

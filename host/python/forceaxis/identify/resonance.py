@@ -16,7 +16,7 @@ from forceaxis.linear.beam import Factored
 # Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
 # none.
 ZETA = (1e-5, 1.0)
-# A resonance stays that of its peak: the factor by which its frequency may part from the peak's.
+# The largest factor between a resonance's frequency and that of its peak.
 FREEDOM = 1.3
 
 
@@ -92,7 +92,7 @@ def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refi
 
     `refine` then moves all frequencies and ratios together to the least squares in dB. Data of this
     very form give their parameters back that way; where the rigid-body response is not quite that
-    of the data, it bends the resonances to make up for it, and the five steps alone are the better.
+    of the data, it distorts the resonances to compensate, and the five steps alone are better.
     A resonance that is only a change of slope is not seen.
     Raises InputError for data that cannot be fitted.
     """
@@ -152,7 +152,7 @@ def _extremes(f, target, modes, prominence_db):
     found, about = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Paired before the weaker peaks go, which take their troughs with them.
+    # Paired before weaker peaks are removed together with their troughs.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(about["prominences"])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
@@ -209,9 +209,9 @@ def _match(f, target, peaks, troughs):
 
 def _resonances(pairs, troughs):
     """(Hz, damping) of all peaks, then of those troughs that are not None, as Resonance."""
-    rest = iter(pairs[len(troughs) :])
+    present = iter(pairs[len(troughs) :])
     return [
-        Resonance(*map(float, peak), *(map(float, next(rest)) if trough is not None else ()))
+        Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))
         for peak, trough in zip(pairs, troughs, strict=False)
     ]
 
@@ -238,7 +238,7 @@ def _least_squares(f, target, start):
 
 
 def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):
-    """What `forceaxis identify resonances --json` prints."""
+    """The result as `forceaxis identify resonances --json` prints it."""
     from forceaxis.identify import fit as fit_response
 
     if not 0 < prominence_db < 200:

@@ -38,7 +38,7 @@ class Setup:
     bits: int = 12  #: of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
     scale: float = 1.0  #: the output's factor, for a sensor that is not in the model
     unit: str = ""  #: of the response; default: from the signals
-    clamped: bool = False  #: contacts pull as well as they push, as if clamped (3.2.2)
+    clamped: bool = False  #: contacts also pull, as if clamped (3.2.2)
     free: bool = False  #: the contacts are apart; else pressed
     seed: int = 0
     set: dict = field(default_factory=dict)

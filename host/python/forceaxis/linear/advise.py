@@ -1,4 +1,4 @@
-"""Design advice: what limits the bandwidth of a force loop, and what each change of the axis buys.
+"""Design advice: what limits the bandwidth of a force loop, and the benefit of each change.
 
 For the explicit force law (p) around a model, its present design and one change at a time:
 
@@ -33,7 +33,7 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.design import FACTOR, Design, changes
 
 GAIN_MARGIN = 2.0
-LAG = 3.0  # noncolocated modes up to this many times the crossing may limit by their lag
+LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
@@ -141,8 +141,8 @@ def limiting_mode(design, loop):
 
 
 def next_crossing(loop):
-    """{gain, frequency_hz} of the next pole that leaves above the limit, or None: what would limit
-    if the first were cured."""
+    """{gain, frequency_hz} of the next pole that becomes unstable above the limit, or None: the
+    limit if the first were removed."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return {"gain": above[0].gain, "frequency_hz": above[0].frequency_hz} if above else None
@@ -219,7 +219,7 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
     """Largest firmware gain up to which the verdict of the runs is stable.
 
     Of a row of gains up to 1.3 times the linear limit, the smallest stable one and the next that is
-    not (smaller ones are passed over: so slow an approach does not settle in time); two finer rows
+    not (smaller ones are ignored: so slow an approach does not settle in time); two finer rows
     between narrow it to a percent. Contact and limit cycle exist side by side below the linear
     limit, so the result holds for the experiment's own approach. Returns {"stable_gain" (None: no
     run is stable), "unstable_gain" (None: stable up to the end of the row), "of_limit", "runs",

@@ -2,8 +2,8 @@
 
 G_af and G_av, force of the drive per volt of command and per m/s of its body against the reaction,
 come from the drive's parameters in the model file; G_lf and G_lv, output and velocity per newton of
-the drive's force, from the equations of the model without its drive. The result is what the
-assembled model gives, by another way.
+the drive's force, from the equations of the model without its drive. The result equals
+that of the assembled model, which is computed otherwise.
 """
 
 import numpy as np

@@ -12,7 +12,7 @@ NYQUIST_HZ = (0.05, 2000.0)
 
 
 def phase_deg(frequency_hz, response):
-    """Phase in degrees without jumps of 360, starting where the low-frequency slope puts it.
+    """Phase in degrees without jumps of 360, starting at the value of the low-frequency slope.
 
     A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
     integrator at -90, one that rises with the frequency at +90.

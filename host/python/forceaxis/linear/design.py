@@ -1,4 +1,4 @@
-"""A design that can be changed: a model under its parameters, and what `forceaxis advise` tries."""
+"""A design that can be changed: a model under its parameters, and the changes of `advise`."""
 
 import contextlib
 import math
@@ -26,7 +26,7 @@ WORKPIECE_ZETA = 0.11
 NO_PAD = 1e7  # Fig 4.24
 
 
-# What counts as stable where the experiment does not say: as in contact.toml.
+# The criterion of stability of an experiment without [verdict]: that of contact.toml.
 VERDICT = {"window_s": 1.0, "contact_held": True, "force_ripple_max_count": 10.0}
 
 
@@ -35,7 +35,7 @@ KINDS = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad": "dam
 
 @dataclass(frozen=True)
 class Change:
-    """One change of the design; what is empty stays as it is."""
+    """One change of the design; empty fields change nothing."""
 
     name: str
     kind: str  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
@@ -43,14 +43,15 @@ class Change:
     edit: object = None  # a function that changes the parsed model file in place
     loop: dict = field(default_factory=dict)  # arguments of loops.force_loop
     firmware: dict = field(default_factory=dict)  # objects that the simulation needs
-    simulated: bool = True  # whether the firmware and the simulator can run it
-    thesis: str = ""  # where the thesis proposes it
+    simulated: bool = True  # False: not possible in firmware and simulator
+    thesis: str = ""  # section of the thesis that proposes it
 
 
 class Design:
     """A model under its parameter values, with the experiment that simulates it.
 
-    text: MODEL or EXPERIMENT as on the command line; `overrides` win over an experiment's [set].
+    text: MODEL or EXPERIMENT as on the command line; `overrides` take precedence over an
+    experiment's [set].
     Use as a context: changed models are files in a temporary folder.
     """
 
@@ -215,7 +216,7 @@ def value_of(design, given):
 
 
 def pads(design):
-    """Grip pads between sensor and workpiece (5.1): put in, exchanged, taken out."""
+    """Grip pads between sensor and workpiece (5.1): inserted, exchanged, removed."""
     contact = contact_of(design.table)
     reading = design.facts["reading"]
     if contact is None or value_of(design, contact.get("stiffness")) is None:

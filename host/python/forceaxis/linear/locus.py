@@ -87,7 +87,7 @@ def span_of(ends, critical_hz):
 def locus(loop, label="", span_hz=None, gain=None):
     """The root locus of a `stability.Loop`, fine inside a frame of span_hz (default: span_of).
 
-    gain: where to mark the closed-loop poles, in the loop's unit.
+    gain: that at which the closed-loop poles are marked, in the loop's unit.
     """
     if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
         raise InputError(f"--span-hz: expected a number > 0, got {span_hz:g}")
@@ -127,7 +127,7 @@ def locus(loop, label="", span_hz=None, gain=None):
 
 
 def loci(found, labels, span_hz=None, gains=None):
-    """A locus for each loop, all in one frame: span_hz, or the widest that one of them wants."""
+    """A locus for each loop, all in one frame: span_hz, or the widest of their own frames."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
     gains = gains or [None] * len(found)

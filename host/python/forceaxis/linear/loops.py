@@ -1,6 +1,6 @@
 """Force loops: control laws around a plant; `stability.Loop` analyses them.
 
-A law is u = k e - K_v v, in volts, with e the set-point less what is fed back, in newtons:
+A law is u = k e - K_v v, in volts, with e the set-point less the feedback, in newtons:
 
     p           k (f_d - f)                             Fig 1.3
     pi          k (1 + w_i / s) (f_d - f)               1.1.3
@@ -11,7 +11,7 @@ A law is u = k e - K_v v, in volts, with e the set-point less what is fed back, 
     damping     k (K_fd (v_d - v) - f)                  Fig 1.6
     impedance   k (K_fs (x_d - x) + K_fd (v_d - v) + f_d - f)   Fig 1.7
 
-f is what ADC 0 converts, x and v are the encoder's (the drive's body against its reaction). K_v is
+f is the signal of ADC 0, x and v are the encoder's (the drive's body against its reaction). K_v is
 the inner damping of Figs 1.3 and 1.5, optional. With zoh and zoh+1 the law runs once a tick: the
 integral is a sum with the present error in it, f' of pd and v are backward differences as the
 firmware's velocity, lead is transformed bilinearly, derivative samples its sensor. A code acts from

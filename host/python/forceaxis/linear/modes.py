@@ -12,7 +12,7 @@ residue r_i says whether actuator and sensor move together in mode i:
 
 Compared are modes with a residue. A mode whose residue is 0 has its zeros exactly on its poles. If
 dampers still couple it to input and output, poles and zeros lie side by side, as those of the base
-in Figure 2.16a: colocated. If nothing does, it is neither: the loop does not see it.
+in Figure 2.16a: colocated. If nothing does, it is neither and has no effect on the loop.
 """
 
 from dataclasses import dataclass
@@ -203,7 +203,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
 
 
 def match(m, system):
-    """Which pole of the damped `system` each undamped mode has become: ([pole or None], [others]).
+    """The pole of the damped `system` for each undamped mode: ([pole or None], [others]).
 
     Poles (of a pair that with positive imaginary part) are dictionaries; those whose displacements
     look like the mode's and that lie near it in frequency are matched, each once.
@@ -215,8 +215,8 @@ def match(m, system):
     # A rigid body's pole at 0 is found within rounding of it.
     poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
     names = [_pole(p) for p in poles]
-    rest = sorted((p for j, p in enumerate(names) if j not in pairs.values()), key=_frequency)
-    return [names[pairs[i]] if i in pairs else None for i in range(len(m.w))], rest
+    others = sorted((p for j, p in enumerate(names) if j not in pairs.values()), key=_frequency)
+    return [names[pairs[i]] if i in pairs else None for i in range(len(m.w))], others
 
 
 def _assign(m, system, poles, vectors):

@@ -1,7 +1,7 @@
 """Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes, in the thesis's form.
 
-Each takes data that other modules compute: `curves.Curve`, `locus.Locus` and `locus.Array`, or what
-a verb prints with --json.
+The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locus.Array`, or what a
+verb prints with --json.
 """
 
 from pathlib import Path
@@ -314,7 +314,7 @@ def step_response(result):
 
 
 def advice(result):
-    """Figure of `advise.advise()`: what each change makes of critical gain and crossover."""
+    """Figure of `advise.advise()`: critical gain and crossover under each change."""
     rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]]
     figure, ax = plt.subplots(figsize=(7.6, 0.9 + 0.21 * len(rows)))
     style(ax)
@@ -352,7 +352,7 @@ def advice(result):
 
 
 def loop_title(summary):
-    """What a figure of a loop is of."""
+    """The title of a figure of a loop."""
     return f"{Path(summary['model']).stem}, {summary['law']}, {summary['timing']}"
 
 

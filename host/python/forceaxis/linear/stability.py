@@ -26,7 +26,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Limit:
-    """How far the gain can go from 0. `gain` None: stable at every gain."""
+    """The largest stable gain from 0 on. `gain` None: stable at every gain."""
 
     gain: float | None
     frequency_hz: float | None
@@ -51,11 +51,11 @@ def _reachable(A, B):
     basis = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
-        rest = image - basis @ (basis.T @ image)
-        rest -= basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) <= 1e-11 * np.linalg.norm(image):
+        new = image - basis @ (basis.T @ image)
+        new -= basis @ (basis.T @ new)
+        if np.linalg.norm(new) <= 1e-11 * np.linalg.norm(image):
             break
-        basis = np.hstack([basis, rest / np.linalg.norm(rest)])
+        basis = np.hstack([basis, new / np.linalg.norm(new)])
     return basis
 
 
@@ -86,7 +86,7 @@ def _minimal(system):
 class Loop:
     """A law around a plant, without its gain k.
 
-    whole: from the error, times k, to what the law feeds back and to the signal itself.
+    whole: from the error, times k, to the feedback of the law and to the signal itself.
     unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count) per k.
     """
 

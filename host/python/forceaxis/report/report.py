@@ -51,7 +51,7 @@ def limits(model):
     """(force_gain, Hz) at the limit for each timing, None where there is none; or None: no loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    except _core.InputError:  # nothing reads the force, or it does not answer (stuck, no contact)
+    except _core.InputError:  # no sensor of the force, or no response (stuck, no contact)
         return None
     pairs = [(loop, loop.limit()) for loop in found]
     return [
@@ -150,7 +150,7 @@ def mode_rows():
 
 
 def frequency_domain(threads):
-    """What frequency.html.jinja shows."""
+    """The values of frequency.html.jinja."""
     measurements = []
     for path in sorted(
         paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
@@ -187,7 +187,7 @@ def frequency_domain(threads):
 def write(out, threads=None):
     """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
     found = tables.evidence()
-    out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be had fails before the work
+    out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be created fails before the work
     result = tables.run(threads)
     runs = experiment_files()
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)

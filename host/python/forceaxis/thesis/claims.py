@@ -1,4 +1,4 @@
-"""`forceaxis check-thesis`: what the thesis quotes, number by number, beside its models."""
+"""`forceaxis check-thesis`: the numbers that the thesis quotes, beside those of its models."""
 
 import functools
 import math
@@ -57,7 +57,7 @@ def limit(model, timing="continuous", **overrides):
 
 
 def stability(model, **overrides):
-    """What the linear model in continuous time says of high gains."""
+    """Stability of the linear model in continuous time at high gains, as a text."""
     gain = limit(model, **overrides).gain
     return "stable at any gain" if gain is None else "unstable at high gain"
 
@@ -163,7 +163,7 @@ def highest_stable(test, workpiece):
 
 
 def higher_gains_percent(test):
-    """How much higher the gains are that the damped workpiece allows, in percent."""
+    """Increase of the highest stable gain by the damped workpiece, percent."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 

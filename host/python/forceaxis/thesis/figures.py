@@ -115,7 +115,7 @@ def arrays(system, names, input=None):
 
 
 def measured(*runs):
-    """A source of Curves: what the measurements of 3.2 would show if the model were the robot.
+    """A source of Curves: the measurements of 3.2 as the models predict them.
 
     runs: (stem of a file of sim/measurements, label, model parameters or None).
     """

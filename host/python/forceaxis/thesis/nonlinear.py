@@ -1,4 +1,5 @@
-"""What 2.7 says of contact and Coulomb friction, from runs over gain and initial condition."""
+"""The statements of 2.7 about contact and Coulomb friction, from runs over gain and initial
+condition."""
 
 import shlex
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """A whole session of the thesis through the gateway: boot, gains, a move of 36,000 counts (3.13),
 contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), recorder, plot.
 
-`run` needs a running gateway; `whole` starts plant, firmware and gateway as well.
+`run` needs a running gateway; `whole` also starts plant, firmware and gateway.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ GAINS = {
 
 
 def run(url=None, axis=1, strike_within_s=20.0):
-    """The session; {what was seen}, states, recording."""
+    """Runs the session: ({name: observed value}, states, recording)."""
     with Session(axis, url, wait_s=20) as session:
         found = {"software": session.read("object_table_hash")}
         session.write_all(GAINS)
@@ -93,7 +93,7 @@ def plot(states, held, path):
 @contextlib.contextmanager
 def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gateway"), journal=None):
     """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
-    is folder/axis.journal or what is given."""
+    is folder/axis.journal by default."""
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
     if duration_s:
         common += ["--set", f"experiment.duration_s={duration_s}"]
@@ -135,7 +135,7 @@ def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gatew
 
 
 def _end_with_us():
-    """In a child: SIGTERM when its parent is gone, however that ended."""
+    """In a child: requests SIGTERM when its parent ends in any way."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
 
 
@@ -163,7 +163,7 @@ def _stop(process):
 
 
 def whole(folder):
-    """All of it, files below `folder`: {what was seen}."""
+    """The whole session, files below `folder`: {name: observed value}."""
     # Results of an earlier session stay until this one has finished.
     with paths.replacing(folder, "axis.journal") as (journal,):
         journal.unlink(missing_ok=True)
@@ -185,7 +185,7 @@ def whole(folder):
 
 
 def describe(found):
-    """What was seen, for a reader."""
+    """The observed values for a terminal."""
     return "\n".join(
         (
             f"moved to     {found['position_after_move_cnt']} count",

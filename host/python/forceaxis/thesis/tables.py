@@ -1,4 +1,4 @@
-"""The 55 measured cells: ours beside the thesis, how the free constants were found, how firm.
+"""The 55 measured cells: ours beside the thesis, the fit of the free constants and its sensitivity.
 
 A cell is one experiment file with a gain, a set-point and a workpiece. What the thesis does not
 state (the fitted constants) stands in sim/models/thesis.toml like every other parameter;
@@ -29,11 +29,11 @@ class StaleFit(Exception):
 
 @dataclass(frozen=True)
 class Constant:
-    """A fitted constant: its parameter, what it acts on, and the grid it was searched on."""
+    """A fitted constant: its parameter, the cells that depend on it, and the grid of the search."""
 
     name: str
     how: str
-    groups: tuple  # the groups of cells that feel it; empty: all
+    groups: tuple  # the groups of cells that depend on it; empty: all
     grid: tuple
 
 
@@ -44,7 +44,7 @@ class Tables:
     cells: list
     experiments: dict  # "test/grip" -> file
     workpieces: dict  # name -> overrides
-    unstated_setpoint: str  # the parameter that stands in for a set-point of null
+    unstated_setpoint: str  # the parameter that replaces a set-point of null
     constants: list
     fit_on: tuple  # the groups that the constants are fitted to; all others are predictions
     readings: list  # declared choices, with the alternatives that are reported beside them
@@ -52,7 +52,7 @@ class Tables:
     matched_at_least: int
 
     def group(self, cell):
-        """What is left out together: a figure, contact and disturbance apart.
+        """The cells that are omitted together: a figure, contact and disturbance separately.
 
         The original half of Fig 5.10 is Fig 3.16, so it goes by that name.
         """
@@ -229,7 +229,7 @@ def sets_of(values):
 
 
 def criterion_sensitivity(cells, threads=None):
-    """What +-20 % on each threshold changes: [(threshold, factor, value, score, cells changed)].
+    """The effect of +-20 % on each threshold: [(threshold, factor, value, score, cells changed)].
 
     cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
     """
@@ -260,7 +260,7 @@ def _sensitivity(name, factor, value, cells, base, verdicts):
 
 
 def evidence_hash():
-    """Identity of what the fit depends on: grid, cells, models, experiments; no fitted value."""
+    """Hash of the inputs of the fit: grid, cells, models, experiments; no fitted value."""
     tables = load()
     free = {c.name for c in tables.constants}
     fixed = {k: v["value"] for k, v in parameters().items() if k not in free}
@@ -272,8 +272,8 @@ def evidence_hash():
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
         for table in (experiment, model):  # descriptions do not count
-            said = ("title", "figure", "shows", "plot", "expect")
-            digest.update(repr({k: v for k, v in table.items() if k not in said}).encode())
+            texts = ("title", "figure", "shows", "plot", "expect")
+            digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
     return digest.hexdigest()
 
 
@@ -281,7 +281,7 @@ def fit(threads=None):
     """Search the grid of tables.toml on the cells of `fit_on` and write tables_fit.json beside it.
 
     Contact cells run on every grid point that they depend on; strikes run where the contact cells,
-    all or without one figure, are at their best. Then each figure is left out in turn, the others
+    all or without one figure, are at their best. Then each figure is omitted in turn, the others
     are fitted again and predict it. Returns the evidence.
     """
     tables = load()
@@ -294,7 +294,7 @@ def fit(threads=None):
     }
 
     def evaluate(group, points):
-        """{grid coordinates that the group feels: matches of its cells} for those points."""
+        """{grid coordinates that the group depends on: matches of its cells} for those points."""
         wanted = sorted({tuple(p[i] for i in feels[group]) for p in points})
         jobs = [
             tables.job(cell, {names[i]: grids[i][j] for i, j in zip(feels[group], at, strict=True)})
@@ -344,13 +344,13 @@ def fit(threads=None):
         return {n: grids[i][j] for i, (n, j) in enumerate(zip(names, point, strict=True))}
 
     chosen = choose(tables.fit_on)
-    left = []
+    omitted = []
     for figure in figures:
         point = choose(without(figure, tables.fit_on))
         jobs = [tables.job(c, values(point)) for c in tables.cells]
         right = matches(tables.cells, run_jobs(jobs, threads, f"without Fig {figure}"))
         own = [g for g in tables.fit_on if g.split()[0] == figure]
-        left.append(
+        omitted.append(
             {
                 "figure": figure,
                 "cells": sum(len(members[g]) for g in own),
@@ -369,7 +369,7 @@ def fit(threads=None):
         "score": best,
         "cells": sum(len(members[g]) for g in tables.fit_on),
         "points_at_best": sum(total(p, tables.fit_on) == best for p in points),
-        "left_out": left,
+        "left_out": omitted,
         "plateau": plateau(values(chosen), threads),
         "readings": readings(values(chosen), threads),
     }
