@@ -148,7 +148,7 @@ static int arm_recorder(fw_t *fw) {
     if (object != AXIS_OBJ_NONE) {
       channels[count] = channel_of(fw, object);
       count++;
-      if (!in_axis_or_recorder(object)) {
+      if (fw->live == 0 && !in_axis_or_recorder(object)) {
         wake(fw);
       }
     }
@@ -320,7 +320,9 @@ static void take_requests(fw_t *fw) {
     return;
   }
   const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
-  count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  if (requests.frames_lost != 0) {
+    count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  }
   if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
     ownership_lost(fw, requests.fault);
   }
@@ -364,6 +366,9 @@ static void execute_reset(fw_t *fw) {
 }
 
 static void serve_store(fw_t *fw) {
+  if (!store_is_busy(&fw->store)) {
+    return;
+  }
   const uint8_t state = store_tick(&fw->store, &fw->objects);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
@@ -378,13 +383,14 @@ static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != A
 static void serve_node(fw_t *fw) {
   watch_contact(fw);
   while (canopen_is_behind(&fw->canopen)) {
-    canopen_tick_timers(&fw->canopen, is_active(fw));
-    take_requests(fw);
+    if (canopen_tick_timers(&fw->canopen, is_active(fw))) {
+      take_requests(fw);
+    }
     const canopen_axis_t axis = {
         .error_code = fw->drive.signals.error_code, .fault = fault_of(fw), .active = is_active(fw)};
-    canopen_tick_end(&fw->canopen, &fw->objects, axis);
+    canopen_tick_end(&fw->canopen, &fw->objects, &axis);
+    take_requests(fw);
   }
-  take_requests(fw);
 }
 
 void fw_prepare(fw_t *fw) {
