@@ -27,6 +27,7 @@ from pathlib import Path
 import lcm
 import numpy as np
 import pytest
+import verbs
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.bus import log as logs
@@ -103,16 +104,8 @@ def gateway(url, **options):
         process.stdout.close()
 
 
-def forceaxis(*arguments, **more):
-    return subprocess.run(
-        [FORCEAXIS, *map(str, arguments)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=30,
-        **more,
-    )
+def forceaxis(*arguments):
+    return verbs.forceaxis(*arguments, cwd=ROOT)
 
 
 def refused(done, *words):
