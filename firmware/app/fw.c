@@ -2,8 +2,8 @@
 
 #include <stddef.h>
 
-#include "firmware/app/events.h"
 #include "firmware/app/ownership.h"
+#include "firmware/app/reports.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
@@ -111,7 +111,7 @@ static int arm_recorder(fw_t *fw) {
     if (object != AXIS_OBJ_NONE) {
       channels[count] = channel_of(fw, object);
       count++;
-      if (!in_axis_or_recorder(object)) {
+      if (fw->live == 0 && !in_axis_or_recorder(object)) {
         wake(fw);
       }
     }
@@ -251,23 +251,12 @@ static void power_up(fw_t *fw) {
   }
 }
 
-/* Emergency store_failed: store_state, the address of the first change and how many there are. */
-static void report_store(fw_t *fw) {
-  const device_signals_t *signals = &fw->device_signals;
-  const uint32_t change = signals->store_change[0];
-  const uint32_t count =
-      (signals->store_change_count < UINT8_MAX) ? signals->store_change_count : UINT8_MAX;
-  canopen_emergency_detailed(
-      &fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, signals->store_state,
-      fx_field(change, 8, 16) + fx_field(change, 0, 8) * 65536 + count * 16777216);
-}
-
 /* The node boots up; whatever is not in force as it was stored is reported. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
   if (state != AXIS_STORE_STATE_EMPTY && state != AXIS_STORE_STATE_LOADED) {
-    report_store(fw);
+    reports_store(fw);
   }
 }
 
@@ -298,9 +287,11 @@ static void take_requests(fw_t *fw) {
     return;
   }
   const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
-  count_up(&fw->device_signals.can_lost, requests.frames_lost);
   if (requests.duplicate != 0) {
     axis_fault(&fw->axis, AXIS_FAULT_DUPLICATE_NODE);
+  }
+  if (requests.frames_lost != 0) {
+    count_up(&fw->device_signals.can_lost, requests.frames_lost);
   }
   if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
     ownership_lost(fw, requests.fault);
@@ -347,6 +338,9 @@ static void execute_reset(fw_t *fw) {
 }
 
 static void serve_store(fw_t *fw) {
+  if (!store_is_busy(&fw->store)) {
+    return;
+  }
   const uint8_t state = store_tick(&fw->store, &fw->objects);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
@@ -359,15 +353,16 @@ static void serve_store(fw_t *fw) {
 static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
 
 static void serve_node(fw_t *fw) {
-  events_contact(fw);
+  reports_contact(fw);
   while (canopen_is_behind(&fw->canopen)) {
-    canopen_tick_timers(&fw->canopen, is_active(fw));
-    take_requests(fw);
+    if (canopen_tick_timers(&fw->canopen, is_active(fw))) {
+      take_requests(fw);
+    }
     const canopen_axis_t axis = {
         .error_code = fw->drive.signals.error_code, .fault = fault_of(fw), .active = is_active(fw)};
-    canopen_tick_end(&fw->canopen, &fw->objects, axis);
+    canopen_tick_end(&fw->canopen, &fw->objects, &axis);
+    take_requests(fw);
   }
-  take_requests(fw);
 }
 
 void fw_prepare(fw_t *fw) {
@@ -394,7 +389,7 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, &fw->objects);
   if (fw->config.buses != 0) {
-    const bool defer = events_contact_state(fw) != fw->contact_seen ||
+    const bool defer = reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
@@ -454,7 +449,7 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
     if (missed != 0) {
       canopen_missed(&fw->canopen, missed);
     }
-    events_report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
+    reports_limited(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 
