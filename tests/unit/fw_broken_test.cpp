@@ -38,7 +38,10 @@ TEST_F(Fw, EveryCommandByteAndLengthOfSdo) {
         } else if (specifier == 2) {
           EXPECT_EQ(answer[0], 0x4B) << command;
         } else {
-          abort = 0x05040001;
+          // Blocks: of no segments upwards; of no bytes downwards, where a size is announced.
+          const bool offers = specifier == 5 && (command & 3) == 0;
+          const bool begins = specifier == 6 && !sized;
+          abort = offers ? 0x05040002 : begins && expedited ? 0x06070013 : begins ? 0 : 0x05040001;
         }
         if (abort != 0) {
           EXPECT_EQ(answer[0], 0x80) << command;
