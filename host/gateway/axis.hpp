@@ -51,8 +51,9 @@ class GatewayAxis {
   // To be called once a period, after all received frames: reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // Stops the axis if CANopen owns it, and ends its watch for the gateway's heartbeat.
-  Task<void> shut_down();
+  // Stops the axis if CANopen, LCM or, with `modbus_is_ours`, Modbus owns it: the owner cannot
+  // reach it any more. Then gives it to CANopen, and ends its watch for the gateway's heartbeat.
+  Task<void> shut_down(bool modbus_is_ours);
 
   // The axis has this program's object table, and is not silent.
   bool writes_allowed() const { return table_known_ && !mismatch_; }
@@ -83,6 +84,7 @@ class GatewayAxis {
   Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
   bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
+  Task<bool> give_to_canopen(std::int64_t owner);
 
   void receive_heartbeat(std::uint8_t state);
   void lose(const std::string &why, std::int64_t milliseconds);
