@@ -35,10 +35,10 @@ axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unl
 * A 32-bit object takes two registers, the higher half first unless `modbus_word_order` says
   otherwise. One half can be read, since masters cut long reads wherever 125 registers end; but the
   halves of two requests may be of two values: read both with one. A write to one half is exception
-  3. Negative values are two's complement over the object's registers; an 8-bit one is extended to 16
-  bits.
-* Engineering value = raw value x unit. One request sees the values of one tick on RTU; at the gateway
-  each object is of a tick of its own.
+  3. Negative values are two's complement over the object's registers; an 8-bit one is extended to
+  16 bits.
+* Engineering value = raw value x unit. One request sees the values of one tick on RTU; at the
+  gateway each object is of a tick of its own.
 * Exceptions: 1 function, 2 no such register or bit, 3 value out of range, a write to half of a
   32-bit object or a malformed request, 4 not in this state, or another bus owns the axis
   (`command_source`), or no memory for parameters, 6 the store is at work; on TCP also 10 no axis of
