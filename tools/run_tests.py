@@ -114,7 +114,7 @@ def fuzz(tally, seconds, prefix=()):
         [*prefix, ROOT / "tests/fuzz/run.sh", str(seconds)], capture_output=True, text=True
     )
     print(done.stdout + done.stderr, end="")
-    fuzzers = [f.stem for f in sorted((ROOT / "tests/fuzz").glob("*_fuzz.c"))]
+    fuzzers = [f.stem for f in sorted((ROOT / "tests/fuzz").glob("*_fuzz.c*"))]
     clean = sum(
         bool(re.search(rf"^fuzz {f}: .*nothing found$", done.stdout, re.M)) for f in fuzzers
     )

@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/app/ownership.h"
+#include "firmware/app/reports.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
@@ -17,49 +18,6 @@ static void wake(fw_t *fw) {
   if (fw->live == 0) {
     fw->live = 1;
     cia402_wake(&fw->drive, &fw->axis);
-  }
-}
-
-/* An emergency that could otherwise be repeated in every tick. */
-static void report_limited(fw_t *fw, uint16_t code) {
-  const uint8_t i = (uint8_t)(code - FW_HELD_FIRST);
-  const uint32_t now = fw->axis.signals.tick_count;
-  if (fw->reported[i] != 0 && now - fw->reported_tick[i] < FW_HOLD_TICKS) {
-    return;
-  }
-  fw->reported[i] = 1;
-  fw->reported_tick[i] = now;
-  canopen_emergency(&fw->canopen, code, 0);
-}
-
-enum { SEEN_CONTACT = 1, SEEN_SATURATED = 2, SEEN_LIMIT_CYCLE = 4 };
-
-/* The state of the contact, SEEN_ bits. */
-static uint8_t watched_contact(const fw_t *fw) {
-  const drive_signals_t *signals = &fw->drive.signals;
-  /* Each of them is 0 or 1. */
-  return (uint8_t)(signals->contact * SEEN_CONTACT + signals->force_saturated * SEEN_SATURATED +
-                   signals->limit_cycle * SEEN_LIMIT_CYCLE);
-}
-
-/* Reports changes of the contact. A contact is lost only while force is controlled. */
-static void watch_contact(fw_t *fw) {
-  const uint8_t before = fw->contact_seen;
-  const uint8_t now = watched_contact(fw);
-  if (now == before) {
-    return;
-  }
-  fw->contact_seen = now;
-  const uint8_t risen = (uint8_t)(now & ~(uint32_t)before);
-  const uint8_t fallen = (uint8_t)(before & ~(uint32_t)now);
-  if ((fallen & SEEN_CONTACT) != 0 && fw->drive.controlled != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_CONTACT_LOST);
-  }
-  if ((risen & SEEN_SATURATED) != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_FORCE_SATURATED);
-  }
-  if ((risen & SEEN_LIMIT_CYCLE) != 0) {
-    report_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
 }
 
@@ -153,7 +111,7 @@ static int arm_recorder(fw_t *fw) {
     if (object != AXIS_OBJ_NONE) {
       channels[count] = channel_of(fw, object);
       count++;
-      if (!in_axis_or_recorder(object)) {
+      if (fw->live == 0 && !in_axis_or_recorder(object)) {
         wake(fw);
       }
     }
@@ -279,23 +237,12 @@ static void power_up(fw_t *fw) {
   }
 }
 
-/* Emergency store_failed: store_state, the address of the first change and how many there are. */
-static void report_store(fw_t *fw) {
-  const device_signals_t *signals = &fw->device_signals;
-  const uint32_t change = signals->store_change[0];
-  const uint32_t count =
-      (signals->store_change_count < UINT8_MAX) ? signals->store_change_count : UINT8_MAX;
-  canopen_emergency_detailed(
-      &fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, signals->store_state,
-      fx_field(change, 8, 16) + fx_field(change, 0, 8) * 65536 + count * 16777216);
-}
-
 /* The node boots up; whatever is not in force as it was stored is reported. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
   if (state != AXIS_STORE_STATE_EMPTY && state != AXIS_STORE_STATE_LOADED) {
-    report_store(fw);
+    reports_store(fw);
   }
 }
 
@@ -327,7 +274,9 @@ static void take_requests(fw_t *fw) {
     return;
   }
   const canopen_requests_t requests = canopen_take_requests(&fw->canopen);
-  count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  if (requests.frames_lost != 0) {
+    count_up(&fw->device_signals.can_lost, requests.frames_lost);
+  }
   if (ownership_ends(fw, requests.sources_lost)) {
     ownership_lost(fw, requests.fault);
   } else if (requests.stop != 0) {
@@ -373,6 +322,9 @@ static void execute_reset(fw_t *fw) {
 }
 
 static void serve_store(fw_t *fw) {
+  if (!store_is_busy(&fw->store)) {
+    return;
+  }
   const uint8_t state = store_tick(&fw->store, &fw->objects);
   if (state != AXIS_STORE_STATE_COUNT) {
     if (state == AXIS_STORE_STATE_FAILED && fw->device_signals.store_state != state) {
@@ -385,15 +337,16 @@ static void serve_store(fw_t *fw) {
 static bool is_active(const fw_t *fw) { return fw->axis.signals.active_mode != AXIS_MODE_DISABLED; }
 
 static void serve_node(fw_t *fw) {
-  watch_contact(fw);
+  reports_contact(fw);
   while (canopen_is_behind(&fw->canopen)) {
-    canopen_tick_timers(&fw->canopen, is_active(fw));
-    take_requests(fw);
+    if (canopen_tick_timers(&fw->canopen, is_active(fw))) {
+      take_requests(fw);
+    }
     const canopen_axis_t axis = {
         .error_code = fw->drive.signals.error_code, .fault = fault_of(fw), .active = is_active(fw)};
-    canopen_tick_end(&fw->canopen, &fw->objects, axis);
+    canopen_tick_end(&fw->canopen, &fw->objects, &axis);
+    take_requests(fw);
   }
-  take_requests(fw);
 }
 
 void fw_prepare(fw_t *fw) {
@@ -420,7 +373,7 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   recorder_tick(&fw->recorder, &fw->objects);
   if (fw->config.buses != 0) {
-    const bool defer = watched_contact(fw) != fw->contact_seen ||
+    const bool defer = reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
@@ -484,7 +437,7 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
     if (missed != 0) {
       canopen_missed(&fw->canopen, missed);
     }
-    report_limited(fw, AXIS_ERROR_CODE_OVERRUN);
+    reports_limited(fw, AXIS_ERROR_CODE_OVERRUN);
   }
 }
 

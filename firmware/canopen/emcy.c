@@ -50,10 +50,6 @@ static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   *count = (uint8_t)((*count < EMCY_HISTORY) ? *count + 1 : EMCY_HISTORY);
 }
 
-void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
-  emcy_raise_detailed(canopen, code, info, 0);
-}
-
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail) {
   emcy_t *emcy = &canopen->emcy;
   emcy_update(canopen);
@@ -108,13 +104,14 @@ void emcy_tick(canopen_t *canopen) {
     return;
   }
   const uint32_t inhibit = fx_ticks_from_100us(canopen->params.emcy_inhibit_time);
+  bool inhibited = canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_EMCY);
+  const uint16_t id = canopen_can_id(canopen->params.emcy_cob_id);
+  const uint32_t count = emcy->count;
   uint32_t sent = 0;
-  while (sent < emcy->count && !canopen_timer_runs(&canopen->timers, CANOPEN_TIMER_EMCY) &&
-         canopen->output.closed == 0 &&
+  while (!inhibited && sent < count && canopen->output.closed == 0 &&
          canopen->output.count + CAN_OUTPUT_KEEP_EMCY < CAN_OUTPUT_FRAMES) {
     const emergency_t *emergency = &emcy->waiting[sent];
-    can_frame_t *frame = can_output_add(
-        &canopen->output, canopen_can_id(canopen->params.emcy_cob_id), 8, CAN_OUTPUT_KEEP_EMCY);
+    can_frame_t *frame = can_output_add(&canopen->output, id, 8, CAN_OUTPUT_KEEP_EMCY);
     if (frame == NULL) {
       break;
     }
@@ -123,10 +120,13 @@ void emcy_tick(canopen_t *canopen) {
     frame->data[3] = emergency->info;
     fx_store_le(&frame->data[4], emergency->detail, 4);
     sent += 1;
-    canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY, inhibit);
+    if (inhibit != 0) {
+      canopen_timer_start(&canopen->timers, CANOPEN_TIMER_EMCY, inhibit);
+      inhibited = true;
+    }
   }
-  emcy->count = (uint8_t)(emcy->count - sent);
-  for (uint32_t i = 0; sent != 0 && i < emcy->count; i++) {
+  emcy->count = (uint8_t)(count - sent);
+  for (uint32_t i = 0; sent != 0 && i < count - sent; i++) {
     emcy->waiting[i] = emcy->waiting[i + sent];
   }
 }

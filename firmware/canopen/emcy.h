@@ -18,8 +18,10 @@
 
 /* Notes an emergency; it is sent at the end of a tick. If too many are pending, the
  * oldest is dropped: the history keeps it, and the latest shows the present state. */
-void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info);
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
+static inline void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
+  emcy_raise_detailed(canopen, code, info, 0);
+}
 
 /* Sets 1001h when a lasting condition begins or ends. */
 void emcy_update(canopen_t *canopen);

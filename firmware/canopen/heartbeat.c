@@ -25,15 +25,17 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
   }
   for (uint8_t i = 0; i < CANOPEN_HEARTBEATS; i++) {
     const uint32_t entry = canopen->params.consumer_heartbeat[i];
-    if (watched_node(entry) == node) {
+    const uint32_t time_ms = fx_field(entry, 0, 16);
+    if (fx_field(entry, 16, 8) == node && time_ms != 0) {
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
-                          fx_ticks_from_ms(fx_field(entry, 0, 16)));
+                          fx_ticks_from_ms(time_ms));
       /* A boot-up message: the master no longer knows that it enabled the axis, the gateway which
        * clients it had. */
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
+      return; /* no other entry has this node */
     }
   }
 }

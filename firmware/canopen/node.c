@@ -21,9 +21,6 @@ enum {
   NMT_RESET_COMMUNICATION = 130
 };
 
-/* What canopen_tick_begin() deferred: all, or what follows the PDOs. */
-enum { DEFERRED_NOTHING = 0, DEFERRED_OUTPUT = 1, DEFERRED_ALL = 2 };
-
 /* 1029h: what a communication error does to the state. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
 
@@ -66,7 +63,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->tpdos_timed = 0;
   canopen->tpdos_inhibited = 0;
   canopen->heartbeats_lost = 0;
-  canopen->deferred = DEFERRED_NOTHING;
+  canopen->deferred = CANOPEN_DEFERRED_NOTHING;
   canopen->late = 0;
   sdo_drop(canopen);
   canopen->emcy.drive_code = 0;
@@ -147,12 +144,6 @@ static void request_reset(canopen_t *canopen, uint8_t reset) {
   take_output_lost(canopen); /* the reset empties the output */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
-}
-
-canopen_requests_t canopen_take_requests(canopen_t *canopen) {
-  const canopen_requests_t requests = canopen->requests;
-  canopen->requests = (canopen_requests_t){0};
-  return requests;
 }
 
 uint8_t canopen_take_reset(canopen_t *canopen) {
@@ -255,7 +246,7 @@ static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   } /* That the inhibit time of emergencies no longer runs is enough. */
 }
 
-static void serve_timers(canopen_t *canopen, bool active) {
+void canopen_serve_timers(canopen_t *canopen, bool active) {
   for (uint32_t due = canopen_timers_due(&canopen->timers); due != 0; due &= due - 1) {
     const uint8_t timer = fx_lowest_bit(due);
     if (canopen_timer_take(&canopen->timers, timer)) {
@@ -286,46 +277,42 @@ static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {
 }
 
 void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer) {
-  if (canopen->deferred != DEFERRED_NOTHING) {
+  if (canopen->deferred != CANOPEN_DEFERRED_NOTHING) {
     canopen->late = (uint8_t)(canopen->late + ((canopen->late < UINT8_MAX) ? 1 : 0));
   } else if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->timers.now += 1;
   } else if (defer || has_many(canopen->tpdos_watched) || has_timers_due(canopen) ||
              canopen->emcy.count != 0 || canopen->output.lost != 0 ||
              (canopen->rpdos_waiting != 0 && active)) {
-    canopen->deferred = DEFERRED_ALL;
+    canopen->deferred = CANOPEN_DEFERRED_ALL;
   } else {
     serve_pdos(canopen, objects);
     if (canopen->output.lost != 0) {
-      canopen->deferred = DEFERRED_OUTPUT;
+      canopen->deferred = CANOPEN_DEFERRED_OUTPUT;
     } else {
       canopen->timers.now += 1;
     }
   }
 }
 
-void canopen_tick_timers(canopen_t *canopen, bool active) {
-  if (canopen->deferred == DEFERRED_NOTHING) {
-    canopen->late = (uint8_t)(canopen->late - 1);
-    if (canopen->signals.nmt_state != AXIS_NMT_STATE_INITIALISING) {
-      canopen->deferred = DEFERRED_ALL;
-    }
+/* On to the next of the ticks that began meanwhile; none of them counts before the boot-up. */
+static void make_up(canopen_t *canopen) {
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
+    canopen->late = 0;
   }
-  if (canopen->deferred == DEFERRED_ALL && has_timers_due(canopen)) {
-    serve_timers(canopen, active);
+  if (canopen->late != 0) {
+    canopen->late = (uint8_t)(canopen->late - 1);
+    canopen->deferred = CANOPEN_DEFERRED_ALL;
   }
 }
 
-void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_axis_t axis) {
-  if (canopen->deferred == DEFERRED_NOTHING) {
-    return;
-  }
-  if (canopen->deferred == DEFERRED_ALL) {
-    if (canopen->rpdos_waiting != 0 && axis.active != 0) {
+void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis) {
+  if (canopen->deferred == CANOPEN_DEFERRED_ALL) {
+    if (canopen->rpdos_waiting != 0 && axis->active != 0) {
       pdo_axis_active(canopen);
     }
-    if (axis.error_code != canopen->emcy.drive_code) {
-      emcy_drive(canopen, axis.error_code, axis.fault);
+    if (axis->error_code != canopen->emcy.drive_code) {
+      emcy_drive(canopen, axis->error_code, axis->fault);
     }
     serve_pdos(canopen, objects);
   }
@@ -336,8 +323,11 @@ void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_a
   if (canopen->emcy.count != 0) {
     emcy_tick(canopen);
   }
-  canopen->deferred = DEFERRED_NOTHING;
+  canopen->deferred = CANOPEN_DEFERRED_NOTHING;
   canopen->timers.now += 1;
+  if (canopen->late != 0) {
+    make_up(canopen);
+  }
 }
 
 void canopen_missed(canopen_t *canopen, uint32_t ticks) {

@@ -39,7 +39,12 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   return canopen->requests.frames_lost != 0 || canopen->requests.sources_lost != 0;
 }
-canopen_requests_t canopen_take_requests(canopen_t *canopen);
+static inline canopen_requests_t canopen_take_requests(canopen_t *canopen) {
+  const canopen_requests_t requests = canopen->requests;
+  canopen->requests.frames_lost = 0;
+  canopen->requests.sources_lost = 0;
+  return requests;
+}
 
 /* Once a tick, after the axis: timers, PDOs, emergencies. What is due in most ticks, one
  * event-driven TPDO, is done by canopen_tick_begin(); a tick with more to do, or one that it is
@@ -49,11 +54,21 @@ canopen_requests_t canopen_take_requests(canopen_t *canopen);
  * the same, in the same order, either way. Ticks that begin before a deferred one is done are made
  * up for after it, up to 255 of them. */
 void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer);
-void canopen_tick_timers(canopen_t *canopen, bool active);
-void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, canopen_axis_t axis);
+void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis);
 
 static inline bool canopen_is_behind(const canopen_t *canopen) {
-  return canopen->deferred != 0 || canopen->late != 0;
+  return canopen->deferred != CANOPEN_DEFERRED_NOTHING;
+}
+
+/* False: none ran out, and nothing was requested. */
+void canopen_serve_timers(canopen_t *canopen, bool active);
+static inline bool canopen_tick_timers(canopen_t *canopen, bool active) {
+  const bool due = canopen->deferred == CANOPEN_DEFERRED_ALL &&
+                   *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
+  if (due) {
+    canopen_serve_timers(canopen, active);
+  }
+  return due;
 }
 
 /* Whether the error code of the drive is the one that was last reported. */

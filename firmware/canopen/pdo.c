@@ -206,25 +206,33 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   }
 }
 
-/* Writes the controlword, or all other objects; whether one was refused. */
-static bool write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i, bool controlword) {
+typedef struct {
+  bool refused; /* an object refused its value */
+  bool skipped; /* there are objects of the other part */
+} written_t;
+
+/* Writes the controlword, or all other objects. */
+static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i,
+                            bool controlword) {
   const pdo_t *pdo = &canopen->rpdo[i];
   const uint32_t *entries = &canopen->params.rpdo_mapping[i * PDO_ENTRIES];
-  bool refused = false;
+  written_t written = {false, false};
   uint32_t bit = 0;
   for (uint8_t k = 0; bit < pdo->bits; k++) {
     const uint8_t bits = mapping_bits(entries[k]);
     const uint16_t object = pdo->places[k];
-    if (object != AXIS_OBJ_NONE && (object == AXIS_OBJ_CONTROLWORD) == controlword) {
+    if ((object == AXIS_OBJ_CONTROLWORD) != controlword) {
+      written.skipped = true;
+    } else if (object != AXIS_OBJ_NONE) {
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
       /* A sender that does not own the axis makes no error. */
-      refused = refused || (result != FW_OK && result != FW_ERROR_LOCKED);
+      written.refused = written.refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
   }
-  return refused;
+  return written;
 }
 
 /* Writes the received values. An object that refuses its value keeps the old one; the others
@@ -238,8 +246,9 @@ static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
                       fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
   /* The controlword last: it acts on the target and the mode that came with it. */
-  const bool refused_other = write_part(canopen, objects, i, false);
-  const bool refused = write_part(canopen, objects, i, true) || refused_other;
+  const written_t others = write_part(canopen, objects, i, false);
+  const bool refused =
+      (others.skipped && write_part(canopen, objects, i, true).refused) || others.refused;
   if (refused) {
     report(canopen, i, PDO_REPORTED_REFUSED, AXIS_ERROR_CODE_PARAMETER_REFUSED);
   } else {

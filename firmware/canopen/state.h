@@ -64,6 +64,9 @@ typedef struct {
   uint8_t data[4];  /* download */
 } sdo_server_t;
 
+/* The part of a tick that is still to be done: all, or what follows the PDOs. */
+enum { CANOPEN_DEFERRED_NOTHING = 0, CANOPEN_DEFERRED_OUTPUT = 1, CANOPEN_DEFERRED_ALL = 2 };
+
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
 /* The node's requests to the firmware; canopen_take_requests(). */
@@ -94,7 +97,7 @@ typedef struct canopen {
   uint8_t sync_reported;   /* 8240h, since a SYNC was all right */
   uint8_t bus;             /* CAN_BUS_ */
   uint8_t reset;           /* CANOPEN_RESET_, until it is taken */
-  uint8_t deferred;        /* not 0: part of a tick is still to be done */
+  uint8_t deferred;        /* CANOPEN_DEFERRED_ */
   uint8_t late;            /* ticks that began before it was done */
   uint8_t node_id;
 } canopen_t;

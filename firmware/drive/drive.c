@@ -11,18 +11,6 @@
 #include "firmware/objects/access.h"
 #include "firmware/objects/value.h"
 
-/* 6060h of a native mode. */
-static int8_t operation_of(uint8_t native_mode) {
-  static const int8_t operations[AXIS_MODE_COUNT] = {
-      [AXIS_MODE_DISABLED] = AXIS_MODES_OF_OPERATION_NONE,
-      [AXIS_MODE_OPEN_LOOP] = AXIS_MODES_OF_OPERATION_OPEN_LOOP,
-      [AXIS_MODE_POSITION] = AXIS_MODES_OF_OPERATION_NATIVE_POSITION,
-      [AXIS_MODE_FORCE] = AXIS_MODES_OF_OPERATION_FORCE_COUNTS,
-      [AXIS_MODE_EXCITATION] = AXIS_MODES_OF_OPERATION_EXCITATION,
-  };
-  return operations[native_mode];
-}
-
 static uint8_t state_of(const cia402_t *drive) { return drive->signals.drive_state; }
 
 void cia402_forget_targets(cia402_t *drive) {
@@ -87,6 +75,7 @@ void cia402_init(cia402_t *drive) {
   value_store_defaults(&drive->params, AXIS_BLOCK_DRIVE_PARAMETER);
   value_store_defaults(&drive->signals, AXIS_BLOCK_DRIVE_SIGNAL);
   profile_set(&drive->trajectory, drive->signals.position_actual);
+  cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
   parameters_derive_rates(drive);
   parameters_derive_forces(drive);
@@ -95,14 +84,14 @@ void cia402_init(cia402_t *drive) {
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
   parameters_derive_rates(drive);
   parameters_derive_forces(drive);
-  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  cia402_set_mode(drive, drive->params.modes_of_operation);
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_FAULT;
   } else if (axis->params.mode != AXIS_MODE_DISABLED) {
     drive->signals.drive_state = AXIS_DRIVE_STATE_OPERATION_ENABLED;
-    drive->params.modes_of_operation = operation_of(axis->params.mode);
-    drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+    drive->params.modes_of_operation = cia402_operation_of(axis->params.mode);
+    cia402_set_mode(drive, drive->params.modes_of_operation);
   }
   cia402_show(drive, axis);
 }
@@ -144,7 +133,7 @@ static void watch_following(cia402_t *drive, axis_t *axis) {
 
 static void change_mode(cia402_t *drive) {
   cia402_leave_mode(drive);
-  drive->signals.modes_of_operation_display = drive->params.modes_of_operation;
+  cia402_set_mode(drive, drive->params.modes_of_operation);
 }
 
 static bool wants_other_mode(const cia402_t *drive) {
@@ -228,8 +217,8 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
-  const uint8_t controlled = state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-                             cia402_mode(drive)->controls_force != 0;
+  const uint8_t controlled =
+      state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
     enter(drive, AXIS_DRIVE_STATE_FAULT);
     drive->tracking = CIA402_TRACKING_NONE;
@@ -428,7 +417,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode != AXIS_MODE_DISABLED) {
     drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
-    drive->params.modes_of_operation = operation_of(mode);
+    drive->params.modes_of_operation = cia402_operation_of(mode);
     if (wants_other_mode(drive)) {
       change_mode(drive);
     }

@@ -56,6 +56,8 @@ typedef struct {
   uint8_t active; /* 1: they are overridden */
 } cia402_overridden_t;
 
+typedef struct cia402_mode cia402_mode_t; /* a row of modes.h */
+
 /* Copying it copies the drive. Signals are those of the latest tick; but the forces,
  * current_actual, velocity_sensor and drive_inputs are made anew in every second tick only, and in
  * the others velocity_actual, and it is judged whether the target is reached and the axis stands.
@@ -63,8 +65,9 @@ typedef struct {
 typedef struct {
   drive_params_t params;
   drive_signals_t signals;
-  profile_t trajectory; /* in encoder counts; holds unless tracking is none */
-  int32_t origin_cnt;   /* user's position minus encoder count, before polarity */
+  const cia402_mode_t *mode; /* the row of modes_of_operation_display */
+  profile_t trajectory;      /* in encoder counts; holds unless tracking is none */
+  int32_t origin_cnt;        /* user's position minus encoder count, before polarity */
   /* Parameters in the units of the trajectory, Q16 per tick and per tick squared. */
   int32_t speed_max;
   int32_t acceleration;

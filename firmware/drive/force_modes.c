@@ -9,7 +9,7 @@
 /* Range of force_setpoint. */
 #define FORCE_SETPOINT_MAX INT32_C(65536)
 
-static void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
+static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
   motion_override(drive, axis);
   axis->params.force_setpoint = fx_clamp(setpoint_q8, -FORCE_SETPOINT_MAX, FORCE_SETPOINT_MAX);
   axis->params.mode = AXIS_MODE_FORCE;
@@ -72,36 +72,60 @@ void force_cyclic(cia402_t *drive, axis_t *axis) { control_force(drive, axis, tr
 
 /* Stiffness, damping, impedance (thesis, 1.1.3): the errors of position and velocity give the force
  * set-point, f_d = K (x_d - x) + D (v_d - v); the force law does the rest. */
-static void control_impedance(cia402_t *drive, axis_t *axis, bool springs, bool damps) {
+
+static inline bool track_virtual(cia402_t *drive, axis_t *axis) {
+  return motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0);
+}
+
+/* One tick of the virtual trajectory toward the target position, or to a stand without one. */
+static inline void lead_to_target(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  if (!motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0)) {
-    return;
-  }
-  trajectory_limits_t limits =
+  const trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, params->trajectory_velocity));
-  if (!springs) {
-    position_follow_velocity(drive, false);
-  } else if (drive->position_written != 0) {
+  if (drive->position_written != 0) {
     motion_move_to(drive, motion_within_limits(drive, params->target_position), &limits);
   } else {
     trajectory_ramp(&drive->trajectory, 0, &limits);
   }
-  const int32_t position_error =
-      fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
-  const int32_t velocity_error_q16 = drive->trajectory.velocity_q16 - motion_axis_speed(axis);
-  const int64_t spring =
-      !springs ? 0 : fx_floor_shift_wide(fx_mul((int32_t)params->stiffness, position_error), 8);
-  const int64_t damper =
-      !damps ? 0 : fx_floor_shift_wide(fx_mul((int32_t)params->damping, velocity_error_q16), 16);
-  const int32_t limit = fx_ratio_apply(params->force_limit, drive->reading_of_force, 0);
-  press(drive, axis, fx_saturate(spring + damper, -limit, limit));
 }
 
-void force_stiffness(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, true, false); }
+/* K (x_d - x) and D (v_d - v), in 1/256 count of the reading. */
+static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
+  const int32_t error =
+      fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
+  return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
+}
+static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
+  const int32_t error_q16 = drive->trajectory.velocity_q16 - motion_axis_speed(axis);
+  return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
+}
 
-void force_damping(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, false, true); }
+/* Presses with this force, within force_limit. */
+static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8) {
+  const int32_t limit = fx_ratio_apply(drive->params.force_limit, drive->reading_of_force, 0);
+  press(drive, axis, fx_saturate(force_q8, -limit, limit));
+}
 
-void force_impedance(cia402_t *drive, axis_t *axis) { control_impedance(drive, axis, true, true); }
+void force_stiffness(cia402_t *drive, axis_t *axis) {
+  if (track_virtual(drive, axis)) {
+    lead_to_target(drive);
+    press_limited(drive, axis, spring(drive, axis));
+  }
+}
+
+void force_damping(cia402_t *drive, axis_t *axis) {
+  if (track_virtual(drive, axis)) {
+    position_follow_velocity(drive, false);
+    press_limited(drive, axis, damper(drive, axis));
+  }
+}
+
+void force_impedance(cia402_t *drive, axis_t *axis) {
+  if (track_virtual(drive, axis)) {
+    lead_to_target(drive);
+    press_limited(drive, axis, spring(drive, axis) + damper(drive, axis));
+  }
+}
 
 bool force_target_reached(const cia402_t *drive) {
   const drive_params_t *params = &drive->params;

@@ -8,24 +8,36 @@
 #include "firmware/drive/state.h"
 #include "firmware/fx/fx.h"
 
-/* Whether the axis stays out of the window of the following error. */
-static bool is_outside(const cia402_t *drive) { return drive->outside_tick != 0; }
-
-static bool has_acknowledged(const cia402_t *drive) {
-  return drive->acknowledged != 0 || drive->setpoint_buffered != 0;
-}
-
-static bool is_standing(const cia402_t *drive) {
-  return drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time);
-}
-
-static bool is_homed(const cia402_t *drive) { return drive->homing == CIA402_HOMING_DONE; }
-
-static bool has_homing_error(const cia402_t *drive) { return drive->homing == CIA402_HOMING_ERROR; }
-
 static bool follows_command(const cia402_t *drive) {
   return (drive->params.controlword & CIA402_CW_HALT) == 0 && drive->leaving == 0 &&
          drive->params.modes_of_operation == drive->signals.modes_of_operation_display;
+}
+
+static uint16_t bits_of(bool bit_12, bool bit_13) {
+  return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
+}
+
+/* Bits 12 and 13 of the statusword. */
+static uint16_t setpoint_bits(const cia402_t *drive) {
+  return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
+                 drive->outside_tick != 0);
+}
+
+static uint16_t standing_bits(const cia402_t *drive) {
+  return bits_of(drive->standing_tick > fx_ticks_from_ms(drive->params.velocity_threshold_time),
+                 false);
+}
+
+static uint16_t homing_bits(const cia402_t *drive) {
+  return bits_of(drive->homing == CIA402_HOMING_DONE, drive->homing == CIA402_HOMING_ERROR);
+}
+
+static uint16_t cyclic_bits(const cia402_t *drive) {
+  return bits_of(follows_command(drive), false);
+}
+
+static uint16_t position_bits(const cia402_t *drive) {
+  return bits_of(follows_command(drive), drive->outside_tick != 0);
 }
 
 #define ROW(mode) [AXIS_MODES_OF_OPERATION_##mode + CIA402_MODE_OFFSET]
@@ -34,32 +46,30 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
     ROW(PROFILE_POSITION) = {.lead = position_profile,
                              .window = CIA402_WINDOW_POSITION,
                              .reached = position_setpoint_reached,
-                             .bit_12 = has_acknowledged,
-                             .bit_13 = is_outside},
+                             .bits = setpoint_bits},
     ROW(PROFILE_VELOCITY) = {.lead = position_profile_velocity,
                              .window = CIA402_WINDOW_VELOCITY,
                              .reached = position_velocity_reached,
-                             .bit_12 = is_standing},
+                             .bits = standing_bits},
     ROW(FORCE) = {.run = force_profile,
                   .controls_force = 1,
                   .halts_itself = 1,
                   .reached = force_target_reached},
-    ROW(HOMING) = {.lead = position_home, .bit_12 = is_homed, .bit_13 = has_homing_error},
+    ROW(HOMING) = {.lead = position_home, .bits = homing_bits},
     ROW(CYCLIC_POSITION) = {.lead = position_cyclic,
                             .uses_position = 1,
                             .window = CIA402_WINDOW_POSITION,
                             .reached = position_target_reached,
-                            .bit_12 = follows_command,
-                            .bit_13 = is_outside},
+                            .bits = position_bits},
     ROW(CYCLIC_VELOCITY) = {.lead = position_cyclic_velocity,
                             .window = CIA402_WINDOW_VELOCITY,
                             .reached = position_velocity_reached,
-                            .bit_12 = follows_command},
+                            .bits = cyclic_bits},
     ROW(CYCLIC_FORCE) = {.run = force_cyclic,
                          .controls_force = 1,
                          .halts_itself = 1,
                          .reached = force_target_reached,
-                         .bit_12 = follows_command},
+                         .bits = cyclic_bits},
     ROW(NONE) = {.lead = position_home},
     ROW(FORCE_COUNTS) = {.native = AXIS_MODE_FORCE, .controls_force = 1},
     ROW(OPEN_LOOP) = {.native = AXIS_MODE_OPEN_LOOP},
@@ -68,17 +78,16 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
     ROW(GUARDED_MOVE) = {.lead = position_guarded_move,
                          .window = CIA402_WINDOW_POSITION,
                          .reached = position_setpoint_reached,
-                         .bit_12 = has_acknowledged,
-                         .bit_13 = is_outside},
+                         .bits = setpoint_bits},
     ROW(STIFFNESS) = {.run = force_stiffness,
                       .controls_force = 1,
                       .uses_position = 1,
-                      .bit_12 = follows_command},
-    ROW(DAMPING) = {.run = force_damping, .controls_force = 1, .bit_12 = follows_command},
+                      .bits = cyclic_bits},
+    ROW(DAMPING) = {.run = force_damping, .controls_force = 1, .bits = cyclic_bits},
     ROW(IMPEDANCE) = {.run = force_impedance,
                       .controls_force = 1,
                       .uses_position = 1,
-                      .bit_12 = follows_command},
+                      .bits = cyclic_bits},
 };
 
 bool cia402_mode_exists(int32_t mode) {
@@ -87,6 +96,15 @@ bool cia402_mode_exists(int32_t mode) {
   }
   const cia402_mode_t *row = &cia402_modes[mode + CIA402_MODE_OFFSET];
   return row->lead != NULL || row->run != NULL || row->native != AXIS_MODE_DISABLED;
+}
+
+int8_t cia402_operation_of(uint8_t native_mode) {
+  for (uint8_t i = 0; native_mode != AXIS_MODE_DISABLED && i < CIA402_MODES; i++) {
+    if (cia402_modes[i].native == native_mode) {
+      return (int8_t)(i - CIA402_MODE_OFFSET);
+    }
+  }
+  return AXIS_MODES_OF_OPERATION_NONE;
 }
 
 /* Modes of the axis itself, with the user's parameters. */
@@ -105,7 +123,7 @@ static void halt(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_run(cia402_t *drive, axis_t *axis) {
-  const cia402_mode_t *mode = cia402_mode(drive);
+  const cia402_mode_t *mode = drive->mode;
   if (mode->halts_itself == 0 && (drive->params.controlword & CIA402_CW_HALT) != 0) {
     halt(drive, axis);
   } else if (mode->lead != NULL) {
@@ -122,7 +140,7 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
-  if (cia402_mode(drive)->uses_position != 0) {
+  if (drive->mode->uses_position != 0) {
     drive->position_written = 0;
   }
   drive->setpoint_active = 0;

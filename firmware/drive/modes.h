@@ -11,7 +11,7 @@
 /* For how long a target must have been reached. */
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
-typedef struct {
+struct cia402_mode {
   /* One tick, by one of these three: moves the trajectory, which the axis follows; does it all; or
    * leaves the axis to a mode of its own (AXIS_MODE_), with the user's parameters. */
   void (*lead)(cia402_t *drive, axis_t *axis);
@@ -21,22 +21,25 @@ typedef struct {
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded when the mode is left */
   uint8_t window;        /* CIA402_WINDOW_ */
-  bool (*reached)(const cia402_t *drive); /* whether the target is; NULL: never shown */
-  bool (*bit_12)(const cia402_t *drive);  /* of the statusword; NULL: 0 */
-  bool (*bit_13)(const cia402_t *drive);
-} cia402_mode_t;
+  bool (*reached)(const cia402_t *drive);  /* whether the target is; NULL: never shown */
+  uint16_t (*bits)(const cia402_t *drive); /* 12 and 13 of the statusword; NULL: 0 */
+};
 
 /* Indexed by the mode of operation plus CIA402_MODE_OFFSET. */
 enum { CIA402_MODE_OFFSET = 8, CIA402_MODES = 19 };
 extern const cia402_mode_t cia402_modes[CIA402_MODES];
 
-/* The mode of operation in force. */
-static inline const cia402_mode_t *cia402_mode(const cia402_t *drive) {
-  return &cia402_modes[drive->signals.modes_of_operation_display + CIA402_MODE_OFFSET];
+/* Puts a mode of 6060h in force. */
+static inline void cia402_set_mode(cia402_t *drive, int8_t mode) {
+  drive->signals.modes_of_operation_display = mode;
+  drive->mode = &cia402_modes[mode + CIA402_MODE_OFFSET];
 }
 
 /* True if the mode is one of 6060h. */
 bool cia402_mode_exists(int32_t mode);
+
+/* 6060h of a native mode (AXIS_MODE_). */
+int8_t cia402_operation_of(uint8_t native_mode);
 
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);

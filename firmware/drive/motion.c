@@ -3,17 +3,6 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-void motion_override(cia402_t *drive, axis_t *axis) {
-  axis_params_t *params = &axis->params;
-  if (drive->overridden.active == 0) {
-    drive->overridden = (cia402_overridden_t){.position_setpoint = params->position_setpoint,
-                                              .force_setpoint = params->force_setpoint,
-                                              .profile_enable = params->profile_enable,
-                                              .bump_decay_shift = params->bump_decay_shift,
-                                              .active = 1};
-  }
-}
-
 void motion_restore(cia402_t *drive, axis_t *axis) {
   axis_params_t *params = &axis->params;
   if (drive->overridden.active != 0) {
@@ -90,13 +79,6 @@ motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
     way.negative = !way.negative;
   }
   return way;
-}
-
-int32_t motion_bounded_speed(cia402_t *drive, int32_t count_per_s) {
-  const uint32_t size = fx_magnitude(count_per_s);
-  drive->limited |= (uint8_t)(size > drive->params.velocity_max);
-  const int32_t speed = cia402_speed_q16(drive, size);
-  return cia402_signed_by(drive, (count_per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
 }
 
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits) {

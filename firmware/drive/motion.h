@@ -16,7 +16,16 @@
 enum { CIA402_SETTLING_TICKS = 150 };
 
 /* Parameters of the axis may be overridden for the coming tick, until motion_restore(). */
-void motion_override(cia402_t *drive, axis_t *axis);
+static inline void motion_override(cia402_t *drive, const axis_t *axis) {
+  const axis_params_t *params = &axis->params;
+  if (drive->overridden.active == 0) {
+    drive->overridden = (cia402_overridden_t){.position_setpoint = params->position_setpoint,
+                                              .force_setpoint = params->force_setpoint,
+                                              .profile_enable = params->profile_enable,
+                                              .bump_decay_shift = params->bump_decay_shift,
+                                              .active = 1};
+  }
+}
 void motion_restore(cia402_t *drive, axis_t *axis);
 
 /* The axis disabled. */
@@ -80,9 +89,6 @@ static inline void motion_move_to(cia402_t *drive, int32_t user,
   const motion_way_t way = motion_way_to(drive, user);
   trajectory_move(&drive->trajectory, way.distance_q16, way.negative, limits);
 }
-
-/* A user's speed in count/s, bounded, in the direction of the encoder. */
-int32_t motion_bounded_speed(cia402_t *drive, int32_t count_per_s);
 
 /* One tick toward a speed; a position limit ahead is a place to stop at. */
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits);

@@ -88,6 +88,14 @@ static void guard_move(cia402_t *drive, const axis_t *axis) {
   }
 }
 
+/* A user's speed in count/s, bounded, in the direction of the encoder. */
+static int32_t bounded_speed(cia402_t *drive, int32_t count_per_s) {
+  const uint32_t size = fx_magnitude(count_per_s);
+  drive->limited |= (uint8_t)(size > drive->params.velocity_max);
+  const int32_t speed = cia402_speed_q16(drive, size);
+  return cia402_signed_by(drive, (count_per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
+}
+
 void position_follow_velocity(cia402_t *drive, bool at_once) {
   trajectory_limits_t limits = cia402_limits(drive, 0);
   const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
@@ -95,7 +103,7 @@ void position_follow_velocity(cia402_t *drive, bool at_once) {
     limits.acceleration = TRAJECTORY_RATE_MAX;
     limits.deceleration = TRAJECTORY_RATE_MAX;
   }
-  motion_move_at(drive, motion_bounded_speed(drive, wanted), &limits);
+  motion_move_at(drive, bounded_speed(drive, wanted), &limits);
 }
 
 /* Cyclic position: in equal steps over the interpolation period, then wait for the next target. */

@@ -52,10 +52,6 @@ uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, 
   return state;
 }
 
-bool cia402_is_powered(uint8_t state) {
-  return state == ENABLED || state == QUICK_STOP || state == REACTION;
-}
-
 bool cia402_enables(uint16_t controlword) { return (controlword & 0x8F) == 0x0F; }
 
 bool cia402_is_stop(uint16_t object, int32_t value) {
@@ -70,10 +66,7 @@ uint8_t cia402_state_below(uint8_t state, uint16_t controlword) {
   return (to < state || to == QUICK_STOP) ? to : state;
 }
 
-uint16_t cia402_state_bits(uint8_t state) {
-  static const uint8_t bits[AXIS_DRIVE_STATE_COUNT] = {
-      [NOT_READY] = 0x00, [DISABLED] = 0x40,   [READY] = 0x21,    [SWITCHED_ON] = 0x23,
-      [ENABLED] = 0x27,   [QUICK_STOP] = 0x07, [REACTION] = 0x0F, [FAULT] = 0x08,
-  };
-  return bits[state];
-}
+const uint8_t cia402_state_bits[AXIS_DRIVE_STATE_COUNT] = {
+    [NOT_READY] = 0x00, [DISABLED] = 0x40,   [READY] = 0x21,    [SWITCHED_ON] = 0x23,
+    [ENABLED] = 0x27,   [QUICK_STOP] = 0x07, [REACTION] = 0x0F, [FAULT] = 0x08,
+};

@@ -38,7 +38,11 @@ enum {
 uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, bool may_resume);
 
 /* The power stage is on. */
-bool cia402_is_powered(uint8_t state);
+static inline bool cia402_is_powered(uint8_t state) {
+  return state == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
+         state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE ||
+         state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
+}
 
 /* True for the command "enable operation". */
 bool cia402_enables(uint16_t controlword);
@@ -51,7 +55,7 @@ bool cia402_is_stop(uint16_t object, int32_t value);
 /* Where a controlword leads to that may only stop: `state` itself where it would lead further. */
 uint8_t cia402_state_below(uint8_t state, uint16_t controlword);
 
-/* Bits 0 to 3, 5 and 6 of the statusword. */
-uint16_t cia402_state_bits(uint8_t state);
+/* Bits 0 to 3, 5 and 6 of the statusword, by state. */
+extern const uint8_t cia402_state_bits[AXIS_DRIVE_STATE_COUNT];
 
 #endif

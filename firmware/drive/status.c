@@ -31,17 +31,9 @@ static bool is_enabled(const cia402_t *drive) {
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED;
 }
 
-/* Bits 12 and 13. */
-static uint16_t mode_bits(const cia402_t *drive) {
-  const cia402_mode_t *mode = cia402_mode(drive);
-  const bool bit_12 = mode->bit_12 != NULL && mode->bit_12(drive);
-  const bool bit_13 = mode->bit_13 != NULL && mode->bit_13(drive);
-  return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
-}
-
 /* How long the target must have been reached, ticks. */
 static uint32_t reached_ticks(const cia402_t *drive) {
-  switch (cia402_mode(drive)->window) {
+  switch (drive->mode->window) {
     case CIA402_WINDOW_POSITION:
       return fx_ticks_from_ms(drive->params.position_window_time);
     case CIA402_WINDOW_VELOCITY:
@@ -70,7 +62,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   const uint8_t fault = (measured->fault != AXIS_FAULT_NONE) ? measured->fault : drive->fault;
   const bool blocked = measured->limit_reason != AXIS_LIMIT_REASON_NONE;
   const bool limited = blocked || drive->limited != 0;
-  uint16_t word = (uint16_t)(cia402_state_bits(signals->drive_state) | CIA402_SW_REMOTE);
+  uint16_t word = (uint16_t)(cia402_state_bits[signals->drive_state] | CIA402_SW_REMOTE);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }
@@ -84,8 +76,8 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   if (shows_reached(drive)) {
     word |= CIA402_SW_REACHED;
   }
-  if (is_enabled(drive)) {
-    word |= mode_bits(drive);
+  if (is_enabled(drive) && drive->mode->bits != NULL) {
+    word |= drive->mode->bits(drive);
   }
   if (signals->stopped_by != AXIS_STOPPED_BY_NOBODY) {
     word |= CIA402_SW_STOPPED;
@@ -115,7 +107,7 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
       cia402_signed_by(drive, fx_per_s_from_q16(demand_q16), CIA402_POLARITY_VELOCITY);
 }
 
-static int16_t per_mille(const cia402_t *drive, int32_t force_q8) {
+static inline int16_t per_mille(const cia402_t *drive, int32_t force_q8) {
   return (int16_t)fx_clamp(fx_ratio_apply(force_q8, drive->force_of_reading, 0), INT16_MIN,
                            INT16_MAX);
 }
@@ -141,7 +133,7 @@ static bool has_reached(const cia402_t *drive) {
   if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
     return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
   }
-  const cia402_mode_t *mode = cia402_mode(drive);
+  const cia402_mode_t *mode = drive->mode;
   return mode->reached != NULL && mode->reached(drive);
 }
 

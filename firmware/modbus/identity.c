@@ -60,21 +60,21 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the entries of `identities` one by one, from r->entry on. */
+/* Requests the entries of `identities` one by one, from r->first on. */
 static void next_identity(modbus_request_t *r) {
-  if (r->entry == r->end) {
+  if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);
-  } else if (identities[r->entry] == HASH) {
+  } else if (identities[r->first] == HASH) {
     modbus_ask(r, IDENTITY, MODBUS_READ, AXIS_OBJ_OBJECT_TABLE_HASH, 0);
   } else {
-    modbus_ask(r, IDENTITY, MODBUS_READ_TEXT, index_of(identities[r->entry]), 0);
+    modbus_ask(r, IDENTITY, MODBUS_READ_TEXT, index_of(identities[r->first]), 0);
   }
 }
 
 static void append_identity(modbus_request_t *r) {
   const uint16_t at = r->length;
   r->length = (uint16_t)(at + 2);
-  r->pdu[at] = identities[r->entry];
+  r->pdu[at] = identities[r->first];
   if (r->access.kind == MODBUS_READ_TEXT) {
     r->pdu[at + 1] = append_text(r, r->access.text);
   } else {
@@ -86,7 +86,7 @@ static void append_identity(modbus_request_t *r) {
     r->pdu[at + 1] = append_text(r, digits);
   }
   r->pdu[6] = (uint8_t)(r->pdu[6] + 1);
-  r->entry++;
+  r->first++;
   next_identity(r);
 }
 
@@ -103,13 +103,13 @@ void modbus_identify(modbus_request_t *r) {
     /* An unknown first object id restarts at the first one. */
     const uint8_t first = is_identity(number) ? number : 0;
     const uint8_t last = (category == 4) ? number : identity_end(category);
-    r->entry = 0;
-    while (identities[r->entry] < first) {
-      r->entry++;
+    r->first = 0;
+    while (identities[r->first] < first) {
+      r->first++;
     }
-    r->end = r->entry;
-    while (r->end < IDENTITIES && identities[r->end] <= last) {
-      r->end++;
+    r->after = r->first;
+    while (r->after < IDENTITIES && identities[r->after] <= last) {
+      r->after++;
     }
     r->pdu[3] = 0x83; /* conformity: all categories, stream and individual access */
     r->pdu[4] = 0;    /* no more objects follow */

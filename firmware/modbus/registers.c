@@ -7,16 +7,6 @@
 /* The object access that is pending. */
 enum { ORDER_TO_READ, ORDER_TO_WRITE, VALUE, MASKED, CHECK, PREVIOUS, WRITE, TAKE_BACK };
 
-typedef struct {
-  const axis_register_t *entries;
-  uint16_t count;
-} map_t;
-
-static map_t map_of(uint8_t table) {
-  return (table == MODBUS_HOLDING) ? (map_t){axis_holding, AXIS_HOLDING_COUNT}
-                                   : (map_t){axis_input, AXIS_INPUT_COUNT};
-}
-
 static uint16_t registers_of(uint16_t object) {
   return (value_bytes(axis_objects[object].type) == 4) ? 2 : 1;
 }
@@ -25,56 +15,47 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* The last entry that starts at or before a register; else the first entry. */
-static uint16_t entry_at(map_t map, uint32_t at) {
-  uint16_t low = 0;
-  uint16_t high = map.count;
-  while (high - low > 1) {
-    const uint16_t middle = fx_half((uint32_t)low + high);
-    if (map.entries[middle].first <= at) {
-      low = middle;
-    } else {
-      high = middle;
-    }
+/* The last one of `count` entries that starts at or before a register; else the first one. */
+static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t count,
+                                       uint32_t at) {
+  while (count > 1) {
+    const uint32_t half = fx_half(count);
+    entries = (entries[half].first <= at) ? entries + half : entries;
+    count -= half;
   }
-  return low;
+  return entries;
 }
 
-bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count) {
-  const map_t map = map_of((uint8_t)table);
-  const uint32_t end = (uint32_t)first + count;
-  uint32_t at = first;
-  for (uint16_t i = entry_at(map, at); at < end; i++) {
-    if (i == map.count || at < map.entries[i].first || at >= end_of(&map.entries[i])) {
+/* Selects the entries of a range of registers; false: there are not all of them. */
+static bool select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
+                           uint16_t count) {
+  const bool holding = table == MODBUS_HOLDING;
+  const axis_register_t *map = holding ? axis_holding : axis_input;
+  const uint32_t entries = holding ? AXIS_HOLDING_COUNT : AXIS_INPUT_COUNT;
+  const axis_register_t *entry = entry_at(map, entries, first);
+  r->first = first;
+  r->after = (uint32_t)first + count;
+  r->begin = entry;
+  r->wide = false;
+  for (uint32_t at = first; at < r->after; entry++) {
+    if (entry == map + entries || at < entry->first) {
       return false;
     }
-    at = end_of(&map.entries[i]);
+    const uint32_t end = end_of(entry);
+    if (at >= end) {
+      return false;
+    }
+    r->wide = r->wide || end - entry->first == 2;
+    at = end;
   }
+  r->end = entry;
+  r->entry = r->begin;
   return true;
 }
 
-/* Selects the entries of a range; its registers must exist. */
-static void select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
-                           uint16_t count) {
-  const map_t map = map_of((uint8_t)table);
-  r->table = (uint8_t)table;
-  r->first = first;
-  r->after = (uint32_t)first + count;
-  r->begin = entry_at(map, r->first);
-  r->end = (uint16_t)(entry_at(map, r->after - 1) + 1);
-  r->entry = r->begin;
-}
-
-static const axis_register_t *entry_of(const modbus_request_t *r) {
-  return map_of(r->table).entries + r->entry;
-}
-
-static bool has_32_bits(const modbus_request_t *r) {
-  bool found = false;
-  for (uint16_t i = r->begin; i < r->end; i++) {
-    found = found || registers_of(map_of(r->table).entries[i].object) == 2;
-  }
-  return found;
+bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count) {
+  modbus_request_t request;
+  return select_entries(&request, table, first, count);
 }
 
 /* Register `n` of a value of `registers` registers. */
@@ -96,20 +77,20 @@ static int32_t value_of(const uint8_t *words, uint16_t object, bool low_first) {
 
 static void next_value(modbus_request_t *r) {
   if (r->entry < r->end) {
-    modbus_ask(r, VALUE, MODBUS_READ, entry_of(r)->object, 0);
+    modbus_ask(r, VALUE, MODBUS_READ, r->entry->object, 0);
   } else {
     modbus_end(r, MODBUS_OK);
   }
 }
 
-/* Appends the requested registers of the entry's value. */
+/* Appends the requested registers of the entry's value: of 32 bits it may be one half. */
 static void append_value(modbus_request_t *r) {
-  const axis_register_t *entry = entry_of(r);
-  for (uint32_t at = entry->first; at < end_of(entry); at++) {
-    if (at >= r->first && at < r->after) {
-      const uint32_t value = (uint32_t)r->access.value;
-      fx_store_be16(r->place,
-                    word_of(value, registers_of(entry->object), at - entry->first, r->low_first));
+  const uint16_t registers = registers_of(r->entry->object);
+  const uint32_t value = (uint32_t)r->access.value;
+  for (uint32_t n = 0; n < registers; n++) {
+    const uint32_t at = r->entry->first + n;
+    if (registers == 1 || (at >= r->first && at < r->after)) {
+      fx_store_be16(r->place, word_of(value, registers, n, r->low_first));
       r->place += 2;
     }
   }
@@ -118,16 +99,15 @@ static void append_value(modbus_request_t *r) {
 
 void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count) {
-  if (!modbus_registers_exist(table, first, count)) {
+  if (!select_entries(r, table, first, count)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
     return;
   }
-  select_entries(r, table, first, count);
   r->part = MODBUS_REGISTERS;
   r->pdu[1] = (uint8_t)(2 * count);
   r->length = (uint16_t)(2 + 2 * count);
   r->place = &r->pdu[2];
-  if (has_32_bits(r)) {
+  if (r->wide) {
     modbus_ask(r, ORDER_TO_READ, MODBUS_READ, AXIS_OBJ_MODBUS_WORD_ORDER, 0);
   } else {
     next_value(r);
@@ -148,8 +128,8 @@ static bool gives_axis_away(uint16_t object, int32_t value) {
 /* Whether the request acquires the axis for Modbus. */
 static bool takes_axis(const modbus_request_t *r) {
   const uint8_t *words = r->words;
-  for (uint16_t i = r->begin; i < r->end; i++) {
-    const uint16_t object = axis_holding[i].object;
+  for (const axis_register_t *entry = r->begin; entry < r->end; entry++) {
+    const uint16_t object = entry->object;
     if (object == AXIS_OBJ_COMMAND_SOURCE) {
       return !gives_axis_away(object, value_of(words, object, r->low_first));
     }
@@ -164,18 +144,18 @@ static void go_to_first(modbus_request_t *r) {
 }
 
 static void go_on(modbus_request_t *r) {
-  r->place += 2 * (uint32_t)registers_of(entry_of(r)->object);
+  r->place += 2 * (uint32_t)registers_of(r->entry->object);
   r->entry++;
 }
 
 static void ask_for_entry(modbus_request_t *r, uint8_t step, modbus_access_kind_t kind) {
-  const uint16_t object = entry_of(r)->object;
+  const uint16_t object = r->entry->object;
   modbus_ask(r, step, kind, object, value_of(r->place, object, r->low_first));
 }
 
 static void next_write(modbus_request_t *r) {
   for (;;) {
-    while (r->entry < r->end && is_irreversible(entry_of(r)->object) != r->writes_those) {
+    while (r->entry < r->end && is_irreversible(r->entry->object) != r->writes_those) {
       go_on(r);
     }
     if (r->entry < r->end) {
@@ -195,7 +175,7 @@ static void next_write(modbus_request_t *r) {
   if (r->writes_those || r->end - r->begin == 1) {
     ask_for_entry(r, WRITE, MODBUS_WRITE);
   } else {
-    modbus_ask(r, PREVIOUS, MODBUS_READ, entry_of(r)->object, 0);
+    modbus_ask(r, PREVIOUS, MODBUS_READ, r->entry->object, 0);
   }
 }
 
@@ -247,7 +227,7 @@ static void checked(modbus_request_t *r) {
 static void take_back(modbus_request_t *r) {
   while (r->entry > r->begin) {
     r->entry--;
-    const uint16_t object = entry_of(r)->object;
+    const uint16_t object = r->entry->object;
     r->place -= 2 * (uint32_t)registers_of(object);
     if (!is_irreversible(object)) {
       ask_for_entry(r, TAKE_BACK, MODBUS_WRITE);
@@ -276,12 +256,11 @@ static void written(modbus_request_t *r) {
 }
 
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words) {
-  if (!modbus_registers_exist(MODBUS_HOLDING, first, count)) {
+  if (!select_entries(r, MODBUS_HOLDING, first, count)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
     return;
   }
-  select_entries(r, MODBUS_HOLDING, first, count);
-  if (axis_holding[r->begin].first != first || end_of(&axis_holding[r->end - 1]) != r->after) {
+  if (r->begin->first != first || end_of(r->end - 1) != r->after) {
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }
@@ -291,7 +270,7 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   r->writes_those = false;
   r->previous = 0;
   go_to_first(r);
-  if (has_32_bits(r)) {
+  if (r->wide) {
     modbus_ask(r, ORDER_TO_WRITE, MODBUS_READ, AXIS_OBJ_MODBUS_WORD_ORDER, 0);
   } else {
     begin_writes(r);
@@ -307,13 +286,12 @@ static void mask(modbus_request_t *r) {
 }
 
 void modbus_mask_register(modbus_request_t *r, uint16_t first) {
-  if (!modbus_registers_exist(MODBUS_HOLDING, first, 1)) {
+  if (!select_entries(r, MODBUS_HOLDING, first, 1)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
     return;
   }
-  select_entries(r, MODBUS_HOLDING, first, 1);
   r->part = MODBUS_REGISTERS;
-  modbus_ask(r, MASKED, MODBUS_READ, entry_of(r)->object, 0);
+  modbus_ask(r, MASKED, MODBUS_READ, r->entry->object, 0);
 }
 
 void modbus_registers_resume(modbus_request_t *r) {

@@ -64,19 +64,19 @@ typedef struct {
   uint16_t length;    /* of the request, then of the answer */
   uint16_t *counters; /* MODBUS_COUNTERS of them */
 
-  /* Registers. Entries are numbers in axis_holding or axis_input. */
-  uint8_t table;
-  bool low_first;      /* of the two words of a 32-bit object */
-  uint16_t begin;      /* the first entry */
-  uint16_t end;        /* the entry behind the last one */
-  uint16_t entry;      /* under way */
-  uint8_t *words;      /* of the first entry to write */
-  uint8_t *place;      /* of the words under way */
-  uint32_t first;      /* register, bit or identity number that is read first ... */
-  uint32_t after;      /* ... and the one behind the last */
-  uint16_t read_first; /* function 23: the first to read after the writes */
-  uint16_t read_count; /* 0: nothing */
-  uint16_t and_mask;   /* function 22 */
+  /* Registers: entries of axis_holding or axis_input. */
+  const axis_register_t *begin; /* the first entry */
+  const axis_register_t *end;   /* the entry behind the last one */
+  const axis_register_t *entry; /* under way */
+  bool wide;                    /* there are 32-bit objects among them */
+  bool low_first;               /* of the two words of a 32-bit object */
+  uint8_t *words;               /* of the first entry to write */
+  uint8_t *place;               /* of the words under way */
+  uint32_t first;               /* register, bit or identity number that is read first ... */
+  uint32_t after;               /* ... and the one behind the last */
+  uint16_t read_first;          /* function 23: the first to read after the writes */
+  uint16_t read_count;          /* 0: nothing */
+  uint16_t and_mask;            /* function 22 */
   uint16_t or_mask;
   uint8_t word[2];      /* written by functions 6 and 22 */
   uint8_t irreversible; /* writes that cannot be undone */

@@ -2,14 +2,11 @@
 
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
-#include "firmware/objects/generated/axis_objects.h"
 
-static const uint8_t bytes_of_type[] = {
+const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1] = {
     [AXIS_TYPE_U8] = 1,  [AXIS_TYPE_I8] = 1,  [AXIS_TYPE_U16] = 2,
     [AXIS_TYPE_I16] = 2, [AXIS_TYPE_U32] = 4, [AXIS_TYPE_I32] = 4,
 };
-
-uint8_t value_bytes(uint8_t type) { return bytes_of_type[type]; }
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type) {
   const void *at = (const uint8_t *)base + offset;

@@ -6,8 +6,11 @@
 
 #include <stdint.h>
 
+#include "firmware/objects/generated/axis_objects.h"
+
 /* 1, 2 or 4. */
-uint8_t value_bytes(uint8_t type);
+extern const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1];
+static inline uint8_t value_bytes(uint8_t type) { return value_bytes_of_type[type]; }
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 

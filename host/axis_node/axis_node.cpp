@@ -110,22 +110,22 @@ class Axis {
     // Each entry carries the tick before which it is applied.
     handlers_.frame = [this](const can_frame_t &frame) {
       if (journal_) journal_->can(coming(), frame);
-      axis_host_can_receive(axis(), &frame);
+      fw_can_receive(axis(), &frame);
     };
     handlers_.lost = [this](std::uint16_t frames) {
       if (journal_) journal_->lost(coming(), frames);
-      axis_host_can_lost(axis(), frames);
+      fw_can_lost(axis(), frames);
     };
     handlers_.state = [this](std::uint8_t state) {
       if (journal_) journal_->bus(coming(), state);
-      axis_host_can_bus(axis(), state);
+      fw_can_bus(axis(), state);
     };
   }
 
   host::LinkOutputs tick(const host::LinkInputs &in, nodes::ModbusPort *modbus) {
     if (real_time_ && late_.late(std::chrono::steady_clock::now().time_since_epoch() / 1ns)) {
       if (journal_) journal_->overrun(coming());
-      axis_host_overrun(axis());
+      fw_overrun(axis(), 0);
     }
     if (can_) can_->receive(handlers_);
     const host::LinkOutputs out = firmware_->tick(in);
@@ -148,7 +148,7 @@ class Axis {
 
   void receive_modbus(std::span<const std::uint8_t> bytes) {
     if (journal_) journal_->modbus(coming(), bytes);
-    axis_host_modbus_receive(axis(), bytes.data(), static_cast<std::uint16_t>(bytes.size()));
+    fw_modbus_receive(axis(), bytes.data(), static_cast<std::uint16_t>(bytes.size()));
   }
 
   // After the last tick: closes hash and journal.
@@ -184,7 +184,7 @@ class Axis {
   std::string lost;  // its response to the silence of the plant
 
  private:
-  axis_host_t *axis() { return firmware_->axis(); }
+  fw_t *axis() { return firmware_->axis(); }
 
   // Once, as a warning: stopping the axis could be dangerous.
   void report_broken_journal() {
@@ -198,12 +198,12 @@ class Axis {
     // wait for room at the interface, but not for an interface that is down: they would be stale.
     const bool off = !can_ || can_->is_off();
     if (off) unsent_.clear();
-    for (can_frame_t frame; axis_host_can_transmit(axis(), &frame);) {
+    for (can_frame_t frame; fw_can_transmit(axis(), &frame);) {
       if (!off && unsent_.size() < kMostUnsent) unsent_.push_back(frame);
     }
     while (!unsent_.empty() && can_->send(unsent_.front())) unsent_.pop_front();
     std::array<std::uint8_t, 512> bytes;
-    while (const std::uint16_t n = axis_host_modbus_transmit(axis(), bytes.data(), bytes.size())) {
+    while (const std::uint16_t n = fw_modbus_transmit(axis(), bytes.data(), bytes.size())) {
       if (modbus != nullptr) modbus->send({bytes.data(), n});
     }
   }

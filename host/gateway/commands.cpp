@@ -19,6 +19,9 @@ using lcm_bus::kNotAvailable;
 
 constexpr std::size_t kKeptAnswers = 2000;
 constexpr std::size_t kMostWaiting = 200;
+constexpr int kMostStopping = 20;
+// Items of the kept answers and of the waiting commands: memory stays small whatever is sent.
+constexpr std::size_t kKeptItems = 65536, kMostWaitingItems = 16384;
 constexpr std::uint16_t kRecorderData = 0x2120;
 // 32 samples each 16 ms: 2000 a second, which UDP loses nothing of.
 constexpr std::size_t kBlock = 32;
@@ -40,15 +43,10 @@ bool late(const axis_command_t &command) {
 // Whether the command does nothing but stop the axis: that is refused to nobody, waits for no other
 // command, and is not too late. The object table does not matter: a controlword is CiA 402's.
 bool only_stops(const axis_command_t &command) {
-  if (command.kind != axis_command_t::KIND_WRITE || command.object.empty()) return false;
-  for (std::size_t i = 0; i < command.object.size(); ++i) {
-    const std::int64_t value = command.value[i];
-    if (command.object[i] != "controlword" || value < 0 || value > UINT16_MAX ||
-        !cia402_is_stop(AXIS_OBJ_CONTROLWORD, static_cast<std::int32_t>(value))) {
-      return false;
-    }
-  }
-  return true;
+  if (command.kind != axis_command_t::KIND_WRITE || command.object.size() != 1) return false;
+  const std::int64_t value = command.value[0];
+  return command.object[0] == "controlword" && value >= 0 && value <= UINT16_MAX &&
+         cia402_is_stop(AXIS_OBJ_CONTROLWORD, static_cast<std::int32_t>(value));
 }
 
 }  // namespace
@@ -65,39 +63,58 @@ void GatewayCommands::receive(const axis_command_t &command) {
     if (known->second.kind != 0) publish_answer(id, known->second);
     return;
   }
-  const bool stops = only_stops(command);
-  if (!stops) {
+  const bool stops = command.axis == axis_.number() && only_stops(command);
+  if (stops) {
+    if (stopping_ >= kMostStopping) return;  // one of those does it
+  } else {
     // What is late stays undone: the client has given up by now, and nothing is to move late.
     if (late(command)) return;
-    if (waiting_.size() >= kMostWaiting) return;  // the client asks again
+    // The client asks again.
+    if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   }
   answers_[id] = {};
   order_.push_back(id);
-  while (order_.size() > kKeptAnswers) {
-    answers_.erase(order_.front());
-    order_.pop_front();
-  }
+  forget_oldest();
   if (stops) {
+    ++stopping_;
     loop_.spawn(stop(command));
-  } else {
-    waiting_.push(command);
+    return;
   }
+  waiting_items_ += command.object.size();
+  waiting_.push(command);
 }
 
 void GatewayCommands::answer(Id id, const Answer &answer) {
   const auto place = answers_.find(id);
-  if (place != answers_.end()) place->second = answer;
+  if (place != answers_.end()) {
+    place->second = answer;
+    kept_items_ += answer.items.size();
+  }
   publish_answer(id, answer);
+  forget_oldest();
 }
 
 Task<void> GatewayCommands::stop(axis_command_t command) {
   const Answer done = co_await write_items(command);
+  --stopping_;
   answer({command.run_id, command.command_id}, done);
+}
+
+// Never one that is not answered yet: a repetition would be carried out again.
+void GatewayCommands::forget_oldest() {
+  while (order_.size() > kKeptAnswers || kept_items_ > kKeptItems) {
+    const auto oldest = answers_.find(order_.front());
+    if (oldest->second.kind == 0) return;
+    kept_items_ -= oldest->second.items.size();
+    answers_.erase(oldest);
+    order_.pop_front();
+  }
 }
 
 Task<void> GatewayCommands::serve() {
   while (loop_.running()) {
     const axis_command_t command = co_await waiting_;
+    waiting_items_ -= command.object.size();
     const Id id{command.run_id, command.command_id};
     if (late(command)) {
       answers_.erase(id);

@@ -48,6 +48,7 @@ class GatewayCommands {
                  const std::string &reason) const;
   void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
+  void forget_oldest();
 
   EventLoop &loop_;
   lcm_bus::AxisChannels &lcm_;
@@ -55,6 +56,8 @@ class GatewayCommands {
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
   std::deque<Id> order_;  // of answers_, oldest first
+  std::size_t kept_items_ = 0, waiting_items_ = 0;
+  int stopping_ = 0;  // stops under way
   bool capturing_ = false;
   std::int64_t captures_ = 0;
 };

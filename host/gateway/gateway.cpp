@@ -24,6 +24,7 @@ using namespace std::chrono_literals;
 constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
+constexpr auto kDropsPeriod = 10s;
 // Received at a time, so that a flood delays neither SYNC and heartbeat nor LCM.
 constexpr int kMostFrames = 256;
 // How long a gateway that starts listens for another one: longer than its heartbeat may be late.
@@ -78,6 +79,8 @@ class Gateway {
         });
     loop_.spawn(begin());
     loop_.run();
+    const lcm_bus::Drops drops = lcm_.drops();
+    if (drops.total() != 0) std::cerr << "gateway: LCM in all: " << drops.text() << std::endl;
     return status_;
   }
 
@@ -121,20 +124,27 @@ class Gateway {
     for (const auto &axis : axes_) {
       axis->node.start();
       axis->commands.start();
-      lcm_.listen(axis->node.number(), [this](int n, const axis_command_t &command) {
-        find(n)->commands.receive(command);
-      });
       loop_.spawn(serve_modbus(*axis));
     }
-    loop_.watch(
-        lcm_.fd(), [] { return short{POLLIN}; }, [this](short) { lcm_.handle(); });
+    std::vector<int> numbers;
+    for (const auto &axis : axes_) numbers.push_back(axis->node.number());
+    lcm_.listen(numbers, options_.remote, [this](int n, const axis_command_t &command) {
+      find(n)->commands.receive(command);
+    });
+    for (const int fd : lcm_.fds()) {
+      loop_.watch(
+          fd, [] { return short{POLLIN}; }, [this](short) { lcm_.handle(); });
+    }
     if (modbus_) {
       loop_.watch(
           modbus_->listening(), [] { return short{POLLIN}; }, [this](short) { accept(); });
     }
     std::cout << "gateway ready pid " << getpid() << ", " << options_.can << " axes "
-              << options_.axes << ", node id " << options_.node_id << ", LCM " << options_.lcm_url
-              << ", "
+              << options_.axes << ", node id " << options_.node_id << ", LCM " << options_.lcm_url;
+    for (const std::string &network : options_.lcm_remote) {
+      std::cout << ", commands from " << network;
+    }
+    std::cout << ", "
               << (modbus_ ? "Modbus TCP " + options_.modbus_address + ":" +
                                 std::to_string(options_.modbus_port)
                           : std::string("no Modbus"))
@@ -186,7 +196,23 @@ class Gateway {
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
       if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();
+      report_drops();
     });
+  }
+
+  // Seldom: whoever sends rubbish must not fill the log with it.
+  void report_drops() {
+    const lcm_bus::Drops drops = lcm_.drops();
+    const EventLoop::Time now = EventLoop::Clock::now();
+    if (drops.total() == reported_drops_ || now < next_drops_) return;
+    std::cerr << "gateway: LCM: " << drops.text() << std::endl;
+    for (const auto &axis : axes_) {
+      axis->node.publisher().event(axis_event_t::EVENT_BUS,
+                                   static_cast<std::int64_t>(drops.total() - reported_drops_),
+                                   "LCM: " + drops.text());
+    }
+    reported_drops_ = drops.total();
+    next_drops_ = now + kDropsPeriod;
   }
 
   void report_trouble() {
@@ -254,6 +280,8 @@ class Gateway {
   std::unique_ptr<modbus::TcpServer> modbus_;
   ModbusSelf modbus_self_;
   std::string reported_;
+  std::uint64_t reported_drops_ = 0;
+  EventLoop::Time next_drops_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
   std::size_t unstopped_ = 0;  // axes, when ending
   int status_ = 0;

@@ -87,6 +87,13 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
   app.add_option("--lcm-url", o.lcm_url,
                  "LCM bus, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
                  "udpm://239.255.76.67:7667?ttl=0, this machine.");
+  app.add_option(
+         "--lcm-remote", o.lcm_remote,
+         "Takes LCM commands from these addresses too, such as 192.168.1.0/24; default: from "
+         "this machine alone. LCM knows no passwords. Repeatable.")
+      ->take_all()
+      ->expected(1)
+      ->type_name("ADDRESS/MASK");
   app.add_option("--modbus-port", o.modbus_port, "TCP port of the Modbus server; 0: none.")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
@@ -126,6 +133,12 @@ void finish_gateway_options(GatewayOptions &o) {
   }
   const std::string wrong = lcm_bus::url_trouble(o.lcm_url);
   if (!wrong.empty()) throw UsageError(from + wrong);
+  for (const std::string &text : o.lcm_remote) {
+    std::string trouble;
+    const auto network = lcm_bus::network_of(text, trouble);
+    if (!network) throw UsageError("--lcm-remote " + text + ": " + trouble);
+    o.remote.push_back(*network);
+  }
   // 0.0.0.0 is every address of this machine; no other address of network 0 is one.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||

@@ -13,6 +13,7 @@ struct GatewayOptions {
   std::string can = "vcan0";
   std::string axes = "1";
   std::string lcm_url;
+  std::vector<std::string> lcm_remote;
   std::string modbus_address = "127.0.0.1";
   int modbus_port = 1502;
   int node_id = 127;
@@ -24,6 +25,7 @@ struct GatewayOptions {
 
   // Complete after finish_gateway_options().
   std::vector<AxisSettings> settings;
+  std::vector<lcm_bus::Network> remote;
 };
 
 void add_gateway_options(CLI::App &app, GatewayOptions &options);

@@ -58,6 +58,9 @@ void AxisPublisher::changed(std::uint16_t object, std::int64_t before, std::int6
     case AXIS_OBJ_COMMAND_SOURCE:
       if (!first) event(axis_event_t::EVENT_LOCK, now, "the axis belongs to " + text);
       return;
+    case AXIS_OBJ_STOPPED_BY:
+      if (now != 0) event(axis_event_t::EVENT_NOTE, now, "stopped by " + text);
+      return;
     case AXIS_OBJ_LIMIT_REASON:
       if (!first) event(axis_event_t::EVENT_LIMIT, now, now == 0 ? "no limit" : "limit " + text);
       return;
@@ -126,6 +129,12 @@ void AxisPublisher::publish_state(std::int64_t table_hash, std::int64_t nmt_stat
   s.following_error_cnt = value(AXIS_OBJ_FOLLOWING_ERROR);
   s.rated_force_mN = value(AXIS_OBJ_RATED_FORCE);
   s.force_scale_uN = value(AXIS_OBJ_FORCE_SCALE);
+  for (const std::uint16_t object : {AXIS_OBJ_FORCE_DEMAND, AXIS_OBJ_STOPPED_BY}) {
+    if (value(object) == kNotAvailable) continue;
+    s.more_name.push_back(host::object_meta(object).name);
+    s.more_value.push_back(value(object));
+  }
+  s.num_more = static_cast<std::int32_t>(s.more_name.size());
   lcm_.publish(number_, s);
 }
 

@@ -2,21 +2,63 @@
 
 #include <random>
 
+#include "host/lcm/command_message.hpp"
 #include "host/lcm/url.hpp"
 
 namespace forceaxis::lcm_bus {
 
-AxisChannels::AxisChannels(const std::string &url) : lcm_(usable<LcmError>(url)) {
+namespace {
+
+// So that a flood does not keep the gateway from its other buses.
+constexpr int kMostAtOnce = 128;
+
+}  // namespace
+
+std::string Drops::text() const {
+  std::string said;
+  const auto add = [&said](std::uint64_t count, const std::string &what) {
+    if (count == 0) return;
+    said += (said.empty() ? "" : ", ") + std::to_string(count) + " " + what;
+  };
+  add(refused, "commands from elsewhere than this machine refused (the last one from " +
+                   last_refused + ", see --lcm-remote)");
+  add(malformed, "malformed messages dropped");
+  add(incomplete, "incomplete messages dropped");
+  return said;
+}
+
+AxisChannels::AxisChannels(const std::string &url) : url_(url), lcm_(usable<LcmError>(url)) {
   if (!lcm_.good()) throw LcmError(url + ": expected a bus that LCM can join");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }
 
-void AxisChannels::listen(int axis, Command command) {
-  listeners_.push_back(std::make_unique<Listener>(axis, std::move(command)));
-  lcm_.subscribe("AXIS_" + std::to_string(axis) + "_COMMAND", &Listener::receive,
-                 listeners_.back().get())
-      ->setQueueCapacity(1000);
+void AxisChannels::listen(const std::vector<int> &axes, const std::vector<Network> &remote,
+                          Command command) {
+  for (const int axis : axes) listening_["AXIS_" + std::to_string(axis) + "_COMMAND"] = axis;
+  command_ = std::move(command);
+  const auto wanted = [this](std::string_view channel) { return listening_.contains(channel); };
+  receiver_.emplace(url_, remote, wanted);
+  refused_.emplace(url_, remote, wanted);
+}
+
+void AxisChannels::handle() {
+  refused_->receive(kMostAtOnce);
+  receiver_->receive(kMostAtOnce, [this](const Message &message) {
+    const auto command = decode_command(message.data);
+    if (!command) {
+      ++undecodable_;
+      return;
+    }
+    command_(listening_.find(message.channel)->second, *command);
+  });
+}
+
+Drops AxisChannels::drops() const {
+  if (!receiver_) return {};
+  const Assembly &assembly = receiver_->assembly();
+  return {refused_->count(), refused_->last(), assembly.malformed() + undecodable_,
+          assembly.incomplete()};
 }
 
 template <class Message>

@@ -1,5 +1,7 @@
 #pragma once
 // The LCM side of a gateway: what host/lcm/axis.lcm says, with seq, run_id and times filled in.
+// Publishes by liblcm, receives by a receiver of its own, so no C frame is between a command and
+// whoever carries it out.
 #include <array>
 #include <cstdint>
 #include <forceaxis/axis_capture_t.hpp>
@@ -8,21 +10,17 @@
 #include <forceaxis/axis_state_t.hpp>
 #include <functional>
 #include <lcm/lcm-cpp.hpp>
-#include <memory>
-#include <stdexcept>
+#include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "host/lcm/lcm_ends.hpp"
+#include "host/lcm/receiver.hpp"
 
 namespace forceaxis::lcm_bus {
 
 constexpr std::int64_t kNotAvailable = axis_state_t::NOT_AVAILABLE;
-
-// No such bus, or no route for multicast: the text says what to do.
-struct LcmError : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
 
 struct Item {
   std::string object;
@@ -35,16 +33,33 @@ struct CommandId {
   std::int64_t command_id = kNotAvailable;
 };
 
+// What was received and not carried out.
+struct Drops {
+  std::uint64_t refused = 0;  // datagrams of commands from elsewhere
+  std::string last_refused;   // "ADDRESS:PORT"
+  std::uint64_t malformed = 0;
+  std::uint64_t incomplete = 0;  // messages of which a fragment did not come
+
+  std::uint64_t total() const { return refused + malformed + incomplete; }
+  // One line that names those that are not 0.
+  std::string text() const;
+};
+
 class AxisChannels {
  public:
   using Command = std::function<void(int axis, const axis_command_t &command)>;
 
   explicit AxisChannels(const std::string &url);
+  AxisChannels(const AxisChannels &) = delete;
+  AxisChannels &operator=(const AxisChannels &) = delete;
 
-  // Calls `command` for each command received on the axis's channel, from handle().
-  void listen(int axis, Command command);
-  int fd() { return lcm_.getFileno(); }
-  void handle() { lcm_.handleTimeout(0); }
+  // From now on, handle() calls `command` for each command that comes on the channel of an axis
+  // from this machine or a network of `remote`. To be called once. Throws LcmError.
+  void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
+  // To be called after listen(), when one of them is readable.
+  std::vector<int> fds() const { return {receiver_->fd(), refused_->fd()}; }
+  void handle();
+  Drops drops() const;
 
   // These fill in wall_utime, seq and run_id.
   void publish(int axis, axis_state_t &state);
@@ -58,18 +73,15 @@ class AxisChannels {
   template <class Message>
   void publish(Kind kind, int axis, const char *suffix, Message &message);
 
-  struct Listener {
-    int axis;
-    Command command;
-    void receive(const lcm::ReceiveBuffer *, const std::string &, const axis_command_t *message) {
-      command(axis, *message);
-    }
-  };
-
-  std::vector<std::unique_ptr<Listener>> listeners_;
+  std::string url_;
   lcm::LCM lcm_;
   std::int64_t run_id_;
   std::array<std::array<std::int64_t, kMostAxes + 1>, kKinds> next_seq_{};
+  std::map<std::string, int, std::less<>> listening_;  // axis of a channel
+  Command command_;
+  std::optional<Receiver> receiver_;
+  std::optional<RefusedCounter> refused_;
+  std::uint64_t undecodable_ = 0;
 };
 
 }  // namespace forceaxis::lcm_bus

@@ -3,9 +3,15 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdlib>
+#include <stdexcept>
 #include <string>
 
 namespace forceaxis::lcm_bus {
+
+// No such bus, or no route for multicast: the text says what to do.
+struct LcmError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 // LCM's own group, and where programs meet that were given no other place.
 inline constexpr char kGroup[] = "239.255.76.67";

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include <charconv>
-#include <cstdint>
+#include <optional>
 #include <string_view>
 
 #include "host/lcm/lcm_ends.hpp"
@@ -15,50 +15,62 @@ namespace forceaxis::lcm_bus {
 namespace {
 
 constexpr std::string_view kScheme = "udpm://";
+constexpr std::optional<int> kPort = 7667;
 
-bool is_number(std::string_view text, std::int64_t low, std::int64_t high) {
-  std::int64_t value = 0;
+std::optional<int> number_of(std::string_view text, int low, int high) {
+  int value = 0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
-  return parsed.ec == std::errc() && parsed.ptr == text.data() + text.size() && value >= low &&
-         value <= high;
+  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size()) return std::nullopt;
+  if (value < low || value > high) return std::nullopt;
+  return value;
 }
 
-bool is_multicast(std::string_view text) {
+std::optional<std::uint32_t> group_of(std::string_view text) {
   in_addr address{};
-  return inet_pton(AF_INET, std::string(text).c_str(), &address) == 1 &&
-         IN_MULTICAST(ntohl(address.s_addr));
+  if (inet_pton(AF_INET, std::string(text).c_str(), &address) != 1) return std::nullopt;
+  const std::uint32_t group = ntohl(address.s_addr);
+  if (!IN_MULTICAST(group)) return std::nullopt;
+  return group;
 }
 
-bool is_option(std::string_view text) {
+// "NAME=VALUE" of a URL; what of it concerns a receiver goes to `place`.
+bool read_option(std::string_view text, Place &place) {
   const std::size_t equals = text.find('=');
   if (equals == text.npos) return false;
   const std::string_view name = text.substr(0, equals), value = text.substr(equals + 1);
-  return (name == "ttl" && is_number(value, 0, 255)) ||
-         (name == "recv_buf_size" && is_number(value, 1, INT32_MAX));
+  if (name == "ttl") return number_of(value, 0, 255).has_value();
+  if (name != "recv_buf_size") return false;
+  const auto bytes = number_of(value, 1, INT32_MAX);
+  place.receive_bytes = bytes.value_or(0);
+  return bytes.has_value();
 }
 
-bool is_udpm(std::string_view url) {
-  if (!url.starts_with(kScheme)) return false;
+std::optional<Place> read_place(std::string_view url) {
+  if (!url.starts_with(kScheme)) return std::nullopt;
   url.remove_prefix(kScheme.size());
   const std::size_t question = url.find('?');
   const std::string_view where = url.substr(0, question);
   const std::size_t colon = where.find(':');
   const std::string_view address = where.substr(0, colon);
-  if (!address.empty() && !is_multicast(address)) return false;
-  if (colon != where.npos && !is_number(where.substr(colon + 1), 1, 65535)) return false;
-  if (question == url.npos) return true;
+  const auto group = group_of(address.empty() ? kGroup : address);
+  const auto port = colon == where.npos ? kPort : number_of(where.substr(colon + 1), 1, 65535);
+  if (!group || !port) return std::nullopt;
+  Place place{*group, static_cast<std::uint16_t>(*port), 0};
+  if (question == url.npos) return place;
   for (std::string_view rest = url.substr(question + 1);;) {
     const std::size_t next = rest.find('&');
-    if (!is_option(rest.substr(0, next))) return false;
-    if (next == rest.npos) return true;
+    if (!read_option(rest.substr(0, next), place)) return std::nullopt;
+    if (next == rest.npos) return place;
     rest.remove_prefix(next + 1);
   }
 }
 
 }  // namespace
 
+Place place_of(const std::string &url) { return *read_place(url); }
+
 std::string url_trouble(const std::string &url) {
-  if (is_udpm(url)) return "";
+  if (read_place(url)) return "";
   return url + ": expected an LCM URL such as " + kDefaultUrl;
 }
 

@@ -1,16 +1,19 @@
 #include "host/link/lcm_transport.hpp"
 
 #include <lcm/lcm.h>
+#include <poll.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
 #include <forceaxis/link_inputs_t.hpp>   // generated from host/lcm
 #include <forceaxis/link_outputs_t.hpp>  // generated from host/lcm
+#include <map>
+#include <optional>
 #include <type_traits>
 
 #include "host/lcm/lcm_ends.hpp"
+#include "host/lcm/receiver.hpp"
 #include "host/lcm/url.hpp"
 
 namespace forceaxis::host {
@@ -69,12 +72,15 @@ class LcmTransport : public Transport<Out, In> {
       : url_(lcm_bus::usable<TransportError>(url)), run_id_(run_id) {
     lcm_.reset(lcm_create(url.c_str()));
     if (!lcm_) throw TransportError(url + ": expected a bus that LCM can join");
-    for (int i = 0; i < kMostAxes; ++i) {
-      Subscription &s = subscriptions_[static_cast<std::size_t>(i)];
-      s = {this, static_cast<std::uint8_t>(i + 1)};
-      lcm_subscribe(lcm_.get(), channel(!kPlant, i + 1).c_str(), &LcmTransport::receive_message,
-                    &s);
-      channels_[static_cast<std::size_t>(i)] = channel(kPlant, i + 1);
+    for (int i = 1; i <= kMostAxes; ++i) {
+      axes_[channel(!kPlant, i)] = static_cast<std::uint8_t>(i);
+      channels_[static_cast<std::size_t>(i - 1)] = channel(kPlant, i);
+    }
+    try {
+      receiver_.emplace(url, std::vector<lcm_bus::Network>(),
+                        [this](std::string_view name) { return axes_.contains(name); });
+    } catch (const lcm_bus::LcmError &error) {
+      throw TransportError(error.what());
     }
   }
 
@@ -96,45 +102,38 @@ class LcmTransport : public Transport<Out, In> {
   }
 
   std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) override {
-    received_ = records;
-    count_ = 0;
-    // One call handles one message.
-    if (lcm_handle_timeout(lcm_.get(), static_cast<int>(wait.count())) < 0) {
+    pollfd waited{receiver_->fd(), POLLIN, 0};
+    if (poll(&waited, 1, static_cast<int>(wait.count())) < 0 && errno != EINTR) {
       throw TransportError(url_ + ": expected to be able to receive");
     }
-    return count_;
+    std::size_t count = 0;
+    const auto take = [&](const lcm_bus::Message &message) {
+      InMessage m{};
+      const int size = static_cast<int>(message.data.size());
+      if (m.decode(message.data.data(), 0, size) != size || m.run_id != run_id_) {
+        ++foreign_;
+      } else {
+        records[count++] = record_of(m, axes_.find(message.channel)->second);
+      }
+    };
+    while (count < records.size() && receiver_->receive(1, take) > 0) {
+    }
+    return count;
   }
 
-  std::uint64_t foreign() const override { return foreign_; }
+  std::uint64_t foreign() const override { return foreign_ + receiver_->assembly().malformed(); }
 
  private:
-  struct Subscription {
-    LcmTransport *self;
-    std::uint8_t axis;
-  };
   struct Destroy {
     void operator()(lcm_t *lcm) const { lcm_destroy(lcm); }
   };
 
-  static void receive_message(const lcm_recv_buf_t *buffer, const char *, void *user) {
-    const Subscription &s = *static_cast<const Subscription *>(user);
-    LcmTransport &self = *s.self;
-    InMessage m;
-    if (m.decode(buffer->data, 0, static_cast<int>(buffer->data_size)) < 0 ||
-        m.run_id != self.run_id_ || self.count_ == self.received_.size()) {
-      ++self.foreign_;
-      return;
-    }
-    self.received_[self.count_++] = record_of(m, s.axis);
-  }
-
   std::string url_;
   std::int64_t run_id_;
   std::unique_ptr<lcm_t, Destroy> lcm_;
-  std::array<Subscription, kMostAxes> subscriptions_{};
-  std::array<std::string, kMostAxes> channels_;
-  std::span<In> received_;  // the caller's, during receive()
-  std::size_t count_ = 0;
+  std::optional<lcm_bus::Receiver> receiver_;
+  std::map<std::string, std::uint8_t, std::less<>> axes_;  // of the channels received
+  std::array<std::string, kMostAxes> channels_;            // of those sent
   std::uint64_t foreign_ = 0;
 };
 

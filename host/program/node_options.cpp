@@ -42,10 +42,9 @@ void add_options(CLI::App &app, NodeOptions &o) {
   app.add_option("--link-can", o.link.can_interface,
                  "CAN interface of the link, no other traffic on it.")
       ->capture_default_str();
-  app.add_option(
-      "--lcm-url", o.link.lcm_url,
-      "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N; default: a port that follows from "
-      "the run number.");
+  app.add_option("--lcm-url", o.link.lcm_url,
+                 "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N, within this machine; default: a "
+                 "port that follows from the run number.");
   app.add_option(
          "--run-id", o.link.run_id,
          "Number of the run (LCM): the same for both nodes, another for every concurrent run.")

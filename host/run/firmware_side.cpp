@@ -10,29 +10,29 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
       axis_(options.config ? axis_host_create_with(options.config) : axis_host_create()),
       writes_(experiment) {
   if (!axis_) throw std::bad_alloc();
-  signals_ = axis_host_signals(axis_.get());
+  signals_ = &axis_->axis.signals;
   writes_.write_initial(writer());
 }
 
 ExperimentWrites::Write FirmwareSide::writer() {
   return [this](std::int64_t tick, const ObjectWrite &w) {
     if (options_.writing) options_.writing(tick, w);
-    return axis_host_write(axis_.get(), w.object, w.raw);
+    return fw_object_write(axis_.get(), FW_SOURCE_LOCAL, w.object, w.raw);
   };
 }
 
 std::int32_t FirmwareSide::read(std::uint16_t object) const {
   std::int32_t value = 0;
-  axis_host_read(axis_.get(), object, &value);
+  fw_object_read(axis_.get(), object, &value);
   return value;
 }
 
 void FirmwareSide::discard_output() {
   can_frame_t frame;
-  while (axis_host_can_transmit(axis_.get(), &frame)) {
+  while (fw_can_transmit(axis_.get(), &frame)) {
   }
   std::array<std::uint8_t, 512> bytes;
-  while (axis_host_modbus_transmit(axis_.get(), bytes.data(), bytes.size()) > 0) {
+  while (fw_modbus_transmit(axis_.get(), bytes.data(), bytes.size()) > 0) {
   }
 }
 

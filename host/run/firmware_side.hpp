@@ -63,18 +63,18 @@ class FirmwareSide {
   // The raw value of an object (AXIS_OBJ_); an unsigned object's bits.
   std::int32_t read(std::uint16_t object) const;
   const std::vector<Refusal> &refused() const { return writes_.refused(); }
-  axis_host_t *axis() { return axis_.get(); }
+  fw_t *axis() { return axis_.get(); }
 
  private:
   struct Deleter {
-    void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+    void operator()(fw_t *axis) const { axis_host_destroy(axis); }
   };
 
   ExperimentWrites::Write writer();
   void write_due(std::int64_t tick) { writes_.write_due(tick, writer()); }
   LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
     axis_outputs_t outputs{};
-    axis_host_tick(axis_.get(), &inputs, &outputs);
+    fw_tick(axis_.get(), &inputs, &outputs);
     const auto out =
         static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
     return {tick, outputs.dac_code, out, signals_->fault, signals_->limit_reason, axis};
@@ -82,7 +82,7 @@ class FirmwareSide {
 
   FirmwareOptions options_;
   const axis_signals_t *signals_;
-  std::unique_ptr<axis_host_t, Deleter> axis_;
+  std::unique_ptr<fw_t, Deleter> axis_;
   ExperimentWrites writes_;
   axis_inputs_t last_{};  // of the last tick
   std::int64_t next_tick_ = 0;

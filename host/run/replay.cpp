@@ -50,22 +50,22 @@ class RamStore {
 
 // Passes each kind of entry to the firmware.
 struct Applier {
-  axis_host_t *axis;
-  void operator()(const ObjectWrite &w) const { axis_host_write(axis, w.object, w.raw); }
-  void operator()(const can_frame_t &frame) const { axis_host_can_receive(axis, &frame); }
-  void operator()(const Journal::FramesLost &l) const { axis_host_can_lost(axis, l.count); }
-  void operator()(const Journal::BusState &b) const { axis_host_can_bus(axis, b.state); }
-  void operator()(const Journal::Overrun &) const { axis_host_overrun(axis); }
+  fw_t *axis;
+  void operator()(const ObjectWrite &w) const {
+    fw_object_write(axis, FW_SOURCE_LOCAL, w.object, w.raw);
+  }
+  void operator()(const can_frame_t &frame) const { fw_can_receive(axis, &frame); }
+  void operator()(const Journal::FramesLost &l) const { fw_can_lost(axis, l.count); }
+  void operator()(const Journal::BusState &b) const { fw_can_bus(axis, b.state); }
+  void operator()(const Journal::Overrun &) const { fw_overrun(axis, 0); }
   void operator()(const Journal::ModbusBytes &m) const {
-    axis_host_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
+    fw_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
   }
 };
 
 }  // namespace
 
-void apply(const Journal::Entry &entry, axis_host_t *axis) {
-  std::visit(Applier{axis}, entry.what);
-}
+void apply(const Journal::Entry &entry, fw_t *axis) { std::visit(Applier{axis}, entry.what); }
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
   Experiment silent = experiment;  // its writes come from the journal

@@ -7,7 +7,7 @@
 namespace forceaxis::host {
 
 // Passes one entry to the firmware; to be called before the entry's tick.
-void apply(const Journal::Entry &entry, axis_host_t *axis);
+void apply(const Journal::Entry &entry, fw_t *axis);
 
 // The run of the journal in process, as far as that is known. `experiment` must be that of the
 // journal and gives the plant and the impulses. Throws as run().

@@ -127,7 +127,7 @@ def test_libmodbus_reads_and_writes_a_thousand_times(line):
     ran = ((last[0] - first[0] << 16) + last[1] - first[1]) / 1500
     print(f"\n{REQUESTS} requests in {took_s:.1f} s, {ran:.1f} s of the chip; failed: {bad}")
     assert bad == []
-    assert 0.5 < ran / took_s < 1.5  # real time, on a machine with more to do
+    assert 0.1 < ran / took_s < 1.5  # real time, on a machine with more to do
 
 
 def test_python_canopen_drives_the_chip_through_its_states(frames):

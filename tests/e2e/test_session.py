@@ -64,22 +64,14 @@ def test_plant_firmware_and_replay_agree(held):
     assert again["replay"]["same"]
 
 
-def test_the_example_holds_the_session_too(tmp_path):
+def test_the_example_holds_the_session_too(tmp_path, vcan):
     script = (
         "import pathlib, subprocess, sys\n"
         "from forceaxis.thesis import session as thesis_session\n"
         "with thesis_session.machine(pathlib.Path(sys.argv[1])):\n"
         "    sys.exit(subprocess.run([sys.executable, 'examples/session.py']).returncode)\n"
     )
-    done = subprocess.run(
-        [ROOT / "tools" / "vcan", "-t", "60", sys.executable, "-c", script, tmp_path],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=90,
-        check=False,
-        stdin=subprocess.DEVNULL,
-    )
+    done = vcan([sys.executable, "-c", script, tmp_path], 60)
     assert done.returncode == 0, done.stderr
     moved, touched, struck = done.stdout.splitlines()
     assert moved.startswith("position 3600") or moved.startswith("position 3599")

@@ -58,8 +58,8 @@ static inline void node_wait(node_t *node, uint32_t ticks) {
                                  .fault = node->fw.axis.signals.fault};
     canopen_tick_begin(&node->fw.canopen, &node->fw.objects, false, false);
     while (canopen_is_behind(&node->fw.canopen)) {
-      canopen_tick_timers(&node->fw.canopen, false);
-      canopen_tick_end(&node->fw.canopen, &node->fw.objects, axis);
+      (void)canopen_tick_timers(&node->fw.canopen, false);
+      canopen_tick_end(&node->fw.canopen, &node->fw.objects, &axis);
     }
   }
 }

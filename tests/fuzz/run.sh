@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Runs each fuzzer of this folder for SECONDS with the address and undefined-behaviour sanitizers.
+# Runs each fuzzer of this folder for SECONDS with the address and undefined-behaviour sanitizers,
+# from the inputs of corpus/NAME.hex on.
 #
-# usage: tests/fuzz/run.sh [SECONDS [NAME...]]      (60 s, every *_fuzz.c)
+# usage: tests/fuzz/run.sh [SECONDS [NAME...]]      (60 s, every *_fuzz.c and *_fuzz.cpp)
 #
 # Status 1 if one finds something: its input and the line that replays it are printed.
 set -euo pipefail
@@ -10,18 +11,28 @@ cd "$(dirname "$0")/../.."
 seconds=${1:-60}
 shift || true
 names=("$@")
-[ ${#names[@]} -gt 0 ] || for f in tests/fuzz/*_fuzz.c; do names+=("$(basename "$f" .c)"); done
+[ ${#names[@]} -gt 0 ] || for f in tests/fuzz/*_fuzz.c*; do names+=("$(basename "${f%.*}")"); done
 
-mkdir -p build/fuzz
-flags=(-std=c11 -O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
+mkdir -p build/fuzz/messages
+flags=(-O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
   -fsanitize=address,undefined,fuzzer -fno-sanitize-recover=all)
 # Everything but the ports.
-mapfile -t sources < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
+mapfile -t firmware < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
+build() {
+  if [ -e "tests/fuzz/$1.c" ]; then
+    clang -std=c11 "${flags[@]}" "tests/fuzz/$1.c" "${firmware[@]}" -o "$2"
+  else
+    /usr/bin/lcm-gen -x --cpp-hpath build/fuzz/messages host/lcm/*.lcm
+    clang++ -std=c++20 "${flags[@]}" -isystem build/fuzz/messages "tests/fuzz/$1.cpp" \
+      host/lcm/assembly.cpp host/lcm/command_message.cpp -o "$2"
+  fi
+}
 status=0
 for name in "${names[@]}"; do
   folder=build/fuzz/$name
   mkdir -p "$folder/corpus"
-  clang "${flags[@]}" "tests/fuzz/$name.c" "${sources[@]}" -o "$folder/$name"
+  build "$name" "$folder/$name"
+  python3 tests/fuzz/corpus.py unpack "$name" "$folder/corpus"
   if "$folder/$name" "$folder/corpus" -max_total_time="$seconds" -max_len=1024 -timeout=10 \
       -artifact_prefix="$folder/" -print_final_stats=1 >"$folder/log" 2>&1; then
     runs=$(sed -n 's/stat::number_of_executed_units: *//p' "$folder/log")

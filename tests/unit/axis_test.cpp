@@ -683,21 +683,21 @@ TEST(State, FitsAndCopies) {
 }
 
 TEST(HostPort, TicksReadsAndWrites) {
-  axis_host_t *host = axis_host_create();
+  fw_t *host = axis_host_create();
   ASSERT_NE(host, nullptr);
-  EXPECT_EQ(axis_host_write(host, AXIS_OBJ_BUMP_DECAY_SHIFT, 0), 0);
-  EXPECT_EQ(axis_host_write(host, AXIS_OBJ_FORCE_GAIN, 1280), 0);
-  EXPECT_EQ(axis_host_write(host, AXIS_OBJ_FORCE_SETPOINT, 7680), 0);
-  EXPECT_EQ(axis_host_write(host, AXIS_OBJ_MODE, AXIS_MODE_FORCE), 0);
+  EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_BUMP_DECAY_SHIFT, 0), 0);
+  EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_GAIN, 1280), 0);
+  EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SETPOINT, 7680), 0);
+  EXPECT_EQ(fw_object_write(host, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_FORCE), 0);
   const axis_inputs_t inputs{0, {28, 0}, AXIS_DIN_ENABLE, 1};
   axis_outputs_t outputs{};
-  axis_host_tick(host, &inputs, &outputs);
+  fw_tick(host, &inputs, &outputs);
   EXPECT_EQ(outputs.dac_code, 10);
   int32_t value = 0;
-  EXPECT_EQ(axis_host_read(host, AXIS_OBJ_FORCE, &value), 0);
+  EXPECT_EQ(fw_object_read(host, AXIS_OBJ_FORCE, &value), 0);
   EXPECT_EQ(value, 28 * 256);
   int32_t values[RECORDER_CHANNELS];
-  EXPECT_EQ(axis_host_recorder_read(host, 0, values), FW_ERROR_NO_DATA);
+  EXPECT_EQ(fw_recorder_read(host, 0, values), FW_ERROR_NO_DATA);
   axis_host_destroy(host);
   axis_host_destroy(nullptr);
 }

@@ -25,8 +25,8 @@ inline void NodeTickOf(fw_t &fw, bool defer) {
   canopen_tick_begin(&fw.canopen, &fw.objects, axis.active != 0,
                      defer || !canopen_has_reported(&fw.canopen, axis.error_code));
   while (canopen_is_behind(&fw.canopen)) {
-    canopen_tick_timers(&fw.canopen, axis.active != 0);
-    canopen_tick_end(&fw.canopen, &fw.objects, axis);
+    (void)canopen_tick_timers(&fw.canopen, axis.active != 0);
+    canopen_tick_end(&fw.canopen, &fw.objects, &axis);
   }
 }
 

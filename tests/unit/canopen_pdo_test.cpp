@@ -45,6 +45,17 @@ TEST_F(Canopen, TheEventTimerAndChangesSendATpdo) {
   EXPECT_TRUE(Take(0x185).empty()) << "not operational";
 }
 
+TEST_F(Canopen, ADeferredTickSendsItsTpdosToo) {
+  Start();
+  for (const uint16_t word : {0x1234, 0x4321}) {
+    fw_.drive.signals.statusword = word;
+    NodeTickOf(fw_, true);
+    Bytes data = LittleEndian(word, 2);
+    data.push_back(0);
+    EXPECT_EQ(Take(0x185), (std::vector<Frame>{{0x185, data}})) << "in the same tick";
+  }
+}
+
 TEST_F(Canopen, AnEventTimeOfZeroIsNone) {
   Start();
   ASSERT_EQ(Download(0x1800, 5, 0, 2), 0u);

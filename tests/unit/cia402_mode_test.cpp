@@ -77,6 +77,48 @@ TEST_F(Drive, AChangeOfModeShowsNothingReached) {
   }
 }
 
+// The bit "new set-point" stays 1: it was taken by the mode before.
+TEST_F(Drive, AChangeOfModeAcknowledgesNothing) {
+  Enable(kPp);
+  Set(AXIS_OBJ_TARGET_POSITION, 0);
+  Control(kNew);
+  Tick(20);
+  ASSERT_EQ(Status() & kBit12, kBit12);
+  Set(AXIS_OBJ_MODES_OF_OPERATION, -5);
+  ASSERT_EQ(Mode(), -5) << "at once: the axis stands";
+  EXPECT_EQ(Status() & kBit12, 0);
+  Tick(20);
+  EXPECT_EQ(Status() & kBit12, 0);
+}
+
+// A guarded move that the workpiece stopped counts as reached, in that mode alone.
+TEST_F(Drive, AChangeOfModeForgetsTheWorkpiece) {
+  wall_ = 1000;
+  Enable(-5);
+  Set(AXIS_OBJ_POSITION_WINDOW, 10);
+  MoveTo(5000);
+  ASSERT_GE(TicksUntil(kReached, kReached, 3000), 0);
+  Tick(500);
+  Set(AXIS_OBJ_MODES_OF_OPERATION, kPp);
+  for (int i = 0; i < 300 && Mode() != kPp; ++i) Tick();
+  ASSERT_EQ(Mode(), kPp);
+  stuck_ = true;
+  place_ -= 100;  // pushed out of the window, away from the workpiece
+  Tick(50);
+  EXPECT_EQ(Status() & kReached, 0);
+}
+
+// Speed 0 is shown once the axis has stood for its time in this mode: 100 ms are 150 ticks.
+TEST_F(Drive, AChangeOfModeBeginsTheTimeOfStanding) {
+  Set(AXIS_OBJ_VELOCITY_THRESHOLD_TIME, 100);
+  Enable(kPp);
+  Tick(400);
+  Set(AXIS_OBJ_MODES_OF_OPERATION, kPv);
+  ASSERT_EQ(Mode(), kPv) << "at once: the axis stands";
+  EXPECT_EQ(Status() & kBit12, 0);
+  EXPECT_NEAR(TicksUntil(kBit12, kBit12, 400), 151, 1);  // judged in every second tick
+}
+
 TEST_F(Drive, AChangeOfModeStopsFirstWithoutABump) {
   const int modes[] = {kPp, kPv, kTq, kHm, kCsp, kCsv, kCst, 0, -1, -2, -4, -5, -6, -7, -8};
   for (const int from : {kPv, kCsv}) {

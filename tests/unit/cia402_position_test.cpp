@@ -360,6 +360,26 @@ TEST_F(Drive, HomingWaitsUntilTheAxisStands) {
   EXPECT_NEAR(Read(AXIS_OBJ_POSITION_ACTUAL), 70, 2);
 }
 
+// An axis that moves when it is enabled is braked: 10 counts a tick by 0.1 in each, 99 ticks after
+// the first, 9.8 + 9.7 + ... = 485 counts.
+TEST_F(Drive, HomingAndNoModeBrakeAnAxisThatMoves) {
+  for (const int mode : {kHm, 0}) {
+    PowerUp();
+    Set(AXIS_OBJ_MODES_OF_OPERATION, mode);
+    for (int i = 0; i < 20; ++i) {
+      place_ += 10;
+      Tick();
+    }
+    for (const int command : {0x06, 0x07, 0x0F}) Control(command);
+    Tick();
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    ASSERT_NEAR(Speed(), 9.9, 1e-4);
+    const int32_t from = Demand();
+    EXPECT_NEAR(Follow(10.0, 0.0, 0.1), 99, 1) << mode;
+    EXPECT_NEAR(Demand() - from, 485, 2) << mode;
+  }
+}
+
 // A target from before homing refers to another origin and is discarded; a later one acts.
 TEST_F(Drive, HomingDropsTheCyclicTarget) {
   for (const bool again : {false, true}) {

@@ -54,6 +54,22 @@ TEST_F(Drive, QuickStopTakesItsRamp) {
   }
 }
 
+// An axis that something else keeps moving is switched off 100 ms, 150 ticks, after its trajectory
+// stands.
+TEST_F(Drive, SlowingDownWaitsForAnAxisThatDoesNotStand) {
+  Set(AXIS_OBJ_DISABLE_OPERATION_OPTION, 1);
+  Set(AXIS_OBJ_FOLLOWING_ERROR_WINDOW, -1);  // the largest: off
+  Enable(kPp);
+  stuck_ = true;
+  for (int i = -20; i < 150; ++i) {
+    if (i == 0) Control(0x07);
+    place_ += 40;
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED) << i;
+    Tick();
+  }
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_SWITCHED_ON);
+}
+
 TEST_F(Drive, DisableOperationAndShutdownSlowDownIfAsked) {
   for (const int command : {0x07, 0x06}) {
     for (const int option : {0, 1}) {

@@ -56,7 +56,7 @@ uint64_t data_of(const can_frame_t &frame) {
 
 class Log {
  public:
-  explicit Log(axis_host_t *axis) : axis_(axis), fw_(axis_host_firmware(axis)) {
+  explicit Log(fw_t *axis) : fw_(axis) {
     values();
     state();
   }
@@ -68,7 +68,7 @@ class Log {
 
   int32_t read(uint16_t object) const {
     int32_t value = 0;
-    axis_host_read(axis_, object, &value);
+    fw_object_read(fw_, object, &value);
     return value;
   }
 
@@ -129,7 +129,7 @@ class Log {
         static_cast<uint32_t>(read(AXIS_OBJ_ERROR_CODE) | read(AXIS_OBJ_FAULT) << 16) |
             static_cast<uint32_t>(read(AXIS_OBJ_ACTIVE_MODE)) << 24);
     state();
-    for (can_frame_t frame; axis_host_can_transmit(axis_, &frame);) {
+    for (can_frame_t frame; fw_can_transmit(fw_, &frame);) {
       uint64_t data = data_of(frame);
       if (frame.length < 8) data &= (uint64_t{1} << (8 * frame.length)) - 1;
       add(kFrameOut, frame.length, frame.id, 0, data);
@@ -148,8 +148,7 @@ class Log {
   }
 
  private:
-  axis_host_t *axis_;
-  const fw_t *fw_;
+  fw_t *fw_;
   uint64_t values_[4]{};
   uint32_t recording_ = 0;
   uint8_t refused_ = 0;

@@ -10,6 +10,7 @@ import socket
 import struct
 import subprocess
 import time
+from pathlib import Path
 
 from canopen.sdo.exceptions import SdoError
 
@@ -17,7 +18,7 @@ FRAME = struct.Struct("=IB3x8s")
 REMOTE = 0x40000000
 NODE = 1
 SEED = 6
-SECONDS = 12
+SECONDS = 6
 FOREIGN = "2AA"  # no node's
 BURST = 30_000
 OWN = {0x081, 0x181, 0x281, 0x381, 0x481, 0x581, 0x5C1, 0x5E1, 0x701}
@@ -48,11 +49,18 @@ COMMANDS = [
 
 
 def record(log):
-    """candump, writing all of vcan0 to a file."""
+    """candump, writing all of vcan0 and what it could not receive to a file."""
     with log.open("w") as out:
-        dump = subprocess.Popen(["candump", "-L", "-r", "30000000", "vcan0"], stdout=out)
+        dump = subprocess.Popen(["candump", "-L", "-d", "-r", "80000000", "vcan0"], stdout=out)
     time.sleep(0.2)
     return dump
+
+
+def overrun():
+    """Frames that vcan0 dropped before any socket, because the kernel's backlog was full."""
+    lines = Path("/proc/net/dev").read_text().splitlines()
+    [counts] = (line.split(":")[1].split() for line in lines if line.strip().startswith("vcan0:"))
+    return int(counts[3])  # received: bytes, packets, errors, dropped
 
 
 def stop(dump, log):
@@ -148,6 +156,7 @@ def lost(client):
 
 
 def flood(folder, steps, make_nodes, make_client, brief):
+    before = overrun()
     dump = record(folder / "flood.log")
     nodes = make_nodes(folder, "flood")
     # The session under a flood of identifiers that the node ignores.
@@ -167,3 +176,4 @@ def flood(folder, steps, make_nodes, make_client, brief):
     client.close()
     steps("flood_nodes", nodes.finish)
     stop(dump, folder / "flood.log")
+    steps("flood_overrun", lambda: overrun() - before)

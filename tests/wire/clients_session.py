@@ -72,10 +72,11 @@ class Nodes:
         return process
 
     def finish(self):
-        """Ends the plant; the axis then exits and closes its journal. Returns its report."""
+        """Ends the axis, which closes its journal, then the plant. Returns the axis' report."""
+        self.axis.terminate()
+        report, _ = self.axis.communicate(timeout=30)
         self.plant.kill()
         self.plant.communicate()
-        report, _ = self.axis.communicate(timeout=30)
         return json.loads(report)
 
     def end(self):

@@ -38,11 +38,11 @@ int OpenLine(const char *device) {
   return tcsetattr(line, TCSANOW, &settings) == 0 ? line : -1;
 }
 
-void Serve(int line, axis_host_t *axis) {
+void Serve(int line, fw_t *axis) {
   std::array<uint8_t, 512> bytes{};
   const ssize_t got = read(line, bytes.data(), bytes.size());
-  if (got > 0) axis_host_modbus_receive(axis, bytes.data(), static_cast<uint16_t>(got));
-  for (uint16_t n; (n = axis_host_modbus_transmit(axis, bytes.data(), bytes.size())) > 0;) {
+  if (got > 0) fw_modbus_receive(axis, bytes.data(), static_cast<uint16_t>(got));
+  for (uint16_t n; (n = fw_modbus_transmit(axis, bytes.data(), bytes.size())) > 0;) {
     for (ssize_t sent = 0; sent < n;) {
       const ssize_t more = write(line, bytes.data() + sent, static_cast<size_t>(n - sent));
       if (more < 0 && errno != EAGAIN && errno != EINTR) return;
@@ -67,7 +67,7 @@ int main(int argc, char **argv) {
     if (wrong != nullptr) return Fail(argv[4], wrong);
     config.memory = &store.memory;
   }
-  axis_host_t *axis = axis_host_create_with(&config);
+  fw_t *axis = axis_host_create_with(&config);
   axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
   axis_outputs_t outputs;
   std::puts("ready");
@@ -77,10 +77,10 @@ int main(int argc, char **argv) {
   for (;;) {
     Serve(line, axis);
     can_frame_t unheard;
-    while (axis_host_can_transmit(axis, &unheard)) {
+    while (fw_can_transmit(axis, &unheard)) {
     }
     inputs.encoder_cnt = static_cast<int32_t>(static_cast<uint32_t>(inputs.encoder_cnt) + 1);
-    axis_host_tick(axis, &inputs, &outputs);
+    fw_tick(axis, &inputs, &outputs);
     next.tv_nsec += kTickNs;
     if (next.tv_nsec >= kSecondNs) {
       next.tv_nsec -= kSecondNs;

@@ -6,7 +6,6 @@ Ticks are those of the link, as candump saw it, and of the axis' journal.
 """
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,20 +15,13 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SENSOR_INVALID, HEARTBEAT_LOST, SOURCE_LOST, CAN_OFF = 1, 8, 9, 10
 OVERRUN = 0xFF04
-HEARTBEAT_TICKS = 150  # of 100 ms
-WATCHDOG_TICKS = 300  # of 200 ms
+HEARTBEAT_TICKS = fault_session.HEARTBEAT_MS * 3 // 2
+WATCHDOG_TICKS = fault_session.WATCHDOG_MS * 3 // 2
 
 
 @pytest.fixture(scope="module")
-def session():
-    done = subprocess.run(
-        [ROOT / "tools" / "vcan", sys.executable, fault_session.__file__],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
+def session(vcan):
+    done = vcan([sys.executable, fault_session.__file__], 100)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

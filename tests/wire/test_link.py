@@ -5,20 +5,18 @@ Expected hashes are those of the run in process.
 
 import collections
 import contextlib
-import fcntl
 import json
 import os
-import pty
 import signal
 import struct
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import lcm
 import pytest
+import verbs
 from forceaxis import _core
 from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
@@ -43,6 +41,12 @@ def forceaxis(*args, status=0):
         timeout=100,
         check=False,
     )
+    assert done.returncode == status, done.stderr
+    return done
+
+
+def replay(*args, status=0):
+    done = verbs.forceaxis("replay", *args)
     assert done.returncode == status, done.stderr
     return done
 
@@ -87,16 +91,9 @@ def hashes(report):
 
 
 @pytest.fixture(scope="module")
-def can():
-    """Everything that needs CAN frames, from one guest."""
-    done = subprocess.run(
-        [VCAN, sys.executable, Path(__file__).with_name("can_session.py")],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def can(vcan):
+    """Everything that needs CAN frames."""
+    done = vcan([sys.executable, Path(__file__).with_name("can_session.py")], 120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -324,7 +321,7 @@ def paused(tmp_path, *axis_args):
     plant.send_signal(signal.SIGCONT)
     assert end(plant)["status"] == 0
     told = end(axis)
-    assert json.loads(forceaxis("replay", journal, "--json").stdout)["replay"]["same"]
+    assert json.loads(replay(journal, "--json").stdout)["replay"]["same"]
     return told["axes"][0], journal.read_text().splitlines()
 
 
@@ -357,7 +354,7 @@ def test_the_journal_of_an_axis_on_buses_gives_the_same_hash_in_process(can, tmp
     assert ticks == sorted(ticks)
     journal = tmp_path / "axis.log"
     journal.write_text(done["journal"])
-    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    summary = json.loads(replay(journal, "--json").stdout)
     assert summary["trace_hash"] == hashes(done["axis"])[0]
     assert summary["replay"]["same"] is True
     assert summary["replay"]["entries"] == sum(kinds[k] for k in ("can", "modbus", "write"))
@@ -369,7 +366,7 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
     axis = start("axis_node", *run_id, "--journal", journal)
     assert end(start("plant_node", *run_id))["status"] == 0
     assert hashes(end(axis)) == [in_process(SHORT)]
-    forceaxis("replay", journal)
+    replay(journal)
     text = journal.read_text()
     for changed, status, word in (
         ("", 2, "expected a readable journal"),
@@ -381,7 +378,7 @@ def test_replay_refuses_what_is_no_journal_or_breaks_off(tmp_path):
         (text.replace("force_gain 1280", "force_gain 2560"), 1, "expected the trace hash"),
     ):
         journal.write_text(changed)
-        done = forceaxis("replay", journal, status=status)
+        done = replay(journal, status=status)
         assert word in done.stderr and done.stderr.count("\n") == 1
 
 
@@ -390,14 +387,15 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
     run_id = ["--run-id", link.new_run_id()]
     journal = tmp_path / "axis.journal"
     axis = start("axis_node", *run_id, "--journal", journal, "--store", tmp_path / "store")
-    plant = start("plant_node", *run_id, "--pace", "real", "--timeout", "0.3")
+    waits = ["--start-timeout", "1", "--timeout", "0.3"]
+    plant = start("plant_node", *run_id, "--pace", "real", *waits)
     time.sleep(after_s)
     axis.kill()
     axis.communicate()
     end(plant)
     assert "end " not in journal.read_text()
     out = tmp_path / "out"
-    done = forceaxis("replay", journal, "--json", "--out", out, status=1)
+    done = replay(journal, "--json", "--out", out, status=1)
     summary = json.loads(done.stdout)
     assert summary["replay"]["ticks"] is None and summary["replay"]["same"] is False
     assert done.stderr == (
@@ -405,7 +403,7 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
         f"it had written down, {summary['ticks']} ticks\n"
     )
     assert (out / "trace.csv").exists()
-    plain = forceaxis("replay", journal, status=1)
+    plain = replay(journal, status=1)
     assert "broken off" in plain.stdout and plain.stderr.count("\n") == 1
 
 
@@ -420,9 +418,7 @@ def test_the_replay_for_the_model_reads_a_journal_as_replay_does(tmp_path):
     header = whole[: whole.index("end ")]
     for text in (whole, f"{header}can 700 601 8 4041600000000000\nlost 800 3\ncan 900 601 8 40"):
         journal.write_text(text)
-        summary = json.loads(
-            forceaxis("replay", journal, "--json", status=int(text != whole)).stdout
-        )
+        summary = json.loads(replay(journal, "--json", status=int(text != whole)).stdout)
         log = subprocess.run(
             [ROOT / "build/release/tests/wire/canopen_replay", journal],
             capture_output=True, timeout=60, check=True,
@@ -474,7 +470,7 @@ def test_an_axis_node_that_is_ended_leaves_a_whole_journal(tmp_path):
     assert journal.read_text().splitlines()[-1] == (
         f"end {told['axes'][0]['ticks']} {hashes(told)[0]}"
     )
-    summary = json.loads(forceaxis("replay", journal, "--json").stdout)
+    summary = json.loads(replay(journal, "--json").stdout)
     assert summary["trace_hash"] == hashes(told)[0]
 
 
@@ -685,76 +681,3 @@ def test_a_file_that_cannot_be_written_is_one_line_and_status_2(tmp_path, option
 def test_help_has_an_example(name):
     done = subprocess.run([NODES / name, "--help"], capture_output=True, text=True, check=True)
     assert "Example:" in done.stdout and "--run-id" in done.stdout
-
-
-def test_vcan_passes_on_input_output_and_status():
-    script = "cat; echo said >&2; ip -o link show up | grep -c vcan; exit 7"
-    done = subprocess.run(
-        [VCAN, "sh", "-c", script], input="heard\n", capture_output=True, text=True, timeout=60,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 7
-    assert done.stdout == "heard\n2\n"
-    assert done.stderr == "said\n"
-
-
-def kernel_has_vcan():
-    words = ["ip", "link", "add", "vcan0", "type", "vcan"]
-    return subprocess.run([*OWN_NETWORK, *words], capture_output=True, check=False).returncode == 0
-
-
-def test_vcan_clears_up_after_one_that_was_killed():
-    if kernel_has_vcan():
-        return  # no guest, no folders
-    with tempfile.TemporaryDirectory(prefix="fa") as name:
-        folder = Path(name)
-        own = os.environ | {"TMPDIR": name}
-        killed = subprocess.Popen([VCAN, "sleep", "60"], env=own, stdin=subprocess.DEVNULL)
-        end = time.monotonic() + 30
-        while not (left := list(folder.glob("vcan.*/guest"))) and time.monotonic() < end:
-            time.sleep(0.05)
-        killed.kill()
-        killed.wait()
-        namespace = os.readlink("/proc/self/ns/pid")
-        gone = left[0].parent
-        assert (gone / "owner").read_text() == f"{killed.pid} {namespace}\n"
-        long_ago = time.time() - 90
-        for kept, owner in {
-            "living": f"{os.getpid()} {namespace}\n",
-            "other0": f"{killed.pid} pid:[1]\n",  # of a container: not ours to remove
-            "newest": "",
-            "inuse0": "",
-        }.items():
-            (folder / f"vcan.{kept}").mkdir()
-            (folder / f"vcan.{kept}" / "owner").write_text(owner)
-        for without in ("young0", "old000"):
-            (folder / f"vcan.{without}").mkdir()
-        for old in ("living", "other0", "inuse0", "old000"):
-            os.utime(folder / f"vcan.{old}", (long_ago, long_ago))
-        sleep = "import time; time.sleep(60)"
-        user = subprocess.Popen([sys.executable, "-c", sleep, folder / "vcan.inuse0" / "init"])
-        both = [subprocess.Popen([VCAN, "true"], env=own) for _ in range(2)]
-        assert [run_.wait(60) for run_ in both] == [0, 0]
-        user.kill()
-        user.wait()
-        assert not gone.exists()
-        assert sorted(f.name for f in folder.iterdir()) == [
-            "vcan.inuse0", "vcan.living", "vcan.newest", "vcan.other0", "vcan.young0",
-        ]  # fmt: skip
-
-
-def test_vcan_gives_a_terminal_a_shell():
-    """Input and output of a terminal are one file: it must block as before, or nothing is read."""
-    ours, theirs = pty.openpty()
-    shell = subprocess.Popen(
-        [VCAN, "-t", "60", "bash"], stdin=theirs, stdout=theirs, stderr=theirs,
-        start_new_session=True,
-    )  # fmt: skip
-    time.sleep(1)  # a pause as between keystrokes
-    os.write(ours, b"test -t 1 && ls /sys/class/net; exit 7\n")
-    assert shell.wait(70) == 7
-    assert not fcntl.fcntl(theirs, fcntl.F_GETFL) & os.O_NONBLOCK
-    said = os.read(ours, 4096).decode()
-    os.close(ours)
-    os.close(theirs)
-    assert "vcan0" in said.split("exit 7", 1)[1]

@@ -20,19 +20,30 @@ import sys
 import termios
 import threading
 import time
+import tracemalloc
 from contextlib import contextmanager
 from pathlib import Path
 
 import lcm
 import numpy as np
 import pytest
+import verbs
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.bus import log as logs
 from forceaxis.bus import log_tables, state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
 from forceaxis.bus.gateway import MODES, Session
-from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Bus, Gaps, blank, connect, decode
+from forceaxis.bus.lcm import (
+    NOT_AVAILABLE,
+    TABLE_HASH,
+    Bus,
+    Gaps,
+    Undecodable,
+    blank,
+    connect,
+    decode,
+)
 from forceaxis.bus.messages import (
     axis_capture_t,
     axis_command_t,
@@ -93,16 +104,8 @@ def gateway(url, **options):
         process.stdout.close()
 
 
-def forceaxis(*arguments, **more):
-    return subprocess.run(
-        [FORCEAXIS, *map(str, arguments)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=30,
-        **more,
-    )
+def forceaxis(*arguments):
+    return verbs.forceaxis(*arguments, cwd=ROOT)
 
 
 def refused(done, *words):
@@ -976,6 +979,53 @@ def test_a_block_that_lies_about_its_size_asks_for_no_memory():
     watch.take("AXIS_1_CAPTURE", block.encode(), 0)
     assert len(watch.events) == 2 and "does not fit" in watch.events[-1][3]
     assert watch.axes[1].capture[1].missing == watch.axes[1].capture[1].total == 10
+
+
+def command_of(names):
+    command = blank(axis_command_t)
+    command.num_items, command.object, command.value = len(names), names, [1] * len(names)
+    command.num_signals, command.signal = 1, ["force"]
+    return command.encode()
+
+
+@pytest.mark.parametrize("count", [-1, -(2**31), 2**31 - 1, 2**20])
+def test_a_count_that_lies_is_seen_before_it_is_believed(count):
+    lie = struct.pack(">i", count)
+    capture = blank(axis_capture_t)
+    capture.num_signals = capture.num_samples = 0
+    rows = capture.encode()  # ends with num_signals, num_samples: rows of nothing take no bytes
+    command, items = command_of(["force_gain"]), 8 + 9 * 8
+    lies = [
+        ("AXIS_1_CAPTURE", rows[:-4] + lie),
+        ("AXIS_1_CAPTURE", rows[:-8] + lie + rows[-4:]),
+        ("AXIS_1_COMMAND", command[:items] + lie + command[items + 4 :]),
+        ("AXIS_1_COMMAND", command[: items + 4] + lie + command[items + 8 :]),  # of a string
+    ]
+    tracemalloc.start()
+    try:
+        for channel, data in lies:
+            with pytest.raises(Undecodable):
+                decode(channel, data)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_message_that_is_cut_off_or_goes_on_is_none():
+    whole = command_of(["force_gain", "0x6040"])
+    assert decode("AXIS_1_COMMAND", whole).object == ["force_gain", "0x6040"]
+    for size in range(len(whole)):
+        with pytest.raises(Undecodable):
+            decode("AXIS_1_COMMAND", whole[:size])
+    with pytest.raises(Undecodable):
+        decode("AXIS_1_COMMAND", whole + b"\0")
+    unended = whole.replace(b"0x6040\0", b"0x60400")
+    with pytest.raises(Undecodable):
+        decode("AXIS_1_COMMAND", unended)
+    rows = blank(axis_capture_t)
+    rows.num_signals, rows.num_samples, rows.value = 0, 5, [[]] * 5
+    with pytest.raises(Undecodable):
+        decode("AXIS_1_CAPTURE", rows.encode())
 
 
 def test_random_bytes_on_every_channel_are_counted_and_harmless():

@@ -15,6 +15,7 @@ from pathlib import Path
 import canopen
 import cantools
 import pytest
+import verbs
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "firmware/objects/axis_objects.toml"
@@ -645,9 +646,7 @@ def test_the_firmware_has_the_same_addresses(tmp_path):
 
 
 def forceaxis(*arguments):
-    return subprocess.run(
-        [BIN / "forceaxis", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+    return verbs.forceaxis(*arguments)
 
 
 def test_the_verb_writes_the_files(tmp_path):

@@ -11,10 +11,6 @@
 #include "firmware/app/store.h"
 #include "firmware/port/stm32f4/registers.h"
 
-/* What was written to memory before is there when what comes next is seen: between an interrupt and
- * what it interrupts. */
-#define BARRIER() __asm volatile("" ::: "memory")
-
 /* Priorities of interrupts; a lower number goes first. The tick may be interrupted by those that
  * only move a byte or a frame. */
 enum { PRIORITY_BUS = 0x40, PRIORITY_TICK = 0x80 };

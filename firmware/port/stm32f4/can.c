@@ -1,4 +1,5 @@
 #include "firmware/port/port.h"
+#include "firmware/port/stm32f4/barrier.h"
 #include "firmware/port/stm32f4/board.h"
 
 enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };

@@ -1,4 +1,5 @@
 #include "firmware/port/port.h"
+#include "firmware/port/stm32f4/barrier.h"
 #include "firmware/port/stm32f4/board.h"
 
 enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT };

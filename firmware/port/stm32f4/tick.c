@@ -37,7 +37,9 @@ void tick_interrupt(void) {
   (void)SYSTICK->CSR;
   count_missed();
   port_tick();
-  is_late = is_late || (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0;
+  if ((SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0) {
+    is_late = true;
+  }
 }
 
 bool port_overran(uint32_t *ticks) {

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "firmware/port/host/axis_host.h"
+#include "host/python/binding/parts.hpp"
 #include "host/run/experiment.hpp"
 #include "sim/hybrid/plant.hpp"
 
@@ -94,10 +95,9 @@ class BenchCase {
       const double start = thread_cpu_s();
       Plant plant(cache_);
       if (firmware) {
-        const std::unique_ptr<axis_host_t, void (*)(axis_host_t *)> axis(axis_host_create(),
-                                                                         axis_host_destroy);
+        const std::unique_ptr<fw_t, void (*)(fw_t *)> axis(axis_host_create(), axis_host_destroy);
         for (const auto &w : experiment_.initial)
-          if (axis_host_write(axis.get(), w.object, w.raw) != FW_OK)
+          if (fw_object_write(axis.get(), FW_SOURCE_LOCAL, w.object, w.raw) != FW_OK)
             throw std::runtime_error("the firmware refuses an object of " +
                                      experiment_.file.string());
         axis_inputs_t in{};
@@ -111,7 +111,7 @@ class BenchCase {
           in.encoder_cnt = codes.encoder;
           in.adc_code[0] = codes.adc[0];
           in.adc_code[1] = codes.adc[1];
-          axis_host_tick(axis.get(), &in, &out);
+          fw_tick(axis.get(), &in, &out);
           plant.step(out.dac_code, out.amp_enable != 0);
         }
       } else {
@@ -221,8 +221,6 @@ class BenchCase {
 };
 
 }  // namespace
-
-void add_bench(py::module_ &m);
 
 void add_bench(py::module_ &m) {
   py::class_<BenchCase>(m, "BenchCase", "A plant in its benchmark loop, timed.")

@@ -12,6 +12,8 @@
 #include <thread>
 
 #include "firmware/port/host/firmware.hpp"
+#include "host/python/binding/energy.hpp"
+#include "host/python/binding/parts.hpp"
 #include "host/python/binding/result.hpp"
 #include "host/python/binding/toml.hpp"
 #include "host/run/experiment.hpp"
@@ -21,33 +23,11 @@
 
 namespace py = pybind11;
 
-void add_bench(py::module_ &m);    // bench.cpp
-void add_excite(py::module_ &m);   // excite.cpp
-void add_linear(py::module_ &m);   // linear.cpp
-void add_link(py::module_ &m);     // link.cpp
-void add_objects(py::module_ &m);  // objects.cpp
-void add_plant(py::module_ &m);    // plant.cpp
-void add_toml(py::module_ &m);     // toml.cpp
-
 using forceaxis::host::Criterion;
 using forceaxis::host::Experiment;
 using forceaxis::host::ExperimentFile;
 using forceaxis::host::Metrics;
 using forceaxis::host::RunResult;
-
-py::dict energy_dict(const forceaxis::sim::EnergyAudit &e) {
-  py::dict dissipated;
-  for (const auto &damper : e.dissipated) dissipated[py::str(damper.element)] = damper.energy;
-  py::dict d;
-  d["initial_J"] = e.initial;
-  d["supplied_J"] = e.supplied;
-  d["dissipated_J"] = dissipated;
-  d["kinetic_J"] = e.kinetic;
-  d["stored_J"] = e.stored;
-  d["discarded_J"] = e.discarded;
-  d["residual_J"] = e.residual;
-  return d;
-}
 
 namespace {
 

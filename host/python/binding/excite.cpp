@@ -17,6 +17,7 @@
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
 #include "host/python/binding/model.hpp"
+#include "host/python/binding/parts.hpp"
 #include "host/run/objects.hpp"
 #include "sim/hybrid/plant.hpp"
 
@@ -26,12 +27,10 @@ using forceaxis::sim::Model;
 using forceaxis::sim::Plant;
 using forceaxis::sim::SimulationError;
 
-void add_excite(py::module_ &m);
-
 namespace {
 
 struct AxisDeleter {
-  void operator()(axis_host_t *axis) const { axis_host_destroy(axis); }
+  void operator()(fw_t *axis) const { axis_host_destroy(axis); }
 };
 
 constexpr double kLargest = 1e15;  // of any recorded value; beyond it nothing is a measurement
@@ -82,7 +81,8 @@ class Excited {
     const bool fits = raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max);
     // A u32 object is passed as the same 32 bits.
     const auto bits = static_cast<std::uint32_t>(fits ? static_cast<std::int64_t>(raw) : 0);
-    if (!fits || axis_host_write(axis_.get(), *number, static_cast<std::int32_t>(bits)) != FW_OK)
+    if (!fits || fw_object_write(axis_.get(), FW_SOURCE_LOCAL, *number,
+                                 static_cast<std::int32_t>(bits)) != FW_OK)
       throw std::invalid_argument("the firmware refuses " + object + " = " + std::to_string(value));
   }
 
@@ -108,9 +108,9 @@ class Excited {
       const forceaxis::sim::SensorCodes sensed = plant_->codes();
       const axis_inputs_t in{sensed.encoder, {sensed.adc[0], sensed.adc[1]}, AXIS_DIN_ENABLE, 1};
       axis_outputs_t put{};
-      axis_host_tick(axis_.get(), &in, &put);
+      fw_tick(axis_.get(), &in, &put);
       std::int32_t fault = 0;
-      axis_host_read(axis_.get(), AXIS_OBJ_FAULT, &fault);
+      fw_object_read(axis_.get(), AXIS_OBJ_FAULT, &fault);
       if (fault != AXIS_FAULT_NONE)
         throw SimulationError("the firmware latched the fault " +
                               forceaxis::host::enum_text(AXIS_OBJ_FAULT, fault));
@@ -152,8 +152,8 @@ class Excited {
     int bits = 8;
     for (const auto &adc : plant_->model().adc)
       if (adc) bits = std::max(bits, adc->bits);
-    axis_host_write(axis_.get(), AXIS_OBJ_ADC_BITS, bits);
-    axis_host_write(axis_.get(), AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_ADC_BITS, bits);
+    fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
   }
 
   std::vector<std::size_t> places_of(const std::vector<std::string> &signals) const {
@@ -186,7 +186,7 @@ class Excited {
   std::map<std::vector<std::string>, std::int64_t> met_;  // modes, and samples in each
   std::map<std::vector<std::string>, std::int64_t>::iterator here_;
   std::int64_t changes_ = -1;
-  std::unique_ptr<axis_host_t, AxisDeleter> axis_;
+  std::unique_ptr<fw_t, AxisDeleter> axis_;
 };
 
 }  // namespace

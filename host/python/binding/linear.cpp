@@ -14,13 +14,12 @@
 #include <vector>
 
 #include "host/python/binding/model.hpp"
+#include "host/python/binding/parts.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::kGround;
 using forceaxis::sim::LinearMode;
 using forceaxis::sim::Model;
-
-void add_linear(py::module_ &m);
 
 namespace {
 

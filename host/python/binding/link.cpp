@@ -6,12 +6,11 @@
 #include "host/link/chip_side.hpp"
 #include "host/link/lcm_transport.hpp"
 #include "host/link/linked_run.hpp"
+#include "host/python/binding/parts.hpp"
 #include "host/python/binding/result.hpp"
 #include "host/run/replay.hpp"
 
 namespace py = pybind11;
-
-void add_link(py::module_ &m);
 
 namespace {
 

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "firmware/objects/generated/axis_objects_meta.h"
+#include "host/python/binding/parts.hpp"
 
 namespace py = pybind11;
 

@@ -11,7 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "host/python/binding/energy.hpp"
 #include "host/python/binding/model.hpp"
+#include "host/python/binding/parts.hpp"
 
 namespace py = pybind11;
 using forceaxis::sim::Event;
@@ -19,8 +21,6 @@ using forceaxis::sim::Model;
 using forceaxis::sim::Plant;
 using forceaxis::sim::PlantOptions;
 using forceaxis::sim::SensorCodes;
-
-py::dict energy_dict(const forceaxis::sim::EnergyAudit &e);  // core.cpp
 
 namespace {
 

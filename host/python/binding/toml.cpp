@@ -9,12 +9,11 @@
 #include <utility>
 #include <vector>
 
+#include "host/python/binding/parts.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/units.hpp"
 
 namespace py = pybind11;
-
-void add_toml(py::module_ &m);
 
 namespace {
 

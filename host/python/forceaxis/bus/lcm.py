@@ -21,6 +21,7 @@ from forceaxis.bus.messages import (
     sim_clock_t,
     sim_truth_t,
 )
+from forceaxis.bus.wire import expect_whole
 
 NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
 TABLE_HASH = int(objects.OBJECTS_HASH[:8], 16)
@@ -70,6 +71,7 @@ def decode(channel, data):
     """The message, or Undecodable. The channel or the data must be of a known type."""
     carried = type_of(channel, data)
     try:
+        expect_whole(carried, data)
         return carried.decode(data)
     except Exception as error:  # generated code fails in any way on bytes that are not its type
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error

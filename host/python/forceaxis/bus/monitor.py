@@ -244,7 +244,7 @@ class Monitor(App):
     def draw_events(self, lines, width):
         with self.watch.lock:
             latest = list(self.watch.events)[-(lines - 1) :]
-        text = Text()
+        drawn = Text()
         for wall_us, number, alarm, text in latest:
             moment = time.strftime("%H:%M:%S", time.localtime(wall_us / 1e6))
             line = Text.assemble(
@@ -253,13 +253,13 @@ class Monitor(App):
                 (" ".join(text.split()), f"bold {BAD}" if alarm else ""),
             )
             line.truncate(width - 2, overflow="ellipsis")
-            text.append("\n" if text else "")
-            text.append_text(line)
+            drawn.append("\n" if drawn else "")
+            drawn.append_text(line)
         if not latest:
-            text = Text("no events yet", style=QUIET)
+            drawn = Text("no events yet", style=QUIET)
         events = self.query_one("#events", Static)
         events.styles.height = lines
-        events.update(text)
+        events.update(drawn)
 
     def draw_chart(self, now):
         chart = self.query_one("#chart", Static)

@@ -24,6 +24,7 @@ COMMAND_KINDS = {
     axis_command_t.KIND_TAKE: "take the axis",
     axis_command_t.KIND_RELEASE: "release the axis",
 }
+REPEATED = " x"  # before the count of a routine event
 # Kinds of events that are shown as alarms.
 ALARMS = {
     axis_event_t.EVENT_REFUSED,
@@ -83,7 +84,7 @@ class AxisWatch:
                     force,
                     target,
                     known(state.position_cnt),
-                    known(state.target_position_cnt),
+                    self.position_target(),
                     known(state.dac_code),
                     known(state.command_code),
                 )
@@ -95,7 +96,7 @@ class AxisWatch:
         where not available."""
         state = self.state
         count, share = known(state.force_cnt_q8), known(state.force_permille)
-        wanted, rated = known(state.target_force_permille), known(state.rated_force_mN)
+        wanted, rated = self.force_wanted(), known(state.rated_force_mN)
         scale = known(state.force_scale_uN)
         force, unit = (None if count is None else count / 256), "count"
         if count is not None and scale:
@@ -105,6 +106,25 @@ class AxisWatch:
         in_newtons = unit == "N" or force is None
         target = wanted * rated * 1e-6 if wanted is not None and rated and in_newtons else None
         return force, target, "N" if in_newtons else unit
+
+    def force_wanted(self):
+        """The force that the mode in force demands, per mille of rated; None in the others."""
+        state = self.state
+        if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
+            return None
+        more = dict(zip(state.more_name, state.more_value, strict=True))
+        if "force_demand" in more:
+            return more["force_demand"]
+        return None if state.mode_display == -1 else known(state.target_force_permille)
+
+    def position_target(self):
+        """Where the mode in force leads the axis, in counts; None where force decides."""
+        state = self.state
+        mode = known(state.mode_display)
+        if mode in state_names.PROFILE_MODES:
+            return known(state.demand_position_cnt)
+        in_position = mode is None or mode in state_names.TARGET_MODES
+        return known(state.target_position_cnt) if in_position else None
 
     def age_s(self, now_us):
         """Age of the drive's values in s: since receipt of the message, plus their age in it."""
@@ -157,14 +177,14 @@ class AxisWatch:
             "contact": text(state.contact, bool),
             "limit_cycle": text(state.limit_cycle, bool),
             "position_cnt": known(state.position_cnt),
-            "target_position_cnt": known(state.target_position_cnt),
+            "target_position_cnt": self.position_target(),
             "following_error_cnt": known(state.following_error_cnt),
             "velocity_cnt_per_s": known(state.velocity_cnt_per_s),
             "force_cnt": None if count is None else count / 256,
             "force_N": force if unit == "N" else None,
             "target_force_N": target,
             "force_permille": known(state.force_permille),
-            "target_force_permille": known(state.target_force_permille),
+            "target_force_permille": self.force_wanted(),
             "dac_code": known(state.dac_code),
             "command_code": known(state.command_code),
             "tick": known(state.tick),
@@ -220,11 +240,27 @@ class Watch:
                     message.kind in (axis_event_t.EVENT_FAULT, axis_event_t.EVENT_EMCY)
                     and message.code == 0
                 )
-                self.events.append((wall_us, number, alarm, message.text or f"kind {message.kind}"))
+                text = message.text or f"kind {message.kind}"
+                if message.kind == axis_event_t.EVENT_DONE:
+                    self._routine(wall_us, number, text)
+                else:
+                    self.events.append((wall_us, number, alarm, text))
             elif kind == "COMMAND":
-                self.events.append((wall_us, number, False, command_text(message)))
+                self._routine(wall_us, number, command_text(message))
             elif kind == "CAPTURE":
                 self._take_capture(self.axis(number), message, wall_us)
+
+    def _routine(self, wall_us, number, text):
+        """A client's command or its confirmation. One that is repeated, such as the write that
+        keeps an owner's watchdog, is one line with a count, and other events stay visible."""
+        for i, (_, axis, alarm, shown) in enumerate(self.events):
+            base, _, count = shown.rpartition(REPEATED)
+            if (axis, alarm) != (number, False) or text not in (base, shown):
+                continue
+            del self.events[i]
+            text = f"{text}{REPEATED}{2 if text == shown else int(count) + 1}"
+            break
+        self.events.append((wall_us, number, False, text))
 
     def _take_capture(self, axis, block, wall_us):
         key = (block.run_id, block.capture_id)

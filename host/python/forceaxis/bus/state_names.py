@@ -34,6 +34,7 @@ BITS = (
     (7, "warning"),
     (10, "target reached"),
     (11, "internal limit"),
+    (14, "stopped by another"),
 )
 # Bits 12 and 13 depend on the mode.
 BIT_12 = {
@@ -45,6 +46,12 @@ BIT_12 = {
     10: "follows command",
 }
 BIT_13 = {1: "following error", 6: "homing error", 8: "following error"}
+
+
+# Modes of operation in which a force is demanded, a position is given, or a profile leads there.
+FORCE_MODES = {-8, -7, -6, -1, 4, 10}
+TARGET_MODES = {-5, 1, 8}
+PROFILE_MODES = {-4, 3, 6, 9}
 
 
 def drive_state(statusword):

@@ -14,7 +14,10 @@ class axis_command_t(object):
     Datagrams get lost and doubled: a client sends the same command again (same command_id, next
     seq) until it is answered or gives up; the gateway carries out a (run_id, command_id) once and
     answers a repetition with the same answer. Items are carried out in order; the first that is
-    refused ends the command, those before it stay done and are in the answer.
+    refused ends the command, those before it stay done and are in the answer. At most 4096 items and
+    64 signals, names of at most 255 printable ASCII characters. What is malformed, or comes from
+    elsewhere than the gateway's machine or a network of its --lcm-remote, is dropped without an
+    answer.
     """
 
     __slots__ = ["utime", "wall_utime", "seq", "run_id", "command_id", "axis", "objects_hash", "kind", "timeout_us", "num_items", "object", "value", "num_signals", "signal"]

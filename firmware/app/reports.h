@@ -1,0 +1,30 @@
+#ifndef FIRMWARE_APP_REPORTS_H_
+#define FIRMWARE_APP_REPORTS_H_
+
+/* Emergencies that are no fault of the axis: contact, overruns, the store. */
+
+#include <stdint.h>
+
+#include "firmware/app/fw.h"
+
+/* An emergency of those from FW_HELD_FIRST, which could otherwise be repeated in every tick. */
+void reports_limited(fw_t *fw, uint16_t code);
+
+/* State of the contact, to be compared with fw->contact_seen. */
+enum { REPORTS_CONTACT = 1, REPORTS_SATURATED = 2, REPORTS_LIMIT_CYCLE = 4 };
+static inline uint8_t reports_contact_seen(const fw_t *fw) {
+  const drive_signals_t *signals = &fw->drive.signals;
+  /* Each of them is 0 or 1. */
+  return (uint8_t)(signals->contact * REPORTS_CONTACT +
+                   signals->force_saturated * REPORTS_SATURATED +
+                   signals->limit_cycle * REPORTS_LIMIT_CYCLE);
+}
+
+/* Reports changes of that state since the last call. A contact is lost only while force is
+ * controlled. */
+void reports_contact(fw_t *fw);
+
+/* store_failed with store_state, the address of the first change and how many there are. */
+void reports_store(fw_t *fw);
+
+#endif

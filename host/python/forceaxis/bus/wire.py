@@ -1,0 +1,89 @@
+"""Whether bytes are a whole message of an LCM type, seen before the generated code decodes them.
+
+That code believes every count: a few bytes that announce 2^31 rows of nothing keep it busy until
+the memory is full, and a string that is cut off passes as a shorter one.
+"""
+
+import functools
+import math
+
+_SIZES = {
+    "int8_t": 1, "byte": 1, "boolean": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8,
+    "float": 4, "double": 8,
+}  # fmt: skip
+
+
+class Torn(ValueError):
+    """A count or length that does not fit the data."""
+
+
+@functools.cache
+def _plan(message_type):
+    """What follows the fingerprint, in order: an int for the bytes of values that count nothing,
+    (name, bytes) for a count, (names of counts, bytes or 0 of a string) for an array or string."""
+    dimensions = message_type.__dimensions__
+    counting = {name for each in dimensions if each for name in each}
+    steps = []
+    for name, kind, each in zip(
+        message_type.__slots__, message_type.__typenames__, dimensions, strict=True
+    ):
+        size = _SIZES.get(kind, 0)
+        if name in counting:
+            steps.append((name, size))
+        elif each is None and size and steps and isinstance(steps[-1], int):
+            steps[-1] += size
+        elif each is None and size:
+            steps.append(size)
+        else:
+            steps.append((tuple(each or ()), size))
+    return steps
+
+
+class _Reader:
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def skip(self, count):
+        self.at += count
+        if self.at > len(self.data):
+            raise Torn("ends early")
+
+    def number(self, size):
+        self.skip(size)
+        return int.from_bytes(self.data[self.at - size : self.at], "big", signed=True)
+
+    def string(self):
+        length = self.number(4)
+        if length < 1:
+            raise Torn("a string without its final zero")
+        self.skip(length)
+        if self.data[self.at - 1] != 0:
+            raise Torn("a string without its final zero")
+
+
+def expect_whole(message_type, data):
+    """Raises Torn unless every count and length of the data fits and nothing is left over."""
+    reader, counts = _Reader(bytes(data)), {}
+    reader.skip(8)
+    if reader.data[:8] != message_type._get_packed_fingerprint():
+        raise Torn("another type")
+    for step in _plan(message_type):
+        if isinstance(step, int):
+            reader.skip(step)
+            continue
+        what, size = step
+        if isinstance(what, str):
+            counts[what] = reader.number(size)
+            if not 0 <= counts[what] <= len(reader.data):
+                raise Torn(f"{what}: {counts[what]}")
+            continue
+        elements = math.prod(counts[dimension] for dimension in what)
+        if elements == 0 and any(counts[dimension] for dimension in what[:1]):
+            raise Torn("rows of nothing")  # which take no bytes, but time and memory
+        if size:
+            reader.skip(elements * size)
+            continue
+        for _ in range(elements):
+            reader.string()
+    if reader.at != len(reader.data):
+        raise Torn("bytes are left over")
