@@ -43,6 +43,7 @@ static inline canopen_requests_t canopen_take_requests(canopen_t *canopen) {
   const canopen_requests_t requests = canopen->requests;
   canopen->requests.frames_lost = 0;
   canopen->requests.sources_lost = 0;
+  canopen->requests.stop = 0;
   return requests;
 }
 

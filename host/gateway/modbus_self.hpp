@@ -5,7 +5,7 @@
 #include <array>
 #include <cstdint>
 
-#include "host/modbus/tcp_server.hpp"
+#include "host/modbus/frames.hpp"
 
 extern "C" {
 #include "firmware/modbus/request.h"

@@ -324,6 +324,20 @@ TEST_F(FwStop, NmtAndBusOffStopAnotherOnesAxis) {
   }
 }
 
+// A stop is carried out once: whatever else the node reports later repeats none.
+TEST_F(FwStop, AStopOfTheBusIsNotRepeated) {
+  Prepare(kRtu);
+  Send(0, {2, kNode});
+  EXPECT_EQ(TicksToOff(10), 1);
+  Send(0, {1, kNode});
+  for (int word : {0x80, 0x00}) ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, word), 0u);
+  Drive(kRtu);
+  fw_can_lost(&fw_, 1);
+  Tick(10);
+  EXPECT_TRUE(IsOn());
+  EXPECT_EQ(Inner(AXIS_OBJ_STOPPED_BY), 0);
+}
+
 // Ramps, where the options ask for them, are not cut short by the owner either.
 TEST_F(FwStop, ARampOfAnothersStopIsFinished) {
   PowerUp();
