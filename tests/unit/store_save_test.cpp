@@ -40,7 +40,8 @@ TEST(Store, KeepsEveryStoredParameterAndNoOther) {
   // An erase, 64 bytes a tick to see that it is blank, head, an entry a tick, CRC, 64 bytes a tick
   // read back.
   const int entries = static_cast<int>(axis.Stored().size());
-  EXPECT_EQ(ticks, 1 + (Flash::kSector + 63) / 64 + 1 + entries + 1 + (16 + 12 * entries + 63) / 64);
+  EXPECT_EQ(ticks,
+            1 + (Flash::kSector + 63) / 64 + 1 + entries + 1 + (16 + 12 * entries + 63) / 64);
 }
 
 TEST(Store, ASavedDefaultIsLoadedToo) {
