@@ -150,8 +150,13 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
     if (object == AXIS_OBJ_NONE) break;
     const ObjectAddress address = address_of(object);
     if (at + address.bytes > frame.length) return;
-    publisher_.update(
-        object, value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed));
+    const std::int64_t value =
+        value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed);
+    publisher_.update(object, value);
+    // Whoever acquires it for Modbus afterwards may be another one.
+    if (object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS) {
+      modbus_is_ours_ = false;
+    }
     at += address.bytes;
   }
   if (pdo == kLastPdo && !published_) publish_state();
@@ -377,11 +382,11 @@ Task<bool> GatewayAxis::give_to_canopen(std::int64_t owner) {
   co_return given.ok();
 }
 
-Task<void> GatewayAxis::shut_down(bool modbus_is_ours) {
+Task<void> GatewayAxis::shut_down() {
   constexpr std::int64_t kQuickStop = 0x0002;
   if (!present_ || !writes_allowed()) co_return;
   const ObjectResult source = co_await master_port().read(AXIS_OBJ_COMMAND_SOURCE);
-  if (!source.ok() || (source.value == AXIS_COMMAND_SOURCE_MODBUS && !modbus_is_ours)) co_return;
+  if (!source.ok() || (source.value == AXIS_COMMAND_SOURCE_MODBUS && !modbus_is_ours_)) co_return;
   ObjectResult state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
   if (state.ok() && state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     co_await master_port().write(AXIS_OBJ_CONTROLWORD, kQuickStop);

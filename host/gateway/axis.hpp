@@ -51,9 +51,13 @@ class GatewayAxis {
   // To be called once a period, after all received frames: reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // Stops the axis if CANopen, LCM or, with `modbus_is_ours`, Modbus owns it: the owner cannot
-  // reach it any more. Then gives it to CANopen, and ends its watch for the gateway's heartbeat.
-  Task<void> shut_down(bool modbus_is_ours);
+  // A client of this gateway wrote the owner of the axis: should that be Modbus, it is a client
+  // here and not one on the axis' serial line.
+  void acquired_by_modbus() { modbus_is_ours_ = true; }
+
+  // Stops the axis if CANopen or a client of the gateway owns it, who cannot reach it any more.
+  // Then gives it to CANopen, and ends its watch for the gateway's heartbeat.
+  Task<void> shut_down();
 
   // The axis has this program's object table, and is not silent.
   bool writes_allowed() const { return table_known_ && !mismatch_; }
@@ -102,6 +106,7 @@ class GatewayAxis {
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
   bool heartbeats_ = false;  // it sends them
+  bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
   bool published_ = true;  // since the last SYNC

@@ -160,7 +160,7 @@ class Gateway {
   }
 
   Task<void> end(Axis &axis) {
-    co_await axis.node.shut_down(axis.modbus.acquired());
+    co_await axis.node.shut_down();
     if (--unstopped_ == 0) loop_.stop();
   }
 

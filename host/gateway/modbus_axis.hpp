@@ -27,10 +27,6 @@ class ModbusAxis {
   // Carries out the request and puts the answer in its place.
   Task<void> serve(modbus::Pdu &pdu);
 
-  // A client of this gateway has acquired the axis and not given it away. If Modbus still owns it,
-  // the owner is a client here, not one on the axis' serial line.
-  bool acquired() const { return acquired_; }
-
  private:
   // Each gives FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
   Task<int> carry_out(modbus_access_t &access);
@@ -41,7 +37,6 @@ class ModbusAxis {
   GatewayAxis &axis_;
   ObjectPort port_;
   std::string text_;  // of the last access
-  bool acquired_ = false;
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };
 
