@@ -9,7 +9,7 @@
  * of a stopped node are queued. Remote requests are ignored, so there is no node guarding. A frame
  * goes to the first service that accepts it: NMT, heartbeat consumers, SYNC, SDO, RPDOs. A node
  * that is stopped, or whose communication is reset, while the axis is active has lost its owner
- * (CANopen, fault source_lost), since no master could stop the axis then. */
+ * (fault source_lost) if that one reaches it over this bus, since no master could stop it then. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -43,6 +43,7 @@ static inline canopen_requests_t canopen_take_requests(canopen_t *canopen) {
   const canopen_requests_t requests = canopen->requests;
   canopen->requests.frames_lost = 0;
   canopen->requests.sources_lost = 0;
+  canopen->requests.stop = 0;
   return requests;
 }
 
