@@ -55,6 +55,7 @@ struct Oracle {
   int word = 0;           // the owner's controlword, and the halt of others
   int silent = 0, watchdog = 1500;
   bool wrote = false;
+  bool on_can = true;  // the owner reaches the axis over CAN, as all do but Modbus RTU
 
   void Stop(State state, bool by_owner) {
     may_move = false;
@@ -91,10 +92,11 @@ struct Oracle {
     return source == owner ? Fed() : kDone;
   }
 
-  Answer Take(int source, int wanted, bool still) {
+  Answer Take(int source, int wanted, bool still, bool serial) {
     if (source != owner && (wanted != source || !still)) return kLocked;
     if (wanted != owner) silent = 0;
     owner = wanted;
+    on_can = wanted != kModbus || !serial;
     wrote = wanted == source;
     return kDone;
   }
@@ -109,10 +111,11 @@ struct Oracle {
   // NMT stop, resets, bus off.
   void BusStops(State state) {
     may_move = false;
-    if (owner == kModbus) {
+    if (!on_can) {
       if (state == kEnabled || state == kQuickStop) held = true;
     } else {
       owner = kCanopen;
+      on_can = true;
     }
   }
 
@@ -123,6 +126,7 @@ struct Oracle {
     wrote = false;
     if (silent > watchdog) {
       owner = kCanopen;
+      on_can = true;
       may_move = false;
     }
   }
@@ -251,11 +255,14 @@ class Flood {
 
   // By the source's way; which exception Modbus gives says no more than "not now".
   void Write(int source, uint16_t object, int32_t value, Answer expected) {
+    Write(source, object, value, expected, source == kModbus && OneIn(2));
+  }
+  void Write(int source, uint16_t object, int32_t value, Answer expected, bool serial) {
     Answer got;
     if (source == kCanopen) {
       got = WriteSdo(object, value);
       if (nmt_ == kStopped) expected = kNone;
-    } else if (source == kModbus && OneIn(2)) {
+    } else if (serial) {
       got = WriteRtu(object, value);
       if (expected == kLocked) expected = kNotNow;
     } else {
@@ -289,8 +296,9 @@ class Flood {
         const int wanted = static_cast<int>(OneIn(3) ? Below(3) : static_cast<uint32_t>(source));
         const bool still = (state == kOff || state == kReady || state == kFault) &&
                            Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
+        const bool serial = source == kModbus && OneIn(2);
         Write(source, AXIS_OBJ_COMMAND_SOURCE, wanted,
-              heard ? oracle_.Take(source, wanted, still) : kNone);
+              heard ? oracle_.Take(source, wanted, still, serial) : kNone, serial);
         break;
       }
       case 1:
