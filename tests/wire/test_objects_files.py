@@ -470,6 +470,8 @@ ERROR_CODES = {
     "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
     "limit_cycle": 0xFF03, "overrun": 0xFF04, "enable_lost": 0xFF05, "force_max": 0xFF06,
     "watchdog_reset": 0xFF07,
+    "stopped": 0xFF08,
+    "owner_unsupervised": 0xFF09,
 }  # fmt: skip
 
 
