@@ -217,9 +217,9 @@ TEST_F(ModbusTcp, AClientThatIsBeingServedStays) {
   for (Client &client : busy) EXPECT_FALSE(client.Closed());
 }
 
-// A stop that is sent by a client that leaves at once is carried out; but requests of clients that
-// left do not pile up.
-TEST_F(ModbusTcp, ClientsThatLeaveKeepTheirPlaceUntilTheyAreServed) {
+// A stop of a client that disconnects at once is carried out; but requests of such clients
+// do not pile up.
+TEST_F(ModbusTcp, ClientsThatDisconnectKeepTheirPlaceUntilTheyAreServed) {
   answers_ = false;
   for (int i = 0; i < 100; ++i) {
     {
