@@ -43,7 +43,9 @@ TcpServer::TcpServer(const std::string &address, int port, Serve serve, Closing 
 }
 
 TcpServer::~TcpServer() {
-  for (const auto &[number, client] : clients_) ::close(client.socket);
+  for (const auto &[number, client] : clients_) {
+    if (client.socket >= 0) ::close(client.socket);
+  }
   ::close(listening_);
 }
 
@@ -85,12 +87,13 @@ std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
 void TcpServer::drop(Clients::iterator client) {
   closing_(client->second.socket);
   ::close(client->second.socket);
-  clients_.erase(client);
+  client->second.socket = -1;
+  if (!client->second.pending) clients_.erase(client);
 }
 
 void TcpServer::receive(std::uint64_t number, Time now) {
   const auto found = clients_.find(number);
-  if (found == clients_.end()) return;
+  if (found == clients_.end() || found->second.socket < 0) return;
   Client &client = found->second;
   std::uint8_t bytes[512];
   const ssize_t n = ::recv(client.socket, bytes, sizeof bytes, 0);
@@ -120,6 +123,10 @@ void TcpServer::answer(std::uint64_t number, const Pdu &answer, Time now) {
   Client &client = found->second;
   const std::vector<std::uint8_t> frame = frame_of(*client.pending, answer);
   client.pending.reset();
+  if (client.socket < 0) {
+    clients_.erase(found);
+    return;
+  }
   client.begun = now;
   client.last = now;
   if (is_accepted_write(answer)) client.written = now;

@@ -10,7 +10,9 @@
 // place of the one that has been idle for longest, first of those that never sent a whole request.
 // An idle client is otherwise left alone; one that does not finish a request within kHalf is
 // closed. A client whose request is being served, or whose write was accepted within kOwner, is not
-// closed for another one: that is how an owner of an axis keeps its connection.
+// closed for another one: that is how an owner of an axis keeps its connection. A request that is
+// being served keeps its place even when its client disconnects, so no more than kMostClients of
+// them wait.
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -67,7 +69,7 @@ class TcpServer {
 
  private:
   struct Client {
-    int socket = -1;
+    int socket = -1;                // -1: disconnected, its request is still being served
     FrameBuffer bytes;              // received, not served yet
     std::optional<Header> pending;  // of the request being served
     Time begun;                     // when the first byte of `bytes` was received

@@ -95,8 +95,11 @@ def registers(fd, function, first, value):
         os.read(fd, 64)
     os.write(fd, crc(struct.pack(">BBHH", 1, function, first, value)))
     answer = b""
-    while len(answer) < (8 if function == 6 else 7) and select.select([fd], [], [], 0.5)[0]:
+    length = 8 if function == 6 else 7
+    while len(answer) < length and select.select([fd], [], [], 0.5)[0]:
         answer += os.read(fd, 64)
+        if len(answer) > 1 and answer[1] >= 0x80:  # an exception
+            length = 5
     return answer[:-2]
 
 
