@@ -82,7 +82,7 @@ DECLARED = {
     "thread": '"reset"',
     "levels": '[["tick", "other"], ["fault"]]',
     "section": '".stack"',
-    "flash_bytes": 49152,
+    "flash_bytes": 98304,
     "ram_bytes": 24576,
     "recorder_bytes": 12288,
     "recorder": '"recorder_buffer"',

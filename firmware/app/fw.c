@@ -243,6 +243,7 @@ static void power_up(fw_t *fw) {
   }
   fw->ticks_alone = 0;
   fw->contact_seen = 0;
+  fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   assume_stored_node_id(fw);
   fw->device_signals.store_change_count = fw->store.change_count;
@@ -263,6 +264,7 @@ static void boot(fw_t *fw) {
 void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->config = *config;
   fw->live = 0;
+  fw->on_serial = 0;
   dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   store_init(&fw->store, config->memory);
@@ -293,7 +295,7 @@ static void take_requests(fw_t *fw) {
   if (requests.frames_lost != 0) {
     count_up(&fw->device_signals.can_lost, requests.frames_lost);
   }
-  if ((requests.sources_lost & fx_bit(fw->device.command_source)) != 0) {
+  if (ownership_ends(fw, requests.sources_lost)) {
     ownership_lost(fw, requests.fault);
   } else if (requests.stop != 0) {
     ownership_stopped(fw, requests.fault);
@@ -403,7 +405,9 @@ void fw_between(fw_t *fw) {
   }
   if (fw->config.buses != 0) {
     serve_node(fw);
+    fw->on_serial = 1;
     modbus_tick(&fw->modbus, &fw->objects);
+    fw->on_serial = 0;
     execute_reset(fw);
   }
   serve_store(fw);
@@ -434,7 +438,9 @@ void fw_can_bus(fw_t *fw, uint8_t state) {
 }
 
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
+  fw->on_serial = 1;
   modbus_receive(&fw->modbus, &fw->objects, bytes, count);
+  fw->on_serial = 0;
 }
 
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room) {

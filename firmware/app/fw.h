@@ -63,6 +63,8 @@ typedef struct {
   uint32_t reported_tick[FW_HELD]; /* when each limited emergency was last sent */
   uint8_t reported[FW_HELD];       /* 1: was sent since power-up */
   uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
+  uint8_t on_serial;               /* 1: what is written now is received over the serial line */
+  uint8_t owner_on_can;            /* 1: the owner reaches the axis over CAN; ownership.h */
   uint8_t live;                    /* drive and protocols are served; see fw_tick() */
 } fw_t;
 
@@ -78,15 +80,17 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
  *   a frame of another node with this one's id                             1
- *   a boot-up message of a node that 1016h supervises; release of the enabled axis to
- *     a canopen that is lost or not supervised                             1
+ *   a boot-up message of a node that 1016h supervises (owner on CAN); release of the enabled
+ *     axis to a canopen that is lost or not supervised                     1
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
- *   heartbeat or RPDO missing, N ticks of its time                         N + 2
+ *   heartbeat missing (owner on CAN), N ticks of its time                  N + 2
+ *   RPDO missing (owner canopen), N ticks of its time                      N + 2
  * N is rounded up: ceil(1.5 ms). Where fault_reaction_option selects a ramp it comes first, of
  * at most CIA402_STOPPING_TICKS, but for the first two lines, a second node of this id and a reset
  * of the node; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis
- * enabled. Canopen is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set.
+ * enabled. Canopen is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set. On
+ * CAN is every owner but a Modbus that acquired the axis over the serial line.
  */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 

@@ -28,6 +28,15 @@ static bool is_held(const fw_t *fw) {
   return fw->drive.signals.stopped_by != AXIS_STOPPED_BY_NOBODY;
 }
 
+/* Whether the end of the owner is not noticed, or has come: a gateway that is already lost would
+ * not be missed again. */
+static bool is_enabling_unsafe(const fw_t *fw) {
+  if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
+    return fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED && !is_watched(fw);
+  }
+  return fw->owner_on_can != 0 && fw->canopen.heartbeats_lost != 0;
+}
+
 /* What the port itself writes is never refused so. */
 static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
@@ -35,8 +44,7 @@ static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   }
   const bool is_halted = (controlword & CIA402_CW_HALT) != 0;
   const bool is_refused = (is_held(fw) && !is_halted) ||
-                          (fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED &&
-                           !is_watched(fw) && cia402_would_enable(&fw->drive, controlword));
+                          (is_enabling_unsafe(fw) && cia402_would_enable(&fw->drive, controlword));
   return is_refused ? FW_ERROR_STATE : FW_OK;
 }
 
@@ -148,6 +156,7 @@ void ownership_stopped(fw_t *fw, uint8_t fault) {
 
 static void release_to_canopen(fw_t *fw) {
   fw->device.command_source = AXIS_COMMAND_SOURCE_CANOPEN;
+  fw->owner_on_can = 1;
   canopen_owns(&fw->canopen);
 }
 
@@ -167,6 +176,9 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
                        int32_t value) {
   fw_t *fw = fw_of(objects);
   fw->source_silence = 0;
+  if (object == AXIS_OBJ_COMMAND_SOURCE) {
+    fw->owner_on_can = (value != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0) ? 1 : 0;
+  }
   if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
     return;
   }
@@ -180,6 +192,10 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
       check_canopen(fw);
     }
   }
+}
+
+bool ownership_ends(const fw_t *fw, uint8_t lost) {
+  return fw->owner_on_can != 0 && (lost & fx_bit(fw->device.command_source)) != 0;
 }
 
 /* CANopen is watched by its node; but an axis that is enabled while a heartbeat is still lost would

@@ -6,6 +6,11 @@
  * command_source, or is given it by its owner, and loses it to canopen when no write of its own is
  * accepted for the time of its watchdog.
  *
+ * An owner on CAN (owner_on_can) is lost with CAN too: bus off, NMT stop, a heartbeat that is
+ * missed. That is canopen; a client of the gateway: LCM, or a Modbus that acquired the axis through
+ * the SDO server 1201h; and a Modbus that was given the axis. A Modbus on the serial line that
+ * writes its number to command_source is not on CAN.
+ *
  * Every bus may stop the axis. One that another than its owner stopped is held (stopped_by): no
  * controlword enables it until the owner has sent one that does not. So an owner that goes on
  * sending the same 000Fh does not start it again. The port itself is not held. */
@@ -49,6 +54,9 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
 
 /* The owner can no longer reach the axis, for the reason `fault` (AXIS_FAULT_). */
 void ownership_lost(fw_t *fw, uint8_t fault);
+
+/* Whether the end of the sources in the set `lost` (bits of FW_SOURCE_) on CAN is the owner's. */
+bool ownership_ends(const fw_t *fw, uint8_t lost);
 
 /* Parts of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);

@@ -30,9 +30,10 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
                           fx_ticks_from_ms(time_ms));
-      /* A boot-up message: the master no longer knows that it enabled the axis. */
+      /* A boot-up message: the master no longer knows that it enabled the axis, the gateway which
+       * clients it had. */
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
-        canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_SOURCE_LOST);
+        canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
       return; /* no other entry has this node */
     }
@@ -44,7 +45,7 @@ void heartbeat_missed(canopen_t *canopen, uint8_t i) {
   canopen_put(&canopen->heartbeats_lost, i);
   emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
              watched_node(canopen->params.consumer_heartbeat[i]));
-  canopen_lose(canopen, FW_SOURCE_CANOPEN, AXIS_FAULT_HEARTBEAT_LOST);
+  canopen_lose_all(canopen, AXIS_FAULT_HEARTBEAT_LOST);
 }
 
 void heartbeat_restart(canopen_t *canopen, uint8_t i) {

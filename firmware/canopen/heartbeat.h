@@ -2,7 +2,8 @@
 #define FIRMWARE_CANOPEN_HEARTBEAT_H_
 
 /* Heartbeat consumers of a CANopen node (1016h). A node is supervised from its first heartbeat on.
- * After a missing one, or a boot-up message, CANopen counts as lost. */
+ * After a missing one, or a boot-up message, CANopen counts as lost, and so do clients of a
+ * gateway. */
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -113,11 +113,9 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* The axis stops, whoever owns it; the sources whose only way in is this bus can no longer reach
- * it. */
+/* The axis stops, whoever owns it. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
-  canopen_lose(canopen, FW_SOURCE_CANOPEN, fault);
-  canopen_lose(canopen, FW_SOURCE_LCM, fault);
+  canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;
 }
 

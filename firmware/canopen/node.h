@@ -11,7 +11,8 @@
  * an identifier that this node sends itself (heartbeat, EMCY, SDO answer, valid TPDO) comes from
  * another node of its id: a request to latch the fault duplicate_node. Ports do not receive own
  * frames. A node that is stopped, or whose communication is reset, while the axis is active has
- * lost its owner (CANopen, fault source_lost), since no master could stop the axis then. */
+ * lost its owner (fault source_lost) if that one reaches it over this bus, since no master could
+ * stop it then. */
 
 #include <stdbool.h>
 #include <stdint.h>

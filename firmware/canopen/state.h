@@ -11,6 +11,7 @@
 #include "firmware/canopen/output.h"
 #include "firmware/canopen/timers.h"
 #include "firmware/fx/bytes.h"
+#include "firmware/objects/access.h"
 #include "firmware/objects/generated/axis_objects.h"
 
 enum { EMCY_WAITING = 4, EMCY_HISTORY = 8 };
@@ -132,6 +133,13 @@ static inline void canopen_lose(canopen_t *canopen, uint8_t source, uint8_t faul
     canopen->requests.fault = fault;
   }
   canopen_put(&canopen->requests.sources_lost, source);
+}
+
+/* Whoever reaches the axis over this bus can no longer do so. */
+static inline void canopen_lose_all(canopen_t *canopen, uint8_t fault) {
+  canopen_lose(canopen, FW_SOURCE_CANOPEN, fault);
+  canopen_lose(canopen, FW_SOURCE_MODBUS, fault);
+  canopen_lose(canopen, FW_SOURCE_LCM, fault);
 }
 
 /* Position of an object in an array of `count` that begins with `first`, or -1. */

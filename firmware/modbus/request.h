@@ -24,7 +24,7 @@ enum { MODBUS_PDU_BYTES = 253 };
 
 /* Results of modbus_request_bytes() for a length that is not known: */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* an unknown function: it ends with its frame */
+  MODBUS_BYTES_OPEN = 0,     /* an unknown function: any */
   MODBUS_BYTES_MORE = 0xFFFF /* more bytes are needed */
 };
 

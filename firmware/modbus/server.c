@@ -112,7 +112,8 @@ static bool closes(const modbus_t *modbus) {
 }
 
 /* Whether the frame is complete. For other units only the CRC decides; after a chance match the
- * remaining bytes are discarded as an invalid frame. */
+ * remaining bytes are discarded as an invalid frame. For an unknown function it does not: where the
+ * high byte of the CRC is 0 the CRC matches one byte early. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
@@ -120,7 +121,7 @@ static bool ends(const modbus_t *modbus) {
   const bool foreign = modbus->frame[UNIT] != BROADCAST && modbus->frame[UNIT] != modbus->unit;
   const uint16_t pdu = (uint16_t)(modbus->length - PDU - BYTES_CRC);
   const uint16_t bytes = modbus_request_bytes(&modbus->frame[PDU], pdu);
-  return foreign || bytes == MODBUS_BYTES_OPEN || bytes == pdu;
+  return foreign || bytes == pdu;
 }
 
 void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes,
@@ -157,7 +158,7 @@ void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->silence < modbus->silence_ticks) {
     return;
   }
-  /* A valid CRC, but not the length of its function code: answered by an exception. */
+  /* A valid CRC, but not the length of its function code, or none is known: an exception. */
   if (closes(modbus)) {
     take_frame(modbus, objects);
     return;

@@ -4,10 +4,10 @@
 /* A Modbus RTU server. Passive: bytes go in by modbus_receive(), answers come out by
  * modbus_transmit().
  *
- * A request is served as soon as its last byte is received: its function determines its length, and
- * a frame without a valid CRC there ends with the silence. So frames of other units and broken ones
- * are skipped without a timeout of their own; they are not answered, but counted. A request reads
- * one snapshot, because it is served between two ticks.
+ * A request is served as soon as its last byte is received: its function determines its length. A
+ * frame of an unknown function, or without a valid CRC there, ends with the silence. So frames of
+ * other units and broken ones are skipped without a timeout of their own; they are not answered,
+ * but counted. A request reads one snapshot, because it is served between two ticks.
  *
  * Bytes received while an answer is pending are lost, and counted. */
 

@@ -13,9 +13,10 @@ enum {
   MODBUS_OK = 0,
   MODBUS_EXCEPTION_FUNCTION = 1, /* unknown function, or sub-function */
   MODBUS_EXCEPTION_ADDRESS = 2,  /* no such register, coil or input */
-  MODBUS_EXCEPTION_VALUE = 3,    /* out of range, half of a 32-bit object, or a malformed request */
+  MODBUS_EXCEPTION_VALUE = 3,    /* out of range, a write to half of a 32-bit object, malformed */
   MODBUS_EXCEPTION_STATE = 4,    /* not in this state, or another source owns the axis */
   MODBUS_EXCEPTION_BUSY = 6,     /* the parameter store is at work */
+  MODBUS_EXCEPTION_PATH = 10,    /* no axis of this unit behind the gateway */
   MODBUS_EXCEPTION_TARGET = 11   /* the axis behind a gateway does not answer */
 };
 

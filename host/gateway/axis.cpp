@@ -149,8 +149,13 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
     if (object == AXIS_OBJ_NONE) break;
     const ObjectAddress address = address_of(object);
     if (at + address.bytes > frame.length) return;
-    publisher_.update(
-        object, value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed));
+    const std::int64_t value =
+        value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed);
+    publisher_.update(object, value);
+    // Whoever acquires it for Modbus afterwards may be another one.
+    if (object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS) {
+      modbus_is_ours_ = false;
+    }
     at += address.bytes;
   }
   if (pdo == kLastPdo && !published_) publish_state();
@@ -392,11 +397,20 @@ Task<void> GatewayAxis::poll_next() {
   }
 }
 
+// On behalf of the client that owns it; only CANopen's master may end the watch.
+Task<bool> GatewayAxis::give_to_canopen(std::int64_t owner) {
+  if (owner == AXIS_COMMAND_SOURCE_CANOPEN) co_return true;
+  ObjectPort port = owner == AXIS_COMMAND_SOURCE_LCM ? lcm_port() : modbus_port();
+  const ObjectResult given =
+      co_await port.write(AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_CANOPEN);
+  co_return given.ok();
+}
+
 Task<void> GatewayAxis::shut_down() {
   constexpr std::int64_t kQuickStop = 0x0002;
   if (!present_ || !writes_allowed()) co_return;
   const ObjectResult source = co_await master_port().read(AXIS_OBJ_COMMAND_SOURCE);
-  if (!source.ok() || source.value != AXIS_COMMAND_SOURCE_CANOPEN) co_return;
+  if (!source.ok() || (source.value == AXIS_COMMAND_SOURCE_MODBUS && !modbus_is_ours_)) co_return;
   ObjectResult state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
   if (state.ok() && state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     co_await master_port().write(AXIS_OBJ_CONTROLWORD, kQuickStop);
@@ -413,6 +427,7 @@ Task<void> GatewayAxis::shut_down() {
       state.value == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     co_return;
   }
+  if (!co_await give_to_canopen(source.value)) co_return;
   for (std::uint8_t sub = 1; sub <= 4; ++sub) {
     ObjectAddress entry = address_of(AXIS_OBJ_CONSUMER_HEARTBEAT_1);
     entry.sub = sub;

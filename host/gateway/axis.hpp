@@ -54,7 +54,12 @@ class GatewayAxis {
   // To be called once a period, after all received frames: reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // Stops the axis if CANopen owns it, and ends its watch for the gateway's heartbeat.
+  // A client of this gateway wrote the owner of the axis: should that be Modbus, it is a client
+  // here and not one on the axis' serial line.
+  void acquired_by_modbus() { modbus_is_ours_ = true; }
+
+  // Stops the axis if CANopen or a client of the gateway owns it, who cannot reach it any more.
+  // Then gives it to CANopen, and ends its watch for the gateway's heartbeat.
   Task<void> shut_down();
 
   // The axis has this program's object table, is not silent, and serves the clients' channels.
@@ -87,6 +92,7 @@ class GatewayAxis {
   Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
   bool failed(const ObjectResult &result, std::string_view what);
   Task<void> poll_next();
+  Task<bool> give_to_canopen(std::int64_t owner);
 
   bool channels_open() const { return open_boots_ == boots_; }
   void receive_heartbeat(std::uint8_t state);
@@ -105,6 +111,7 @@ class GatewayAxis {
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
   bool heartbeats_ = false;  // it sends them
+  bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
   bool published_ = true;  // since the last SYNC

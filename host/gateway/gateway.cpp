@@ -10,6 +10,7 @@
 #include "host/gateway/can_queue.hpp"
 #include "host/gateway/commands.hpp"
 #include "host/gateway/modbus_axis.hpp"
+#include "host/gateway/modbus_self.hpp"
 #include "host/gateway/options.hpp"
 #include "host/gateway/words.hpp"
 #include "host/modbus/tcp_server.hpp"
@@ -43,10 +44,14 @@ class Gateway {
     if (options.modbus_port != 0) {
       modbus_ = std::make_unique<modbus::TcpServer>(
           options.modbus_address, options.modbus_port,
-          [this](std::uint8_t unit) { return find(unit) != nullptr; },
           [this](std::uint64_t client, std::uint8_t unit, const modbus::Pdu &request) {
-            find(unit)->requests.push({client, request});
-          });
+            if (Axis *axis = find(unit)) {
+              axis->requests.push({client, request});
+            } else {
+              loop_.post([this, client, unit, pdu = request] { serve_self(client, unit, pdu); });
+            }
+          },
+          [this](int socket) { loop_.unwatch(socket); });
     }
   }
   ~Gateway() { loop_.abandon(); }
@@ -189,6 +194,7 @@ class Gateway {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
       serve_can();  // frames already received are not late
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
+      if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();
       report_drops();
     });
@@ -246,28 +252,23 @@ class Gateway {
   }
 
   void accept() {
-    const auto [client, socket] = modbus_->accept();
+    const auto [client, socket] = modbus_->accept(EventLoop::Clock::now());
     if (socket < 0) return;
-    sockets_[client] = socket;
     loop_.watch(
         socket, [] { return short{POLLIN}; },
-        [this, client = client](short) {
-          if (!modbus_->receive(client)) forget(client);
-        });
+        [this, client = client](short) { modbus_->receive(client, EventLoop::Clock::now()); });
   }
 
-  void forget(std::uint64_t client) {
-    const auto found = sockets_.find(client);
-    if (found == sockets_.end()) return;
-    loop_.unwatch(found->second);
-    sockets_.erase(found);
+  void serve_self(std::uint64_t client, std::uint8_t unit, modbus::Pdu pdu) {
+    modbus_self_.serve(unit, pdu);
+    modbus_->answer(client, pdu, EventLoop::Clock::now());
   }
 
   Task<void> serve_modbus(Axis &axis) {
     while (loop_.running()) {
       ModbusRequest next = co_await axis.requests;
       co_await axis.modbus.serve(next.pdu);
-      if (!modbus_->answer(next.client, next.pdu)) forget(next.client);
+      modbus_->answer(next.client, next.pdu, EventLoop::Clock::now());
     }
   }
 
@@ -277,7 +278,7 @@ class Gateway {
   lcm_bus::AxisChannels lcm_;
   std::vector<std::unique_ptr<Axis>> axes_;
   std::unique_ptr<modbus::TcpServer> modbus_;
-  std::map<std::uint64_t, int> sockets_;  // of Modbus clients
+  ModbusSelf modbus_self_;
   std::string reported_;
   std::uint64_t reported_drops_ = 0;
   EventLoop::Time next_drops_;
@@ -294,10 +295,11 @@ int main(int argc, char **argv) {
       "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes\n"
       "their state, events and captures over LCM and takes commands there, and serves Modbus TCP,\n"
       "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes that are CANopen's stop by quick stop first, for which a\n"
-      "second signal does not wait. If it is killed, the axes miss its heartbeat and are\n"
-      "disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another gateway is there, 2 wrong\n"
-      "usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
+      "Ends on SIGTERM or SIGINT: axes of CANopen and of its own clients stop by quick stop\n"
+      "first, for which a second signal does not wait. If it is killed, they miss its\n"
+      "heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another\n"
+      "gateway is there, 2 wrong usage, 130 and 143 ended at once by a second SIGINT or\n"
+      "SIGTERM.");
   add_gateway_options(app, options);
   app.footer(
       "Example:\n"

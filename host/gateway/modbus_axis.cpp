@@ -55,6 +55,7 @@ Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
   // SDO carries an object's own bytes: of 511 for 8 bits it would carry -1.
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   const ObjectResult result = co_await axis_.modbus_port().write(object, value);
+  if (result.ok() && object == AXIS_OBJ_COMMAND_SOURCE) axis_.acquired_by_modbus();
   if (result.abort == canopen::kAbortState && touches_store(object)) {
     // SDO has one code for a state and for a store that is still at work.
     std::int32_t store = 0;

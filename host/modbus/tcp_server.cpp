@@ -7,26 +7,31 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
+#include <span>
+#include <tuple>
 #include <utility>
 
 namespace forceaxis::modbus {
 namespace {
 
-// Transaction, protocol (0) and length, 16 bits each, then the unit: the length counts from there.
-constexpr std::size_t kHeader = 7, kBeforeLength = 6;
-constexpr unsigned kMostLength = MODBUS_TCP_MAX_ADU_LENGTH - kBeforeLength;
-
 struct ContextDeleter {
   void operator()(modbus_t *context) const { modbus_free(context); }
 };
 
+// Whether an answer is that of a write that was accepted: an exception has bit 7.
+bool is_accepted_write(const Pdu &answer) {
+  constexpr std::uint8_t kWrites[] = {5, 6, 15, 16, 22, 23};
+  return !answer.empty() && std::ranges::find(kWrites, answer[0]) != std::end(kWrites);
+}
+
 }  // namespace
 
-TcpServer::TcpServer(const std::string &address, int port, HasUnit has_unit, Serve serve)
-    : has_unit_(std::move(has_unit)), serve_(std::move(serve)) {
+TcpServer::TcpServer(const std::string &address, int port, Serve serve, Closing closing)
+    : serve_(std::move(serve)), closing_(std::move(closing)) {
   const std::string where = address + ":" + std::to_string(port);
   const std::unique_ptr<modbus_t, ContextDeleter> context(modbus_new_tcp(address.c_str(), port));
   if (!context) throw ServerError(where + ": expected an IPv4 address and a port");
@@ -38,82 +43,104 @@ TcpServer::TcpServer(const std::string &address, int port, HasUnit has_unit, Ser
 }
 
 TcpServer::~TcpServer() {
-  for (const auto &[number, client] : clients_) ::close(client.socket);
+  for (const auto &[number, client] : clients_) {
+    if (client.socket >= 0) ::close(client.socket);
+  }
   ::close(listening_);
 }
 
-std::pair<std::uint64_t, int> TcpServer::accept() {
+TcpServer::Clients::iterator TcpServer::most_idle(Time now) {
+  const auto stays = [now](const Client &client) {
+    return client.pending.has_value() || (client.written && now - *client.written < kOwner);
+  };
+  auto found = clients_.end();
+  for (auto at = clients_.begin(); at != clients_.end(); ++at) {
+    if (stays(at->second)) continue;
+    const auto key = [](const Client &client) { return std::tuple(client.asked, client.last); };
+    if (found == clients_.end() || key(at->second) < key(found->second)) found = at;
+  }
+  return found;
+}
+
+std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
   // modbus_tcp_accept() closes the listening socket when a client disconnects before it is
   // accepted.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
   if (clients_.size() == kMostClients) {
-    ::close(socket);
-    return {0, -1};
+    const auto idle = most_idle(now);
+    if (idle == clients_.end()) {
+      ::close(socket);
+      return {0, -1};
+    }
+    drop(idle);
   }
   // Each response is one small packet; Nagle's algorithm would only delay it.
   const int on = 1;
   ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  clients_[++last_client_].socket = socket;
+  Client &client = clients_[++last_client_];
+  client.socket = socket;
+  client.last = now;
   return {last_client_, socket};
 }
 
-void TcpServer::drop(std::uint64_t number) {
-  const auto found = clients_.find(number);
-  if (found == clients_.end()) return;
-  ::close(found->second.socket);
-  clients_.erase(found);
+void TcpServer::drop(Clients::iterator client) {
+  closing_(client->second.socket);
+  ::close(client->second.socket);
+  client->second.socket = -1;
+  if (!client->second.pending) clients_.erase(client);
 }
 
-bool TcpServer::receive(std::uint64_t number) {
+void TcpServer::receive(std::uint64_t number, Time now) {
   const auto found = clients_.find(number);
-  if (found == clients_.end()) return true;
+  if (found == clients_.end() || found->second.socket < 0) return;
   Client &client = found->second;
   std::uint8_t bytes[512];
   const ssize_t n = ::recv(client.socket, bytes, sizeof bytes, 0);
-  if (n < 0 && (errno == EAGAIN || errno == EINTR)) return true;
-  if (n > 0) client.bytes.insert(client.bytes.end(), bytes, bytes + n);
-  if (n <= 0 || !serve_next(number, client)) {
-    drop(number);
-    return false;
+  if (n < 0 && (errno == EAGAIN || errno == EINTR)) return;
+  if (n > 0) {
+    if (client.bytes.empty()) client.begun = now;
+    client.bytes.append(std::span(bytes, static_cast<std::size_t>(n)));
   }
-  return true;
+  if (n <= 0 || !serve_next(number, client, now)) drop(found);
 }
 
-bool TcpServer::serve_next(std::uint64_t number, Client &client) {
-  while (client.pending.empty() && client.bytes.size() >= kHeader) {
-    const auto &b = client.bytes;
-    const unsigned length = static_cast<unsigned>(b[4] << 8 | b[5]);
-    // Without a valid header the next frame cannot be located: the connection ends.
-    if (b[2] != 0 || b[3] != 0 || length < 2 || length > kMostLength) return false;
-    if (b.size() < kBeforeLength + length) return true;
-    const auto body = b.begin() + static_cast<std::ptrdiff_t>(kHeader);
-    const auto end = b.begin() + static_cast<std::ptrdiff_t>(kBeforeLength + length);
-    const std::vector<std::uint8_t> header(b.begin(), body);
-    const Pdu request(body, end);
-    client.bytes.erase(b.begin(), end);
-    const std::uint8_t unit = header.back();
-    if (!has_unit_(unit)) continue;
-    client.pending = header;
-    serve_(number, unit, request);
+bool TcpServer::serve_next(std::uint64_t number, Client &client, Time now) {
+  if (client.pending) return !client.bytes.broken();
+  if (const auto request = client.bytes.take()) {
+    client.pending = request->header;
+    client.begun = now;
+    client.last = now;
+    client.asked = true;
+    serve_(number, request->header.unit, request->pdu);
   }
-  // False for a client that goes on sending requests without reading responses.
-  return client.bytes.size() < 65536;
+  return !client.bytes.broken();
 }
 
-bool TcpServer::answer(std::uint64_t number, const Pdu &answer) {
+void TcpServer::answer(std::uint64_t number, const Pdu &answer, Time now) {
   const auto found = clients_.find(number);
-  if (found == clients_.end()) return true;
+  if (found == clients_.end() || !found->second.pending) return;
   Client &client = found->second;
-  std::vector<std::uint8_t> frame = std::exchange(client.pending, {});
-  const std::size_t length = answer.size() + kHeader - kBeforeLength;
-  frame[4] = static_cast<std::uint8_t>(length >> 8);
-  frame[5] = static_cast<std::uint8_t>(length);
-  frame.insert(frame.end(), answer.begin(), answer.end());
+  const std::vector<std::uint8_t> frame = frame_of(*client.pending, answer);
+  client.pending.reset();
+  if (client.socket < 0) {
+    clients_.erase(found);
+    return;
+  }
+  client.begun = now;
+  client.last = now;
+  if (is_accepted_write(answer)) client.written = now;
   const ssize_t sent = ::send(client.socket, frame.data(), frame.size(), MSG_NOSIGNAL);
-  if (sent == static_cast<ssize_t>(frame.size()) && serve_next(number, client)) return true;
-  drop(number);
-  return false;
+  if (sent != static_cast<ssize_t>(frame.size()) || !serve_next(number, client, now)) drop(found);
+}
+
+void TcpServer::close_overdue(Time now) {
+  for (auto at = clients_.begin(); at != clients_.end();) {
+    const auto next = std::next(at);
+    const Client &client = at->second;
+    if (!client.pending && !client.bytes.empty() && now - client.begun > kHalf) drop(at);
+    at = next;
+  }
 }
 
 }  // namespace forceaxis::modbus

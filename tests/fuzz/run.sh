@@ -21,6 +21,12 @@ mapfile -t firmware < <(find firmware -name '*.c' -not -path 'firmware/port/*' |
 build() {
   if [ -e "tests/fuzz/$1.c" ]; then
     clang -std=c11 "${flags[@]}" "tests/fuzz/$1.c" "${firmware[@]}" -o "$2"
+  elif [ "$1" = mbap_fuzz ]; then
+    # The firmware's C apart from the gateway's C++.
+    mkdir -p build/fuzz/objects
+    (cd build/fuzz/objects && clang -std=c11 "${flags[@]}" -I../../.. -c "${firmware[@]/#/../../../}")
+    clang++ -std=c++20 "${flags[@]}" "tests/fuzz/$1.cpp" host/modbus/frames.cpp \
+      host/gateway/modbus_self.cpp build/fuzz/objects/*.o -o "$2"
   else
     /usr/bin/lcm-gen -x --cpp-hpath build/fuzz/messages host/lcm/*.lcm
     clang++ -std=c++20 "${flags[@]}" -isystem build/fuzz/messages "tests/fuzz/$1.cpp" \

@@ -116,6 +116,104 @@ TEST_F(Fw, AMainLoopThatHangs) {
   }
 }
 
+// A client of the gateway reaches the axis through it alone; its own watchdog would act much later.
+TEST_F(Fw, AClientOfAKilledGatewayIsMissedByTheGatewaysHeartbeat) {
+  for (const Way way : {kGateway, kLcm}) {
+    for (int ms : {1, 10, 100, 300}) {
+      PowerUp();
+      WatchHeartbeat(ms);
+      Drive(way);
+      Send(0x77F, {5});
+      EXPECT_EQ(TicksToOff(1000), TicksOf(ms) + 2) << way << ' ' << ms << " ms";
+      EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+      ExpectNamed(AXIS_FAULT_HEARTBEAT_LOST, 0x8130);
+    }
+  }
+}
+
+TEST_F(Fw, AClientOfAGatewayThatBootsUpAgainIsLost) {
+  for (const Way way : {kGateway, kLcm}) {
+    PowerUp();
+    WatchHeartbeat(1000);
+    Drive(way);
+    Send(0x77F, {5});
+    Tick();
+    ASSERT_TRUE(IsOn());
+    Send(0x77F, {0});
+    EXPECT_EQ(TicksToOff(10), 1);
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+}
+
+// By which way Modbus acquired the axis is what its last write of command_source says; where it was
+// given the axis it is unknown, so it counts as on CAN.
+TEST_F(Fw, TheWayByWhichModbusAcquiredTheAxisDecides) {
+  const struct {
+    const char *what;
+    std::vector<Way> acquire;  // each writes the number of Modbus
+    Way write;                 // and this one what follows
+    bool lost;
+  } cases[] = {{"over the gateway", {kGateway}, kGateway, true},
+               {"over the serial line", {kRtu}, kRtu, false},
+               {"over the gateway, written over the serial line", {kGateway}, kRtu, true},
+               {"over the serial line, written over the gateway", {kRtu}, kGateway, false},
+               {"over the serial line last", {kGateway, kRtu}, kRtu, false},
+               {"over the gateway last", {kRtu, kGateway}, kGateway, true},
+               {"given", {kCanopen}, kRtu, true},
+               {"given, then over the serial line", {kCanopen, kRtu}, kRtu, false}};
+  for (const auto &c : cases) {
+    PowerUp();
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    WatchHeartbeat(10);
+    for (const Way way : c.acquire) {
+      ASSERT_EQ(Write(way, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS), 0u) << c.what;
+    }
+    ASSERT_EQ(Write(c.write, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
+    ASSERT_EQ(Write(c.write, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
+    ASSERT_EQ(Write(c.write, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    ASSERT_EQ(Write(c.write, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+    Tick(2);
+    ASSERT_TRUE(IsOn()) << c.what;
+    Send(0x77F, {5});
+    Tick(200);
+    EXPECT_EQ(IsOff(), c.lost) << c.what;
+    EXPECT_EQ(IsOn(), !c.lost) << c.what;
+    EXPECT_EQ(Owner(), c.lost ? AXIS_COMMAND_SOURCE_CANOPEN : AXIS_COMMAND_SOURCE_MODBUS);
+  }
+}
+
+// A gateway that is already lost would not be missed again.
+TEST_F(Fw, AClientOfALostGatewayDoesNotEnable) {
+  for (const Way way : kWays) {
+    PowerUp();
+    WatchHeartbeat(10);
+    Send(0x77F, {5});
+    Tick(100);
+    ASSERT_TRUE(Acquires(way));
+    ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+    const bool refused = way == kGateway || way == kLcm;  // CANopen's is a fault, as below
+    EXPECT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x0F), refused ? 0x08000022u : 0u) << way;
+    Send(0x77F, {5});
+    EXPECT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x0F), 0u) << way;
+  }
+}
+
+// Modbus TCP as LCM: it writes through the SDO server of this bus.
+TEST_F(Fw, ModbusOfAGatewayIsLostWithTheBus) {
+  for (int how = 0; how < 3; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_WATCHDOG, 65535);
+    Drive(kGateway);
+    if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
+    if (how == 1) Send(0, {2, kNode});
+    if (how == 2) Send(0, {130, kNode});
+    EXPECT_EQ(TicksToOff(10), 1) << how;
+    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
+    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+  }
+}
+
 // The loss is a state, not an event: enabling again while it lasts fails again.
 TEST_F(Fw, NoEnablingWhileTheHeartbeatIsLost) {
   WatchHeartbeat(10);

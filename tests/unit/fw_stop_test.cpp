@@ -1,8 +1,9 @@
 // Anyone may stop the axis, only its owner moves it: every stop from every source against every
-// owner, what holds the axis afterwards, and who is warned.
+// owner, every silence, what holds the axis afterwards, and who is warned.
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
@@ -91,12 +92,86 @@ class FwStop : public Fw {
     Set(AXIS_OBJ_FAULT_REACTION_OPTION, 0);
   }
 
-  void Prepare(Way owner) {
+  void Prepare(
+      Way owner, const std::function<void()> &before = [] {}) {
     PowerUp();
     Set(AXIS_OBJ_WATCHDOG, 60000);
     AtOnce();
     Send(0, {1, kNode});
+    before();
     Drive(owner);
+  }
+
+  // Nobody stops the axis, but somebody is no longer heard.
+  struct Silence {
+    std::string name;
+    std::string of;
+    std::function<void()> before;      // it is watched, while CANopen owns the axis
+    std::function<void(Way)> last;     // the last sign of life
+    std::function<void(Way)> ongoing;  // whatever goes on, 20 times a second
+    // Ticks from there, in the order of kWays; 0: this owner is not missed.
+    std::array<int, 4> ticks;
+  };
+
+  std::vector<Silence> Silences() {
+    const auto nothing = [](Way) {};
+    const auto heartbeat = [this](Way) { Send(0x77F, {5}); };
+    const auto write = [this](Way way) {
+      if (way == kCanopen) return;
+      EXPECT_EQ(Write(way, AXIS_OBJ_WATCHDOG, 1000), 0u);
+    };
+    return {
+        {"nothing written, watchdog 1000 ms (default)",
+         "client",
+         [this] { Set(AXIS_OBJ_WATCHDOG, 1000); },
+         write,
+         nothing,
+         {0, 1501, 1501, 1501}},
+        {"heartbeat missed, 300 ms in 1016h",
+         "node",
+         [this] { WatchHeartbeat(300); },
+         heartbeat,
+         nothing,
+         {452, 452, 452, 0}},
+        {"boot-up message, node in 1016h",
+         "node",
+         [this] { WatchHeartbeat(300); },
+         [this](Way) { Send(0x77F, {0}); },
+         nothing,
+         {1, 1, 1, 0}},
+        {"RPDO missed, 100 ms in 1400h:5",
+         "CANopen",
+         [this] { ASSERT_EQ(Download(kCanopen, 0x1400, 5, 100, 2), 0u); },
+         [this](Way) {
+           Send(0x205, {0x0F, 0x00, 0xFE});
+         },
+         nothing,
+         {152, 0, 0, 0}},
+        {"gateway killed: heartbeat 300 ms, watchdog 1000 ms (defaults)",
+         "gateway",
+         [this] { WatchHeartbeat(300); },
+         [=](Way owner) {
+           write(owner);
+           heartbeat(owner);
+         },
+         [=](Way owner) {
+           if (owner == kRtu) write(owner);
+         },
+         {452, 452, 452, 0}},
+    };
+  }
+
+  // As TicksTo(), to the axis off; 0: it is still on after two seconds.
+  int TicksTo(const Silence &silence, Way owner) {
+    silence.last(owner);
+    for (int i = 1; i <= 3000; ++i) {
+      Tick();
+      Take();
+      if (IsOff()) return i;
+      EXPECT_TRUE(IsOn());
+      if (i % 75 == 0) silence.ongoing(owner);
+    }
+    return 0;
   }
 
   bool Halted() const {
@@ -119,16 +194,32 @@ class FwStop : public Fw {
 // The table of the documentation, which is this test's own output.
 TEST_F(FwStop, EveryStopActsWhoeverOwns) {
   std::ostringstream table;
-  table << "| stop | from | owner CANopen | owner Modbus | owner LCM |\n|---|---|---|---|---|\n";
+  table << "Ticks of 1/1500 s from an event to code 0 and amplifier off, whoever owns the axis; of "
+           "a halt\n"
+           "to the axis held. Options that ask for a ramp are off. \"-\": the axis goes on.\n\n"
+           "| event | of |";
+  for (Way owner : kWays) table << " owner " << NameOf(owner) << " |";
+  table << "\n|---|---|---|---|---|---|\n";
   for (size_t k = 0; k < Stops().size(); ++k) {
     const Stop stop = Stops()[k];
     table << "| " << stop.name << (stop.halts ? " (held)" : "") << " | " << stop.source << " |";
-    for (Way owner : {kCanopen, kRtu, kLcm}) {
+    for (Way owner : kWays) {
       Prepare(owner);
       const int ticks = TicksTo(stop);
       EXPECT_GE(ticks, 1) << stop.name << " from " << stop.source << ", owner " << NameOf(owner);
       EXPECT_LE(ticks, 2) << stop.name << " from " << stop.source << ", owner " << NameOf(owner);
       table << ' ' << ticks << " |";
+    }
+    table << '\n';
+  }
+  for (size_t k = 0; k < Silences().size(); ++k) {
+    const Silence silence = Silences()[k];
+    table << "| " << silence.name << " | " << silence.of << " |";
+    for (size_t i = 0; i < kWays.size(); ++i) {
+      Prepare(kWays[i], silence.before);
+      const int ticks = TicksTo(silence, kWays[i]);
+      EXPECT_EQ(ticks, silence.ticks[i]) << silence.name << ", owner " << NameOf(kWays[i]);
+      table << ' ' << (ticks == 0 ? "-" : std::to_string(ticks)) << " |";
     }
     table << '\n';
   }
@@ -231,6 +322,20 @@ TEST_F(FwStop, NmtAndBusOffStopAnotherOnesAxis) {
       EXPECT_EQ(outputs_.amp_enable, 1) << option << how;
     }
   }
+}
+
+// A stop is carried out once: whatever else the node reports later repeats none.
+TEST_F(FwStop, AStopOfTheBusIsNotRepeated) {
+  Prepare(kRtu);
+  Send(0, {2, kNode});
+  EXPECT_EQ(TicksToOff(10), 1);
+  Send(0, {1, kNode});
+  for (int word : {0x80, 0x00}) ASSERT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, word), 0u);
+  Drive(kRtu);
+  fw_can_lost(&fw_, 1);
+  Tick(10);
+  EXPECT_TRUE(IsOn());
+  EXPECT_EQ(Inner(AXIS_OBJ_STOPPED_BY), 0);
 }
 
 // Ramps, where the options ask for them, are not cut short by the owner either.

@@ -281,9 +281,9 @@ class Node:
         elif behaviour == 0 and self.nmt == OPERATIONAL:
             self.enter(PRE_OPERATIONAL)
 
-    def lose_lcm(self):
-        """LCM reaches the axis over this bus alone."""
-        if self.owner == 2:
+    def lose_clients(self):
+        """The gateway's clients, Modbus TCP and LCM, reach the axis over this bus alone."""
+        if self.owner:
             self.own(0)
 
     def command(self, length, data):
@@ -291,7 +291,7 @@ class Node:
             return
         what = data & 0xFF
         if what in (2, 129, 130):
-            self.lose_lcm()
+            self.lose_clients()
         if what in (1, 2, 128):
             self.enter({1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}[what])
         elif what in (129, 130):
@@ -336,7 +336,7 @@ class Node:
             self.command(length, data)
         elif 0x700 <= can_id <= 0x77F:
             if length == 1 and can_id != 0x700:
-                self.heartbeat(can_id - 0x700)
+                self.heartbeat(can_id - 0x700, data & 0xFF)
         elif self.nmt == STOPPED:
             return
         elif can_id == self.sync_id:
@@ -355,12 +355,14 @@ class Node:
         node = entry >> 16 & 0xFF
         return node if entry & 0xFFFF and node <= 127 else 0
 
-    def heartbeat(self, node):
+    def heartbeat(self, node, state):
         for i in range(4):
             entry = self.od[0x1016, i + 1]
             if self.watched(entry) == node:
                 self.heartbeat_back(i)
                 self.start_timer(CONSUMER + i, ticks_of_ms(entry & 0xFFFF))
+                if state == INITIALISING:
+                    self.lose_clients()
 
     def heartbeat_back(self, i):
         if self.heartbeat_lost[i]:
@@ -1043,6 +1045,7 @@ class Node:
         self.told_bus(bus)
 
     def run_timers(self, active):
+        missed = False
         for timer in range(TIMERS):
             if self.timers[timer] > self.now:
                 continue
@@ -1067,7 +1070,10 @@ class Node:
                 i = timer - CONSUMER
                 self.heartbeat_lost[i] = True
                 self.emergency(0x8130, self.watched(self.od[0x1016, i + 1]))
+                missed = True
                 self.communication_error()
+        if missed:
+            self.lose_clients()
         self.next = min(self.timers)
 
     # Reports of the port.
@@ -1084,7 +1090,7 @@ class Node:
             self.ring.clear()
             self.closed = True
             self.update_register()
-            self.lose_lcm()
+            self.lose_clients()
             self.communication_error()
             self.report_drive(True)
             return

@@ -95,8 +95,11 @@ def registers(fd, function, first, value):
         os.read(fd, 64)
     os.write(fd, crc(struct.pack(">BBHH", 1, function, first, value)))
     answer = b""
-    while len(answer) < (8 if function == 6 else 7) and select.select([fd], [], [], 0.5)[0]:
+    length = 8 if function == 6 else 7
+    while len(answer) < length and select.select([fd], [], [], 0.5)[0]:
         answer += os.read(fd, 64)
+        if len(answer) > 1 and answer[1] >= 0x80:  # an exception
+            length = 5
     return answer[:-2]
 
 
@@ -111,7 +114,8 @@ def heartbeat_master():
 
 
 def modbus_master(fd):
-    registers(fd, 6, 7, 1)  # command_source: modbus
+    registers(fd, 6, 8, WATCHDOG_MS)
+    print("ready", flush=True)
     while True:
         registers(fd, 6, 8, WATCHDOG_MS)  # reading would not feed it
         time.sleep(0.03)
@@ -267,20 +271,19 @@ def two_masters():
     with bench() as seen:
         bus = seen["bus"]
         line = seen["line"]
-        rival = master("modbus", str(line), pass_fds=[line])
-        end_by = time.monotonic() + 10
-        while bus.read(0x2301) != 1 and time.monotonic() < end_by:
-            bus.listen(0.02)
+        rival = master("modbus", str(line), pass_fds=[line], stdout=subprocess.PIPE)
+        rival.stdout.readline()
+        bus.write(0x2301, 0, 1, 1)  # an axis that is enabled is given, not acquired
         seen["owner"] = bus.read(0x2301)
         bus.listen(0.3)
-        seen["refused"] = bus.write(0x6040, 0, 0, 2)
+        seen["refused"] = bus.write(0x6040, 0, 0x0F, 2)  # a stop would be accepted
         seen["alive"] = bus.read(0x2021)
         rival.kill()
         rival.wait()
         bus.listen(5, lambda: 0x6010 in bus.emergencies)
         seen["owner_after"] = bus.read(0x2301)
         seen["fault"], seen["error_code"] = bus.read(0x2021), bus.read(0x603F)
-        seen["rival_after"] = registers(line, 6, 0, 6).hex()
+        seen["rival_after"] = registers(line, 6, 0, 15).hex()
     # Frames of the rival before this client's next request.
     requests = [t for t, *_ in entries(seen["journal"], "modbus") if t <= seen["on"][1]]
     return seen | {"last": requests[-1], "journal": len(seen["journal"])}

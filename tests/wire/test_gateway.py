@@ -191,13 +191,39 @@ def test_modbus_coils_drive_the_state_machine(of):
 
 def test_modbus_streams(of):
     got = of("streams")
-    assert got["foreign"] is None  # an unknown unit does not respond
-    answer = got["then"]
-    assert answer.startswith("0404")  # two registers
     assert got["pieces"].startswith("0404")
-    assert [text and text[:4] for text in got["pipelined"]] == ["0404", "0404", None]
+    # Two registers; nobody behind unit 7.
+    assert [text[:4] for text in got["pipelined"]] == ["0404", "840a", "0404"]
     assert got["clients"] == 6 and got["seconds"] < 10
     assert got["rubbish"] == ""  # the connection is closed
+
+
+def test_units_that_are_no_axis_answer_too(of):
+    got = of("units")
+    # One request has the same answer everywhere: echo. Identities are texts.
+    name = {unit: bytes.fromhex(got[unit]["product"])[9:] for unit in ("1", "255", "0")}
+    assert name == {"1": b"forceaxis", "255": b"forceaxis gateway", "0": b"forceaxis gateway"}
+    for unit in ("1", "255", "0"):
+        assert got[unit]["echo"] == "0800001234"
+        assert got[unit]["hash"].startswith("2b0e0483000001" + "8008")
+        assert bytes.fromhex(got[unit]["hash"])[9:].decode() == objects.OBJECTS_HASH[:8]
+        server = bytes.fromhex(got[unit]["server"])
+        assert server[:3] == bytes([17, len(server) - 2, int(unit)]) and server[4:] == name[unit]
+    assert got["1"]["read"][:4] == "0402"
+    for unit in ("255", "0"):  # no registers
+        assert (got[unit]["read"], got[unit]["write"]) == ("8401", "8601")
+    for unit in ("2", "254"):  # gateway path unavailable
+        assert set(got[unit].values()) == {"840a", "860a", "880a", "910a", "ab0a"}
+
+
+def test_silent_clients_lock_nobody_out(of):
+    got = of("crowd")
+    assert got["next"][:4] == "0402" and got["seconds"] < 1
+    # The owner of the axis keeps its connection.
+    assert got["owner"] == got["owner_then"] == "1000070002"
+    assert got["owner_last"] == "0600070000"
+    assert got["first"] == "" and got["half"] == ""  # closed
+    assert got["idle"] is None  # not
 
 
 def test_a_second_gateway_refuses_to_start(of):
@@ -217,8 +243,9 @@ def test_nothing_went_wrong_meanwhile(ran):
     assert ran["said"] == ""
 
 
-def test_a_killed_gateway_switches_the_axis_off(of):
-    got = of("killed")
+@pytest.mark.parametrize("owner", ["canopen", "modbus", "lcm"])
+def test_a_killed_gateway_switches_the_axis_off(of, owner):
+    got = of(f"killed_{owner}")
     assert got["driven"]
     assert got["emergencies"] == 1  # 8130h
     # The axis waits for three heartbeats, in its own time, which limps in the guest and then
@@ -227,13 +254,16 @@ def test_a_killed_gateway_switches_the_axis_off(of):
     # The next gateway finds the axis off and the fault by name.
     assert got["fault"] == "heartbeat_lost"
     assert got["statusword"] == 0x08
+    assert got["owner"] == "canopen"
 
 
-def test_a_gateway_that_is_ended_stops_the_axis_first(of):
-    got = of("ended")
+@pytest.mark.parametrize("owner", ["canopen", "modbus", "lcm"])
+def test_a_gateway_that_is_ended_stops_the_axis_first(of, owner):
+    got = of(f"ended_{owner}")
     assert got["driven"] and got["status"] == 0 and got["said"] == ""
     assert got["statusword"] == [0x27, 0x40]  # operation enabled, switch on disabled
-    assert got["emergencies"] == 0  # no loss is detected afterwards
+    # No loss is detected afterwards. That canopen stopped another one's axis is reported.
+    assert got["emergencies"] == ([] if owner == "canopen" else ["ff08"])
 
 
 def test_a_lost_axis_is_named_on_both_sides(of):

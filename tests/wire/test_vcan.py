@@ -3,9 +3,12 @@
 import fcntl
 import os
 import pty
+import select
+import struct
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 from pathlib import Path
 
@@ -79,18 +82,58 @@ def test_vcan_clears_up_after_one_that_was_killed():
         ]  # fmt: skip
 
 
+class Terminal:
+    """A command in a terminal of its own."""
+
+    def __init__(self, words, rows, columns):
+        self.ours, theirs = pty.openpty()
+        self.resize(rows, columns)
+        self.theirs, self.text = theirs, ""
+        self.process = subprocess.Popen(
+            words, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )  # fmt: skip
+
+    def resize(self, rows, columns):
+        fcntl.ioctl(self.ours, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def until(self, text, seconds=30):
+        """Reads until the text comes, and forgets what was before it."""
+        end = time.monotonic() + seconds
+        while text not in self.text:
+            assert time.monotonic() < end, f"{text!r} did not come: {self.text!r}"
+            if select.select([self.ours], [], [], 0.2)[0]:
+                self.text += os.read(self.ours, 4096).decode()
+        self.text = self.text.split(text, 1)[1]
+
+    def write(self, text):
+        os.write(self.ours, text.encode())
+
+
 def test_vcan_gives_a_terminal_a_shell():
-    """Input and output of a terminal are one file: it must block as before, or nothing is read."""
-    ours, theirs = pty.openpty()
-    shell = subprocess.Popen(
-        [VCAN, "-t", "60", "bash"], stdin=theirs, stdout=theirs, stderr=theirs,
-        start_new_session=True,
-    )  # fmt: skip
-    time.sleep(1)  # a pause as between keystrokes
-    os.write(ours, b"test -t 1 && ls /sys/class/net; exit 7\n")
-    assert shell.wait(70) == 7
-    assert not fcntl.fcntl(theirs, fcntl.F_GETFL) & os.O_NONBLOCK
-    said = os.read(ours, 4096).decode()
-    os.close(ours)
-    os.close(theirs)
-    assert "vcan0" in said.split("exit 7", 1)[1]
+    shell = Terminal([VCAN, "-t", "60", "bash", "--norc", "-i"], 33, 111)
+    before = termios.tcgetattr(shell.theirs)
+    try:
+        shell.write("PS1=ready; tty -s && tty -s <&1 && tty -s <&2 && stty size\n")
+        shell.until("33 111")
+        # Ctrl-C ends what runs in there, and nothing else.
+        shell.write("echo begins; sleep 100 && echo slept\n")
+        shell.until("begins\r\n")
+        time.sleep(0.5)
+        shell.write("\x03")
+        shell.until("^C")
+        shell.write("ls /sys/class/net; echo status $?$?\n")
+        shell.until("vcan0")
+        shell.until("status 00")
+        shell.resize(40, 90)
+        shell.write("until stty size | grep 40; do sleep 0.2; done\n")
+        shell.until("40 90")
+        shell.write("exit 7\n")
+        assert shell.process.wait(30) == 7
+    finally:
+        shell.process.kill()
+    # The terminal is as it was: it echoes, and what reads it waits.
+    assert termios.tcgetattr(shell.theirs)[:4] == before[:4]
+    assert not fcntl.fcntl(shell.theirs, fcntl.F_GETFL) & os.O_NONBLOCK
+    os.close(shell.ours)
+    os.close(shell.theirs)

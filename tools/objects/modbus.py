@@ -28,13 +28,21 @@ INTRO = """\
 The map of the RTU server in the firmware and of the TCP server at the gateway; the unit id is the
 axis. Addresses are those on the wire and begin at 0 (`mbpoll` counts from 1 unless told `-0`).
 
+* Functions, alike on both: 1, 2 read coils and discrete inputs; 3, 4 read holding and input
+  registers; 5, 15 write coils; 6, 16 write registers; 22 mask write; 23 write, then read; 8
+  diagnostics (0 echo, 10 to 18 counters); 17 server id; 43/14 device identification.
+* On TCP unit 255, or 0, is the gateway itself: functions 8, 17 and 43/14, exception 1 to any other.
 * A 32-bit object takes two registers, the higher half first unless `modbus_word_order` says
-  otherwise; a request for one half of it is refused. Negative values are two's complement over the
-  object's registers; an 8-bit one is extended to 16 bits.
-* Engineering value = raw value x unit. One request sees the values of one tick.
-* Exceptions: 1 function, 2 no such register or bit, 3 value out of range or half of a 32-bit
-  object, 4 not in this state, or another bus owns the axis (`command_source`), or no memory for
-  parameters, 6 the store is at work. A refused request changes nothing.
+  otherwise. One half can be read, since masters cut long reads wherever 125 registers end; but the
+  halves of two requests may be of two values: read both with one. A write to one half is exception
+  3. Negative values are two's complement over the object's registers; an 8-bit one is extended to
+  16 bits.
+* Engineering value = raw value x unit. One request sees the values of one tick on RTU; at the
+  gateway each object is of a tick of its own.
+* Exceptions: 1 function, 2 no such register or bit, 3 value out of range, a write to half of a
+  32-bit object or a malformed request, 4 not in this state, or another bus owns the axis
+  (`command_source`), or no memory for parameters, 6 the store is at work; on TCP also 10 no axis of
+  this unit, 11 the axis does not answer. A refused request changes nothing.
 * `object_table_hash` reads {digest} with this table: compare it before you write.
 
 """
