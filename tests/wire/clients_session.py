@@ -363,8 +363,9 @@ class Client:
         # python-canopen itself waits 0.4 s there before it sends the rising edge.
         found["reset_s"] = time.monotonic() - since - drive.TIMEOUT_RESET_FAULT
         found["state"] = drive.state
-        wait_until("the emergency with error code 0", lambda: emergencies[-1].code == 0)
-        found["emergencies"] = [e.code for e in emergencies]
+        wait_until("the emergency with error code 0", lambda: 0 in [e.code for e in emergencies])
+        # The client enables the axis at once again, unsupervised: FF09h.
+        found["emergencies"] = [e.code for e in emergencies if e.code != 0xFF09]
         drive.state = "SWITCH ON DISABLED"
         # The state alone, by the client's own setter: T15.
         drive.sdo[0x6065].raw = 1

@@ -173,8 +173,7 @@ def test_halt_and_quick_stop(step):
 def test_a_fault_is_told_and_reset(step):
     found = step("fault")
     assert found["error_code"] == found["history"] == 0x8611
-    # Enabled by a master that nothing supervises, the fault, its end.
-    assert found["emergencies"] == [0xFF09, 0x8611, 0]
+    assert found["emergencies"] == [0x8611, 0]
     assert found["state"] == "OPERATION ENABLED"
     print(f"\nfrom fault to operation enabled in {1e3 * found['reset_s']:.0f} ms")
     assert 0 < found["reset_s"] < 4 * TRANSITION_S
