@@ -167,7 +167,8 @@ class Fuzz:
     def map_one(self, side, kind, pdo, style):
         rng = self.rng
         name = f"{kind}_cob_id_{pdo}"
-        cob_id = (0x180 if kind == "tpdo" else 0x200) + 0x100 * (pdo - 1) + NODE
+        no_rtr = 0x40000000  # a TPDO that is not sent on request
+        cob_id = (no_rtr | 0x180 if kind == "tpdo" else 0x200) + 0x100 * (pdo - 1) + NODE
         self.set(side, name, cob_id | 0x80000000)
         self.set(side, f"{kind}_mapped_{pdo}", 0)
         among = {"short": self.short, "fast": self.fast, "any": self.readable}[style]
