@@ -96,9 +96,9 @@ def snapshot(watch, source, axis, seconds, as_json):
     elif shown["axes"]:
         click.echo(describe(shown))
     if not shown["axes"]:
-        which = "no axis" if axis is None else f"axis {axis}"
-        within = "" if source.replayed else f" within {seconds:g} s"
-        click.echo(f"forceaxis: {source.name}: {which} heard{within}", err=True)
+        which = "an axis" if axis is None else f"axis {axis}"
+        within = "" if source.replayed else f" within {seconds:g} s; is its gateway running?"
+        click.echo(f"forceaxis: {source.name}: expected a state of {which}{within}", err=True)
         source.close()
         sys.exit(1)
 
