@@ -74,6 +74,8 @@ class FwStop : public Fw {
                          Send(0, {static_cast<uint8_t>(command), kNode});
                        }});
     }
+    stops.push_back(
+        {"CANopen", "another node of the same id", 0, false, [this] { Send(0x700 + kNode, {5}); }});
     stops.push_back({"CANopen", "bus off", AXIS_STOPPED_BY_CANOPEN, false,
                      [this] { fw_can_bus(&fw_, CAN_BUS_OFF); }});
     stops.push_back({"port", "native mode disabled", AXIS_STOPPED_BY_PORT, false,
