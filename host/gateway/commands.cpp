@@ -65,7 +65,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   const bool stops = command.axis == axis_.number() && only_stops(command);
   if (stops) {
-    if (stopping_ >= kMostStopping) return;  // one of those does it
+    if (stopping_ >= kMostStopping) return;  // the client asks again
   } else {
     // What is late stays undone: the client has given up by now, and nothing is to move late.
     if (late(command)) return;

@@ -199,21 +199,6 @@ TEST_F(Fw, AClientOfALostGatewayDoesNotEnable) {
   }
 }
 
-// Modbus TCP as LCM: it writes through the SDO server of this bus.
-TEST_F(Fw, ModbusOfAGatewayIsLostWithTheBus) {
-  for (int how = 0; how < 3; ++how) {
-    PowerUp();
-    Set(AXIS_OBJ_WATCHDOG, 65535);
-    Drive(kGateway);
-    if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
-    if (how == 1) Send(0, {2, kNode});
-    if (how == 2) Send(0, {130, kNode});
-    EXPECT_EQ(TicksToOff(10), 1) << how;
-    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
-    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
-  }
-}
-
 // The loss is a state, not an event: enabling again while it lasts fails again.
 TEST_F(Fw, NoEnablingWhileTheHeartbeatIsLost) {
   WatchHeartbeat(10);
@@ -368,18 +353,20 @@ TEST_F(Fw, AStopInTheTickThatEnablesSwitchesOff) {
   }
 }
 
-// LCM writes through the SDO server of this bus alone; its watchdog would act much later.
-TEST_F(Fw, LcmIsLostWithTheBus) {
-  for (int how = 0; how < 3; ++how) {
-    PowerUp();
-    Set(AXIS_OBJ_WATCHDOG, 65535);
-    Drive(kLcm);
-    if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
-    if (how == 1) Send(0, {2, kNode});
-    if (how == 2) Send(0, {130, kNode});
-    EXPECT_EQ(TicksToOff(10), 1) << how;
-    EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
-    EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+// They write through SDO servers of this bus alone; their watchdog would act much later.
+TEST_F(Fw, ClientsOfAGatewayAreLostWithTheBus) {
+  for (Way way : {kLcm, kGateway}) {
+    for (int how = 0; how < 3; ++how) {
+      PowerUp();
+      Set(AXIS_OBJ_WATCHDOG, 65535);
+      Drive(way);
+      if (how == 0) fw_can_bus(&fw_, CAN_BUS_OFF);
+      if (how == 1) Send(0, {2, kNode});
+      if (how == 2) Send(0, {130, kNode});
+      EXPECT_EQ(TicksToOff(10), 1) << how;
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), how == 0 ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_SOURCE_LOST);
+      EXPECT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+    }
   }
 }
 
