@@ -4,6 +4,8 @@ for two seconds and goes on. Prints one JSON object.
 
 import json
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -77,6 +79,32 @@ def session(link, ended_first):
         return seen | {"reports": reports, "journal": journal.read_text()}
 
 
+def stop_of_an_axis_not_heard():
+    """By Modbus TCP, while the gateway misses the heartbeat of a moving axis that then goes on."""
+    common = ["--link", "socketcan", *(w for s in SETTINGS for w in ("--set", s))]
+    axis, plant = start("axis_node", *common, "--can", "vcan0"), start("plant_node", *common)
+    words = [NODES / "gateway", "--modbus-port", "1503"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    gateway, bus = subprocess.Popen(words, **pipes), Bus()
+    gateway.stdout.readline()
+    bus.listen(2)
+    bus.write(MODE, 0, PROFILE_VELOCITY, 1)
+    seen = {"before": moves(bus)}
+    with socket.create_connection(("127.0.0.1", 1503), timeout=10) as client:
+        axis.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        client.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 6, 0, 0))  # controlword 0
+        time.sleep(0.1)
+        axis.send_signal(signal.SIGCONT)
+        seen["answer"] = client.recv(64)[7:].hex()
+    seen |= {"state": state(bus), "fault": bus.read(0x2021), "stopped_by": bus.read(0x2217)}
+    gateway.terminate()
+    seen["said"] = gateway.communicate(timeout=20)[1]
+    plant.terminate()
+    end(plant), end(axis)
+    return seen
+
+
 if __name__ == "__main__":
     both = {"lcm": session("lcm", "axis"), "socketcan": session("socketcan", "plant")}
-    json.dump(both, sys.stdout)
+    json.dump(both | {"not_heard": stop_of_an_axis_not_heard()}, sys.stdout)

@@ -17,6 +17,7 @@ from forceaxis import _core
 from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
 
+MODBUS = 2  # of stopped_by
 LINKS = ("lcm", "socketcan")
 SHORT = "--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"
 
@@ -93,6 +94,15 @@ def test_an_interrupted_session_replays_to_one_hash(sessions, kind, tmp_path):
     without = [x for x in journal.read_text().splitlines() if not x.startswith("sensorless")]
     journal.write_text("\n".join([*without, ""]))
     assert verbs.forceaxis("replay", journal).returncode == 1
+
+
+def test_a_stop_reaches_an_axis_whose_heartbeat_is_missed(sessions):
+    seen = sessions["not_heard"]
+    assert seen["before"]["state"] == endless_session.OPERATION_ENABLED
+    assert "axis 1: heartbeat lost" in seen["said"]
+    # The burst of frames that waited for the axis may cost the answer, not the stop.
+    assert seen["answer"] in ("0600000000", "860b")
+    assert (seen["state"], seen["fault"], seen["stopped_by"]) == (0x40, 0, MODBUS)
 
 
 def test_a_session_outlives_its_experiment(tmp_path):
