@@ -22,7 +22,7 @@ from pathlib import Path
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.thesis import session as thesis_session
-from gateway_bench import CAN_FRAME, Can, Tcp, gateway, operational, until
+from gateway_clients import CAN_FRAME, Can, Tcp, gateway, operational, until
 
 TABLE = Path(__file__).resolve().parents[2] / "docs" / "stop_times.md"
 CODE = 200
