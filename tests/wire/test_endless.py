@@ -94,6 +94,9 @@ def test_an_interrupted_session_replays_to_one_hash(sessions, kind, tmp_path):
     without = [x for x in journal.read_text().splitlines() if not x.startswith("sensorless")]
     journal.write_text("\n".join([*without, ""]))
     assert verbs.forceaxis("replay", journal).returncode == 1
+    journal.write_text("\n".join([*without[:5], "sensorless 0 0", ""]))
+    done = verbs.forceaxis("replay", journal)
+    assert done.returncode == 2 and "line 6: expected a count" in done.stderr
 
 
 def test_a_stop_reaches_an_axis_whose_heartbeat_is_missed(sessions):
