@@ -107,6 +107,12 @@ int8_t cia402_operation_of(uint8_t native_mode) {
   return AXIS_MODES_OF_OPERATION_NONE;
 }
 
+bool cia402_needs_position_gain(const cia402_t *drive) {
+  const cia402_mode_t *mode = drive->mode;
+  return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
+         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION);
+}
+
 /* Modes of the axis itself, with the user's parameters. */
 static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {

@@ -41,6 +41,9 @@ bool cia402_mode_exists(int32_t mode);
 /* 6060h of a native mode (AXIS_MODE_). */
 int8_t cia402_operation_of(uint8_t native_mode);
 
+/* Whether the mode in force moves the axis by the position law. */
+bool cia402_needs_position_gain(const cia402_t *drive);
+
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
