@@ -108,22 +108,23 @@ static uint8_t judge_standing(first_motion_t *first, const drive_params_t *param
   }
   first->rest_tick = (uint16_t)(first->rest_tick + 1);
   const int32_t moved = fx_diff_wrap(signals->position, first->start_cnt);
-  if (first->phase_tick == 0 || !fx_within(moved, FIRST_MOTION_JITTER_CNT)) {
+  const bool stands = fx_within(moved, FIRST_MOTION_JITTER_CNT);
+  first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
+  first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
+  const bool is_steady = first->force_high - first->force_low <= params->contact_force;
+  if (first->phase_tick == 0 || !stands || !is_steady) {
     enter_phase(first, axis, FIRST_MOTION_STANDING);
     first->force_low = signals->force;
     first->force_high = signals->force;
     first->current_start = current;
-  }
-  first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
-  first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
-  if (first->force_high - first->force_low > params->contact_force) {
-    return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
+    first->moves = stands ? 0 : 1;
   }
   if (!fx_within(current - first->current_start, CURRENT_JUMP_PER_MILLE)) {
     return AXIS_FIRST_MOTION_RESULT_CURRENT_SENSOR_FAILED;
   }
   if (first->rest_tick > FIRST_MOTION_REST_TICKS) {
-    return AXIS_FIRST_MOTION_RESULT_NOT_STANDING;
+    return (first->moves != 0) ? AXIS_FIRST_MOTION_RESULT_NOT_STANDING
+                               : AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   first->phase_tick = (uint16_t)(first->phase_tick + 1);
   if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
@@ -229,8 +230,10 @@ static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, a
     return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
   }
   if (!is_back && !is_blocked(axis)) {
-    return raise_code(first, params) ? AXIS_FIRST_MOTION_RESULT_RUNNING
-                                     : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
+    const int32_t velocity = axis->signals.velocity;
+    const bool returns = (first->direction < 0) ? velocity > 0 : velocity < 0;
+    return returns || raise_code(first, params) ? AXIS_FIRST_MOTION_RESULT_RUNNING
+                                                : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
   axis->rebase = 1; /* also where the mode of the axis stays open loop */

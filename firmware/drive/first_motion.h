@@ -6,9 +6,10 @@
  * power-up, or since a parameter was written that decides what the readings mean. An axis that was
  * stopped during the test, or failed it, is tested again when it is enabled again.
  *
- *   standing   amplifier off. The encoder stands for FIRST_MOTION_STAND_TICKS, at most
- *              FIRST_MOTION_REST_TICKS after the test began; the force reading is within its range
- *              and steady within contact_force, the current's below the end of its range.
+ *   standing   amplifier off. Encoder and force reading stay where they are for
+ *              FIRST_MOTION_STAND_TICKS, the reading within contact_force; they may take
+ *              FIRST_MOTION_REST_TICKS to do so. No reading is at an end of its range, and the
+ *              current does not jump.
  *   zero       amplifier on, code 0 for FIRST_MOTION_ZERO_TICKS: the encoder moves by less than
  *              first_motion_counts.
  *   out        away from the workpiece, but toward it where a limit allows no other way: the code
@@ -69,6 +70,7 @@ typedef struct {
   uint8_t phase;         /* FIRST_MOTION_ */
   int8_t direction;      /* of the way out */
   uint8_t sign_seen;     /* 1: the test has seen the force change as it should */
+  uint8_t moves;         /* 1: the encoder, not the force, was last not steady */
   uint8_t rises;         /* 1: the code rises in this tick */
 } first_motion_t;
 
