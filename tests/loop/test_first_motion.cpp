@@ -240,7 +240,7 @@ TEST(FirstMotion, ReportsCountsAndCode) {
   bench.Enable();
   EXPECT_EQ(bench.State(), kSwitchedOn) << "no target is acted on yet";
   const int ticks = bench.RunTest();
-  EXPECT_LT(ticks, 900) << "0.6 s";
+  EXPECT_LT(ticks, 450) << "0.3 s";
   EXPECT_LE(bench.Get(AXIS_OBJ_FIRST_MOTION_MOVED), -16);
   EXPECT_GE(bench.Get(AXIS_OBJ_FIRST_MOTION_MOVED), -20);
   EXPECT_LT(bench.Get(AXIS_OBJ_FIRST_MOTION_CODE_REACHED), 0);
@@ -497,7 +497,7 @@ TEST(FirstMotion, BoundsHold) {
   EXPECT_EQ(code.Get(AXIS_OBJ_FAULT), AXIS_FAULT_NO_MOTION);
   EXPECT_EQ(code.Largest(), 30);
   EXPECT_EQ(code.Get(AXIS_OBJ_FIRST_MOTION_CODE_REACHED), -30);
-  EXPECT_LE(ticks, 64 + 150 + 2 * 30 + 300 + 4) << "time";
+  EXPECT_LE(ticks, 64 + 90 + 2 * 30 + 300 + 4) << "time";
 
   // 1000 times as many counts a metre: the first tick of motion is further than eight times 2
   // counts.
