@@ -28,8 +28,8 @@ constexpr int kPosition = AXIS_MODES_OF_OPERATION_PROFILE_POSITION;
 constexpr int kEnabled = 0x27, kSwitchedOn = 0x23, kFaulty = 0x08, kStateBits = 0x6F;
 constexpr int kTestTicks = 4500;  // 3 s, the most that a test may take
 
-// An axis that was powered up and is told to be tested, around a plant whose codes may be tampered
-// with on their way.
+// A powered-up axis with first_motion_test on, around a plant whose codes may be altered on their
+// way.
 class Bench {
  public:
   explicit Bench(const std::string &model, std::vector<Override> overrides = {})
@@ -60,7 +60,7 @@ class Bench {
   void Tick(int ticks = 1) {
     for (int i = 0; i < ticks; ++i) {
       codes_ = plant_.codes();
-      if (tamper) tamper(codes_);
+      if (alter) alter(codes_);
       const axis_inputs_t inputs{codes_.encoder, {codes_.adc[0], codes_.adc[1]}, din, 1};
       fw_tick(&fw_, &inputs, &out_);
       // Whatever happens: a fault is off in its own tick.
@@ -108,7 +108,7 @@ class Bench {
   Plant &plant() { return plant_; }
   fw_t &fw() { return fw_; }
 
-  std::function<void(SensorCodes &)> tamper;
+  std::function<void(SensorCodes &)> alter;
   int offset = 0;  // of the amplifier, in codes
   uint8_t din = AXIS_DIN_ENABLE;
 
@@ -140,31 +140,31 @@ const std::vector<Finding> kFindings{
     {"motor dead", {{"k_torque", 1e-9}}, {}, FOUND(NO_MOTION), 0x7121},
     {"force reading at its upper end",
      {},
-     [](Bench &b) { b.tamper = [](SensorCodes &c) { c.adc[0] = 255; }; },
+     [](Bench &b) { b.alter = [](SensorCodes &c) { c.adc[0] = 255; }; },
      FOUND(FORCE_SENSOR_FAILED),
      0xFF0B},
     {"force reading at its lower end", kSigned,
-     [](Bench &b) { b.tamper = [](SensorCodes &c) { c.adc[0] = 0; }; }, FOUND(FORCE_SENSOR_FAILED),
+     [](Bench &b) { b.alter = [](SensorCodes &c) { c.adc[0] = 0; }; }, FOUND(FORCE_SENSOR_FAILED),
      0xFF0B},
     {"force reading that jumps", kSigned,
      [](Bench &b) {
-       b.tamper = [n = 0](SensorCodes &c) mutable {
+       b.alter = [n = 0](SensorCodes &c) mutable {
          if (n++ % 20 == 0) c.adc[0] = static_cast<uint16_t>(c.adc[0] + 40);
        };
      },
      FOUND(FORCE_SENSOR_FAILED), 0xFF0B},
     {"force reading with an offset out of contact", kSigned,
-     [](Bench &b) { b.tamper = [](SensorCodes &c) { c.adc[0] = 150; }; },
-     FOUND(FORCE_SENSOR_FAILED), 0xFF0B},
+     [](Bench &b) { b.alter = [](SensorCodes &c) { c.adc[0] = 150; }; }, FOUND(FORCE_SENSOR_FAILED),
+     0xFF0B},
     {"current at its upper end",
      {},
-     [](Bench &b) { b.tamper = [](SensorCodes &c) { c.adc[1] = 255; }; },
+     [](Bench &b) { b.alter = [](SensorCodes &c) { c.adc[1] = 255; }; },
      FOUND(CURRENT_SENSOR_FAILED),
      0xFF0C},
     {"current that jumps",
      {},
      [](Bench &b) {
-       b.tamper = [n = 0](SensorCodes &c) mutable {
+       b.alter = [n = 0](SensorCodes &c) mutable {
          if (n++ % 20 == 0) c.adc[1] = 20;
        };
      },
@@ -172,7 +172,7 @@ const std::vector<Finding> kFindings{
      0xFF0C},
     {"encoder that counts at a stand",
      {},
-     [](Bench &b) { b.tamper = [n = 0](SensorCodes &c) mutable { c.encoder += ++n; }; },
+     [](Bench &b) { b.alter = [n = 0](SensorCodes &c) mutable { c.encoder += ++n; }; },
      FOUND(NOT_STANDING),
      0xFF0D},
     {"amplifier with an offset of 0.4 V",

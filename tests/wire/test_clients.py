@@ -80,7 +80,8 @@ def check_first_motion(found, direction):
     assert (found["option"], found["before"]) == (1, 0)
     counts, code, force = found["measured"]
     assert 16 <= direction * counts <= 32 and -100 <= code < 0 and abs(force) <= 256
-    assert abs(found["moved"]) < 64  # and not to the target
+    # Not to the target; with the amplifier off the axis coasts.
+    assert -64 < direction * found["moved"] < (64 if found["result"] == PASSED else 2000)
 
 
 def test_the_first_motion_of_an_empty_store_is_tested(step):
