@@ -143,24 +143,8 @@ static bool wants_other_mode(const cia402_t *drive) {
   return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 
-/* A tick of the test before the first motion. */
-static void test_motion(cia402_t *drive, axis_t *axis) {
-  if (wants_other_mode(drive)) {
-    change_mode(drive);
-  }
-  motion_override(drive, axis);
-  first_motion_command(&drive->first_motion, axis,
-                       (drive->params.controlword & CIA402_CW_HALT) != 0);
-}
-
 static void operate(cia402_t *drive, axis_t *axis) {
-  if (axis->params.position_gain == 0 && drive->params.first_motion_test != 0 &&
-      cia402_needs_position_gain(drive)) {
-    first_motion_refuse(&drive->first_motion, &drive->signals, axis);
-    return;
-  }
-  if (first_motion_is_running(&drive->first_motion)) {
-    test_motion(drive, axis);
+  if (cia402_run_first_motion(drive, axis)) {
     return;
   }
   if (drive->leaving != 0) {

@@ -17,7 +17,7 @@
  *              by first_motion_counts. At most FIRST_MOTION_HOLD_TICKS at the largest code.
  *   back       the same code the other way, until the encoder is back or a limit is reached.
  *
- * Throughout zero, out and back the fault `runaway` ends a motion faster than first_motion_speed or
+ * On both ways the fault `runaway` ends a motion faster than first_motion_speed or
  * further than FIRST_MOTION_REACH times first_motion_counts. On the way out the reading may not
  * change against the motion by more than contact_force, and one that begins beyond contact_force
  * must change with it. With the default bounds the test takes some 0.3 s, less than the 0.4 s
