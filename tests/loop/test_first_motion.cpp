@@ -519,6 +519,35 @@ TEST(FirstMotion, BoundsHold) {
   EXPECT_EQ(speed.Get(AXIS_OBJ_FAULT), AXIS_FAULT_RUNAWAY);
 }
 
+// The bounds hold on the way back, too.
+TEST(FirstMotion, ARunawayOnTheWayBackIsOffInItsTick) {
+  for (const int jump : {20, -20}) {
+    Bench bench("laboratory.toml");
+    bench.Enable();
+    while (bench.fw().drive.first_motion.phase != FIRST_MOTION_BACK) bench.Tick();
+    bench.Tick(2);
+    ASSERT_EQ(bench.out().amp_enable, 1);
+    bench.alter = [jump](SensorCodes &c) { c.encoder += jump; };
+    bench.Tick();
+    bench.ExpectFinding(FOUND(RUNAWAY), 0xFF10, "20 counts in a tick");
+  }
+}
+
+// A reading that falls while the axis leaves a workpiece that holds it is no reversed sign.
+TEST(FirstMotion, PullingIsNoReversedForce) {
+  Bench bench("laboratory.toml", kSigned);
+  bench.Enable(3);
+  bench.RunTest();
+  ASSERT_TRUE(bench.Passed());
+  bench.Set(AXIS_OBJ_TARGET_VELOCITY, -3000);
+  bench.Tick(600);
+  bench.alter = [](SensorCodes &c) { c.adc[0] = 100; };
+  bench.Tick(600);
+  EXPECT_LT(bench.Get(AXIS_OBJ_VELOCITY_ACTUAL), -2500);
+  EXPECT_EQ(bench.Get(AXIS_OBJ_FAULT), 0);
+  EXPECT_EQ(bench.fw().drive.first_motion.phase, FIRST_MOTION_WATCHING);
+}
+
 // Modes that move by the position law are refused without its gain, others are not.
 TEST(FirstMotion, ModesThatNeedAPositionGain) {
   const int with[] = {1, 3, 4, 6, 8, 9, 10, -4, -5};
