@@ -397,7 +397,7 @@ TEST(FirstMotion, AtALimitItGoesTheOtherWay) {
 
 // The laboratory's axis with a slide that holds it where it is, pressed 0.2 mm (22 N, 9 counts)
 // into the workpiece.
-Model InContact(std::vector<Override> overrides) {
+Model InContact(std::vector<Override> overrides, double depth_m = 0.0002) {
   static const std::filesystem::path file = std::filesystem::path(testing::TempDir()) /
                                             ("first_motion_" + std::to_string(getpid()) + ".toml");
   std::ifstream in(kModels + "laboratory.toml");
@@ -408,7 +408,7 @@ Model InContact(std::vector<Override> overrides) {
       "\n[[friction]]\nname = \"gib\"\nbetween = [\"robot\", \"ground\"]\n"
       "coulomb = 60\nstiction = 80\n";
   std::ofstream(file) << text;
-  overrides.insert(overrides.end(), {{"approach", -0.0002}, {"force_zero_code", 128.0}});
+  overrides.insert(overrides.end(), {{"approach", -depth_m}, {"force_zero_code", 128.0}});
   Model model = load_model(file, overrides);
   std::filesystem::remove(file);
   return model;
@@ -449,6 +449,22 @@ TEST(FirstMotion, InContactTheForceSignIsJudgedAtOnce) {
         EXPECT_EQ(bench.fw().drive.first_motion.phase, FIRST_MOTION_DONE) << "no watch is needed";
       }
     }
+  }
+}
+
+// A pad so soft that 0.2 mm change the reading by less than contact_force: 4 N, a code or two.
+TEST(FirstMotion, ASoftContactIsJudgedByItsLastCode) {
+  for (const int sign : {1, -1}) {
+    Bench bench(InContact({{"k_s", 20000.0}}, 0.0006));
+    bench.Set(AXIS_OBJ_FIRST_MOTION_COUNTS, 32);
+    bench.Set(AXIS_OBJ_FORCE_SIGN, sign);
+    bench.Tick(6000);
+    bench.Enable();
+    bench.RunTest();
+    EXPECT_EQ(bench.Get(AXIS_OBJ_FAULT), sign > 0 ? AXIS_FAULT_NONE : AXIS_FAULT_FORCE_REVERSED);
+    const int change = -sign * bench.Get(AXIS_OBJ_FIRST_MOTION_FORCE);
+    EXPECT_GE(change, 256);
+    EXPECT_LE(change, 512);
   }
 }
 
