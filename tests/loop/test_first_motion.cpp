@@ -465,6 +465,8 @@ TEST(FirstMotion, ASoftContactIsJudgedByItsLastCode) {
     const int change = -sign * bench.Get(AXIS_OBJ_FIRST_MOTION_FORCE);
     EXPECT_GE(change, 256);
     EXPECT_LE(change, 512);
+    EXPECT_EQ(bench.fw().drive.first_motion.phase,
+              sign > 0 ? FIRST_MOTION_WATCHING : FIRST_MOTION_OPEN);
   }
 }
 
