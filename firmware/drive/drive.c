@@ -1,5 +1,6 @@
 #include "firmware/drive/drive.h"
 
+#include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/motion.h"
 #include "firmware/drive/parameters.h"
@@ -17,6 +18,8 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->position_written = 0;
   drive->velocity_written = 0;
   drive->force_written = 0;
+  drive->params.velocity_offset = 0;
+  drive->params.force_offset = 0;
 }
 
 /* The set-points of the native modes have no such flag: 0 is none. */
@@ -47,6 +50,14 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->signals.drive_state = state;
 }
 
+/* What follows from the parameters. */
+static void derive(cia402_t *drive) {
+  units_derive(drive);
+  parameters_derive_rates(drive);
+  parameters_derive_forces(drive);
+  homing_list(drive);
+}
+
 void cia402_init(cia402_t *drive) {
   /* Field by field: all at once would ask the compiler for memset. */
   drive->origin_cnt = 0;
@@ -59,6 +70,8 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
+  drive->homing = (cia402_homing_t){0};
+  drive->lead_cnt = 0;
   drive->overridden = (cia402_overridden_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
@@ -77,13 +90,11 @@ void cia402_init(cia402_t *drive) {
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
-  parameters_derive_rates(drive);
-  parameters_derive_forces(drive);
+  derive(drive);
 }
 
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
-  parameters_derive_rates(drive);
-  parameters_derive_forces(drive);
+  derive(drive);
   cia402_set_mode(drive, drive->params.modes_of_operation);
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
@@ -119,7 +130,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
 static void watch_following(cia402_t *drive, axis_t *axis) {
   const bool outside =
       drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
-      fx_magnitude(axis->signals.position_error) > drive->params.following_error_window;
+      fx_magnitude(drive->signals.following_error) > drive->params.following_error_window;
   if (!outside) {
     drive->outside_tick = 0;
     return;
@@ -190,6 +201,7 @@ static void react(cia402_t *drive, axis_t *axis) {
 
 void cia402_before(cia402_t *drive, axis_t *axis) {
   drive->limited = 0;
+  drive->lead_cnt = 0;
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state_of(drive) == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     watch_following(drive, axis);
@@ -227,8 +239,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     contact_start(&drive->contact, &drive->signals);
   }
   drive->controlled = controlled;
-  if (drive->homing == CIA402_HOMING_ASKED) {
-    drive->homing = CIA402_HOMING_BEGUN;
+  if (drive->homing.state == CIA402_HOMING_ASKED) {
+    drive->homing.state = CIA402_HOMING_BEGUN;
   }
   cia402_observe(drive, axis);
   motion_restore(drive, axis);
@@ -286,12 +298,14 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
   if ((controlword & CIA402_CW_MODE_4) == 0) {
     drive->acknowledged = 0;
+    homing_interrupt(drive);
   }
   if (halt_changed) {
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
     drive->position_written = 0; /* continues with the next target */
+    homing_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
       wants_other_mode(drive)) {
@@ -303,7 +317,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
       position_take_setpoint(drive);
       break;
     case AXIS_MODES_OF_OPERATION_HOMING:
-      drive->homing = CIA402_HOMING_ASKED;
+      homing_start(drive);
       break;
     default:
       break;
@@ -330,6 +344,9 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
+    case AXIS_OBJ_INTERPOLATION_SETPOINT: /* one value under two addresses */
+      drive->params.target_position = value;
+      drive->params.interpolation_setpoint = value;
       drive->position_written = 1;
       drive->interpolation_remaining = fx_ticks_from_period(drive->params.interpolation_period,
                                                             drive->params.interpolation_exponent);
@@ -344,6 +361,20 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       if (value != previous) {
         cia402_forget_targets(drive); /* they were meant in the other direction */
       }
+      break;
+    case AXIS_OBJ_ENCODER_INCREMENTS:
+    case AXIS_OBJ_ENCODER_REVOLUTIONS:
+    case AXIS_OBJ_GEAR_MOTOR_REVOLUTIONS:
+    case AXIS_OBJ_GEAR_SHAFT_REVOLUTIONS:
+    case AXIS_OBJ_FEED:
+    case AXIS_OBJ_FEED_SHAFT_REVOLUTIONS:
+      if (value != previous) {
+        cia402_forget_targets(drive); /* they were meant in other units */
+        derive(drive);
+      }
+      break;
+    case AXIS_OBJ_INPUTS_FITTED:
+      homing_list(drive);
       break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:

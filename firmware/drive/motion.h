@@ -63,9 +63,10 @@ static inline int32_t motion_axis_speed(const axis_t *axis) {
                   16);
 }
 
-/* The position limits: whether there are any, and a position drawn within them. */
+/* The position limits: whether there are any, or ends of the user's units, and a position drawn
+ * within them. */
 static inline bool motion_has_limits(const cia402_t *drive) {
-  return drive->params.position_limit_min != INT32_MIN ||
+  return drive->units.scaled != 0 || drive->params.position_limit_min != INT32_MIN ||
          drive->params.position_limit_max != INT32_MAX;
 }
 static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {

@@ -1,5 +1,6 @@
 #include "firmware/drive/parameters.h"
 
+#include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
@@ -7,10 +8,10 @@
 
 void parameters_derive_rates(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
-  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
-  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
-  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
+  drive->speed_max = units_speed_q16(drive, params->velocity_max);
+  drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
+  drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
+  drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
 }
 
 void parameters_derive_forces(cia402_t *drive) {
@@ -30,7 +31,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
       right = value <= STOP_QUICK || value >= QUICK_STOP_STAY;
       break;
     case AXIS_OBJ_HOMING_METHOD:
-      right = value == 0 || value == 35 || value == 37;
+      right = homing_is_offered(drive, value);
       break;
     case AXIS_OBJ_POSITION_LIMIT_MIN:
       right = value <= drive->params.position_limit_max;
@@ -40,6 +41,14 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
       break;
     case AXIS_OBJ_POLARITY:
       right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
+      break;
+    case AXIS_OBJ_ENCODER_INCREMENTS:
+    case AXIS_OBJ_ENCODER_REVOLUTIONS:
+    case AXIS_OBJ_GEAR_MOTOR_REVOLUTIONS:
+    case AXIS_OBJ_GEAR_SHAFT_REVOLUTIONS:
+    case AXIS_OBJ_FEED:
+    case AXIS_OBJ_FEED_SHAFT_REVOLUTIONS:
+      right = units_fit(&drive->params, object, value);
       break;
     default:
       break;
