@@ -51,7 +51,12 @@ static void pursue_setpoint(cia402_t *drive) {
   profile_t *trajectory = &drive->trajectory;
   if (drive->setpoint_active == 0) {
     trajectory_ramp(trajectory, 0, &limits);
-    drive->setpoint.position = cia402_user(drive, fx_cnt_from_q32(trajectory->position_q32));
+    /* A set-point that was reached stays as it was written: converted from its count it would be
+     * rounded, and relative moves would add that up. */
+    const int32_t count = fx_cnt_from_q32(trajectory->position_q32);
+    if (cia402_encoder(drive, drive->setpoint.position) != count) {
+      drive->setpoint.position = cia402_user(drive, count);
+    }
     return;
   }
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);

@@ -43,7 +43,8 @@ int32_t units_speed_q16(const cia402_t *drive, uint32_t per_s) {
   if (drive->units.scaled == 0) {
     return fx_q16_from_per_s(per_s);
   }
-  return fx_clamp(fx_ratio_apply((int32_t)per_s, drive->units.speed_of_user, 0), 1, SPEED_MAX_Q16);
+  const int32_t speed = fx_ratio_apply((int32_t)per_s, drive->units.speed_of_user, 0);
+  return fx_clamp(speed, (per_s == 0) ? 0 : 1, SPEED_MAX_Q16);
 }
 
 int32_t units_rate_q16(const cia402_t *drive, uint32_t per_s2) {

@@ -51,7 +51,8 @@ static inline int32_t cia402_encoder(const cia402_t *drive, int32_t user) {
   return fx_diff_wrap(cia402_count(drive, user), drive->origin_cnt);
 }
 
-/* A speed of the user's, at most 2^31-1, and a rate, in the trajectory's units, at least 1. */
+/* A speed of the user's, at most 2^31-1, and a rate, in the trajectory's units; what is not 0 is 1
+ * at least. */
 int32_t units_speed_q16(const cia402_t *drive, uint32_t per_s);
 int32_t units_rate_q16(const cia402_t *drive, uint32_t per_s2);
 
