@@ -362,20 +362,6 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
         cia402_forget_targets(drive); /* they were meant in the other direction */
       }
       break;
-    case AXIS_OBJ_ENCODER_INCREMENTS:
-    case AXIS_OBJ_ENCODER_REVOLUTIONS:
-    case AXIS_OBJ_GEAR_MOTOR_REVOLUTIONS:
-    case AXIS_OBJ_GEAR_SHAFT_REVOLUTIONS:
-    case AXIS_OBJ_FEED:
-    case AXIS_OBJ_FEED_SHAFT_REVOLUTIONS:
-      if (value != previous) {
-        cia402_forget_targets(drive); /* they were meant in other units */
-        derive(drive);
-      }
-      break;
-    case AXIS_OBJ_INPUTS_FITTED:
-      homing_list(drive);
-      break;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:
       parameters_derive_forces(drive);
@@ -386,7 +372,14 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
       parameters_derive_rates(drive);
       break;
+    case AXIS_OBJ_INPUTS_FITTED:
+      homing_list(drive);
+      break;
     default:
+      if (units_depend_on(object) && value != previous) {
+        cia402_forget_targets(drive); /* they were meant in other units */
+        derive(drive);
+      }
       break;
   }
   cia402_show(drive, axis);

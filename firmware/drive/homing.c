@@ -29,7 +29,8 @@ typedef struct {
 } homing_method_t;
 
 /* In the order of homing_methods. */
-static const homing_method_t methods[] = {
+enum { METHODS = 11 };
+static const homing_method_t methods[METHODS] = {
     {35, 0, {{0}}},
     {37, 0, {{0}}},
     {-1,
@@ -56,7 +57,6 @@ static const homing_method_t methods[] = {
     {33, AXIS_DIN_INDEX, {{AWAY, SLOW, AXIS_DIN_INDEX, ON}}},
     {34, AXIS_DIN_INDEX, {{TOWARD, SLOW, AXIS_DIN_INDEX, ON}}},
 };
-enum { METHODS = sizeof(methods) / sizeof(methods[0]) };
 _Static_assert(METHODS == sizeof((drive_signals_t){0}.homing_methods),
                "60E3h has a place for each");
 

@@ -42,15 +42,8 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
     case AXIS_OBJ_POLARITY:
       right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
       break;
-    case AXIS_OBJ_ENCODER_INCREMENTS:
-    case AXIS_OBJ_ENCODER_REVOLUTIONS:
-    case AXIS_OBJ_GEAR_MOTOR_REVOLUTIONS:
-    case AXIS_OBJ_GEAR_SHAFT_REVOLUTIONS:
-    case AXIS_OBJ_FEED:
-    case AXIS_OBJ_FEED_SHAFT_REVOLUTIONS:
-      right = units_fit(&drive->params, object, value);
-      break;
     default:
+      right = !units_depend_on(object) || units_fit(&drive->params, object, value);
       break;
   }
   return right ? FW_OK : FW_ERROR_RANGE;

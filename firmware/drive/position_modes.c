@@ -116,10 +116,9 @@ static int32_t wanted_velocity(const cia402_t *drive) {
 
 void position_follow_velocity(cia402_t *drive, bool at_once) {
   trajectory_limits_t limits = cia402_limits(drive, 0);
-  if (at_once) {
-    limits.acceleration = TRAJECTORY_RATE_MAX;
-    limits.deceleration = TRAJECTORY_RATE_MAX;
-  }
+  const int32_t least = at_once ? TRAJECTORY_RATE_MAX : 0;
+  limits.acceleration = (limits.acceleration < least) ? least : limits.acceleration;
+  limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
   motion_move_at(drive, bounded_speed(drive, wanted_velocity(drive)), &limits);
 }
 

@@ -5,6 +5,12 @@
 
 enum { RATIO_BITS_MAX = 20 };
 
+bool units_depend_on(uint16_t object) {
+  return object == AXIS_OBJ_ENCODER_INCREMENTS || object == AXIS_OBJ_ENCODER_REVOLUTIONS ||
+         object == AXIS_OBJ_GEAR_MOTOR_REVOLUTIONS || object == AXIS_OBJ_GEAR_SHAFT_REVOLUTIONS ||
+         object == AXIS_OBJ_FEED || object == AXIS_OBJ_FEED_SHAFT_REVOLUTIONS;
+}
+
 /* The parameter, or what is about to be written to it. */
 #define VALUE_OF(OBJECT, stored) ((object == (OBJECT)) ? (uint32_t)value : (stored))
 

@@ -21,6 +21,9 @@
 
 enum { CIA402_POLARITY_VELOCITY = 0x40, CIA402_POLARITY_POSITION = 0x80 };
 
+/* Whether the ratio depends on this parameter (AXIS_OBJ_). */
+bool units_depend_on(uint16_t object);
+
 /* Whether the parameters, of which `object` is about to be `value`, give a ratio: n and d below
  * 2^31, n / d from 2^-20 to 2^21. */
 bool units_fit(const drive_params_t *params, uint16_t object, int32_t value);
