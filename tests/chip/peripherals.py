@@ -238,7 +238,7 @@ class Syscfg(Peripheral):
 
 
 class Exti(Peripheral):
-    """10.3: a selected edge sets the pending bit of a line that is not masked; writing 1 clears it."""
+    """10.3: a selected edge sets the bit of a line that is not masked; writing 1 clears it."""
 
     def edge(self, pin, rising):
         selected = bits(self[0x08 if rising else 0x0C], pin)
