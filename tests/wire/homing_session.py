@@ -21,6 +21,7 @@ mode = "disabled"
 position_gain = 4.0
 velocity_gain = 20.0
 """
+REST_TICKS = 300  # 0.2 s
 ALL_INPUTS = 2 + 4 + 8 + 16
 
 
@@ -63,8 +64,14 @@ class Master(Client):
         return found
 
     def places(self):
-        # Of one tick: the axis stands.
-        return {"user": self.position(), "count": self.drive.sdo[0x6063].raw}
+        """Of one tick, because the axis has come to rest."""
+        while True:
+            count, first = self.drive.sdo[0x6063].raw, self.ticks()
+            while self.ticks() < first + REST_TICKS:
+                pass
+            user = self.position()
+            if self.drive.sdo[0x6063].raw == count:
+                return {"user": user, "count": count}
 
     def home(self, method, offset=0):
         self.drive.sdo[0x6098].raw = method
@@ -93,7 +100,6 @@ def session(folder, name, steps, settings, visit):
             visit(master)
         finally:
             master.close()
-        steps(f"{name} report", nodes.finish)
     finally:
         nodes.end()
 
@@ -108,7 +114,7 @@ def main():
         steps("move out", master.move, 10000)
         steps("move back", master.move, 1234)
         steps("move on", master.move, 20000)
-        steps("33", master.home, 33, 500)
+        steps("33", master.home, 33, 635)
         steps("18", master.home, 18)
 
     def contact(master):

@@ -14,8 +14,8 @@ SESSION = Path(__file__).with_name("homing_session.py")
 UM_A_COUNT = 25400 / 4000
 # Of sim/models/homing.toml, in counts; the index every 4000 from 0.
 LIMIT_NEG, LIMIT_POS, INDEX = -10000, -1575, -4000
-# 6099h:2 is 1500 count/s: an edge is seen in the count after it at the latest, which rounds.
-LATE = 1.5
+# 6099h:2 is 1500 count/s: an edge is seen a count later at most; the rest is rounding.
+LATE = 1.6
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +55,14 @@ def test_methods_need_their_inputs(step):
 
 @pytest.mark.parametrize(
     "method, true, direction, offset",
-    [("17", LIMIT_NEG, 1, 0), ("18", LIMIT_POS, -1, 0), ("33", 2 * INDEX, -1, 500)],
+    [("17", LIMIT_NEG, 1, 0), ("18", LIMIT_POS, -1, 0), ("33", 2 * INDEX, -1, 635)],
 )
 def test_a_switch_is_found_where_the_plant_has_it(step, method, true, direction, offset):
     found = step(method)
     assert found["attained"]
     home = home_of(found, offset)
     show(f"method {method}", home, true)
-    assert -0.6 - 0.5 <= (home - true) * direction <= LATE + 0.6
+    assert -LATE <= (home - true) * direction <= LATE
 
 
 def test_moves_are_in_micrometres_from_home(step):
@@ -71,8 +71,9 @@ def test_moves_are_in_micrometres_from_home(step):
         found = step(name)
         moved = (found["count"] - home) * UM_A_COUNT
         print(f"\n{name}: {target} um asked, {moved:.1f} um gone, {found['user']} um shown")
+        # The axis swings by a count about its target, also between the two readings.
         assert found["user"] == pytest.approx(target, abs=14)
-        assert moved == pytest.approx(target, abs=14)
+        assert moved == pytest.approx(found["user"], abs=7)
 
 
 def test_contact_is_found_at_the_workpiece(step):
