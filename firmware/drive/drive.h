@@ -13,7 +13,7 @@
  * was last left, halted or homed, target velocity and force since the last fault. Until then the
  * axis stays where it is.
  *
- * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
+ * Cost: cia402_before() and cia402_after() together at most 1000 instructions on a Cortex-M4; the
  * others run between ticks and are bounded too. */
 
 #include <stdbool.h>

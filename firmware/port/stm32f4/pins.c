@@ -5,8 +5,8 @@
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
 /* Inputs, on port C. Enable chain and limit switches are closed contacts to 3.3 V with pull-downs,
- * so a broken wire reads as an open chain, or as a switch that is reached. Index and home switch are
- * high when they are on. */
+ * so a broken wire reads as an open chain, or as a switch that is reached. Index and home switch
+ * are high when they are on. */
 enum { ENABLE = 0, LIMIT_POS = 1, LIMIT_NEG = 2, INDEX = 3, HOME = 9 };
 
 /* Straps of the node id, on port C: to ground counts. */
