@@ -50,14 +50,6 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->signals.drive_state = state;
 }
 
-/* What follows from the parameters. */
-static void derive(cia402_t *drive) {
-  units_derive(drive);
-  parameters_derive_rates(drive);
-  parameters_derive_forces(drive);
-  homing_list(drive);
-}
-
 void cia402_init(cia402_t *drive) {
   /* Field by field: all at once would ask the compiler for memset. */
   drive->origin_cnt = 0;
@@ -90,11 +82,11 @@ void cia402_init(cia402_t *drive) {
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
-  derive(drive);
+  parameters_derive(drive);
 }
 
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
-  derive(drive);
+  parameters_derive(drive);
   cia402_set_mode(drive, drive->params.modes_of_operation);
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
@@ -357,28 +349,9 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_TARGET_FORCE:
       drive->force_written = 1;
       break;
-    case AXIS_OBJ_POLARITY:
-      if (value != previous) {
-        cia402_forget_targets(drive); /* they were meant in the other direction */
-      }
-      break;
-    case AXIS_OBJ_RATED_FORCE:
-    case AXIS_OBJ_FORCE_SCALE:
-      parameters_derive_forces(drive);
-      break;
-    case AXIS_OBJ_VELOCITY_MAX:
-    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
-    case AXIS_OBJ_TRAJECTORY_DECELERATION:
-    case AXIS_OBJ_QUICK_STOP_DECELERATION:
-      parameters_derive_rates(drive);
-      break;
-    case AXIS_OBJ_INPUTS_FITTED:
-      homing_list(drive);
-      break;
     default:
-      if (units_depend_on(object) && value != previous) {
-        cia402_forget_targets(drive); /* they were meant in other units */
-        derive(drive);
+      if (value != previous && parameters_written(drive, object)) {
+        cia402_forget_targets(drive); /* they were meant in other units or directions */
       }
       break;
   }

@@ -86,8 +86,15 @@ void homing_list(cia402_t *drive) {
 
 void homing_start(cia402_t *drive) { drive->homing.state = CIA402_HOMING_ASKED; }
 
+static bool moves(uint8_t method) {
+  return method < METHODS && methods[method].steps[0].direction != 0;
+}
+
 void homing_interrupt(cia402_t *drive) {
-  if (drive->homing.state == CIA402_HOMING_SEEKING) {
+  const uint8_t state = drive->homing.state;
+  const bool begins = state == CIA402_HOMING_ASKED || state == CIA402_HOMING_BEGUN;
+  if (state == CIA402_HOMING_SEEKING ||
+      (begins && moves(find(drive, drive->params.homing_method)))) {
     drive->homing.state = CIA402_HOMING_IDLE;
   }
 }
@@ -219,7 +226,7 @@ static void begin(cia402_t *drive, axis_t *axis) {
   const uint8_t method = find(drive, drive->params.homing_method);
   if (method == METHODS) {
     fail(drive);
-  } else if (methods[method].steps[0].direction == 0) {
+  } else if (!moves(method)) {
     set_home(drive, axis);
   } else {
     drive->homing.state = CIA402_HOMING_SEEKING;

@@ -34,7 +34,7 @@
 /* One tick of homing, and of mode none, which only holds. */
 void homing_run(cia402_t *drive, axis_t *axis);
 
-/* The controlword starts or interrupts it. */
+/* The controlword starts it, or interrupts a method that moves. */
 void homing_start(cia402_t *drive);
 void homing_interrupt(cia402_t *drive);
 

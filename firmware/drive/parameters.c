@@ -6,7 +6,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-void parameters_derive_rates(cia402_t *drive) {
+static void derive_rates(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   drive->speed_max = units_speed_q16(drive, params->velocity_max);
   drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
@@ -14,11 +14,45 @@ void parameters_derive_rates(cia402_t *drive) {
   drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
 }
 
-void parameters_derive_forces(cia402_t *drive) {
+static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
+}
+
+void parameters_derive(cia402_t *drive) {
+  units_derive(drive);
+  derive_rates(drive);
+  derive_forces(drive);
+  homing_list(drive);
+}
+
+bool parameters_written(cia402_t *drive, uint16_t object) {
+  switch (object) {
+    case AXIS_OBJ_POLARITY:
+      return true;
+    case AXIS_OBJ_RATED_FORCE:
+    case AXIS_OBJ_FORCE_SCALE:
+      derive_forces(drive);
+      return false;
+    case AXIS_OBJ_VELOCITY_MAX:
+    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
+    case AXIS_OBJ_TRAJECTORY_DECELERATION:
+    case AXIS_OBJ_QUICK_STOP_DECELERATION:
+      derive_rates(drive);
+      return false;
+    case AXIS_OBJ_INPUTS_FITTED:
+      homing_list(drive);
+      return false;
+    default:
+      if (!units_depend_on(object)) {
+        return false;
+      }
+      units_derive(drive);
+      derive_rates(drive);
+      return true;
+  }
 }
 
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {

@@ -343,6 +343,26 @@ TEST_F(Homing, WhatInterruptsItIsNotResumed) {
   }
 }
 
+// Also before the first step, while it waits for the axis to stand.
+TEST_F(Homing, ItIsInterruptedBeforeItMoves) {
+  for (const int by : {kNew | kHalt, kOperate}) {
+    for (const int ticks : {0, 1}) {
+      SCOPED_TRACE(by);
+      Prepare(17, 0);
+      Control(kOperate);
+      Tick(100);
+      const double place = place_;
+      Control(kNew);
+      Tick(ticks);
+      Control(by);
+      Tick();
+      Control(by & ~kHalt);
+      Tick(300);
+      EXPECT_NEAR(place_, place, 1.5);
+    }
+  }
+}
+
 TEST_F(Homing, QuickStopAndDisablingEndIt) {
   for (const int by : {0x02, 0x07, 0x06, 0x00}) {
     SCOPED_TRACE(by);
