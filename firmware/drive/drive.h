@@ -10,7 +10,7 @@
  * commands, and at a change to mode -4 position_setpoint is the drive's last demand.
  *
  * A target acts only if it was written for what uses it: a target position since cyclic position
- * was last left, halted or homed, target velocity and force since the last fault. Until then the
+ * was last exited, halted or homed, target velocity and force since the last fault. Until then the
  * axis stays where it is.
  *
  * Cost: cia402_before() and cia402_after() together at most 1000 instructions on a Cortex-M4; the
@@ -122,7 +122,7 @@ typedef struct {
   uint8_t controlled;         /* 1: a force mode was on in the last tick */
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
-  uint8_t limited;            /* 1: a bound of the drive has drawn a target in */
+  uint8_t limited;            /* 1: a bound of the drive has limited a target */
   uint8_t unsupervised;       /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;

@@ -120,11 +120,11 @@ static void stand(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
 }
 
-/* A signal of the latest tick; home_offset is the position of that place. */
+/* Home is the count of the latest tick, and home_offset its position. */
 static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->origin_cnt =
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
-  drive->position_written = 0; /* it was meant from another origin */
+  drive->position_written = 0; /* it referred to the former origin */
   drive->homing.state = CIA402_HOMING_DONE;
 }
 
@@ -217,7 +217,7 @@ static void seek(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* An axis that still moves behind its trajectory would call a place home that it has left. */
+/* Waits until the axis stands, because home of methods 35 and 37 is where it comes to rest. */
 static void begin(cia402_t *drive, axis_t *axis) {
   brake(drive);
   if (!motion_stands(drive)) {

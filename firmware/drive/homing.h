@@ -6,8 +6,8 @@
  * Methods are those of CiA 402, and -1, on contact. Directions are those of the axis, positive
  * toward the workpiece, whatever the polarity, as the limit switches are.
  *   17, 18   edge of the negative, positive limit switch
- *   19, 20   edge of a home switch that is on at the positive end, left and entered
- *   21, 22   of one that is on at the negative end
+ *   19, 20   edge of a home switch that is on at the positive end, on leaving and on entering it
+ *   21, 22   the same of one that is on at the negative end
  *   33, 34   next index in negative, positive direction
  *   35, 37   where the axis stands
  *   -1       contact with the workpiece

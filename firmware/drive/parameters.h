@@ -2,7 +2,7 @@
 #define FIRMWARE_DRIVE_PARAMETERS_H_
 
 /* Parameters of the drive: which values fit one another, and what is derived from them when they
- * are written, being too dear for every tick. */
+ * are written, because it costs too much for every tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
