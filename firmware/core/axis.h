@@ -27,7 +27,8 @@ enum {
   AXIS_DIN_ENABLE = 1, /* enable and emergency-stop chain closed */
   AXIS_DIN_LIMIT_POS = 2,
   AXIS_DIN_LIMIT_NEG = 4,
-  AXIS_DIN_INDEX = 8
+  AXIS_DIN_INDEX = 8, /* an index pulse was seen since the last tick */
+  AXIS_DIN_HOME = 16
 };
 
 typedef struct {

@@ -1,5 +1,6 @@
 #include "firmware/drive/drive.h"
 
+#include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/motion.h"
 #include "firmware/drive/parameters.h"
@@ -17,6 +18,8 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->position_written = 0;
   drive->velocity_written = 0;
   drive->force_written = 0;
+  drive->params.velocity_offset = 0;
+  drive->params.force_offset = 0;
 }
 
 /* The set-points of the native modes have no such flag: 0 is none. */
@@ -60,6 +63,8 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
+  drive->homing = (cia402_homing_t){0};
+  drive->lead_cnt = 0;
   drive->overridden = (cia402_overridden_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;
@@ -79,13 +84,11 @@ void cia402_init(cia402_t *drive) {
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
   first_motion_forget(&drive->first_motion, &drive->signals);
-  parameters_derive_rates(drive);
-  parameters_derive_forces(drive);
+  parameters_derive(drive);
 }
 
 void cia402_wake(cia402_t *drive, const axis_t *axis) {
-  parameters_derive_rates(drive);
-  parameters_derive_forces(drive);
+  parameters_derive(drive);
   cia402_set_mode(drive, drive->params.modes_of_operation);
   drive->signals.drive_state = AXIS_DRIVE_STATE_SWITCH_ON_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE) {
@@ -122,7 +125,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
 static void watch_following(cia402_t *drive, axis_t *axis) {
   const bool outside =
       drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
-      fx_magnitude(axis->signals.position_error) > drive->params.following_error_window;
+      fx_magnitude(drive->signals.following_error) > drive->params.following_error_window;
   if (!outside) {
     drive->outside_tick = 0;
     return;
@@ -196,6 +199,7 @@ static void react(cia402_t *drive, axis_t *axis) {
 
 void cia402_before(cia402_t *drive, axis_t *axis) {
   drive->limited = 0;
+  drive->lead_cnt = 0;
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state_of(drive) == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     watch_following(drive, axis);
@@ -233,8 +237,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     contact_start(&drive->contact, &drive->signals);
   }
   drive->controlled = controlled;
-  if (drive->homing == CIA402_HOMING_ASKED) {
-    drive->homing = CIA402_HOMING_BEGUN;
+  if (drive->homing.state == CIA402_HOMING_ASKED) {
+    drive->homing.state = CIA402_HOMING_BEGUN;
   }
   cia402_observe(drive, axis);
   motion_restore(drive, axis);
@@ -296,12 +300,14 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
   if ((controlword & CIA402_CW_MODE_4) == 0) {
     drive->acknowledged = 0;
+    homing_interrupt(drive);
   }
   if (halt_changed) {
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
     drive->position_written = 0; /* continues with the next target */
+    homing_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
       wants_other_mode(drive) || first_motion_is_running(&drive->first_motion)) {
@@ -313,7 +319,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
       position_take_setpoint(drive);
       break;
     case AXIS_MODES_OF_OPERATION_HOMING:
-      drive->homing = CIA402_HOMING_ASKED;
+      homing_start(drive);
       break;
     default:
       break;
@@ -343,6 +349,9 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
+    case AXIS_OBJ_INTERPOLATION_SETPOINT: /* one value under two addresses */
+      drive->params.target_position = value;
+      drive->params.interpolation_setpoint = value;
       drive->position_written = 1;
       drive->interpolation_remaining = fx_ticks_from_period(drive->params.interpolation_period,
                                                             drive->params.interpolation_exponent);
@@ -353,22 +362,10 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
     case AXIS_OBJ_TARGET_FORCE:
       drive->force_written = 1;
       break;
-    case AXIS_OBJ_POLARITY:
-      if (value != previous) {
-        cia402_forget_targets(drive); /* they were meant in the other direction */
-      }
-      break;
-    case AXIS_OBJ_RATED_FORCE:
-    case AXIS_OBJ_FORCE_SCALE:
-      parameters_derive_forces(drive);
-      break;
-    case AXIS_OBJ_VELOCITY_MAX:
-    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
-    case AXIS_OBJ_TRAJECTORY_DECELERATION:
-    case AXIS_OBJ_QUICK_STOP_DECELERATION:
-      parameters_derive_rates(drive);
-      break;
     default:
+      if (value != previous && parameters_written(drive, object)) {
+        cia402_forget_targets(drive); /* they were meant in other units or directions */
+      }
       break;
   }
   cia402_show(drive, axis);

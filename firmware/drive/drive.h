@@ -10,14 +10,14 @@
  * commands, and at a change to mode -4 position_setpoint is the drive's last demand.
  *
  * A target acts only if it was written for what uses it: a target position since cyclic position
- * was last left, halted or homed, target velocity and force since the last fault. Until then the
+ * was last exited, halted or homed, target velocity and force since the last fault. Until then the
  * axis stays where it is.
  *
  * While the test before the first motion runs, drive_state is operation_enabled, since the power
  * stage is on, but the statusword shows switched on: no target is acted on, and every stop disables
  * the axis at once instead of along a ramp, which would need the position law.
  *
- * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
+ * Cost: cia402_before() and cia402_after() together at most 1000 instructions on a Cortex-M4; the
  * others run between ticks and are bounded too. */
 
 #include <stdbool.h>
@@ -28,13 +28,15 @@
 #include "firmware/drive/first_motion.h"
 #include "firmware/fx/fx.h"
 
-/* Homing: requested by the controlword; reported as begun, done or refused. */
+/* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
+ * failed. */
 enum {
   CIA402_HOMING_IDLE = 0,
   CIA402_HOMING_ASKED = 1,
   CIA402_HOMING_BEGUN = 2,
-  CIA402_HOMING_DONE = 3,
-  CIA402_HOMING_ERROR = 4
+  CIA402_HOMING_SEEKING = 3,
+  CIA402_HOMING_DONE = 4,
+  CIA402_HOMING_ERROR = 5
 };
 
 /* Whether the trajectory moves the axis, or only what the force laws measure the axis against. */
@@ -48,9 +50,26 @@ enum { CIA402_MEAN_TICKS = 16 };
 
 /* Of a set-point of profile position or guarded move. */
 typedef struct {
-  int32_t position; /* as written: user's count */
-  uint32_t speed;   /* count/s */
+  int32_t position; /* as written, in user's units */
+  uint32_t speed;   /* user's units per second */
 } cia402_setpoint_t;
+
+typedef struct {
+  int32_t start_cnt;       /* where homing began */
+  int32_t step_cnt;        /* where its present step began */
+  uint32_t remaining_tick; /* of homing_timeout */
+  uint8_t state;           /* CIA402_HOMING_ */
+  uint8_t method;          /* row and step of homing.c */
+  uint8_t step;
+} cia402_homing_t;
+
+/* The user's units, derived from 608Fh, 6091h and 6092h (units.h). */
+typedef struct {
+  fx_fraction_t user_of_cnt; /* user's units in a count; only if scaled */
+  fx_ratio_t speed_of_user;  /* Q16 per tick in a user's unit per second */
+  fx_ratio_t rate_of_user;   /* Q16 per tick squared in a user's unit per second squared */
+  uint8_t scaled;            /* 0: the user's unit is the count */
+} cia402_units_t;
 
 /* The axis' parameters that are overridden for the tick, as they are stored. */
 typedef struct {
@@ -73,7 +92,10 @@ typedef struct {
   drive_signals_t signals;
   const cia402_mode_t *mode; /* the row of modes_of_operation_display */
   profile_t trajectory;      /* in encoder counts; holds unless tracking is none */
-  int32_t origin_cnt;        /* user's position minus encoder count, before polarity */
+  int32_t origin_cnt;        /* count of the user's position minus encoder count, before
+                                polarity */
+  int32_t lead_cnt;          /* of the axis before its trajectory, for velocity_offset */
+  cia402_units_t units;
   /* Parameters in the units of the trajectory, Q16 per tick and per tick squared. */
   int32_t speed_max;
   int32_t acceleration;
@@ -91,6 +113,7 @@ typedef struct {
   int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
+  cia402_homing_t homing;
   first_motion_t first_motion;
   cia402_overridden_t overridden;
   uint8_t velocity_next;      /* slot of the oldest */
@@ -103,11 +126,10 @@ typedef struct {
   uint8_t leaving;            /* 1: slows down to change to leaving_to */
   uint8_t leaving_to;         /* AXIS_DRIVE_STATE_ */
   uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */
-  uint8_t homing;             /* CIA402_HOMING_ */
   uint8_t controlled;         /* 1: a force mode was on in the last tick */
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
-  uint8_t limited;            /* 1: a bound of the drive has drawn a target in */
+  uint8_t limited;            /* 1: a bound of the drive has limited a target */
   uint8_t unsupervised;       /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;
@@ -157,7 +179,8 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 /* fault_reset was given outside the controlword. */
 void cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
-/* Targets written for the modes of the drive do not act until they are written again. */
+/* Targets written for the modes of the drive do not act until they are written again; their offsets
+ * are 0. */
 void cia402_forget_targets(cia402_t *drive);
 
 /* The owner of the axis is lost: carries out abort_connection_option, with this fault, if the axis

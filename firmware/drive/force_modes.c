@@ -18,7 +18,7 @@ static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
 /* Out of contact: in position mode, toward the sign of the target, at most at
  * approach_velocity_max. */
 static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
-  const int32_t speed = cia402_speed_q16(drive, drive->params.approach_velocity_max);
+  const int32_t speed = units_speed_of_cnt(drive, drive->params.approach_velocity_max);
   if (!motion_track(drive, axis, CIA402_TRACKING_AXIS, speed)) {
     return;
   }
@@ -33,11 +33,16 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
   motion_follow(drive, axis);
 }
 
+/* Without the limit. */
+static int32_t wanted_force(const cia402_t *drive) {
+  return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
+}
+
 /* Force of a standard client: per mille of rated force; a profile ramps its demand. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
   const int32_t limit = drive->params.force_limit;
-  int32_t target = (drive->force_written != 0 && !halted) ? drive->params.target_force : 0;
+  int32_t target = halted ? 0 : wanted_force(drive);
   drive->limited |= (uint8_t)!fx_within(target, limit);
   target = fx_clamp(target, -limit, limit);
   if (drive->signals.contact == 0) {
@@ -128,14 +133,12 @@ void force_impedance(cia402_t *drive, axis_t *axis) {
 }
 
 bool force_target_reached(const cia402_t *drive) {
-  const drive_params_t *params = &drive->params;
-  const int32_t limit = params->force_limit;
-  const int32_t wanted =
-      (drive->force_written != 0) ? fx_clamp(params->target_force, -limit, limit) : 0;
+  const int32_t limit = drive->params.force_limit;
+  const int32_t wanted = fx_clamp(wanted_force(drive), -limit, limit);
   if (drive->pressing == 0) {
     return wanted == 0;
   }
   const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
   return drive->force_demand_q16 == fx_scale(wanted, 16) &&
-         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), params->contact_force);
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), drive->params.contact_force);
 }

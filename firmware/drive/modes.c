@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/drive/force_modes.h"
+#include "firmware/drive/homing.h"
 #include "firmware/drive/motion.h"
 #include "firmware/drive/position_modes.h"
 #include "firmware/drive/state.h"
@@ -29,7 +30,8 @@ static uint16_t standing_bits(const cia402_t *drive) {
 }
 
 static uint16_t homing_bits(const cia402_t *drive) {
-  return bits_of(drive->homing == CIA402_HOMING_DONE, drive->homing == CIA402_HOMING_ERROR);
+  return bits_of(drive->homing.state == CIA402_HOMING_DONE,
+                 drive->homing.state == CIA402_HOMING_ERROR);
 }
 
 static uint16_t cyclic_bits(const cia402_t *drive) {
@@ -55,7 +57,7 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
                   .controls_force = 1,
                   .halts_itself = 1,
                   .reached = force_target_reached},
-    ROW(HOMING) = {.lead = position_home, .bits = homing_bits},
+    ROW(HOMING) = {.lead = homing_run, .bits = homing_bits},
     ROW(CYCLIC_POSITION) = {.lead = position_cyclic,
                             .uses_position = 1,
                             .window = CIA402_WINDOW_POSITION,
@@ -70,7 +72,7 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
                          .halts_itself = 1,
                          .reached = force_target_reached,
                          .bits = cyclic_bits},
-    ROW(NONE) = {.lead = position_home},
+    ROW(NONE) = {.lead = homing_run},
     ROW(FORCE_COUNTS) = {.native = AXIS_MODE_FORCE, .controls_force = 1},
     ROW(OPEN_LOOP) = {.native = AXIS_MODE_OPEN_LOOP},
     ROW(EXCITATION) = {.native = AXIS_MODE_EXCITATION},
@@ -173,7 +175,7 @@ void cia402_leave_mode(cia402_t *drive) {
   drive->setpoint_buffered = 0;
   drive->acknowledged = 0;
   drive->stopped_by_contact = 0;
-  drive->homing = CIA402_HOMING_IDLE;
+  drive->homing.state = CIA402_HOMING_IDLE;
   drive->interpolation_remaining = 0;
   drive->force_demand_q16 = 0;
   drive->pressing = 0;

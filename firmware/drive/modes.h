@@ -19,7 +19,7 @@ struct cia402_mode {
   uint8_t native;
   uint8_t controls_force;
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
-  uint8_t uses_position; /* 1: target_position acts, and is discarded when the mode is left */
+  uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
   uint8_t window;        /* CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive);  /* whether the target is; NULL: never shown */
   uint16_t (*bits)(const cia402_t *drive); /* 12 and 13 of the statusword; NULL: 0 */
@@ -48,7 +48,7 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* Resets the state of a mode that was left, or whose axis was disabled. */
+/* Resets the state of a mode that is exited, or whose axis was disabled. */
 void cia402_leave_mode(cia402_t *drive);
 
 #endif

@@ -22,7 +22,8 @@ void motion_rest(cia402_t *drive, axis_t *axis) {
 
 void motion_follow(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
-  const int32_t setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
+  const int32_t setpoint =
+      fx_sum_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), drive->lead_cnt);
   axis->params.profile_enable = AXIS_PROFILE_ENABLE_RAW_STEP;
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
@@ -70,12 +71,13 @@ bool motion_stands(const cia402_t *drive) {
 
 motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
   const uint64_t position_q32 = drive->trajectory.position_q32;
-  const int32_t at = cia402_user(drive, fx_cnt_from_q32(position_q32));
+  const int32_t at = fx_sum_wrap(fx_cnt_from_q32(position_q32), drive->origin_cnt);
+  const int32_t to = cia402_count(drive, user);
   motion_way_t way;
-  way.distance_q16 =
-      fx_distance_q16(fx_q32_from_cnt(cia402_encoder(drive, user)), position_q32, &way.negative);
-  const bool forth = fx_diff_wrap(user, at) > 0;
-  if (user != at && forth != (user > at) && motion_has_limits(drive)) {
+  way.distance_q16 = fx_distance_q16(fx_q32_from_cnt(fx_diff_wrap(to, drive->origin_cnt)),
+                                     position_q32, &way.negative);
+  const bool forth = fx_diff_wrap(to, at) > 0;
+  if (to != at && forth != (to > at) && motion_has_limits(drive)) {
     way.distance_q16 = FX_DISTANCE_MAX_Q16;
     way.negative = !way.negative;
   }

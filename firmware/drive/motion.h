@@ -64,16 +64,17 @@ static inline int32_t motion_axis_speed(const axis_t *axis) {
                   16);
 }
 
-/* The position limits: whether there are any, and a position drawn within them. */
+/* The position limits: whether there are any, or ends of the user's units, and a position bounded
+ * by them. */
 static inline bool motion_has_limits(const cia402_t *drive) {
-  return drive->params.position_limit_min != INT32_MIN ||
+  return drive->units.scaled != 0 || drive->params.position_limit_min != INT32_MIN ||
          drive->params.position_limit_max != INT32_MAX;
 }
 static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
-  const int32_t drawn =
+  const int32_t bounded =
       fx_clamp(user, drive->params.position_limit_min, drive->params.position_limit_max);
-  drive->limited |= (uint8_t)(drawn != user);
-  return drawn;
+  drive->limited |= (uint8_t)(bounded != user);
+  return bounded;
 }
 
 /* From the trajectory to a position: the shorter way round, but with position limits the one that

@@ -1,23 +1,58 @@
 #include "firmware/drive/parameters.h"
 
+#include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-void parameters_derive_rates(cia402_t *drive) {
+static void derive_rates(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  drive->speed_max = fx_q16_from_per_s(params->velocity_max);
-  drive->acceleration = fx_q16_from_per_s2(params->trajectory_acceleration);
-  drive->deceleration = fx_q16_from_per_s2(params->trajectory_deceleration);
-  drive->quick_deceleration = fx_q16_from_per_s2(params->quick_stop_deceleration);
+  drive->speed_max = units_speed_q16(drive, params->velocity_max);
+  drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
+  drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
+  drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
 }
 
-void parameters_derive_forces(cia402_t *drive) {
+static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
+}
+
+void parameters_derive(cia402_t *drive) {
+  units_derive(drive);
+  derive_rates(drive);
+  derive_forces(drive);
+  homing_list(drive);
+}
+
+bool parameters_written(cia402_t *drive, uint16_t object) {
+  switch (object) {
+    case AXIS_OBJ_POLARITY:
+      return true;
+    case AXIS_OBJ_RATED_FORCE:
+    case AXIS_OBJ_FORCE_SCALE:
+      derive_forces(drive);
+      return false;
+    case AXIS_OBJ_VELOCITY_MAX:
+    case AXIS_OBJ_TRAJECTORY_ACCELERATION:
+    case AXIS_OBJ_TRAJECTORY_DECELERATION:
+    case AXIS_OBJ_QUICK_STOP_DECELERATION:
+      derive_rates(drive);
+      return false;
+    case AXIS_OBJ_INPUTS_FITTED:
+      homing_list(drive);
+      return false;
+    default:
+      if (!units_depend_on(object)) {
+        return false;
+      }
+      units_derive(drive);
+      derive_rates(drive);
+      return true;
+  }
 }
 
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
@@ -30,7 +65,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
       right = value <= STOP_QUICK || value >= QUICK_STOP_STAY;
       break;
     case AXIS_OBJ_HOMING_METHOD:
-      right = value == 0 || value == 35 || value == 37;
+      right = homing_is_offered(drive, value);
       break;
     case AXIS_OBJ_POSITION_LIMIT_MIN:
       right = value <= drive->params.position_limit_max;
@@ -42,6 +77,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value) {
       right = (value & ~(CIA402_POLARITY_POSITION | CIA402_POLARITY_VELOCITY)) == 0;
       break;
     default:
+      right = !units_depend_on(object) || units_fit(&drive->params, object, value);
       break;
   }
   return right ? FW_OK : FW_ERROR_RANGE;

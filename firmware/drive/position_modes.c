@@ -5,6 +5,9 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
+/* Beyond it the position law is saturated. */
+#define LEAD_MAX_Q8 (INT32_C(65536) * 256)
+
 void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool at_once = (params->controlword & CIA402_CW_MODE_5) != 0;
@@ -48,7 +51,12 @@ static void pursue_setpoint(cia402_t *drive) {
   profile_t *trajectory = &drive->trajectory;
   if (drive->setpoint_active == 0) {
     trajectory_ramp(trajectory, 0, &limits);
-    drive->setpoint.position = cia402_user(drive, fx_cnt_from_q32(trajectory->position_q32));
+    /* A set-point that was reached stays as it was written: converted from its count it would be
+     * rounded, and relative moves would add that up. */
+    const int32_t count = fx_cnt_from_q32(trajectory->position_q32);
+    if (cia402_encoder(drive, drive->setpoint.position) != count) {
+      drive->setpoint.position = cia402_user(drive, count);
+    }
     return;
   }
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);
@@ -88,27 +96,47 @@ static void guard_move(cia402_t *drive, const axis_t *axis) {
   }
 }
 
-/* A user's speed in count/s, bounded, in the direction of the encoder. */
-static int32_t bounded_speed(cia402_t *drive, int32_t count_per_s) {
-  const uint32_t size = fx_magnitude(count_per_s);
+/* A speed of the user's, bounded, in the direction of the encoder. */
+static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
+  const uint32_t size = fx_magnitude(per_s);
   drive->limited |= (uint8_t)(size > drive->params.velocity_max);
   const int32_t speed = cia402_speed_q16(drive, size);
-  return cia402_signed_by(drive, (count_per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
+  return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
+}
+
+/* Only cyclic velocity adds the offset. */
+static int32_t wanted_velocity(const cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  const bool cyclic =
+      drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_CYCLIC_VELOCITY;
+  return (drive->velocity_written == 0)
+             ? 0
+             : params->target_velocity + (cyclic ? params->velocity_offset : 0);
 }
 
 void position_follow_velocity(cia402_t *drive, bool at_once) {
   trajectory_limits_t limits = cia402_limits(drive, 0);
-  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
-  if (at_once) {
-    limits.acceleration = TRAJECTORY_RATE_MAX;
-    limits.deceleration = TRAJECTORY_RATE_MAX;
+  const int32_t least = at_once ? TRAJECTORY_RATE_MAX : 0;
+  limits.acceleration = (limits.acceleration < least) ? least : limits.acceleration;
+  limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
+  motion_move_at(drive, bounded_speed(drive, wanted_velocity(drive)), &limits);
+}
+
+/* A velocity offset v makes the law u = k_p e - k_d (v_axis - v): as if the set-point were k_d v /
+ * k_p ahead. */
+static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
+  if (drive->params.velocity_offset == 0 || gains->position_gain == 0) {
+    return 0;
   }
-  motion_move_at(drive, bounded_speed(drive, wanted), &limits);
+  const int32_t speed_q8 = fx_floor_shift(bounded_speed(drive, drive->params.velocity_offset), 8);
+  const uint64_t size_q8 = (uint64_t)fx_magnitude(speed_q8) * gains->velocity_gain;
+  const int32_t lead =
+      fx_floor_shift(fx_part_q16(size_q8, gains->position_gain, LEAD_MAX_Q8) + 128, 8);
+  return (speed_q8 < 0) ? -lead : lead;
 }
 
 /* Cyclic position: in equal steps over the interpolation period, then wait for the next target. */
 void position_cyclic(cia402_t *drive, axis_t *axis) {
-  (void)axis;
   const int32_t most = drive->speed_max;
   if (drive->position_written == 0) {
     const trajectory_limits_t limits = cia402_limits(drive, most);
@@ -121,26 +149,8 @@ void position_cyclic(cia402_t *drive, axis_t *axis) {
   drive->interpolation_remaining = ticks - 1;
   const int32_t step = fx_part_q16(way.distance_q16, ticks, most);
   drive->limited |= (uint8_t)(step == most);
+  drive->lead_cnt = lead_of(drive, &axis->params);
   trajectory_step(&drive->trajectory, way.negative ? -step : step);
-}
-
-/* Methods 35 and 37: the place where the axis stands is home_offset. An axis that still moves
- * behind its trajectory would call a place home that it has left. */
-void position_home(cia402_t *drive, axis_t *axis) {
-  const trajectory_limits_t limits = cia402_limits(drive, 0);
-  trajectory_ramp(&drive->trajectory, 0, &limits);
-  if (drive->homing != CIA402_HOMING_BEGUN || !motion_stands(drive)) {
-    return;
-  }
-  if (drive->params.homing_method == 0) {
-    drive->homing = CIA402_HOMING_ERROR;
-    return;
-  }
-  const int32_t offset =
-      cia402_signed_by(drive, drive->params.home_offset, CIA402_POLARITY_POSITION);
-  drive->origin_cnt = fx_diff_wrap(offset, axis->signals.position);
-  drive->position_written = 0; /* it was meant from another origin */
-  drive->homing = CIA402_HOMING_DONE;
 }
 
 void position_guarded_move(cia402_t *drive, axis_t *axis) {
@@ -164,13 +174,14 @@ void position_cyclic_velocity(cia402_t *drive, axis_t *axis) {
 }
 
 static bool is_in_position_window(const cia402_t *drive, int32_t target) {
+  /* A count may be more of the user's units than the window. */
   return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
-         drive->params.position_window;
+             drive->params.position_window ||
+         cia402_encoder(drive, target) == drive->signals.position_internal;
 }
 
 bool position_velocity_reached(const cia402_t *drive) {
-  const int32_t wanted = (drive->velocity_written != 0) ? drive->params.target_velocity : 0;
-  return fx_magnitude(fx_diff_wrap(wanted, drive->signals.velocity_actual)) <=
+  return fx_magnitude(fx_diff_wrap(wanted_velocity(drive), drive->signals.velocity_actual)) <=
          drive->params.velocity_window;
 }
 

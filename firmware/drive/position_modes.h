@@ -13,7 +13,6 @@ void position_guarded_move(cia402_t *drive, axis_t *axis);
 void position_cyclic(cia402_t *drive, axis_t *axis);
 void position_profile_velocity(cia402_t *drive, axis_t *axis);
 void position_cyclic_velocity(cia402_t *drive, axis_t *axis);
-void position_home(cia402_t *drive, axis_t *axis); /* and mode none, which only holds */
 
 bool position_setpoint_reached(const cia402_t *drive);
 bool position_target_reached(const cia402_t *drive);

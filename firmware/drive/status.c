@@ -62,7 +62,11 @@ static bool shows_reached(const cia402_t *drive) {
     return false;
   }
   if (drive->signals.modes_of_operation_display == AXIS_MODES_OF_OPERATION_HOMING) {
-    return drive->homing == CIA402_HOMING_IDLE || drive->homing == CIA402_HOMING_DONE;
+    const uint8_t homing = drive->homing.state;
+    const bool is_over = homing == CIA402_HOMING_IDLE || homing == CIA402_HOMING_DONE ||
+                         homing == CIA402_HOMING_ERROR;
+    return is_over &&
+           (drive->tracking != CIA402_TRACKING_AXIS || drive->trajectory.velocity_q16 == 0);
   }
   return drive->reached_tick > reached_ticks(drive);
 }
@@ -111,13 +115,12 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
   const int32_t demand_q16 = tracked ? drive->trajectory.velocity_q16 : 0;
   const int32_t demand_cnt = (drive->tracking == CIA402_TRACKING_VIRTUAL)
                                  ? fx_cnt_from_q32(drive->trajectory.position_q32)
-                                 : measured->profile_position;
+                                 : fx_diff_wrap(measured->profile_position, drive->lead_cnt);
   signals->position_internal = measured->position;
   signals->position_actual = cia402_user(drive, measured->position);
   signals->position_demand = cia402_user(drive, demand_cnt);
   signals->following_error = fx_diff_wrap(signals->position_demand, signals->position_actual);
-  signals->velocity_demand =
-      cia402_signed_by(drive, fx_per_s_from_q16(demand_q16), CIA402_POLARITY_VELOCITY);
+  signals->velocity_demand = units_user_speed(drive, fx_per_s_from_q16(demand_q16));
 }
 
 static inline int16_t per_mille(const cia402_t *drive, int32_t force_q8) {
@@ -138,8 +141,9 @@ static void measure_force(cia402_t *drive, const axis_t *axis) {
 static uint32_t inputs_bits(uint8_t din) {
   return (((din & AXIS_DIN_LIMIT_NEG) != 0) ? UINT32_C(0x1) : 0) |
          (((din & AXIS_DIN_LIMIT_POS) != 0) ? UINT32_C(0x2) : 0) |
-         (((din & AXIS_DIN_INDEX) != 0) ? UINT32_C(0x4) : 0) |
-         (((din & AXIS_DIN_ENABLE) != 0) ? UINT32_C(0x10000) : 0);
+         (((din & AXIS_DIN_HOME) != 0) ? UINT32_C(0x4) : 0) |
+         (((din & AXIS_DIN_ENABLE) != 0) ? UINT32_C(0x10000) : 0) |
+         (((din & AXIS_DIN_INDEX) != 0) ? UINT32_C(0x20000) : 0);
 }
 
 static bool has_reached(const cia402_t *drive) {
@@ -160,8 +164,8 @@ static uint32_t lasting(uint32_t ticks, bool lasts) {
 
 /* In every second tick. */
 static void judge(cia402_t *drive) {
-  drive->signals.velocity_actual = cia402_signed_by(
-      drive, fx_per_s_from_16_ticks(drive->velocity_sum), CIA402_POLARITY_VELOCITY);
+  drive->signals.velocity_actual =
+      units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
   drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive));

@@ -32,3 +32,82 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
 }
 
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
+
+fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n) {
+  fx_ratio_t result = fx_ratio(ratio.mantissa, by, 0);
+  result.shift = (uint8_t)(result.shift + ratio.shift + n);
+  return result;
+}
+
+static uint32_t greatest_divisor(uint32_t a, uint32_t b) {
+  while (b != 0) {
+    const uint32_t remainder = a % b;
+    a = b;
+    b = remainder;
+  }
+  return a;
+}
+
+/* False: it has more than 31 bits. */
+static bool multiply(const uint32_t factors[3], uint32_t *product) {
+  uint64_t wide = factors[0];
+  for (uint8_t i = 1; i < 3; i++) {
+    wide *= factors[i];
+    if (wide > (uint64_t)INT32_MAX) {
+      return false;
+    }
+  }
+  *product = (uint32_t)wide;
+  return true;
+}
+
+bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction) {
+  uint32_t a[3] = {over[0], over[1], over[2]};
+  uint32_t b[3] = {under[0], under[1], under[2]};
+  for (uint8_t i = 0; i < 3; i++) {
+    for (uint8_t k = 0; k < 3; k++) {
+      const uint32_t common = greatest_divisor(a[i], b[k]);
+      a[i] /= common;
+      b[k] /= common;
+    }
+  }
+  uint32_t num;
+  uint32_t den;
+  if (!multiply(a, &num) || !multiply(b, &den)) {
+    return false;
+  }
+  fraction->num = num;
+  fraction->den = den;
+  fraction->ratio = fx_ratio(num, den, 0);
+  fraction->inverse = fx_ratio(den, num, 0);
+  return true;
+}
+
+/* The ratio is at most 2^-31 of it too small, so the estimate is wrong by less than 2; the exact
+ * remainder says by how much. */
+static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
+  const int32_t estimate = fx_ratio_apply(x, ratio, 0);
+  if (!fx_within(estimate, INT32_MAX - 4)) {
+    return (estimate < 0) ? -INT32_MAX : INT32_MAX;
+  }
+  int64_t twice = 2 * (fx_mul(x, (int32_t)num) - fx_mul(estimate, (int32_t)den));
+  int32_t exact = estimate;
+  for (uint8_t i = 0; i < 2; i++) {
+    if (twice >= (int64_t)den) {
+      twice -= 2 * (int64_t)den;
+      exact += 1;
+    } else if (twice < -(int64_t)den) {
+      twice += 2 * (int64_t)den;
+      exact -= 1;
+    }
+  }
+  return exact;
+}
+
+int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction) {
+  return scale_exactly(x, fraction->num, fraction->den, fraction->ratio);
+}
+
+int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction) {
+  return scale_exactly(x, fraction->den, fraction->num, fraction->inverse);
+}

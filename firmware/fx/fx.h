@@ -238,6 +238,32 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   return (x < 0) ? -limited : limited;
 }
 
+/* num / den in lowest terms, both 1..2^31-1, with approximations of it and of its inverse. */
+typedef struct {
+  uint32_t num;
+  uint32_t den;
+  fx_ratio_t ratio;
+  fx_ratio_t inverse;
+} fx_fraction_t;
+
+/* The product of three numbers over that of three others, all 1..2^31-1. False, and *fraction
+ * unchanged: in lowest terms one of the two products has more than 31 bits. Costs some thousand
+ * instructions. */
+bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction);
+
+/* floor(x * num / den + 1/2), exact; and x * den / num likewise. Overflow: saturates to
+ * +-INT32_MAX, from INT32_MAX - 4 on. About 60 instructions. */
+int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction);
+int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction);
+
+/* Whether 2^-bits <= ratio < 2^(bits+1), bits 0..20. */
+static inline bool fx_ratio_is_moderate(fx_ratio_t ratio, uint8_t bits) {
+  return ratio.shift >= 31 - bits && ratio.shift <= 31 + bits;
+}
+
+/* ratio / 2^n / by as a ratio; `by` > 0, n -16..16. For when a parameter is written. */
+fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n);
+
 /* code * 1000 / 2^bits, bits 0..16. Rounding: down. Overflow: cannot. */
 static inline int16_t fx_per_mille_of_bits(uint16_t code, uint8_t bits) {
   const uint32_t share = ((uint32_t)code * 1000) >> bits;

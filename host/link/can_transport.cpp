@@ -13,8 +13,8 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::uint32_t kToPlant = 1U << 28;
-constexpr std::uint32_t kUnused = 0x1FF;
-constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9;
+constexpr std::uint32_t kUnused = 0xFF;
+constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9, kHomeShift = 8;
 constexpr std::int64_t kTicksInId = 4096;
 constexpr std::int64_t kTicksInData = 65536;
 // A full controller queue drains at the speed of the bus, 12 frames in 2 ms. One that does not
@@ -34,6 +34,11 @@ std::uint16_t get16(const std::uint8_t *at) {
 canid_t id_of(std::uint8_t axis, std::int64_t tick) {
   return CAN_EFF_FLAG | static_cast<std::uint32_t>(axis - 1) << kAxisShift |
          static_cast<std::uint32_t>(tick % kTicksInId) << kTickShift;
+}
+
+// Four inputs, and the fifth below them.
+constexpr std::uint32_t din_bits(unsigned din) {
+  return (din & 15) << kDinShift | (din >> 4 & 1) << kHomeShift;
 }
 
 // The axis of an identifier, from 1; 0 if it is not one of the link.
@@ -135,7 +140,7 @@ std::unique_ptr<End> open(Arguments... arguments) {
 
 can_frame can_frame_of(const LinkInputs &in) {
   can_frame frame{};
-  frame.can_id = id_of(in.axis, in.tick) | static_cast<std::uint32_t>(in.din & 15) << kDinShift;
+  frame.can_id = id_of(in.axis, in.tick) | din_bits(in.din);
   if (in.sensor_valid == 0) return frame;
   frame.can_dlc = kInputBytes;
   const auto encoder = static_cast<std::uint32_t>(in.encoder_cnt);
@@ -160,11 +165,12 @@ can_frame can_frame_of(const LinkOutputs &out) {
 
 std::optional<LinkInputs> link_inputs_of(const can_frame &frame) {
   LinkInputs in{};
-  in.axis = axis_of(frame.can_id & ~(15U << kDinShift));
+  in.axis = axis_of(frame.can_id & ~din_bits(31));
   if (in.axis == 0 || (frame.can_id & kToPlant) != 0) return std::nullopt;
   if (frame.can_dlc != kInputBytes && frame.can_dlc != 0) return std::nullopt;
   in.tick = frame.can_id >> kTickShift & (kTicksInId - 1);
-  in.din = frame.can_id >> kDinShift & 15;
+  in.din = static_cast<std::uint8_t>((frame.can_id >> kDinShift & 15) |
+                                     (frame.can_id >> kHomeShift & 1) << 4);
   in.sensor_valid = frame.can_dlc == kInputBytes;
   in.encoder_cnt = static_cast<std::int32_t>(
       get16(frame.data) | static_cast<std::uint32_t>(get16(frame.data + 2)) << 16);

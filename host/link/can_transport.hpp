@@ -1,8 +1,8 @@
 #pragma once
 // Records as CAN frames on an interface of their own (vcan1): extended identifier, bit 28 direction
-// (0 to the firmware), 25-27 axis - 1, 13-24 tick mod 4096, 9-12 digital inputs, others 0. Data,
-// little-endian: encoder i32, adc0 u16, adc1 u16; without data: sensor values not valid. Back: dac
-// i16, outputs u8, tick u16, fault u8, limit reason u8.
+// (0 to the firmware), 25-27 axis - 1, 13-24 tick mod 4096, 9-12 and 8 digital inputs 0 to 3 and 4,
+// others 0. Data, little-endian: encoder i32, adc0 u16, adc1 u16; without data: sensor values not
+// valid. Back: dac i16, outputs u8, tick u16, fault u8, limit reason u8.
 #include <linux/can.h>
 
 #include <cstdint>

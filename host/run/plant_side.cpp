@@ -11,6 +11,9 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::size_t kListedEvents = 100000;
+static_assert(sim::kLimitPos == int{AXIS_DIN_LIMIT_POS} &&
+              sim::kLimitNeg == int{AXIS_DIN_LIMIT_NEG} && sim::kIndex == int{AXIS_DIN_INDEX} &&
+              sim::kHome == int{AXIS_DIN_HOME});
 }  // namespace
 
 PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
@@ -21,9 +24,9 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
                                 .seed = experiment.seed}),
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()) {
-  in_.din = AXIS_DIN_ENABLE;
   in_.sensor_valid = 1;
   in_.axis = 1;
+  static_assert(kEnabled == int{AXIS_DIN_ENABLE});
   static_assert(kNoFault == AXIS_FAULT_NONE);
   const std::vector<std::string> &names = plant_.signal_names();
   if (options.trace) {

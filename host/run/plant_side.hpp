@@ -36,6 +36,7 @@ class PlantSide {
     in_.encoder_cnt = codes.encoder;
     in_.adc0_code = codes.adc[0];
     in_.adc1_code = codes.adc[1];
+    in_.din = static_cast<std::uint8_t>(kEnabled | codes.switches);
     return in_;
   }
 
@@ -83,6 +84,7 @@ class PlantSide {
   };
 
   static constexpr std::int64_t kTicksBetweenAsking = 1024;  // options.stop
+  static constexpr std::uint8_t kEnabled = 1;                // AXIS_DIN_ENABLE
   static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }

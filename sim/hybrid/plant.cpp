@@ -90,6 +90,7 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
     encoder_state_ = position_of(description.encoder->body);
     if (const int reference = description.encoder->reference; reference != kGround)
       reference_state_ = position_of(reference);
+    switches_ = SwitchBank(description.switches);
   }
   if (audit_) initial_energy_ = total_energy();
 }
@@ -128,6 +129,7 @@ SensorCodes Plant::codes() {
     const std::int64_t count = floor_integer(y);
     codes.encoder = static_cast<std::int32_t>(static_cast<std::uint32_t>(count));
     margin = smaller(margin, edge_distance(y, count));
+    if (switches_.fitted()) codes.switches = switches_.read(place);
   }
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];

@@ -26,6 +26,7 @@
 #include <vector>
 
 #include "sim/hybrid/stepper.hpp"
+#include "sim/hybrid/switches.hpp"
 
 namespace forceaxis::sim {
 
@@ -42,6 +43,7 @@ struct SensorCodes {
   /// Adc. Noise is a function of seed, channel and tick alone: converting twice yields the same
   /// code.
   std::uint16_t adc[2] = {0, 0};
+  std::uint8_t switches = 0;  ///< SwitchBit; those of the model's [switches]
 };
 
 /// One change of one element's discrete state.
@@ -155,6 +157,7 @@ class Plant {
   std::optional<std::size_t> reference_state_;
   double encoder_scale_ = 0.0;
   bool has_encoder_ = false;
+  SwitchBank switches_;
   struct Converter {
     bool present = false;
     int top = 0;

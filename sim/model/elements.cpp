@@ -34,6 +34,7 @@ class Elements {
   void read_links();
   void read_gravities();
   void read_drive();
+  void read_switches(Section &section);
   void read_sensors();
 
   Section &root_;
@@ -297,6 +298,34 @@ std::optional<Dimension> per_count(Dimension dimension) {
   }
 }
 
+void Elements::read_switches(Section &section) {
+  const auto place = [&](const char *key) {
+    return section.optional_value(key, Dimension::length, Sign::any);
+  };
+  const auto in_order = [&](const std::optional<double> &low, const std::optional<double> &high,
+                            const char *low_key, const char *high_key) {
+    if (low && high && *low >= *high)
+      section.fail(high_key, std::string("expected a place beyond ") + low_key + " = " +
+                                 number_text(*low) + " m, got " + number_text(*high) +
+                                 "; exchange or move them");
+  };
+  Switches &switches = model_.switches;
+  switches.limit_neg = place("limit_neg");
+  switches.limit_pos = place("limit_pos");
+  switches.home_from = place("home_from");
+  switches.home_to = place("home_to");
+  switches.index = place("index");
+  switches.index_every = section.optional_value("index_every", Dimension::length, Sign::positive);
+  in_order(switches.limit_neg, switches.limit_pos, "limit_neg", "limit_pos");
+  in_order(switches.home_from, switches.home_to, "home_from", "home_to");
+  if (switches.index_every && !switches.index)
+    section.fail("index_every",
+                 "expected the place of one pulse too, got no index; add index, such as 0");
+  if (!model_.encoder)
+    root_.fail("switches",
+               "expected an encoder, whose body passes the switches, got none; add [encoder]");
+}
+
 void Elements::read_sensors() {
   root_.one("encoder", [&](Section &section) {
     Encoder encoder;
@@ -309,6 +338,7 @@ void Elements::read_sensors() {
     encoder.scale = section.value("scale", Dimension::count_per_length, Sign::not_zero);
     model_.encoder = encoder;
   });
+  root_.one("switches", [&](Section &section) { read_switches(section); });
   const std::vector<SignalInfo> signals = model_.signal_list();
   root_.each("adc", [&](Section &section) {
     const auto channel = static_cast<std::size_t>(section.integer("channel", 0, 1, std::nullopt));

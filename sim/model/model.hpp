@@ -21,6 +21,9 @@
 //   [[gravity]]  name, body, acceleration (m/s^2), or a list of them at as many `positions` (m)
 //   [drive]      type = "dc_motor" | "first_order" | "perfect", body, reaction = "ground", ...
 //   [encoder]    body, reference = "ground", scale (count/m)
+//   [switches]   places of the encoder's body (m), each optional: limit_neg < limit_pos, home_from
+//   <
+//                home_to, index, index_every > 0; see Switches
 //   [[adc]]      channel 0 | 1, signal, per_count (unit of the signal per count, sign allowed),
 //                zero_code = 0 (a whole number), bits = 8 (8..16); see Adc for limits, filter,
 //                noise
@@ -204,6 +207,18 @@ struct Encoder {
   double scale = 0.0;  ///< count/m, not 0
 };
 
+/// Switches on the way of the encoder's body, against the encoder's reference. A place that is
+/// absent gives no switch; of the home switch one end may be absent: it is on up to the end of the
+/// way.
+struct Switches {
+  std::optional<double> limit_neg;    ///< m: on at and below it
+  std::optional<double> limit_pos;    ///< m: on at and beyond it
+  std::optional<double> home_from;    ///< m: on at and beyond it,
+  std::optional<double> home_to;      ///< m: and below it
+  std::optional<double> index;        ///< m: a pulse where the body passes it
+  std::optional<double> index_every;  ///< m, > 0: and every such distance; none: one pulse
+};
+
 /// signal -> clamp(+-sensor_limit) -> first-order low pass -> clamp(+-conditioning_limit) -> noise
 /// -> code. All quantities are in the unit of the signal.
 struct Adc {
@@ -254,6 +269,7 @@ struct Model {
   std::vector<Gravity> gravities;
   std::optional<Drive> drive;
   std::optional<Encoder> encoder;
+  Switches switches;
   std::array<std::optional<Adc>, 2> adc;
   Dac dac;
 

@@ -18,6 +18,7 @@ NEVER = 1 << 60
 GPIOA, GPIOB, GPIOC = 0x40020000, 0x40020400, 0x40020800
 RCC, FLASH = 0x40023800, 0x40023C00
 TIM2, TIM5, ADC, DAC = 0x40000000, 0x40000C00, 0x40012000, 0x40007400
+SYSCFG, EXTI = 0x40013800, 0x40013C00
 CAN1, USART2, IWDG = 0x40006400, 0x40004400, 0x40003000
 SYSTICK, NVIC, SCB = 0xE000E010, 0xE000E100, 0xE000ED00
 
@@ -227,6 +228,25 @@ class Gpio(Peripheral):
         else:
             self.registers[offset] = value
         self.board.look()
+
+
+class Syscfg(Peripheral):
+    """8.2: EXTICR1 to 4 select the port of each line, four bits a line."""
+
+    def port(self, line):
+        return bits(self[0x08 + line // 4 * 4], 4 * (line % 4), 4)
+
+
+class Exti(Peripheral):
+    """10.3: a selected edge sets the bit of a line that is not masked; writing 1 clears it."""
+
+    def edge(self, pin, rising):
+        selected = bits(self[0x08 if rising else 0x0C], pin)
+        if selected and bits(self[0x00], pin) and self.board.syscfg.port(pin) == 2:
+            self.registers[0x14] = self[0x14] | 1 << pin
+
+    def write(self, offset, value):
+        self.registers[offset] = self[0x14] & ~value if offset == 0x14 else value
 
 
 class Tim5(Peripheral):
@@ -623,6 +643,7 @@ class Board:
         self.gpioa = Gpio(self, "A", 0xA8000000)
         self.gpiob = Gpio(self, "B", 0x00000280)
         self.gpioc = Gpio(self, "C", 0)
+        self.syscfg, self.exti = Syscfg(self), Exti(self)
         self.tim2, self.tim5 = Tim2(self), Tim5(self)
         self.adc, self.dac = Adc(self), Dac(self)
         self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
@@ -631,6 +652,8 @@ class Board:
             (GPIOA, self.gpioa, (0x30, 0)),
             (GPIOB, self.gpiob, (0x30, 1)),
             (GPIOC, self.gpioc, (0x30, 2)),
+            (SYSCFG, self.syscfg, (0x44, 14)),
+            (EXTI, self.exti, None),
             (RCC, self.rcc, None),
             (FLASH, self.flash, None),
             (TIM2, self.tim2, (0x40, 0)),
@@ -649,6 +672,11 @@ class Board:
     def advance(self, cycles):
         self.cycles += cycles
         self.systick.reached(self.cycles)
+
+    def pulse(self, pin):
+        """A pulse on an input of port C that no tick sees."""
+        for rising in (True, False):
+            self.exti.edge(pin, rising)
 
     def look(self):
         """The levels at the terminals: an output that is not driven is pulled down."""

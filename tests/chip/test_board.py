@@ -278,11 +278,24 @@ def test_digital_inputs_fail_safe():
     chip.boot()
     chip.tick(2)  # no wire connected: chain open, both switches reached
     assert chip.read("digital_inputs") == 2 + 4
-    for pin, bit in ((0, 1), (1, 2), (2, 4), (3, 8)):
+    for pin, bit in ((0, 1), (1, 2), (2, 4), (9, 16)):
         before = chip.read("digital_inputs")
         chip.board.gpioc.wires[pin] = 1
         chip.tick()
         assert chip.read("digital_inputs") == before ^ bit
+
+
+def test_an_index_pulse_between_two_ticks_is_seen_in_one(chip):
+    chip.tick(2)
+    assert chip.read("digital_inputs") == 1
+    chip.board.pulse(3)
+    chip.tick()
+    assert chip.read("digital_inputs") == 1 + 8
+    chip.tick()
+    assert chip.read("digital_inputs") == 1
+    chip.board.pulse(2)  # no other pin is latched
+    chip.tick()
+    assert chip.read("digital_inputs") == 1
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,17 @@ VALUES = {
     "contact_force": [0, 256, 2560],
     "approach_velocity_max": [1, 3000, 3072000],
     "limit_cycle_losses": [0, 1, 3],
-    "homing_method": [0, 35, 37],
+    "inputs_fitted": [0, 30, 30],
+    "homing_method": [0, 35, 37, -1, -1, 17, 18, 19, 20, 21, 22, 33, 34],
+    "homing_travel": [1, 500, 1000000, 1000000],
+    "homing_timeout": [1, 100, 60000, 60000],
+    "homing_retract": [1, 20, 500],
+    "homing_speed_1": [1, 3000, 30000],
+    "homing_speed_2": [1, 1500, 3000],
+    "feed": [0, 0, 1, 10000, 2147483647],
+    "gear_shaft_revolutions": [1, 1, 7],
+    "velocity_offset": [0, 1500, -3072000],
+    "force_offset": [0, 50, -32768],
     "home_offset": [0, 1234, -2147483648],
     "polarity": [0, 0, 64, 128, 192],
     "position_window": [0, 10, 0xFFFFFFFF],
@@ -356,7 +366,10 @@ class Fuzz:
         if rng.random() < 0.05:
             inputs.adc_code[0] = rng.choice([0, 255, rng.randrange(256)])
         inputs.adc_code[1] = rng.randrange(256)
-        inputs.din = 1 if rng.random() > 0.003 else rng.choice([0, 3, 5, 7, 9, 15])
+        inputs.din = 1 if rng.random() > 0.003 else rng.choice([0, 3, 5, 7, 9, 15, 17, 31])
+        # Switches at places of the axis, and an index every 300 counts.
+        inputs.din |= (self.position < -900) << 2 | (self.position > 5000) << 1
+        inputs.din |= (200 < self.position % 2000 < 900) << 4 | (self.position % 300 < 20) << 3
         inputs.sensor_valid = int(rng.random() >= 0.001)
 
     def sense_calm(self, code, inputs):

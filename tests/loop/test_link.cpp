@@ -40,6 +40,14 @@ TEST(Frames, InputsByHand) {
   EXPECT_EQ(back->axis, 3);
 }
 
+// The home switch is input 4, bit 8 of the identifier: enable and home are 1 << 9 | 1 << 8 = 300h.
+TEST(Frames, TheHomeSwitchIsAnInput) {
+  const can_frame f = can_frame_of(LinkInputs{0, 0, 0, 0, 17, 1, 1});
+  EXPECT_EQ(f.can_id, 0x300U | CAN_EFF_FLAG);
+  ASSERT_TRUE(link_inputs_of(f));
+  EXPECT_EQ(link_inputs_of(f)->din, 17);
+}
+
 // Direction 1 << 28, axis 6 is 5 << 25 = 0A000000h, tick 70000 mod 4096 = 368 = 170h, << 13 is
 // 2E0000h; dac -2048 = F800h, tick 70000 mod 65536 = 4464 = 1170h.
 TEST(Frames, OutputsByHand) {
@@ -74,7 +82,7 @@ TEST(Frames, WhatIsNoRecordIsRefused) {
     change(f);
     return f;
   };
-  for (const canid_t flip : {CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_ERR_FLAG, 1U, 0x100U, 7U << 25}) {
+  for (const canid_t flip : {CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_ERR_FLAG, 1U, 0x80U, 7U << 25}) {
     EXPECT_FALSE(link_inputs_of(with(in, [&](can_frame &f) { f.can_id ^= flip; })));
     EXPECT_FALSE(link_outputs_of(with(out, [&](can_frame &f) { f.can_id ^= flip; })));
   }

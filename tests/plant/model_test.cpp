@@ -133,7 +133,7 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                  {"weight",
                   "expected one of the keys title, shows, parameters_file, parameters, body, "
                   "spring, damper, contact, backlash, stop, friction, gravity, drive, encoder, "
-                  "adc, dac, got \"weight\"; remove or "
+                  "switches, adc, dac, got \"weight\"; remove or "
                   "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
                  {"body[0].mess",

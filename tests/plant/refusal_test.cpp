@@ -82,6 +82,15 @@ std::vector<Element> elements() {
        "encoder",
        "body = \"a\"\nreference = \"b\"\n",
        {{"scale", "1000", Value::not_zero}}},
+      {"[encoder]\nbody=\"c\"\nscale = 1000\n[switches]",
+       "switches",
+       "",
+       {{"limit_neg", "-1", Value::any, false},
+        {"limit_pos", "1e30", Value::any, false},
+        {"home_from", "-1", Value::any, false},
+        {"home_to", "1e30", Value::any, false},
+        {"index", "0.1", Value::any, false},
+        {"index_every", "0.01", Value::positive, false}}},
       {"[[adc]]",
        "adc[0]",
        "channel = 1\nsignal = \"s.force\"\n",
@@ -214,6 +223,7 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
   const std::string friction = "[[friction]]\n" + kLink;
   const std::string gravity = "[[gravity]]\nname = \"x\"\nbody = \"a\"\n";
   const std::string adc = "[[adc]]\nchannel = 0\nsignal = \"s.force\"\nper_count = 1\n";
+  const std::string encoder = "[encoder]\nbody = \"a\"\nscale = 1000\n";
   const std::vector<std::pair<std::string, std::string>> cases = {
       // piecewise-linear springs
       {spring + "stiffness = [1, 2]\n", "spring[3].stiffness"},
@@ -270,6 +280,11 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
       {"[[adc]]\nchannel = 0\nsignal = \"s.farce\"\nper_count = 1\n", "adc[0].signal"},
       {"[[adc]]\nchannel = 0\nsignal = 3\nper_count = 1\n", "adc[0].signal"},
       {adc + adc, "adc[1].channel"},
+      {encoder + "[switches]\nlimit_neg = 1\nlimit_pos = 1\n", "switches.limit_pos"},
+      {encoder + "[switches]\nhome_from = 1\nhome_to = -1\n", "switches.home_to"},
+      {encoder + "[switches]\nindex_every = 1\n", "switches.index_every"},
+      {encoder + "[switches]\nlimit = 1\n", "switches.limit"},
+      {"[switches]\nlimit_pos = 1\n", "switches"},
       {"[dac]\nbits = 7\n", "dac.bits"},
       {"[dac]\nbits = 17\n", "dac.bits"},
       {"[drive]\ntype = \"perfect\"\nbody = \"a\"\nforce_per_volt = 1\namp_break = 1\n",

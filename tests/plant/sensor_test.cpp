@@ -99,6 +99,46 @@ TEST(EdgeMargin, KeepsTheClosestApproach) {
   EXPECT_NEAR(plant.edge_margin(), 0.1, 1e-12);
 }
 
+// A body at 0.1 m a tick, from -0.45: a switch is on where the body is, an index in the tick after
+// which it was passed.
+TEST(Switches, FollowTheBody) {
+  Plant plant(
+      make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = -0.45\nvelocity = 150\n"
+                 "[[damper]]\nname = \"d\"\nbetween = [\"b\", \"ground\"]\ndamping = 0\n" +
+                 kEncoder +
+                 "[switches]\nlimit_neg = -0.4\nlimit_pos = 0.5\nhome_from = 0\nhome_to = 0.2\n"
+                 "index = 0\nindex_every = 0.3\n"));
+  const std::vector<int> expected = {
+      kLimitNeg,  // -0.45
+      0,
+      kIndex,
+      0,
+      0,               // -0.35, -0.25 past -0.3, ...
+      kHome | kIndex,  // 0.05
+      kHome,           // 0.15
+      0,               // 0.25
+      kIndex,
+      0,                   // 0.35, 0.45
+      kLimitPos,           // 0.55
+      kLimitPos | kIndex,  // 0.65
+  };
+  for (std::size_t k = 0; k < expected.size(); ++k) {
+    EXPECT_EQ(int{plant.codes().switches}, expected[k]) << k;
+    plant.step(0, false);
+  }
+}
+
+TEST(Switches, AHomeSwitchWithoutAnEndAndASingleIndex) {
+  double margin = 0.0;
+  const std::string to = kEncoder + "[switches]\nhome_to = 0.1\nindex = 5\n";
+  EXPECT_EQ(codes_at("-100", to, &margin).switches, kHome);
+  EXPECT_EQ(codes_at("0.1", to, &margin).switches, 0);
+  const std::string from = kEncoder + "[switches]\nhome_from = 0.1\n";
+  EXPECT_EQ(codes_at("100", from, &margin).switches, kHome);
+  EXPECT_EQ(codes_at("0.0999", from, &margin).switches, 0);
+  EXPECT_EQ(codes_at("100", kEncoder, &margin).switches, 0);
+}
+
 TEST(Signals, NamesAndValuesAgree) {
   Plant plant(
       make_model("[[body]]\nname = \"b\"\nmass = 1\nposition = 2\nvelocity = 3\n[[spring]]\n"

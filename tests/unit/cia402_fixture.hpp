@@ -38,6 +38,7 @@ class DriveFixture : public FirmwareFixture {
       const double depth = place_ - wall_;
       const double reading = (depth > 0.0) ? depth * stiffness_ : 0.0;
       inputs_.adc_code[0] = static_cast<uint16_t>(std::fmin(255.0, std::floor(reading + 0.5)));
+      inputs_.din = Din();
       fw_tick(&fw_, &inputs_, &outputs_);
       const int state = State();
       const bool powered = state == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
@@ -79,6 +80,9 @@ class DriveFixture : public FirmwareFixture {
   }
 
   double Speed() const { return fw_.drive.trajectory.velocity_q16 / 65536.0; }  // count a tick
+
+  // The digital inputs of the coming tick.
+  virtual uint8_t Din() { return inputs_.din; }
 
   double place_ = 0.0;
   double counts_per_code_ = 0.02;

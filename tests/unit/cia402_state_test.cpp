@@ -260,10 +260,10 @@ TEST_F(DriveState, TheEnableChainShowsAsVoltageAndItsLossAsAFault) {
   EXPECT_EQ(State(), FA);
   EXPECT_EQ(Status() & 0x10, 0);
   Tick();
-  EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x5);
-  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS;
+  EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x20001);
+  inputs_.din = AXIS_DIN_ENABLE | AXIS_DIN_LIMIT_POS | AXIS_DIN_HOME;
   Tick(2);
-  EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x10002);
+  EXPECT_EQ(Read(AXIS_OBJ_DRIVE_INPUTS), 0x10006);
 }
 
 TEST_F(DriveState, TheNativeModeMovesTheState) {

@@ -430,7 +430,7 @@ TEST_F(FwStop, NoControlwordOfAnotherSourceStartsAnything) {
                                          state == AXIS_DRIVE_STATE_OPERATION_ENABLED);
       ASSERT_TRUE(now == state || lower) << state << ' ' << word;
       ASSERT_EQ(fw_.drive.acknowledged, reached.drive.acknowledged);
-      ASSERT_EQ(fw_.drive.homing, reached.drive.homing);
+      ASSERT_EQ(fw_.drive.homing.state, reached.drive.homing.state);
       const int word_before = reached.drive.params.controlword;
       ASSERT_TRUE(fw_.drive.params.controlword == word_before ||
                   (halts && fw_.drive.params.controlword == (word_before | kHalt)));

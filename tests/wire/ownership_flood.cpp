@@ -191,6 +191,7 @@ class Flood {
     }
     Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 1 + static_cast<int>(Below(2)));
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+    Set(AXIS_OBJ_HOMING_METHOD, -1);
     const int ms = 10 + static_cast<int>(Below(200));
     Set(AXIS_OBJ_WATCHDOG, ms);
     oracle_ = Oracle{};
@@ -308,8 +309,8 @@ class Flood {
         break;
       case 2:
       case 3: {
-        static constexpr int kModes[] = {-2, -2, 3, 4, 1, 8};
-        Write(source, AXIS_OBJ_MODES_OF_OPERATION, kModes[Below(6)], oracle_.Other(source));
+        static constexpr int kModes[] = {-2, -2, 3, 4, 1, 8, 6};
+        Write(source, AXIS_OBJ_MODES_OF_OPERATION, kModes[Below(7)], oracle_.Other(source));
         break;
       }
       case 4:

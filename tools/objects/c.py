@@ -61,16 +61,14 @@ def enum_constants(table):
 def changes(table):
     """[(address, initial, fits)] of version 0.1.0's stored objects that this table describes
     otherwise: fits where only the default differs."""
-    today = {
-        canopen_address(o, i): (signature(o), o["defaults"][i])
-        for _, _, o, i in expand(table.entries)
-        if o["stored"]
-    }
-    return [
-        (index * 256 + sub, old.default, today.get((index, sub), (None,))[0] == old.signature)
-        for (index, sub), old in sorted(table.release.objects.items())
-        if today.get((index, sub)) != (old.signature, old.default)
-    ]
+    today = {canopen_address(o, i): (o, i) for _, _, o, i in expand(table.entries) if o["stored"]}
+    found = []
+    for (index, sub), old in sorted(table.release.objects.items()):
+        o, i = today.get((index, sub), (None, 0))
+        fits = o is not None and old.fits(o)
+        if not fits or o["defaults"][i] != old.default:
+            found.append((index * 256 + sub, old.default, fits))
+    return found
 
 
 def former_names(table):

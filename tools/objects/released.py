@@ -15,8 +15,14 @@ class Released(NamedTuple):
     """A stored object of a released table."""
 
     name: str
-    signature: int
+    facts: dict  # of its signature
     default: int
+
+    def fits(self, today):
+        """Whether a stored value means the same under today's object: its range may have grown."""
+        grown = today["min"] <= self.facts["min"] and self.facts["max"] <= today["max"]
+        limits = {"min": today["min"], "max": today["max"]}
+        return grown and signature({**self.facts, **limits}) == signature(today)
 
 
 class Release(NamedTuple):
@@ -41,5 +47,5 @@ def load_release(path):
                 "values": [],
             }
             address = int(row["index"], 16), int(row["sub"])
-            objects[address] = Released(row["name"], signature(o), int(row["default"]))
+            objects[address] = Released(row["name"], o, int(row["default"]))
     return Release(digest, objects)

@@ -36,7 +36,7 @@ void pin_mode(gpio_t *port, uint8_t pin, uint32_t mode, uint32_t pull);
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull);
 void pins_init(void); /* outputs low, inputs, straps */
 void pins_write(bool amp_enable, bool brake_release);
-uint8_t pins_din(void);     /* AXIS_DIN_ bits */
+uint8_t pins_din(void);     /* AXIS_DIN_ bits; index: since the call before */
 uint8_t pins_node_id(void); /* 0: no strap is set */
 
 /* dac.c: code -2048..2047, 0 is mid-scale. */

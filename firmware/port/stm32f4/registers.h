@@ -57,6 +57,7 @@ typedef struct {
 #define RCC_APB1ENR_CAN1EN BIT(25)
 #define RCC_APB1ENR_DACEN BIT(29)
 #define RCC_APB2ENR_ADC1EN BIT(8)
+#define RCC_APB2ENR_SYSCFGEN BIT(14)
 
 #define RCC_CSR_RMVF BIT(24)
 #define RCC_CSR_WDGRSTF BIT(29)
@@ -116,6 +117,34 @@ typedef struct {
 #define GPIOA ((gpio_t *)GPIOA_BASE)
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
+
+/* Edges of pins: line n is pin n of the port that SYSCFG selects. */
+
+typedef struct {
+  reg_t MEMRM;
+  reg_t PMC;
+  reg_t EXTICR1;
+} syscfg_t;
+#define SYSCFG_BASE 0x40013800
+#define SYSCFG ((syscfg_t *)SYSCFG_BASE)
+
+#define SYSCFG_EXTICR1_EXTI3 MASK(12, 4)
+#define SYSCFG_EXTICR1_EXTI3_PC FIELD(12, 4, 2)
+
+typedef struct {
+  reg_t IMR;
+  reg_t EMR;
+  reg_t RTSR;
+  reg_t FTSR;
+  reg_t SWIER;
+  reg_t PR;
+} exti_t;
+#define EXTI_BASE 0x40013C00
+#define EXTI ((exti_t *)EXTI_BASE)
+
+#define EXTI_IMR_MR3 BIT(3)
+#define EXTI_RTSR_TR3 BIT(3)
+#define EXTI_PR_PR3 BIT(3)
 
 /* Timers: 5 is the encoder, 2 the free-running counter. */
 
