@@ -5,6 +5,7 @@
 #include "firmware/canopen/cob_id.h"
 #include "firmware/canopen/emcy.h"
 #include "firmware/canopen/heartbeat.h"
+#include "firmware/canopen/lss.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/canopen/sdo_block.h"
@@ -76,6 +77,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->reset = CANOPEN_RESET_NONE;
   canopen->requests = (canopen_requests_t){0};
   canopen->node_id = node_id;
+  lss_restart(canopen);
 }
 
 static void start_heartbeat(canopen_t *canopen) {
@@ -92,6 +94,9 @@ static void send_state(canopen_t *canopen, uint8_t state) {
 }
 
 void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
+  if (canopen->node_id == LSS_NO_NODE_ID) {
+    return;
+  }
   /* The boot-up message is the heartbeat of the state that ends with it. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
@@ -154,6 +159,37 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
   return reset;
 }
 
+static void bus_off(canopen_t *canopen) {
+  /* Pending frames would come too late; none is accepted until the bus is back. */
+  can_output_clear(&canopen->output);
+  canopen->output.closed = 1;
+  emcy_update(canopen);
+  stop_axis(canopen, AXIS_FAULT_CAN_OFF);
+  communication_error(canopen);
+}
+
+static void receive_lss(canopen_t *canopen, const can_frame_t *frame) {
+  const lss_result_t result =
+      (canopen->reset == CANOPEN_RESET_NONE) ? lss_receive(canopen, frame) : LSS_NOTHING;
+  if (result == LSS_RESET) {
+    request_reset(canopen, CANOPEN_RESET_COMMUNICATION);
+  } else if (result == LSS_SILENCE) {
+    bus_off(canopen);
+  }
+}
+
+/* The output is open unless the bus is off or silent. */
+static void update_output(canopen_t *canopen) {
+  const bool closed = canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen);
+  canopen->output.closed = closed ? 1 : 0;
+}
+
+void canopen_lss_tick(canopen_t *canopen, uint32_t ticks) {
+  if (lss_tick(canopen, ticks)) {
+    update_output(canopen);
+  }
+}
+
 static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   const uint8_t node = frame->data[1];
   if (frame->length != 2 || (node != 0 && node != canopen->node_id)) {
@@ -214,8 +250,14 @@ static bool is_own(const canopen_t *canopen, uint16_t id) {
 }
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
-  if (frame->remote != 0 || frame->length > 8 ||
-      canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
+  if (frame->remote != 0 || frame->length > 8 || lss_is_silent(canopen)) {
+    return;
+  }
+  if (frame->id == LSS_REQUEST_ID) {
+    receive_lss(canopen, frame);
+    return;
+  }
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     return;
   }
   if (is_own(canopen, frame->id)) {
@@ -362,7 +404,7 @@ bool canopen_is_watched(const canopen_t *canopen) {
 }
 
 uint8_t canopen_lost_for(const canopen_t *canopen) {
-  if (canopen->bus == CAN_BUS_OFF) {
+  if (canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen)) {
     return AXIS_FAULT_CAN_OFF;
   }
   if (canopen->heartbeats_lost != 0) {
@@ -377,15 +419,6 @@ void canopen_lost(canopen_t *canopen, uint16_t frames) {
   report_overrun(canopen);
 }
 
-static void bus_off(canopen_t *canopen) {
-  /* Pending frames would come too late; none is accepted until the bus is back. */
-  can_output_clear(&canopen->output);
-  canopen->output.closed = 1;
-  emcy_update(canopen);
-  stop_axis(canopen, AXIS_FAULT_CAN_OFF);
-  communication_error(canopen);
-}
-
 void canopen_bus(canopen_t *canopen, uint8_t state) {
   const uint8_t previous = canopen->bus;
   if (state == previous || state > CAN_BUS_OFF) {
@@ -397,7 +430,7 @@ void canopen_bus(canopen_t *canopen, uint8_t state) {
     return;
   }
   if (previous == CAN_BUS_OFF) {
-    canopen->output.closed = 0;
+    update_output(canopen);
     emcy_raise(canopen, AXIS_ERROR_CODE_CAN_OFF, 0);
   }
   emcy_raise(canopen,

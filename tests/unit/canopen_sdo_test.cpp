@@ -222,13 +222,13 @@ TEST_F(Canopen, TextsComeInSegments) {
 TEST_F(Canopen, TheRecordingIsUploadedWhole) {
   ASSERT_EQ(Download(0x2100, 1, 0x201F00, 4), 0u);  // tick_count
   ASSERT_EQ(Download(0x2107, 0, 1, 1), 0u);
-  Tick(3072);
+  Tick(8192);
   ASSERT_EQ(Upload(0x2108, 0), 3u);
   uint32_t size = 0;
   const auto data = UploadAll(0x2120, 0, size);
-  ASSERT_EQ(size, 12288u);
+  ASSERT_EQ(size, 32768u);
   ASSERT_EQ(data.size(), size);
-  for (size_t i = 0; i < 3072; ++i) {
+  for (size_t i = 0; i < 8192; ++i) {
     const uint32_t tick = static_cast<uint32_t>(data[4 * i] | data[4 * i + 1] << 8);
     ASSERT_EQ(tick, static_cast<uint32_t>(data[0] | data[1] << 8) + i);
   }

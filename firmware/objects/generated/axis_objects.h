@@ -162,142 +162,147 @@ enum {
   AXIS_OBJ_OVERRUNS = 152,
   AXIS_OBJ_NODE_ID = 153,
   AXIS_OBJ_STORED_NODE_ID = 154,
-  AXIS_OBJ_CAN_LOST = 155,
-  AXIS_OBJ_DEVICE_TYPE = 156,
-  AXIS_OBJ_ERROR_REGISTER = 157,
-  AXIS_OBJ_ERROR_HISTORY_COUNT = 158,
-  AXIS_OBJ_ERROR_HISTORY_1 = 159,
-  AXIS_OBJ_ERROR_HISTORY_2 = 160,
-  AXIS_OBJ_ERROR_HISTORY_3 = 161,
-  AXIS_OBJ_ERROR_HISTORY_4 = 162,
-  AXIS_OBJ_ERROR_HISTORY_5 = 163,
-  AXIS_OBJ_ERROR_HISTORY_6 = 164,
-  AXIS_OBJ_ERROR_HISTORY_7 = 165,
-  AXIS_OBJ_ERROR_HISTORY_8 = 166,
-  AXIS_OBJ_SYNC_COB_ID = 167,
-  AXIS_OBJ_STORE_ALL = 168,
-  AXIS_OBJ_RESTORE_ALL = 169,
-  AXIS_OBJ_EMCY_COB_ID = 170,
-  AXIS_OBJ_EMCY_INHIBIT_TIME = 171,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 172,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 173,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 174,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 175,
-  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 176,
-  AXIS_OBJ_VENDOR_ID = 177,
-  AXIS_OBJ_PRODUCT_CODE = 178,
-  AXIS_OBJ_REVISION_NUMBER = 179,
-  AXIS_OBJ_SERIAL_NUMBER = 180,
-  AXIS_OBJ_ERROR_BEHAVIOUR = 181,
-  AXIS_OBJ_SDO_SERVER_RECEIVE = 182,
-  AXIS_OBJ_SDO_SERVER_TRANSMIT = 183,
-  AXIS_OBJ_SDO_MODBUS_RECEIVE = 184,
-  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 185,
-  AXIS_OBJ_SDO_LCM_RECEIVE = 186,
-  AXIS_OBJ_SDO_LCM_TRANSMIT = 187,
-  AXIS_OBJ_RPDO_COB_ID_1 = 188,
-  AXIS_OBJ_RPDO_COB_ID_2 = 189,
-  AXIS_OBJ_RPDO_COB_ID_3 = 190,
-  AXIS_OBJ_RPDO_COB_ID_4 = 191,
-  AXIS_OBJ_RPDO_TRANSMISSION_1 = 192,
-  AXIS_OBJ_RPDO_TRANSMISSION_2 = 193,
-  AXIS_OBJ_RPDO_TRANSMISSION_3 = 194,
-  AXIS_OBJ_RPDO_TRANSMISSION_4 = 195,
-  AXIS_OBJ_RPDO_TIMEOUT_1 = 196,
-  AXIS_OBJ_RPDO_TIMEOUT_2 = 197,
-  AXIS_OBJ_RPDO_TIMEOUT_3 = 198,
-  AXIS_OBJ_RPDO_TIMEOUT_4 = 199,
-  AXIS_OBJ_RPDO_MAPPED_1 = 200,
-  AXIS_OBJ_RPDO_MAPPED_2 = 201,
-  AXIS_OBJ_RPDO_MAPPED_3 = 202,
-  AXIS_OBJ_RPDO_MAPPED_4 = 203,
-  AXIS_OBJ_RPDO_MAPPING_1 = 204,
-  AXIS_OBJ_RPDO_MAPPING_2 = 205,
-  AXIS_OBJ_RPDO_MAPPING_3 = 206,
-  AXIS_OBJ_RPDO_MAPPING_4 = 207,
-  AXIS_OBJ_RPDO_MAPPING_5 = 208,
-  AXIS_OBJ_RPDO_MAPPING_6 = 209,
-  AXIS_OBJ_RPDO_MAPPING_7 = 210,
-  AXIS_OBJ_RPDO_MAPPING_8 = 211,
-  AXIS_OBJ_RPDO_MAPPING_9 = 212,
-  AXIS_OBJ_RPDO_MAPPING_10 = 213,
-  AXIS_OBJ_RPDO_MAPPING_11 = 214,
-  AXIS_OBJ_RPDO_MAPPING_12 = 215,
-  AXIS_OBJ_RPDO_MAPPING_13 = 216,
-  AXIS_OBJ_RPDO_MAPPING_14 = 217,
-  AXIS_OBJ_RPDO_MAPPING_15 = 218,
-  AXIS_OBJ_RPDO_MAPPING_16 = 219,
-  AXIS_OBJ_RPDO_MAPPING_17 = 220,
-  AXIS_OBJ_RPDO_MAPPING_18 = 221,
-  AXIS_OBJ_RPDO_MAPPING_19 = 222,
-  AXIS_OBJ_RPDO_MAPPING_20 = 223,
-  AXIS_OBJ_RPDO_MAPPING_21 = 224,
-  AXIS_OBJ_RPDO_MAPPING_22 = 225,
-  AXIS_OBJ_RPDO_MAPPING_23 = 226,
-  AXIS_OBJ_RPDO_MAPPING_24 = 227,
-  AXIS_OBJ_RPDO_MAPPING_25 = 228,
-  AXIS_OBJ_RPDO_MAPPING_26 = 229,
-  AXIS_OBJ_RPDO_MAPPING_27 = 230,
-  AXIS_OBJ_RPDO_MAPPING_28 = 231,
-  AXIS_OBJ_RPDO_MAPPING_29 = 232,
-  AXIS_OBJ_RPDO_MAPPING_30 = 233,
-  AXIS_OBJ_RPDO_MAPPING_31 = 234,
-  AXIS_OBJ_RPDO_MAPPING_32 = 235,
-  AXIS_OBJ_TPDO_COB_ID_1 = 236,
-  AXIS_OBJ_TPDO_COB_ID_2 = 237,
-  AXIS_OBJ_TPDO_COB_ID_3 = 238,
-  AXIS_OBJ_TPDO_COB_ID_4 = 239,
-  AXIS_OBJ_TPDO_TRANSMISSION_1 = 240,
-  AXIS_OBJ_TPDO_TRANSMISSION_2 = 241,
-  AXIS_OBJ_TPDO_TRANSMISSION_3 = 242,
-  AXIS_OBJ_TPDO_TRANSMISSION_4 = 243,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 244,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 245,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 246,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 247,
-  AXIS_OBJ_TPDO_EVENT_TIME_1 = 248,
-  AXIS_OBJ_TPDO_EVENT_TIME_2 = 249,
-  AXIS_OBJ_TPDO_EVENT_TIME_3 = 250,
-  AXIS_OBJ_TPDO_EVENT_TIME_4 = 251,
-  AXIS_OBJ_TPDO_MAPPED_1 = 252,
-  AXIS_OBJ_TPDO_MAPPED_2 = 253,
-  AXIS_OBJ_TPDO_MAPPED_3 = 254,
-  AXIS_OBJ_TPDO_MAPPED_4 = 255,
-  AXIS_OBJ_TPDO_MAPPING_1 = 256,
-  AXIS_OBJ_TPDO_MAPPING_2 = 257,
-  AXIS_OBJ_TPDO_MAPPING_3 = 258,
-  AXIS_OBJ_TPDO_MAPPING_4 = 259,
-  AXIS_OBJ_TPDO_MAPPING_5 = 260,
-  AXIS_OBJ_TPDO_MAPPING_6 = 261,
-  AXIS_OBJ_TPDO_MAPPING_7 = 262,
-  AXIS_OBJ_TPDO_MAPPING_8 = 263,
-  AXIS_OBJ_TPDO_MAPPING_9 = 264,
-  AXIS_OBJ_TPDO_MAPPING_10 = 265,
-  AXIS_OBJ_TPDO_MAPPING_11 = 266,
-  AXIS_OBJ_TPDO_MAPPING_12 = 267,
-  AXIS_OBJ_TPDO_MAPPING_13 = 268,
-  AXIS_OBJ_TPDO_MAPPING_14 = 269,
-  AXIS_OBJ_TPDO_MAPPING_15 = 270,
-  AXIS_OBJ_TPDO_MAPPING_16 = 271,
-  AXIS_OBJ_TPDO_MAPPING_17 = 272,
-  AXIS_OBJ_TPDO_MAPPING_18 = 273,
-  AXIS_OBJ_TPDO_MAPPING_19 = 274,
-  AXIS_OBJ_TPDO_MAPPING_20 = 275,
-  AXIS_OBJ_TPDO_MAPPING_21 = 276,
-  AXIS_OBJ_TPDO_MAPPING_22 = 277,
-  AXIS_OBJ_TPDO_MAPPING_23 = 278,
-  AXIS_OBJ_TPDO_MAPPING_24 = 279,
-  AXIS_OBJ_TPDO_MAPPING_25 = 280,
-  AXIS_OBJ_TPDO_MAPPING_26 = 281,
-  AXIS_OBJ_TPDO_MAPPING_27 = 282,
-  AXIS_OBJ_TPDO_MAPPING_28 = 283,
-  AXIS_OBJ_TPDO_MAPPING_29 = 284,
-  AXIS_OBJ_TPDO_MAPPING_30 = 285,
-  AXIS_OBJ_TPDO_MAPPING_31 = 286,
-  AXIS_OBJ_TPDO_MAPPING_32 = 287,
-  AXIS_OBJ_NMT_STATE = 288,
-  AXIS_OBJ_SYNC_COUNT = 289,
-  AXIS_OBJ_COUNT = 290 /* one past the last number */
+  AXIS_OBJ_STORED_BIT_RATE = 155,
+  AXIS_OBJ_BIT_RATE = 156,
+  AXIS_OBJ_CAN_LOST = 157,
+  AXIS_OBJ_DEVICE_TYPE = 158,
+  AXIS_OBJ_ERROR_REGISTER = 159,
+  AXIS_OBJ_ERROR_HISTORY_COUNT = 160,
+  AXIS_OBJ_ERROR_HISTORY_1 = 161,
+  AXIS_OBJ_ERROR_HISTORY_2 = 162,
+  AXIS_OBJ_ERROR_HISTORY_3 = 163,
+  AXIS_OBJ_ERROR_HISTORY_4 = 164,
+  AXIS_OBJ_ERROR_HISTORY_5 = 165,
+  AXIS_OBJ_ERROR_HISTORY_6 = 166,
+  AXIS_OBJ_ERROR_HISTORY_7 = 167,
+  AXIS_OBJ_ERROR_HISTORY_8 = 168,
+  AXIS_OBJ_SYNC_COB_ID = 169,
+  AXIS_OBJ_STORE_ALL = 170,
+  AXIS_OBJ_RESTORE_ALL = 171,
+  AXIS_OBJ_EMCY_COB_ID = 172,
+  AXIS_OBJ_EMCY_INHIBIT_TIME = 173,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 174,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 175,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 176,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 177,
+  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 178,
+  AXIS_OBJ_VENDOR_ID = 179,
+  AXIS_OBJ_PRODUCT_CODE = 180,
+  AXIS_OBJ_REVISION_NUMBER = 181,
+  AXIS_OBJ_SERIAL_NUMBER = 182,
+  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 183,
+  AXIS_OBJ_CONFIGURATION_DATE = 184,
+  AXIS_OBJ_CONFIGURATION_TIME = 185,
+  AXIS_OBJ_ERROR_BEHAVIOUR = 186,
+  AXIS_OBJ_SDO_SERVER_RECEIVE = 187,
+  AXIS_OBJ_SDO_SERVER_TRANSMIT = 188,
+  AXIS_OBJ_SDO_MODBUS_RECEIVE = 189,
+  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 190,
+  AXIS_OBJ_SDO_LCM_RECEIVE = 191,
+  AXIS_OBJ_SDO_LCM_TRANSMIT = 192,
+  AXIS_OBJ_RPDO_COB_ID_1 = 193,
+  AXIS_OBJ_RPDO_COB_ID_2 = 194,
+  AXIS_OBJ_RPDO_COB_ID_3 = 195,
+  AXIS_OBJ_RPDO_COB_ID_4 = 196,
+  AXIS_OBJ_RPDO_TRANSMISSION_1 = 197,
+  AXIS_OBJ_RPDO_TRANSMISSION_2 = 198,
+  AXIS_OBJ_RPDO_TRANSMISSION_3 = 199,
+  AXIS_OBJ_RPDO_TRANSMISSION_4 = 200,
+  AXIS_OBJ_RPDO_TIMEOUT_1 = 201,
+  AXIS_OBJ_RPDO_TIMEOUT_2 = 202,
+  AXIS_OBJ_RPDO_TIMEOUT_3 = 203,
+  AXIS_OBJ_RPDO_TIMEOUT_4 = 204,
+  AXIS_OBJ_RPDO_MAPPED_1 = 205,
+  AXIS_OBJ_RPDO_MAPPED_2 = 206,
+  AXIS_OBJ_RPDO_MAPPED_3 = 207,
+  AXIS_OBJ_RPDO_MAPPED_4 = 208,
+  AXIS_OBJ_RPDO_MAPPING_1 = 209,
+  AXIS_OBJ_RPDO_MAPPING_2 = 210,
+  AXIS_OBJ_RPDO_MAPPING_3 = 211,
+  AXIS_OBJ_RPDO_MAPPING_4 = 212,
+  AXIS_OBJ_RPDO_MAPPING_5 = 213,
+  AXIS_OBJ_RPDO_MAPPING_6 = 214,
+  AXIS_OBJ_RPDO_MAPPING_7 = 215,
+  AXIS_OBJ_RPDO_MAPPING_8 = 216,
+  AXIS_OBJ_RPDO_MAPPING_9 = 217,
+  AXIS_OBJ_RPDO_MAPPING_10 = 218,
+  AXIS_OBJ_RPDO_MAPPING_11 = 219,
+  AXIS_OBJ_RPDO_MAPPING_12 = 220,
+  AXIS_OBJ_RPDO_MAPPING_13 = 221,
+  AXIS_OBJ_RPDO_MAPPING_14 = 222,
+  AXIS_OBJ_RPDO_MAPPING_15 = 223,
+  AXIS_OBJ_RPDO_MAPPING_16 = 224,
+  AXIS_OBJ_RPDO_MAPPING_17 = 225,
+  AXIS_OBJ_RPDO_MAPPING_18 = 226,
+  AXIS_OBJ_RPDO_MAPPING_19 = 227,
+  AXIS_OBJ_RPDO_MAPPING_20 = 228,
+  AXIS_OBJ_RPDO_MAPPING_21 = 229,
+  AXIS_OBJ_RPDO_MAPPING_22 = 230,
+  AXIS_OBJ_RPDO_MAPPING_23 = 231,
+  AXIS_OBJ_RPDO_MAPPING_24 = 232,
+  AXIS_OBJ_RPDO_MAPPING_25 = 233,
+  AXIS_OBJ_RPDO_MAPPING_26 = 234,
+  AXIS_OBJ_RPDO_MAPPING_27 = 235,
+  AXIS_OBJ_RPDO_MAPPING_28 = 236,
+  AXIS_OBJ_RPDO_MAPPING_29 = 237,
+  AXIS_OBJ_RPDO_MAPPING_30 = 238,
+  AXIS_OBJ_RPDO_MAPPING_31 = 239,
+  AXIS_OBJ_RPDO_MAPPING_32 = 240,
+  AXIS_OBJ_TPDO_COB_ID_1 = 241,
+  AXIS_OBJ_TPDO_COB_ID_2 = 242,
+  AXIS_OBJ_TPDO_COB_ID_3 = 243,
+  AXIS_OBJ_TPDO_COB_ID_4 = 244,
+  AXIS_OBJ_TPDO_TRANSMISSION_1 = 245,
+  AXIS_OBJ_TPDO_TRANSMISSION_2 = 246,
+  AXIS_OBJ_TPDO_TRANSMISSION_3 = 247,
+  AXIS_OBJ_TPDO_TRANSMISSION_4 = 248,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 249,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 250,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 251,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 252,
+  AXIS_OBJ_TPDO_EVENT_TIME_1 = 253,
+  AXIS_OBJ_TPDO_EVENT_TIME_2 = 254,
+  AXIS_OBJ_TPDO_EVENT_TIME_3 = 255,
+  AXIS_OBJ_TPDO_EVENT_TIME_4 = 256,
+  AXIS_OBJ_TPDO_MAPPED_1 = 257,
+  AXIS_OBJ_TPDO_MAPPED_2 = 258,
+  AXIS_OBJ_TPDO_MAPPED_3 = 259,
+  AXIS_OBJ_TPDO_MAPPED_4 = 260,
+  AXIS_OBJ_TPDO_MAPPING_1 = 261,
+  AXIS_OBJ_TPDO_MAPPING_2 = 262,
+  AXIS_OBJ_TPDO_MAPPING_3 = 263,
+  AXIS_OBJ_TPDO_MAPPING_4 = 264,
+  AXIS_OBJ_TPDO_MAPPING_5 = 265,
+  AXIS_OBJ_TPDO_MAPPING_6 = 266,
+  AXIS_OBJ_TPDO_MAPPING_7 = 267,
+  AXIS_OBJ_TPDO_MAPPING_8 = 268,
+  AXIS_OBJ_TPDO_MAPPING_9 = 269,
+  AXIS_OBJ_TPDO_MAPPING_10 = 270,
+  AXIS_OBJ_TPDO_MAPPING_11 = 271,
+  AXIS_OBJ_TPDO_MAPPING_12 = 272,
+  AXIS_OBJ_TPDO_MAPPING_13 = 273,
+  AXIS_OBJ_TPDO_MAPPING_14 = 274,
+  AXIS_OBJ_TPDO_MAPPING_15 = 275,
+  AXIS_OBJ_TPDO_MAPPING_16 = 276,
+  AXIS_OBJ_TPDO_MAPPING_17 = 277,
+  AXIS_OBJ_TPDO_MAPPING_18 = 278,
+  AXIS_OBJ_TPDO_MAPPING_19 = 279,
+  AXIS_OBJ_TPDO_MAPPING_20 = 280,
+  AXIS_OBJ_TPDO_MAPPING_21 = 281,
+  AXIS_OBJ_TPDO_MAPPING_22 = 282,
+  AXIS_OBJ_TPDO_MAPPING_23 = 283,
+  AXIS_OBJ_TPDO_MAPPING_24 = 284,
+  AXIS_OBJ_TPDO_MAPPING_25 = 285,
+  AXIS_OBJ_TPDO_MAPPING_26 = 286,
+  AXIS_OBJ_TPDO_MAPPING_27 = 287,
+  AXIS_OBJ_TPDO_MAPPING_28 = 288,
+  AXIS_OBJ_TPDO_MAPPING_29 = 289,
+  AXIS_OBJ_TPDO_MAPPING_30 = 290,
+  AXIS_OBJ_TPDO_MAPPING_31 = 291,
+  AXIS_OBJ_TPDO_MAPPING_32 = 292,
+  AXIS_OBJ_NMT_STATE = 293,
+  AXIS_OBJ_SYNC_COUNT = 294,
+  AXIS_OBJ_COUNT = 295 /* one past the last number */
 };
 
 enum {
@@ -468,6 +473,11 @@ enum {
   AXIS_MODBUS_WORD_ORDER_HIGH_FIRST = 0,
   AXIS_MODBUS_WORD_ORDER_LOW_FIRST = 1,
   AXIS_MODBUS_WORD_ORDER_COUNT = 2
+};
+
+enum {
+  AXIS_STORED_NODE_ID_NONE = 0,
+  AXIS_STORED_NODE_ID_UNCONFIGURED = 255
 };
 
 enum {
@@ -654,6 +664,8 @@ typedef struct {
   uint32_t sync_cob_id; /* COB-ID of SYNC; the axis consumes it [1] */
   uint32_t emcy_cob_id; /* COB-ID of EMCY; bit 31: off [1] */
   uint32_t consumer_heartbeat[4]; /* a node whose heartbeat is watched: id in bits 16 to 22, time in ms in bits 0 to 15 [1] */
+  uint32_t configuration_date; /* of the verified configuration, days since 1984-01-01; 0 after a stored parameter was changed [1] */
+  uint32_t configuration_time; /* of the verified configuration, ms since midnight; 0 after a stored parameter was changed [1] */
   uint32_t sdo_modbus_receive; /* COB-ID of requests, from a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_modbus_transmit; /* COB-ID of answers, to a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_lcm_receive; /* COB-ID of requests, from a gateway for its LCM clients; bit 31: not valid [1] */
@@ -668,6 +680,7 @@ typedef struct {
   uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100 us] */
   uint16_t tpdo_event_time[4]; /* longest time from one to the next; 0 means none [ms] */
   uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
+  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC, 2 to 240; 0: SYNC has no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
   uint8_t rpdo_transmission[4]; /* 0 to 240: taken over at the next SYNC, 254 and 255 at once [1] */
   uint8_t rpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
@@ -691,10 +704,11 @@ typedef struct {
 
 typedef struct {
   uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
+  uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port can [kbit/s] */
   uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
   uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id after the next reset of the node, where the board's straps select none; 0 means 1 [1] */
+  uint8_t stored_node_id; /* node id after the next reset of the node, where the board's straps select none; 0: none is stored, 255: unconfigured [1] */
 } device_params_t;
 
 typedef struct {
@@ -702,6 +716,7 @@ typedef struct {
   uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
   uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
   uint16_t overruns; /* ticks that came too late [1] */
+  uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
@@ -710,8 +725,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x86c29c5e)
-#define AXIS_OBJECTS_HASH_TEXT "86c29c5e"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x3c25f16f)
+#define AXIS_OBJECTS_HASH_TEXT "3c25f16f"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
@@ -783,10 +798,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 171,
-  AXIS_ADDRESSES_COUNT = 316,
-  AXIS_HOLDING_COUNT = 88,
-  AXIS_INPUT_COUNT = 53
+  AXIS_STORED_COUNT = 175,
+  AXIS_ADDRESSES_COUNT = 322,
+  AXIS_HOLDING_COUNT = 89,
+  AXIS_INPUT_COUNT = 54
 };
 
 /* By index, then sub-index. */
