@@ -708,7 +708,7 @@ typedef struct {
   uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
   uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id after the next reset of the node, where the board's straps select none; 0: none is stored, 255: unconfigured [1] */
+  uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, where the board's straps select none [1] */
 } device_params_t;
 
 typedef struct {
