@@ -168,6 +168,15 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   return refusal;
 }
 
+/* 1020h: the configuration is no longer the one that was verified. */
+static void changed(dictionary_t *objects, uint16_t object) {
+  if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME) {
+    canopen_params_t *params = &fw_of(objects)->canopen.params;
+    params->configuration_date = 0;
+    params->configuration_time = 0;
+  }
+}
+
 static const char *text(const dictionary_t *objects, uint16_t index) {
   const fw_t *fw = fw_of_const(objects);
   switch (index) {
@@ -212,6 +221,7 @@ static const dictionary_owner_t owner = {
             [AXIS_BLOCK_DEVICE_SIGNAL] = {offsetof(fw_t, device_signals), NULL, NULL},
         },
     .permit = ownership_permit,
+    .changed = changed,
     .command = command,
     .text = text,
     .domain_size = recording_size,
@@ -396,10 +406,10 @@ void fw_between(fw_t *fw) {
     return;
   }
   if (fw->config.buses != 0) {
+    serve_node(fw);
     if (layers_pending(fw)) {
       layers_serve(fw, ticks);
     }
-    serve_node(fw);
     fw->on_serial = 1;
     modbus_tick(&fw->modbus, &fw->objects);
     fw->on_serial = 0;

@@ -9,6 +9,7 @@
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/canopen/sdo_block.h"
+#include "firmware/canopen/sync.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
@@ -217,21 +218,6 @@ static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-static void receive_sync(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
-  if (frame->length != 0) {
-    if (canopen->sync_reported == 0) {
-      canopen->sync_reported = 1;
-      emcy_raise(canopen, AXIS_ERROR_CODE_SYNC_LENGTH, frame->length);
-    }
-    return;
-  }
-  canopen->sync_reported = 0;
-  canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
-  if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
-    pdo_sync(canopen, objects);
-  }
-}
-
 /* Whether the frame was a request to an SDO server. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const uint8_t server = sdo_server_at(canopen, frame->id);
@@ -276,7 +262,7 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
     return;
   }
   if (frame->id == canopen_can_id(canopen->params.sync_cob_id)) {
-    receive_sync(canopen, objects, frame);
+    sync_receive(canopen, objects, frame);
   } else if (!receive_sdo(canopen, objects, frame) &&
              canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
     pdo_receive(canopen, objects, frame);
@@ -447,17 +433,13 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
-/* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
-static int check_sync(uint32_t wanted) {
-  const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
-  return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   const canopen_params_t *params = &canopen->params;
   switch (object) {
     case AXIS_OBJ_SYNC_COB_ID:
-      return check_sync((uint32_t)value);
+      return sync_check_cob_id((uint32_t)value);
+    case AXIS_OBJ_SYNC_COUNTER_OVERFLOW:
+      return sync_check_overflow((uint32_t)value);
     case AXIS_OBJ_EMCY_COB_ID:
       return canopen_check_cob_id(params->emcy_cob_id, (uint32_t)value);
     default:

@@ -41,7 +41,7 @@ typedef struct {
   uint32_t inhibit_tick;
   uint8_t bits;     /* of all mapped objects, 0: does nothing */
   uint8_t pending;  /* RPDO: `value` waits; TPDO: is to be sent whether it changed or not */
-  uint8_t syncs;    /* TPDO: since it was last sent */
+  uint8_t syncs;    /* TPDO: since it was last sent, or PDO_SYNC_AWAITED */
   uint8_t reported; /* RPDO: the emergencies since one was all right, PDO_REPORTED_ */
 } pdo_t;
 
