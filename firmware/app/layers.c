@@ -40,7 +40,9 @@ static bool load_node(fw_t *fw) {
 }
 
 bool layers_load(fw_t *fw) {
-  const uint8_t stored = fw->device.stored_node_id;
+  /* A set may have been stored by an image with another rule. */
+  const bool fits = layers_check(fw, AXIS_OBJ_STORED_NODE_ID, fw->device.stored_node_id) == FW_OK;
+  const uint8_t stored = fits ? fw->device.stored_node_id : 0;
   uint8_t node_id = fw->device_signals.node_id;
   if (!is_fixed(fw) && (stored != 0 || fw->config.node_id == FW_NODE_ID_BY_LSS)) {
     node_id = (stored != 0) ? stored : LSS_NO_NODE_ID;
