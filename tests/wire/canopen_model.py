@@ -933,6 +933,9 @@ class Node:
             self.write_communication(at, value)
             self.silence = 0
         elif o.part == "device":
+            is_id = at != (0x230F, 0) or value <= 127 or value == 255
+            if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
+                raise Abort(0x06090030)
             self.silence = 0
         else:
             # Accepted or refused by the axis or the drive.
@@ -954,7 +957,7 @@ class Node:
             self.history = []
             return
         self.od[at] = value
-        if index != 0x1020:
+        if AT[at].stored and index != 0x1020:
             self.configuration_changed()
         if index == 0x1005:
             self.sync_id = value & 0x7FF
