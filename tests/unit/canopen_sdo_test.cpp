@@ -355,4 +355,37 @@ TEST_F(Canopen, TruncatedRequestsGetNoAnswer) {
   EXPECT_TRUE(Take().empty());
 }
 
+// CiA 301, 1020h: a configuration tool notes when it configured; a change by anyone ends that.
+TEST_F(Canopen, AVerifiedConfigurationEndsWithAChange) {
+  const auto note = [&] {
+    EXPECT_EQ(Download(0x1020, 1, 15000, 4), 0u);
+    EXPECT_EQ(Download(0x1020, 2, 43200000, 4), 0u);
+  };
+  const auto is_noted = [&] {
+    const bool date = Upload(0x1020, 1) == 15000u, time = Upload(0x1020, 2) == 43200000u;
+    EXPECT_EQ(date, time);
+    EXPECT_TRUE(date || Upload(0x1020, 1) == 0u);
+    return date;
+  };
+  note();
+  EXPECT_TRUE(is_noted());
+  ASSERT_EQ(Download(0x1017, 0, 200, 2), 0u);
+  EXPECT_TRUE(is_noted()) << "the same value";
+  ASSERT_EQ(Download(0x607A, 0, 7, 4), 0u);
+  ASSERT_EQ(Download(0x2302, 0, 5, 2), 0x06090032u);
+  ASSERT_EQ(Download(0x1201, 1, 0x80000690, 4), 0u);
+  EXPECT_TRUE(is_noted()) << "nothing that is stored, or refused";
+  ASSERT_EQ(Download(0x1017, 0, 100, 2), 0u);
+  EXPECT_FALSE(is_noted()) << "of the node";
+  note();
+  ASSERT_EQ(Write(AXIS_OBJ_FORCE_GAIN, 7), FW_OK);
+  EXPECT_FALSE(is_noted()) << "of the axis, by the port";
+  note();
+  Start();
+  ASSERT_EQ(Download(0x1600, 0, 0, 1), 0x08000022u);
+  EXPECT_TRUE(is_noted());
+  ASSERT_EQ(Download(0x6081, 0, 12345, 4), 0u);
+  EXPECT_FALSE(is_noted()) << "of the drive";
+}
+
 }  // namespace
