@@ -724,7 +724,7 @@ typedef struct {
   uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
-  uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
+  uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,

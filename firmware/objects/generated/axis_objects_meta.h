@@ -341,7 +341,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "high_first,low_first", 0x2306, 0, 511, 1, "Modbus word order", 0, 0},
     {152, 2, "overruns", "signal", "device", "ticks that came too late", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2307, 0, 12, 0, "Tick overruns", 0, 1},
-    {153, 1, "node_id", "signal", "device", "CANopen node id and Modbus unit id", "u8", "1",
+    {153, 1, "node_id", "signal", "device", "CANopen node id and Modbus unit id; 255: none", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2308, 0, 339, 0, "Node-ID", 0, 1},
     {154, 1, "stored_node_id", "parameter", "device", "node id after the next reset of the node, 1 to 127, where the board's straps select none", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "rw", "any", "", 0x230F, 0, 498, 1, "Stored node-ID", 0, 0},
