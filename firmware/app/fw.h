@@ -44,12 +44,12 @@ typedef struct {
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
   uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint16_t bit_rates;     /* set of the bit rates that the port can, see lss.h; 0: all */
   uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
                              FW_NODE_ID_BY_LSS: stored_node_id, else none until LSS gives one */
   uint8_t buses;          /* 1: CANopen and Modbus are served */
   uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
+  uint16_t bit_rates;     /* set of the bit rates that the port can, see lss.h; 0: all */
 } fw_config_t;
 
 typedef struct {
