@@ -49,7 +49,7 @@ typedef struct {
   uint8_t buses;          /* 1: CANopen and Modbus are served */
   uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
-  uint16_t bit_rates;     /* set of the bit rates that the port can, see lss.h; 0: all */
+  uint16_t bit_rates;     /* set of supported bit rates, see lss.h; 0: all */
 } fw_config_t;
 
 typedef struct {

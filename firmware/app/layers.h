@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_APP_LAYERS_H_
 #define FIRMWARE_APP_LAYERS_H_
 
-/* Node id and bit rate of the axis: from the port, from the store, and by LSS. */
+/* Node id and bit rate of the axis, from the port, the store and LSS. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -17,11 +17,11 @@ int layers_check(const fw_t *fw, uint16_t object, int32_t value);
 void layers_begin(fw_t *fw);
 bool layers_load(fw_t *fw);
 
-/* The node as after power-up, with the id that it was given; before its boot-up message. False: as
- * above. */
+/* The node as after power-up, with the id that LSS has configured, before its boot-up message.
+ * False: as above. */
 bool layers_reset_communication(fw_t *fw);
 
-/* In fw_between(): what LSS asked for, and `ticks` ticks of a change of the bit rate. */
+/* In fw_between(): requests of LSS, and `ticks` ticks of a change of the bit rate. */
 static inline bool layers_pending(const fw_t *fw) {
   return fw->canopen.lss.silence != 0 || fw->canopen.lss.store == LSS_STORE_REQUESTED;
 }

@@ -87,7 +87,7 @@ static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* One more part of a row of requests that all have to match, in their order. */
+/* The number of parts that matched, in their order, after one more of them. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);

@@ -14,9 +14,9 @@
  * without one that is given an id makes that reset as it enters waiting. A bit rate counts from its
  * activation, which stops the axis as bus off does, because the bus falls silent for two switch
  * delays; the rate changes between the two. Only table 0 of CiA 305 is known. Answers to configure:
- * 0; 1 for what is no id, no rate or not the port's; for a node id that the port has fixed 255, and
- * behind it 1. The answer to store comes when the store has ended: 0; 1 without a store; 2 where it
- * refused or failed. */
+ * 0; 1 for an id or a rate that does not exist or is not supported; 255, followed by 1, for a node
+ * id that the port has fixed. The answer to store comes when the store has ended: 0; 1 without a
+ * store; 2 where it refused or failed. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -34,20 +34,20 @@ uint16_t lss_kbit_s(uint8_t rate);
 uint8_t lss_rate_of(uint32_t kbit_s);
 
 /* At power-up: node id or LSS_NO_NODE_ID; whether the port has fixed it; the bit rate; the set of
- * rates that the port can, 0: all of them. */
+ * rates that the port supports, 0: all of them. */
 void lss_init(canopen_t *canopen, uint8_t node_id, bool fixed, uint8_t rate, uint16_t rates);
 
 /* A reset of communication: waiting. What is configured stays. */
 void lss_restart(canopen_t *canopen);
 
-/* Whether the port can a rate. */
+/* Whether the port supports a rate. */
 bool lss_has_rate(const canopen_t *canopen, uint8_t rate);
 
 /* What the node is to do after a request. */
 typedef enum { LSS_NOTHING, LSS_RESET, LSS_SILENCE } lss_result_t;
 lss_result_t lss_receive(canopen_t *canopen, const can_frame_t *frame);
 
-/* Store configuration: requested; it has begun; it ended with a result, which is the answer. */
+/* Store configuration: requested, in progress; its result is the answer. */
 enum { LSS_STORE_IDLE, LSS_STORE_REQUESTED, LSS_STORE_RUNNING };
 enum { LSS_STORED = 0, LSS_STORE_MISSING = 1, LSS_STORE_FAILED = 2 };
 void lss_stored(canopen_t *canopen, uint8_t result);

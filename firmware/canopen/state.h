@@ -86,7 +86,7 @@ typedef struct {
 typedef struct {
   uint32_t delay_ticks; /* activate bit timing: each of the two silences */
   uint32_t ticks;       /* remaining of the present one */
-  uint16_t rates;       /* set of bit rates that the port can, by their place; 0: all */
+  uint16_t rates;       /* set of supported bit rates, by their place; 0: all */
   uint8_t rate;         /* place in the table of bit rates: of the present one */
   uint8_t next_rate;    /* after the next activation */
   uint8_t node_id;      /* after the next reset of communication; LSS_NO_NODE_ID */

@@ -709,7 +709,7 @@ typedef struct {
 
 typedef struct {
   uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
-  uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port can [kbit/s] */
+  uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port supports [kbit/s] */
   uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
   uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */

@@ -345,7 +345,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2308, 0, 339, 0, "Node-ID", 0, 1},
     {154, 1, "stored_node_id", "parameter", "device", "node id after the next reset of the node, 1 to 127, where the board's straps select none", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "rw", "any", "", 0x230F, 0, 498, 1, "Stored node-ID", 0, 0},
-    {155, 2, "stored_bit_rate", "parameter", "device", "bit rate of CAN after the next reset of the node, one of CiA 301 that the port can", "u16", "kbit/s",
+    {155, 2, "stored_bit_rate", "parameter", "device", "bit rate of CAN after the next reset of the node, one of CiA 301 that the port supports", "u16", "kbit/s",
      1.0, INT64_C(10), INT64_C(1000), INT64_C(1000), "rw", "any", "", 0x2310, 0, 562, 1, "Stored bit rate", 0, 0},
     {156, 2, "bit_rate", "signal", "device", "bit rate of CAN", "u16", "kbit/s",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(1000), "ro", "any", "", 0x2311, 0, 563, 0, "Bit rate", 0, 1},
