@@ -42,6 +42,9 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
                          int32_t value) {
   fw_t *fw = fw_of(objects);
   axis_parameter_written(&fw->axis, object, previous, value);
+  if (value != previous && first_motion_depends_on(object)) {
+    first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);
+  }
   if (object == AXIS_OBJ_MODE) {
     if (value == AXIS_MODE_DISABLED) {
       ownership_disabled(fw, source);
@@ -228,6 +231,11 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
+/* The store holds no set. */
+static bool is_unconfigured(uint8_t store_state) {
+  return store_state == AXIS_STORE_STATE_EMPTY || store_state == AXIS_STORE_STATE_FAILED;
+}
+
 /* Every parameter and signal at its power-up value, but for what counts losses; what was stored
  * replaces the defaults. */
 static void power_up(fw_t *fw) {
@@ -247,6 +255,9 @@ static void power_up(fw_t *fw) {
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   if (!layers_load(fw)) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
+  }
+  if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
+    fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
   }
   fw->device_signals.store_change_count = fw->store.change_count;
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
@@ -382,6 +393,10 @@ void fw_prepare(fw_t *fw) {
 
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
+  if (fw->live != 0) {
+    first_motion_check(&fw->drive.first_motion, &fw->drive.params, &fw->drive.signals, &fw->axis,
+                       outputs);
+  }
 }
 
 bool fw_report(fw_t *fw) {

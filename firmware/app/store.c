@@ -288,7 +288,11 @@ static bool step_head(store_t *store) {
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {
-    return entries_value(store->memory, objects, &store->basis, store->object);
+    /* Without a set the test is on at power-up, and must stay so with this one. */
+    const bool has_none = store->basis.magic == RECORD_NONE;
+    return (has_none && store->object == AXIS_OBJ_FIRST_MOTION_TEST)
+               ? AXIS_FIRST_MOTION_TEST_ON
+               : entries_value(store->memory, objects, &store->basis, store->object);
   }
   (void)dictionary_read(objects, store->object, &value);
   return value;

@@ -435,6 +435,8 @@ TEST_F(Lss, StoresIdAndRateAndNothingElse) {
   EXPECT_EQ(NodeId(), 42);
   EXPECT_EQ(fw_can_kbit_s(&fw_), 250);
   EXPECT_EQ(Inner(AXIS_OBJ_FORCE_GAIN), 0) << "not stored, so its default";
+  EXPECT_EQ(Inner(AXIS_OBJ_FIRST_MOTION_TEST), AXIS_FIRST_MOTION_TEST_ON)
+      << "as without a set: the axis has not been set up";
   EXPECT_EQ(Inner(AXIS_OBJ_EMCY_COB_ID), 0x80 + 42);
   // Over a set with other values, which stay as they are in it.
   Set(AXIS_OBJ_FORCE_GAIN, 2222);
