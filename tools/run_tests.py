@@ -26,7 +26,7 @@ PYTHON = ROOT / ".venv/bin/python"
 # much again.
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 NICE = ("nice", "-n", "19")
-FUZZ_S, FUZZ_ALL_S = 20, 150
+FUZZ_S, FUZZ_ALL_S = 17, 125
 
 
 class Tally:

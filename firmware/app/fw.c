@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/layers.h"
 #include "firmware/app/ownership.h"
 #include "firmware/app/reports.h"
 #include "firmware/fx/bytes.h"
@@ -66,6 +67,12 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
   } else {
     cia402_written(&fw->drive, &fw->axis, object, previous, value);
   }
+}
+
+static int check_device(const dictionary_t *objects, uint8_t source, uint16_t object,
+                        int32_t value) {
+  (void)source;
+  return layers_check(fw_of_const(objects), object, value);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -164,6 +171,15 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   return refusal;
 }
 
+/* 1020h: the configuration is no longer the one that was verified. */
+static void changed(dictionary_t *objects, uint16_t object) {
+  if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME) {
+    canopen_params_t *params = &fw_of(objects)->canopen.params;
+    params->configuration_date = 0;
+    params->configuration_time = 0;
+  }
+}
+
 static const char *text(const dictionary_t *objects, uint16_t index) {
   const fw_t *fw = fw_of_const(objects);
   switch (index) {
@@ -203,33 +219,17 @@ static const dictionary_owner_t owner = {
             [AXIS_BLOCK_CANOPEN_PARAMETER] = {offsetof(fw_t, canopen.params), check_node,
                                               node_written},
             [AXIS_BLOCK_CANOPEN_SIGNAL] = {offsetof(fw_t, canopen.signals), NULL, NULL},
-            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), NULL, ownership_written},
+            [AXIS_BLOCK_DEVICE_PARAMETER] = {offsetof(fw_t, device), check_device,
+                                             ownership_written},
             [AXIS_BLOCK_DEVICE_SIGNAL] = {offsetof(fw_t, device_signals), NULL, NULL},
         },
     .permit = ownership_permit,
+    .changed = changed,
     .command = command,
     .text = text,
     .domain_size = recording_size,
     .domain_read = recording_read,
 };
-
-static void assume_node_id(fw_t *fw, uint8_t node_id) {
-  canopen_init(&fw->canopen, node_id);
-  modbus_init(&fw->modbus, node_id, fw->config.modbus_baud);
-  fw->device_signals.node_id = node_id;
-  fw->canopen.signals.serial_number = fw->config.serial_number;
-}
-
-/* Without an id from the straps the stored one counts; COB-IDs that follow it are loaded again. */
-static void assume_stored_node_id(fw_t *fw) {
-  const uint8_t stored = fw->device.stored_node_id;
-  if (fw->config.node_id == 0 && stored > 1) {
-    assume_node_id(fw, stored);
-    if (!store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER)) {
-      fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
-    }
-  }
-}
 
 /* The store holds no set. */
 static bool is_unconfigured(uint8_t store_state) {
@@ -242,7 +242,7 @@ static void power_up(fw_t *fw) {
   axis_init(&fw->axis);
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
-  assume_node_id(fw, (fw->config.node_id == 0) ? 1 : fw->config.node_id);
+  layers_begin(fw);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
   fw->source_silence = 0;
@@ -253,7 +253,9 @@ static void power_up(fw_t *fw) {
   fw->contact_seen = 0;
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
-  assume_stored_node_id(fw);
+  if (!layers_load(fw)) {
+    fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
+  }
   if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
     fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
   }
@@ -336,9 +338,7 @@ static void execute_reset(fw_t *fw) {
     cia402_wake(&fw->drive, &fw->axis);
     boot(fw);
   } else {
-    canopen_init(&fw->canopen, fw->device_signals.node_id);
-    fw->canopen.signals.serial_number = fw->config.serial_number;
-    const bool loaded = store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER);
+    const bool loaded = layers_reset_communication(fw);
     canopen_start(&fw->canopen, &fw->objects);
     if (!loaded) {
       fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
@@ -360,6 +360,7 @@ static void serve_store(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
     }
     fw->device_signals.store_state = state;
+    layers_stored(fw, state);
   }
 }
 
@@ -414,12 +415,16 @@ bool fw_report(fw_t *fw) {
 }
 
 void fw_between(fw_t *fw) {
+  const uint32_t ticks = fw->ticks_alone;
   fw->ticks_alone = 0;
   if (fw->live == 0) {
     return;
   }
   if (fw->config.buses != 0) {
     serve_node(fw);
+    if (layers_pending(fw)) {
+      layers_serve(fw, ticks);
+    }
     fw->on_serial = 1;
     modbus_tick(&fw->modbus, &fw->objects);
     fw->on_serial = 0;
@@ -451,6 +456,8 @@ void fw_can_bus(fw_t *fw, uint8_t state) {
   canopen_bus(&fw->canopen, state);
   take_requests(fw);
 }
+
+uint16_t fw_can_kbit_s(const fw_t *fw) { return lss_kbit_s(fw->canopen.lss.rate); }
 
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count) {
   fw->on_serial = 1;

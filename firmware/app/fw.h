@@ -17,8 +17,8 @@
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
 
-/* Recorder buffer of the host and the default of a port: the axis memory of 3.1.2. */
-#define FW_RECORDER_BYTES 12288
+/* Recorder buffer of the host and the default of a port: 5 s of two 16-bit codes. */
+#define FW_RECORDER_BYTES 32768
 
 /* The firmware's own version; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
@@ -33,6 +33,9 @@ enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS 
 /* Largest number of ticks between two calls of fw_between(), 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
+/* A node without id is silent but for LSS, and no unit of Modbus. */
+enum { FW_NODE_ID_BY_LSS = 255 };
+
 /* The configuration by the port. All 0 is an axis on no bus. */
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
@@ -41,10 +44,12 @@ typedef struct {
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
   uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1 */
+  uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
+                             FW_NODE_ID_BY_LSS: stored_node_id, else none until LSS gives one */
   uint8_t buses;          /* 1: CANopen and Modbus are served */
   uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
   const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
+  uint16_t bit_rates;     /* set of supported bit rates, see lss.h; 0: all */
 } fw_config_t;
 
 typedef struct {
@@ -118,6 +123,10 @@ void fw_can_receive(fw_t *fw, const can_frame_t *frame);
 bool fw_can_transmit(fw_t *fw, can_frame_t *frame);
 void fw_can_lost(fw_t *fw, uint16_t frames);
 void fw_can_bus(fw_t *fw, uint8_t state);
+
+/* The bit rate, kbit/s: at power-up the stored one. A port follows it at once and sends nothing
+ * that was queued before a change. */
+uint16_t fw_can_kbit_s(const fw_t *fw);
 
 /* Modbus RTU: bytes that were received; bytes to send, at most `room`, 0: none. */
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);

@@ -11,19 +11,6 @@ enum { READ_BACK_BYTES = 64 };
 
 enum { STEP_IDLE, STEP_ERASE, STEP_BLANK, STEP_HEAD, STEP_ENTRIES, STEP_CRC, STEP_READ_BACK };
 
-/* Bit 24 of an entry's first word: the parameter was at its default. */
-#define AT_DEFAULT UINT32_C(0x01000000)
-
-typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_DROPPED } verdict_t;
-
-/* An entry as it applies to the present table. */
-typedef struct {
-  uint32_t address; /* index times 256 plus sub-index */
-  uint16_t object;
-  int32_t value;
-  verdict_t verdict;
-} entry_t;
-
 void store_init(store_t *store, const store_memory_t *memory) {
   const bool fits = memory != NULL && memory->sector_bytes >= STORE_SECTOR_MIN;
   store->memory = fits ? memory : NULL;
@@ -39,129 +26,15 @@ void store_init(store_t *store, const store_memory_t *memory) {
   store->step = STEP_IDLE;
 }
 
-/* The object at an address, or AXIS_OBJ_NONE. */
-static uint16_t object_at(uint32_t address) {
-  const axis_address_t *found =
-      dictionary_address((uint16_t)fx_field(address, 8, 16), (uint8_t)fx_field(address, 0, 8));
-  return (found != NULL && found->what == AXIS_ADDRESS_OBJECT) ? found->value : AXIS_OBJ_NONE;
-}
-
-/* What the table of 0.1.0 had otherwise at an address, or NULL. */
-static const axis_change_t *change_at(uint32_t address) {
-  const axis_change_t *change = axis_changes_0_1_0;
-  while (change->address != 0 && change->address != address) {
-    change++;
-  }
-  return (change->address != 0) ? change : NULL;
-}
-
-/* The node id where an object's default follows it, else 0. */
-static uint32_t node_id_of(const dictionary_t *objects, uint16_t object) {
-  int32_t node_id = 0;
-  if (axis_objects[object].node_id != 0) {
-    (void)dictionary_read(objects, AXIS_OBJ_NODE_ID, &node_id);
-  }
-  return (uint32_t)node_id;
-}
-
-/* A default of the set's table, which need not be today's. */
-static void judge_default(const dictionary_t *objects, entry_t *entry) {
-  if (entry->value != axis_objects[entry->object].initial) {
-    entry->verdict = ENTRY_OLD_DEFAULT;
-  }
-  entry->value = fx_s32_from_u32((uint32_t)entry->value + node_id_of(objects, entry->object));
-}
-
-static entry_t read_entry(const store_t *store, const dictionary_t *objects, uint32_t magic,
-                          uint32_t at) {
-  uint8_t words[STORE_ENTRY_BYTES];
-  store->memory->read(store->memory->context, at, words, record_entry_bytes(magic));
-  const uint32_t first = fx_load_le32(&words[0]);
-  entry_t entry;
-  entry.address = fx_field(first, 0, 24);
-  entry.object = object_at(entry.address);
-  entry.value = fx_s32_from_u32(fx_load_le32(&words[4]));
-  const uint32_t flags = first - entry.address;
-  bool fits = dictionary_restorable(entry.object, entry.value);
-  if (magic == RECORD_SET) {
-    fits = fits && (flags == 0 || flags == AT_DEFAULT) &&
-           fx_load_le32(&words[8]) == axis_objects[entry.object].signature;
-  } else {
-    const axis_change_t *change = change_at(entry.address);
-    fits = fits && flags == 0 && (change == NULL || change->fits != 0);
-  }
-  entry.verdict = fits ? ENTRY_FITS : ENTRY_DROPPED;
-  if (fits && flags == AT_DEFAULT) {
-    judge_default(objects, &entry);
-  }
-  return entry;
-}
-
-/* The entries of a record, one after the other. */
-typedef struct {
-  record_t record;
-  uint32_t next;               /* offset of the next entry */
-  const axis_change_t *change; /* the next one of a set of version 0.1.0 */
-} cursor_t;
-
-static cursor_t cursor_of(const record_t *record) {
-  return (cursor_t){.record = *record, .next = 0, .change = axis_changes_0_1_0};
-}
-
-static uint32_t entry_at(const record_t *record, uint32_t offset) {
-  return record->begin + RECORD_HEAD_BYTES + offset;
-}
-
-static bool has_entry(const store_t *store, const record_t *record, uint32_t address) {
-  const uint32_t size = record_entry_bytes(record->magic);
-  bool found = false;
-  for (uint32_t i = 0; !found && i < record->entries; i += size) {
-    found = record_word(store->memory, entry_at(record, i)) == address;
-  }
-  return found;
-}
-
-/* A parameter that a set of version 0.1.0 omits, since it was at its default. */
-static bool next_omitted(const store_t *store, const dictionary_t *objects, cursor_t *cursor,
-                         entry_t *entry) {
-  const axis_change_t *change = cursor->change;
-  while (change->address != 0 && has_entry(store, &cursor->record, change->address)) {
-    change++;
-  }
-  if (change->address == 0) {
-    return false;
-  }
-  cursor->change = change + 1;
-  *entry = (entry_t){.address = change->address,
-                     .object = object_at(change->address),
-                     .value = change->initial,
-                     .verdict = (change->fits != 0) ? ENTRY_FITS : ENTRY_DROPPED};
-  if (change->fits != 0) {
-    judge_default(objects, entry);
-  }
-  return true;
-}
-
-static bool next_entry(const store_t *store, const dictionary_t *objects, cursor_t *cursor,
-                       entry_t *entry) {
-  const record_t *record = &cursor->record;
-  if (cursor->next < record->entries) {
-    *entry = read_entry(store, objects, record->magic, entry_at(record, cursor->next));
-    cursor->next += record_entry_bytes(record->magic);
-    return true;
-  }
-  return record->magic == RECORD_SET_0_1_0 && next_omitted(store, objects, cursor, entry);
-}
-
 /* Whether a record can be loaded: every entry of this table must fit, those of another one are
  * judged one by one. */
 static bool is_usable(const store_t *store, const dictionary_t *objects, const record_t *record) {
   bool usable = record->magic == RECORD_SET || record->magic == RECORD_FORGOTTEN ||
                 (record->magic == RECORD_SET_0_1_0 && record->hash == AXIS_OBJECTS_HASH32_0_1_0);
   if (record->magic == RECORD_SET && record->hash == AXIS_OBJECTS_HASH32) {
-    cursor_t cursor = cursor_of(record);
+    entries_t entries = entries_of(record);
     entry_t entry;
-    while (usable && next_entry(store, objects, &cursor, &entry)) {
+    while (usable && entries_next(store->memory, objects, &entries, &entry)) {
       usable = entry.verdict != ENTRY_DROPPED;
     }
   }
@@ -261,9 +134,9 @@ uint8_t store_load(store_t *store, dictionary_t *objects) {
     return older ? AXIS_STORE_STATE_LOADED_OLDER : AXIS_STORE_STATE_EMPTY;
   }
   store->set = record->begin;
-  cursor_t cursor = cursor_of(record);
+  entries_t entries = entries_of(record);
   entry_t entry;
-  while (next_entry(store, objects, &cursor, &entry)) {
+  while (entries_next(store->memory, objects, &entries, &entry)) {
     restore(objects, &entry, AXIS_BLOCK_NONE);
     if (entry.verdict != ENTRY_FITS) {
       note_change(store, &entry);
@@ -281,27 +154,16 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   if (!record_read(store->memory, store->set, end, &record)) {
     return false;
   }
-  cursor_t cursor = cursor_of(&record);
+  entries_t entries = entries_of(&record);
   entry_t entry;
-  while (next_entry(store, objects, &cursor, &entry)) {
+  while (entries_next(store->memory, objects, &entries, &entry)) {
     restore(objects, &entry, block);
   }
   return true;
 }
 
-/* CANopen index times 256 plus sub-index. */
-static uint32_t address_of(uint16_t object) {
-  uint32_t found = 0;
-  for (uint16_t i = 0; i < AXIS_ADDRESSES_COUNT; i++) {
-    if (axis_addresses[i].what == AXIS_ADDRESS_OBJECT && axis_addresses[i].value == object) {
-      found = (uint32_t)axis_addresses[i].index * 256 + axis_addresses[i].sub;
-    }
-  }
-  return found;
-}
-
 static uint32_t bytes_of_entries(const store_t *store) {
-  return (store->forget != 0) ? 0 : (uint32_t)STORE_ENTRY_BYTES * AXIS_STORED_COUNT;
+  return (store->forget != 0) ? 0 : (uint32_t)ENTRY_BYTES * AXIS_STORED_COUNT;
 }
 
 /* Where the entries end and the CRC lies. */
@@ -337,7 +199,31 @@ static int begin(store_t *store, bool forget) {
   return FW_OK;
 }
 
-int store_save(store_t *store) { return begin(store, false); }
+static int begin_save(store_t *store, const record_t *basis, uint16_t first, uint16_t last) {
+  const int refusal = begin(store, false);
+  if (refusal == FW_OK) {
+    store->basis = *basis;
+    store->first = first;
+    store->last = last;
+  }
+  return refusal;
+}
+
+int store_save(store_t *store) {
+  const record_t none = {.magic = RECORD_NONE};
+  return begin_save(store, &none, AXIS_OBJ_NONE, AXIS_OBJ_COUNT);
+}
+
+int store_save_only(store_t *store, uint16_t first, uint16_t last) {
+  record_t basis = {.magic = RECORD_NONE};
+  if (store->memory != NULL && store->set != STORE_NOWHERE) {
+    const uint32_t end = (sector_of(store, store->set) + 1) * store->memory->sector_bytes;
+    if (!record_read(store->memory, store->set, end, &basis)) {
+      return FW_ERROR_NO_DATA;
+    }
+  }
+  return begin_save(store, &basis, first, last);
+}
 
 int store_forget(store_t *store) { return begin(store, true); }
 
@@ -398,19 +284,26 @@ static bool step_head(store_t *store) {
   return done;
 }
 
+/* Of the next object to be programmed. */
+static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
+  int32_t value = 0;
+  if (store->object < store->first || store->object > store->last) {
+    /* Without a set the test is on at power-up, and must stay so with this one. */
+    const bool has_none = store->basis.magic == RECORD_NONE;
+    return (has_none && store->object == AXIS_OBJ_FIRST_MOTION_TEST)
+               ? AXIS_FIRST_MOTION_TEST_ON
+               : entries_value(store->memory, objects, &store->basis, store->object);
+  }
+  (void)dictionary_read(objects, store->object, &value);
+  return value;
+}
+
 static bool step_entry(store_t *store, const dictionary_t *objects) {
   while (axis_objects[store->object].stored == 0) {
     store->object = (uint16_t)(store->object + 1);
   }
-  const axis_object_t *object = &axis_objects[store->object];
-  int32_t value = 0;
-  (void)dictionary_read(objects, store->object, &value);
-  const bool is_default =
-      (uint32_t)value == (uint32_t)object->initial + node_id_of(objects, store->object);
-  uint8_t entry[STORE_ENTRY_BYTES];
-  fx_store_le(&entry[0], address_of(store->object) | (is_default ? AT_DEFAULT : 0), 4);
-  fx_store_le(&entry[4], (uint32_t)(is_default ? object->initial : value), 4);
-  fx_store_le(&entry[8], object->signature, 4);
+  uint8_t entry[ENTRY_BYTES];
+  entry_write(entry, objects, store->object, value_to_save(store, objects));
   store->object = (uint16_t)(store->object + 1);
   const bool done = program_checked(store, entry, sizeof(entry));
   store->step = step_behind(store);

@@ -35,12 +35,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/app/entries.h"
 #include "firmware/app/record.h"
 #include "firmware/objects/dictionary.h"
 
 enum {
-  STORE_ENTRY_BYTES = 12,
-  STORE_SET_BYTES = RECORD_HEAD_BYTES + STORE_ENTRY_BYTES * AXIS_STORED_COUNT + RECORD_CRC_BYTES,
+  STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
   STORE_SECTOR_MIN = 4096, /* holds a set, with room for more parameters */
   STORE_CHANGES = 8        /* that are reported by address */
 };
@@ -64,10 +64,13 @@ typedef struct {
   uint8_t forget;  /* the record is without entries */
   uint8_t again;   /* this is the second attempt */
   uint16_t object; /* the next one to be programmed */
-  uint32_t begin;  /* address of the record */
-  uint32_t at;     /* address of the next piece */
-  uint32_t crc;    /* of what was programmed */
-  uint32_t check;  /* of what is read back */
+  uint16_t first;  /* of the objects whose present values are saved */
+  uint16_t last;
+  record_t basis; /* the others have their values from it */
+  uint32_t begin; /* address of the record */
+  uint32_t at;    /* address of the next piece */
+  uint32_t crc;   /* of what was programmed */
+  uint32_t check; /* of what is read back */
 } store_t;
 
 #define STORE_NOWHERE UINT32_MAX
@@ -99,6 +102,11 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
 /* Starts to save the present parameters, or to erase the saved ones: FW_OK, FW_ERROR_BUSY, or
  * FW_ERROR_NO_MEMORY. Until the end the parameters must not change. */
 int store_save(store_t *store);
+
+/* The same for the objects `first` to `last` alone (AXIS_OBJ_); the others keep the values that
+ * they have in the set in force, without one their defaults. FW_ERROR_NO_DATA: that set is damaged
+ * by now. */
+int store_save_only(store_t *store, uint16_t first, uint16_t last);
 int store_forget(store_t *store);
 
 /* Whether work is in progress. */

@@ -5,9 +5,11 @@
 #include "firmware/canopen/cob_id.h"
 #include "firmware/canopen/emcy.h"
 #include "firmware/canopen/heartbeat.h"
+#include "firmware/canopen/lss.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
 #include "firmware/canopen/sdo_block.h"
+#include "firmware/canopen/sync.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
@@ -76,6 +78,7 @@ void canopen_init(canopen_t *canopen, uint8_t node_id) {
   canopen->reset = CANOPEN_RESET_NONE;
   canopen->requests = (canopen_requests_t){0};
   canopen->node_id = node_id;
+  lss_restart(canopen);
 }
 
 static void start_heartbeat(canopen_t *canopen) {
@@ -92,6 +95,9 @@ static void send_state(canopen_t *canopen, uint8_t state) {
 }
 
 void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
+  if (canopen->node_id == LSS_NO_NODE_ID) {
+    return;
+  }
   /* The boot-up message is the heartbeat of the state that ends with it. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
@@ -154,6 +160,37 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
   return reset;
 }
 
+static void bus_off(canopen_t *canopen) {
+  /* Pending frames would come too late; none is accepted until the bus is back. */
+  can_output_clear(&canopen->output);
+  canopen->output.closed = 1;
+  emcy_update(canopen);
+  stop_axis(canopen, AXIS_FAULT_CAN_OFF);
+  communication_error(canopen);
+}
+
+static void receive_lss(canopen_t *canopen, const can_frame_t *frame) {
+  const lss_result_t result =
+      (canopen->reset == CANOPEN_RESET_NONE) ? lss_receive(canopen, frame) : LSS_NOTHING;
+  if (result == LSS_RESET) {
+    request_reset(canopen, CANOPEN_RESET_COMMUNICATION);
+  } else if (result == LSS_SILENCE) {
+    bus_off(canopen);
+  }
+}
+
+/* The output is open unless the bus is off or silent. */
+static void update_output(canopen_t *canopen) {
+  const bool closed = canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen);
+  canopen->output.closed = closed ? 1 : 0;
+}
+
+void canopen_lss_tick(canopen_t *canopen, uint32_t ticks) {
+  if (lss_tick(canopen, ticks)) {
+    update_output(canopen);
+  }
+}
+
 static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   const uint8_t node = frame->data[1];
   if (frame->length != 2 || (node != 0 && node != canopen->node_id)) {
@@ -181,21 +218,6 @@ static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-static void receive_sync(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
-  if (frame->length != 0) {
-    if (canopen->sync_reported == 0) {
-      canopen->sync_reported = 1;
-      emcy_raise(canopen, AXIS_ERROR_CODE_SYNC_LENGTH, frame->length);
-    }
-    return;
-  }
-  canopen->sync_reported = 0;
-  canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
-  if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
-    pdo_sync(canopen, objects);
-  }
-}
-
 /* Whether the frame was a request to an SDO server. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const uint8_t server = sdo_server_at(canopen, frame->id);
@@ -214,8 +236,14 @@ static bool is_own(const canopen_t *canopen, uint16_t id) {
 }
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
-  if (frame->remote != 0 || frame->length > 8 ||
-      canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
+  if (frame->remote != 0 || frame->length > 8 || lss_is_silent(canopen)) {
+    return;
+  }
+  if (frame->id == LSS_REQUEST_ID) {
+    receive_lss(canopen, frame);
+    return;
+  }
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     return;
   }
   if (is_own(canopen, frame->id)) {
@@ -234,7 +262,7 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
     return;
   }
   if (frame->id == canopen_can_id(canopen->params.sync_cob_id)) {
-    receive_sync(canopen, objects, frame);
+    sync_receive(canopen, objects, frame);
   } else if (!receive_sdo(canopen, objects, frame) &&
              canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
     pdo_receive(canopen, objects, frame);
@@ -362,7 +390,7 @@ bool canopen_is_watched(const canopen_t *canopen) {
 }
 
 uint8_t canopen_lost_for(const canopen_t *canopen) {
-  if (canopen->bus == CAN_BUS_OFF) {
+  if (canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen)) {
     return AXIS_FAULT_CAN_OFF;
   }
   if (canopen->heartbeats_lost != 0) {
@@ -377,15 +405,6 @@ void canopen_lost(canopen_t *canopen, uint16_t frames) {
   report_overrun(canopen);
 }
 
-static void bus_off(canopen_t *canopen) {
-  /* Pending frames would come too late; none is accepted until the bus is back. */
-  can_output_clear(&canopen->output);
-  canopen->output.closed = 1;
-  emcy_update(canopen);
-  stop_axis(canopen, AXIS_FAULT_CAN_OFF);
-  communication_error(canopen);
-}
-
 void canopen_bus(canopen_t *canopen, uint8_t state) {
   const uint8_t previous = canopen->bus;
   if (state == previous || state > CAN_BUS_OFF) {
@@ -397,7 +416,7 @@ void canopen_bus(canopen_t *canopen, uint8_t state) {
     return;
   }
   if (previous == CAN_BUS_OFF) {
-    canopen->output.closed = 0;
+    update_output(canopen);
     emcy_raise(canopen, AXIS_ERROR_CODE_CAN_OFF, 0);
   }
   emcy_raise(canopen,
@@ -414,17 +433,13 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
-/* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
-static int check_sync(uint32_t wanted) {
-  const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
-  return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   const canopen_params_t *params = &canopen->params;
   switch (object) {
     case AXIS_OBJ_SYNC_COB_ID:
-      return check_sync((uint32_t)value);
+      return sync_check_cob_id((uint32_t)value);
+    case AXIS_OBJ_SYNC_COUNTER_OVERFLOW:
+      return sync_check_overflow((uint32_t)value);
     case AXIS_OBJ_EMCY_COB_ID:
       return canopen_check_cob_id(params->emcy_cob_id, (uint32_t)value);
     default:

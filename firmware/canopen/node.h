@@ -2,8 +2,9 @@
 #define FIRMWARE_CANOPEN_NODE_H_
 
 /* A CANopen node, CiA 301: NMT, heartbeat producer and consumers, SYNC consumer, SDO servers, PDOs,
- * EMCY. Passive: frames go in by canopen_receive() between ticks and count as of the coming tick;
- * they come out by canopen_transmit(). Times of the object table are rounded up to ticks.
+ * EMCY, LSS slave (lss.h). Passive: frames go in by canopen_receive() between ticks and count as of
+ * the coming tick; they come out by canopen_transmit(). Times of the object table are rounded up to
+ * ticks.
  *
  * By state: pre-operational has all but PDOs, stopped has NMT and the heartbeat alone; emergencies
  * of a stopped node are queued. Remote requests are ignored, so there is no node guarding. A frame
@@ -29,7 +30,7 @@ typedef struct {
 } canopen_axis_t;
 
 /* Parameters at their defaults, with the node id added where it belongs; silent until
- * canopen_start(). node_id 1..127. */
+ * canopen_start(). node_id 1..127; LSS_NO_NODE_ID: the node stays silent, but for LSS. */
 void canopen_init(canopen_t *canopen, uint8_t node_id);
 
 /* Boot-up: after power-up and after every reset, once the stored parameters are loaded. */
@@ -89,6 +90,9 @@ void canopen_missed(canopen_t *canopen, uint32_t ticks);
 
 /* The next frame to be sent; false: none. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
+
+/* `ticks` ticks have passed, while the bit rate changes: lss_is_silent(). */
+void canopen_lss_tick(canopen_t *canopen, uint32_t ticks);
 
 /* A reset that NMT asked for since the last call, CANOPEN_RESET_; the caller carries it out. */
 uint8_t canopen_take_reset(canopen_t *canopen);

@@ -42,6 +42,11 @@ static void start_event_timer(canopen_t *canopen, uint8_t i) {
   }
 }
 
+/* SYNCs before the next one of a TPDO: none yet, or none until the one with its start value. */
+static uint8_t first_syncs(const canopen_t *canopen, uint8_t i) {
+  return (canopen->params.tpdo_sync_start[i] != 0) ? PDO_SYNC_AWAITED : 0;
+}
+
 static void start_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->tpdo[i];
   const uint8_t count = canopen->params.tpdo_mapped[i];
@@ -53,7 +58,7 @@ static void start_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t 
     mapping_places(objects, mapped, count, pdo->places);
   }
   pdo->pending = 1;
-  pdo->syncs = 0;
+  pdo->syncs = first_syncs(canopen, i);
   canopen_drop(&canopen->tpdos_inhibited, i);
   start_event_timer(canopen, i);
   update_watched(canopen);
@@ -94,7 +99,7 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     canopen->rpdo[i].pending = 0;
     canopen->tpdo[i].pending = operational ? 1 : 0;
-    canopen->tpdo[i].syncs = 0;
+    canopen->tpdo[i].syncs = first_syncs(canopen, i);
     start_event_timer(canopen, i);
   }
   update_watched(canopen);
@@ -183,9 +188,15 @@ void pdo_tick(canopen_t *canopen, const dictionary_t *objects) {
   }
 }
 
-static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i) {
+static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i, uint8_t counter) {
   pdo_t *pdo = &canopen->tpdo[i];
   const uint8_t type = canopen->params.tpdo_transmission[i];
+  if (pdo->syncs == PDO_SYNC_AWAITED) {
+    if (counter != 0 && counter != canopen->params.tpdo_sync_start[i]) {
+      return;
+    }
+    pdo->syncs = 0;
+  }
   const payload_t payload = pack(pdo, objects);
   bool due = has_changed(pdo, payload);
   if (type != PDO_SYNC_ACYCLIC) {
@@ -295,10 +306,10 @@ bool pdo_transmits(const canopen_t *canopen, uint16_t id) {
   return false;
 }
 
-void pdo_sync(canopen_t *canopen, dictionary_t *objects) {
+void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
     if (tpdo_valid(canopen, i) && !is_event_driven(canopen, i)) {
-      sync_tpdo(canopen, objects, i);
+      sync_tpdo(canopen, objects, i, counter);
     }
   }
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
@@ -358,7 +369,6 @@ typedef struct {
   const uint32_t *cob_id;
   const uint8_t *mapped;
   const uint32_t *mapping; /* PDO_ENTRIES of each */
-  const uint16_t *inhibit; /* TPDO only */
   uint16_t first_cob_id;   /* AXIS_OBJ_ of the first PDO's */
   uint16_t first_transmission;
   uint16_t first_time; /* RPDO: timeout; TPDO: event time */
@@ -370,17 +380,14 @@ typedef struct {
 static side_t side_of(const canopen_t *canopen, bool transmit) {
   const canopen_params_t *params = &canopen->params;
   if (transmit) {
-    return (side_t){params->tpdo_cob_id,        params->tpdo_mapped,
-                    params->tpdo_mapping,       params->tpdo_inhibit_time,
-                    AXIS_OBJ_TPDO_COB_ID_1,     AXIS_OBJ_TPDO_TRANSMISSION_1,
-                    AXIS_OBJ_TPDO_EVENT_TIME_1, AXIS_OBJ_TPDO_MAPPED_1,
-                    AXIS_OBJ_TPDO_MAPPING_1,    true};
+    return (side_t){
+        params->tpdo_cob_id,    params->tpdo_mapped,          params->tpdo_mapping,
+        AXIS_OBJ_TPDO_COB_ID_1, AXIS_OBJ_TPDO_TRANSMISSION_1, AXIS_OBJ_TPDO_EVENT_TIME_1,
+        AXIS_OBJ_TPDO_MAPPED_1, AXIS_OBJ_TPDO_MAPPING_1,      true};
   }
-  return (side_t){params->rpdo_cob_id,     params->rpdo_mapped,
-                  params->rpdo_mapping,    NULL,
-                  AXIS_OBJ_RPDO_COB_ID_1,  AXIS_OBJ_RPDO_TRANSMISSION_1,
-                  AXIS_OBJ_RPDO_TIMEOUT_1, AXIS_OBJ_RPDO_MAPPED_1,
-                  AXIS_OBJ_RPDO_MAPPING_1, false};
+  return (side_t){params->rpdo_cob_id,    params->rpdo_mapped,          params->rpdo_mapping,
+                  AXIS_OBJ_RPDO_COB_ID_1, AXIS_OBJ_RPDO_TRANSMISSION_1, AXIS_OBJ_RPDO_TIMEOUT_1,
+                  AXIS_OBJ_RPDO_MAPPED_1, AXIS_OBJ_RPDO_MAPPING_1,      false};
 }
 
 static int check_cob_id(const side_t *side, uint32_t i, uint32_t value) {
@@ -428,24 +435,34 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
     uint16_t mapped = AXIS_OBJ_NONE;
     return (value == 0) ? FW_OK : mapping_resolve(value, side->transmit, &mapped);
   }
-  if (side->transmit) {
-    i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
-    if (i >= 0) {
-      const bool changes = side->inhibit[i] != value;
-      return (changes && canopen_cob_valid(side->cob_id[i])) ? FW_ERROR_STATE : FW_OK;
-    }
-  }
   return PDO_NOT_MINE;
+}
+
+/* Inhibit time and SYNC start value change while the TPDO is not valid. */
+static int check_tpdo_fixed(const canopen_params_t *params, uint16_t object, uint32_t value) {
+  uint32_t present = 0;
+  int i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
+  if (i >= 0) {
+    present = params->tpdo_inhibit_time[i];
+  } else {
+    i = canopen_element(object, AXIS_OBJ_TPDO_SYNC_START_1, CANOPEN_PDOS);
+    if (i < 0) {
+      return PDO_NOT_MINE;
+    }
+    present = params->tpdo_sync_start[i];
+  }
+  return (value != present && canopen_cob_valid(params->tpdo_cob_id[i])) ? FW_ERROR_STATE : FW_OK;
 }
 
 int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   const side_t receive_side = side_of(canopen, false);
-  const int result = check_side(&receive_side, object, (uint32_t)value);
-  if (result != PDO_NOT_MINE) {
-    return result;
-  }
   const side_t transmit_side = side_of(canopen, true);
-  return check_side(&transmit_side, object, (uint32_t)value);
+  int result = check_side(&receive_side, object, (uint32_t)value);
+  if (result == PDO_NOT_MINE) {
+    result = check_side(&transmit_side, object, (uint32_t)value);
+  }
+  return (result == PDO_NOT_MINE) ? check_tpdo_fixed(&canopen->params, object, (uint32_t)value)
+                                  : result;
 }
 
 /* The PDO whose communication an object belongs to, or -1. Entries change only while theirs is not

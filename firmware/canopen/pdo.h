@@ -23,6 +23,8 @@
 
 /* Transmission types. Others up to 253 are refused. */
 enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, PDO_EVENT = 255 };
+/* In place of a number of SYNCs: the one with the start value has not come. */
+enum { PDO_SYNC_AWAITED = 255 };
 
 /* Applies the parameters of all PDOs, and starts or stops their timers. */
 void pdo_start(canopen_t *canopen, const dictionary_t *objects);
@@ -36,8 +38,8 @@ void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *f
 /* Whether a valid TPDO has this identifier. */
 bool pdo_transmits(const canopen_t *canopen, uint16_t id);
 
-/* TPDOs are sampled, then received RPDOs are applied. */
-void pdo_sync(canopen_t *canopen, dictionary_t *objects);
+/* TPDOs are sampled, then received RPDOs are applied. counter: that of the SYNC, 0 without one. */
+void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter);
 
 /* Event-driven TPDOs; to be called while any is watched or inhibited. */
 void pdo_tick(canopen_t *canopen, const dictionary_t *objects);

@@ -41,7 +41,7 @@ typedef struct {
   uint32_t inhibit_tick;
   uint8_t bits;     /* of all mapped objects, 0: does nothing */
   uint8_t pending;  /* RPDO: `value` waits; TPDO: is to be sent whether it changed or not */
-  uint8_t syncs;    /* TPDO: since it was last sent */
+  uint8_t syncs;    /* TPDO: since it was last sent, or PDO_SYNC_AWAITED */
   uint8_t reported; /* RPDO: the emergencies since one was all right, PDO_REPORTED_ */
 } pdo_t;
 
@@ -82,6 +82,23 @@ typedef struct {
   uint8_t data[8];    /* download, and values that are uploaded */
 } sdo_server_t;
 
+/* Layer settings; lss.h. But for the state they outlast a reset of communication. */
+typedef struct {
+  uint32_t delay_ticks; /* activate bit timing: each of the two silences */
+  uint32_t ticks;       /* remaining of the present one */
+  uint16_t rates;       /* set of supported bit rates, by their place; 0: all */
+  uint8_t rate;         /* place in the table of bit rates: of the present one */
+  uint8_t next_rate;    /* after the next activation */
+  uint8_t node_id;      /* after the next reset of communication; LSS_NO_NODE_ID */
+  uint8_t fixed;        /* 1: the port has fixed the node id */
+  uint8_t state;        /* waiting or configuration */
+  uint8_t selected;     /* parts of the address that matched: switch state selective */
+  uint8_t identified;   /* the same: identify remote slave */
+  uint8_t scanned;      /* part of the address that fast scan is at */
+  uint8_t silence;      /* which of the two */
+  uint8_t store;        /* LSS_STORE_ */
+} lss_t;
+
 /* The part of a tick that is still to be done: all, or what follows the PDOs. */
 enum { CANOPEN_DEFERRED_NOTHING = 0, CANOPEN_DEFERRED_OUTPUT = 1, CANOPEN_DEFERRED_ALL = 2 };
 
@@ -105,6 +122,7 @@ typedef struct canopen {
   pdo_t tpdo[CANOPEN_PDOS];
   sdo_server_t sdo[CANOPEN_SDOS];
   emcy_t emcy;
+  lss_t lss;
   canopen_requests_t requests;
   /* Sets, one bit each from bit 0 up. */
   uint8_t heartbeats_lost;
@@ -119,7 +137,7 @@ typedef struct canopen {
   uint8_t reset;           /* CANOPEN_RESET_, until it is taken */
   uint8_t deferred;        /* CANOPEN_DEFERRED_ */
   uint8_t late;            /* ticks that began before it was done */
-  uint8_t node_id;
+  uint8_t node_id;         /* 1..127, LSS_NO_NODE_ID */
 } canopen_t;
 
 /* One element of a set. */

@@ -5,7 +5,7 @@
  *
  * idle -> armed (samples go round, waiting for the trigger) -> recording (the rest is filled) ->
  * done. Values are packed one after the other, least significant byte first, each as wide as its
- * type, so 12 KiB hold 6144 samples of one 16-bit code or 768 of four 32-bit ones.
+ * type, so 32 KiB hold 16384 samples of one 16-bit code or 2048 of four 32-bit ones.
  *
  * The first sample is taken in the first tick after arming and then every `decimation` ticks,
  * without regard to the trigger. The trigger is watched in every tick, so none is missed; the first

@@ -89,7 +89,7 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint16_t length = modbus->length;
   begin_frame(modbus);
   count(modbus, MODBUS_COUNT_MESSAGES);
-  if (unit != BROADCAST && unit != modbus->unit) {
+  if (modbus->unit > MODBUS_UNIT_MAX || (unit != BROADCAST && unit != modbus->unit)) {
     return;
   }
   if (unit == BROADCAST && !writes(modbus->frame[PDU])) {

@@ -17,7 +17,7 @@
 #include "firmware/modbus/step.h"
 #include "firmware/objects/access.h"
 
-enum { MODBUS_FRAME_BYTES = 256, MODBUS_BAUD_DEFAULT = 115200 };
+enum { MODBUS_FRAME_BYTES = 256, MODBUS_BAUD_DEFAULT = 115200, MODBUS_UNIT_MAX = 247 };
 
 typedef struct {
   uint32_t silence_ticks; /* end a frame */
@@ -33,6 +33,7 @@ typedef struct {
 } modbus_t;
 
 /* unit 1..247: requests of other units are ignored; 0, broadcast, is carried out and not answered.
+ * A unit above that has no address: every request is ignored.
  * baud: of characters with 11 bits; 0 counts as MODBUS_BAUD_DEFAULT. */
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
 

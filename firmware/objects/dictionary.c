@@ -82,6 +82,9 @@ static void store_value(dictionary_t *objects, uint8_t source, uint16_t object, 
   if (block->written != NULL) {
     block->written(objects, source, object, previous, value);
   }
+  if (entry->stored != 0 && value != previous) {
+    objects->owner->changed(objects, object);
+  }
 }
 
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {

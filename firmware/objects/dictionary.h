@@ -24,6 +24,8 @@ typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
   /* Whether this source may write this object now: lock and state. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
+  /* A write gave a stored parameter another value. */
+  void (*changed)(dictionary_t *objects, uint16_t object);
   /* Carries out a command, an object without a value. */
   int (*command)(dictionary_t *objects, uint16_t object, int32_t value);
   /* dictionary_text(), dictionary_domain_size(), dictionary_domain_read(). */

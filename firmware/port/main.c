@@ -50,6 +50,7 @@ static void acquire_firmware(void) {
 
 static void poll_port(void) {
   acquire_firmware();
+  port_can_rate(fw_can_kbit_s(&firmware));
   const uint8_t now = port_can_bus();
   if (now != bus) {
     bus = now;

@@ -40,12 +40,15 @@ void port_sense(axis_inputs_t *inputs);
 void port_act(const axis_outputs_t *outputs);
 
 /* CAN: the next frame that was received; one to be sent (false: no room now, to be repeated later);
- * state of the bus, CAN_BUS_, polled at least once a tick; frames lost since the last call.
+ * state of the bus, CAN_BUS_, polled at least once a tick; frames lost since the last call. The bit
+ * rate, one of those in fw_config_t, before each poll: another one than before aborts what is still
+ * to be sent and joins the bus again.
  */
 bool port_can_receive(can_frame_t *frame);
 bool port_can_transmit(const can_frame_t *frame);
 uint8_t port_can_bus(void);
 uint16_t port_can_lost(void);
+void port_can_rate(uint16_t kbit_s);
 
 /* Serial line: up to `room` bytes that were received; bytes to be sent, returns how many were
  * accepted. */

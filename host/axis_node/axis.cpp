@@ -66,7 +66,9 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
   real_time_ = options.real_time;
   config_.hardware = "host";
   const int place = number - first_axis;
-  config_.node_id = static_cast<std::uint8_t>(options.node_id ? *options.node_id + place : number);
+  const int node_id = options.node_id.value_or(first_axis);
+  const bool by_lss = node_id == FW_NODE_ID_BY_LSS;
+  config_.node_id = static_cast<std::uint8_t>(by_lss ? node_id : node_id + place);
   config_.serial_number =
       options.serial ? *options.serial + static_cast<std::uint32_t>(place) : serial_of(number);
   config_.buses = options.buses();

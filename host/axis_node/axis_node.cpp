@@ -39,7 +39,7 @@ constexpr milliseconds kLinger{250};
 // Checks that the nodes of all axes have ids.
 void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) {
   const int axes = static_cast<int>(options.files.size());
-  if (!own.node_id) return;
+  if (!own.node_id || *own.node_id == FW_NODE_ID_BY_LSS) return;
   if (*own.node_id == 0 && axes > 1) {
     throw nodes::UsageError("--node-id 0: expected one axis, several would have one stored id");
   }
@@ -335,10 +335,12 @@ int main(int argc, char **argv) {
   app.add_option("--modbus-baud", own.modbus_baud, "Its speed; 8 data bits, even parity.")
       ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
       ->capture_default_str();
-  app.add_option("--node-id", own.node_id,
-                 "CANopen node and Modbus unit of the first axis, the others follow; 0: the stored "
-                 "one. Default: the number of the axis.")
-      ->check(CLI::Range(0, 127));
+  app.add_option(
+         "--node-id", own.node_id,
+         "CANopen node and Modbus unit of the first axis, the others follow; 0: the stored "
+         "one, else 1; 255: the stored ones, else silent until LSS gives them. Default: the "
+         "number of the axis.")
+      ->check(CLI::Range(0, 127) | CLI::IsMember({FW_NODE_ID_BY_LSS}));
   app.add_option("--serial", own.serial,
                  "Serial number of the first axis (1018h:4), the others follow. Default: made of "
                  "this host's name and the number of the axis.");

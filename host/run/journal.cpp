@@ -296,7 +296,7 @@ Journal read_journal(const std::filesystem::path &file) {
     } else if (kind == "endless") {
       journal.endless = true;
     } else if (kind == "config") {
-      journal.node_id = line.number<std::uint8_t>("a node", 0, 127);
+      journal.node_id = line.number<std::uint8_t>("a node", 0, FW_NODE_ID_BY_LSS);
       journal.buses = line.number<std::uint8_t>("buses", 0, 1);
       journal.modbus_baud = line.number<std::uint32_t>("a speed in baud", 0, 10'000'000);
       // Journals of 0.1.0 have none.

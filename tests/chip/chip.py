@@ -65,6 +65,7 @@ class Chip:
 
     def __init__(self, store=None, ram_counts=True):
         self.board = Board()
+        self.board.gpioc.wires = {4: 0}  # the strap of node id 1
         self.symbols = symbols(IMAGE)
         if store is not None:
             self.board.flash.bytes[:] = store

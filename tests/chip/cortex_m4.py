@@ -162,7 +162,7 @@ class Chip:
         self.outputs = b"\0\0\0\0"
         self.places = {}
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
-        buses = struct.pack("<IIIIIIBB2x", RECORDER, RECORDER_BYTES, 0, 0, 0, 0, NODE, 1)
+        buses = struct.pack("<IIIIIIBB10x", RECORDER, RECORDER_BYTES, 0, 0, 0, 0, NODE, 1)
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
 
@@ -299,7 +299,7 @@ class Host:
         self.fw = ctypes.create_string_buffer(16384)
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
         config = struct.pack(
-            "<QI4xQQIIBB6x", ctypes.addressof(self.recorder), RECORDER_BYTES, 0, 0, 0, 0, NODE, 1
+            "<QI4xQQIIBB22x", ctypes.addressof(self.recorder), RECORDER_BYTES, 0, 0, 0, 0, NODE, 1
         )
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)

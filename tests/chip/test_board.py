@@ -274,7 +274,7 @@ def test_a_fault_of_the_core_is_safe_and_resets(chip):
 
 def test_digital_inputs_fail_safe():
     chip = Chip()
-    assert chip.board.gpioc.wires == {}
+    assert chip.board.gpioc.wires == {4: 0}
     chip.boot()
     chip.tick(2)  # no wire connected: chain open, both switches reached
     assert chip.read("digital_inputs") == 2 + 4
@@ -299,11 +299,11 @@ def test_an_index_pulse_between_two_ticks_is_seen_in_one(chip):
 
 
 @pytest.mark.parametrize(
-    "straps, node", [((), 1), ((0,), 1), ((1,), 2), ((0, 2), 5), (range(5), 31)]
+    "straps, node", [((), 255), ((0,), 1), ((1,), 2), ((0, 2), 5), (range(5), 31)]
 )
 def test_straps_give_the_node_id(straps, node):
     chip = Chip()
-    chip.board.gpioc.wires |= {4 + i: 0 for i in straps}
+    chip.board.gpioc.wires = {4 + i: 0 for i in straps}
     chip.boot()
     assert chip.read("node_id") == node
 

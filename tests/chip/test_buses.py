@@ -40,6 +40,49 @@ def test_bit_timing(chip):
     assert can[0x00] & 4, "does not keep the order of frames"
 
 
+def lss(chip, *data):
+    """A request of the LSS master; the answers."""
+    chip.board.can.sent.clear()
+    chip.board.can.receive(0x7E5, bytes(data).ljust(8, b"\0"))
+    chip.tick(3)
+    return [d for i, d, _ in chip.board.can.sent if i == 0x7E4]
+
+
+def test_every_bit_rate_of_lss_has_its_timing(chip):
+    can = chip.board.can
+    assert lss(chip, 0x04, 1) == []
+    for place, rate in enumerate((1000, 800, 500, 250, 125, None, 50, 20, 10)):
+        has = rate not in (800, None)  # of 800 kbit/s 42 MHz is no multiple
+        assert lss(chip, 0x13, 0, place)[0][:2] == bytes([0x13, 0 if has else 1])
+        before = can.bit_rate()
+        lss(chip, 0x15, 10)  # silent for 10 ms, then at the new rate for 10 ms
+        chip.tick(6)
+        assert can.bit_rate() == before
+        can.sent.clear()
+        chip.tick(20)
+        assert can.sent == []
+        assert can.bit_rate() == (1000 * rate if has else before)
+        assert can.sample_point() == 11 / 14
+        chip.tick(40)
+        assert chip.read("bit_rate") == can.bit_rate() / 1000
+        assert sdo_read(chip, 0x2311)[4:6] == chip.read("bit_rate").to_bytes(2, "little")
+    assert chip.board.mistakes == []
+
+
+def test_without_straps_and_stored_id_the_node_answers_lss_alone():
+    chip = Chip()
+    chip.board.gpioc.wires = {}
+    release(chip)
+    chip.tick(400)
+    assert chip.board.can.sent == []
+    assert lss(chip, 0x4C) == [b"\x50" + bytes(7)]
+    assert lss(chip, 0x04, 1) == []
+    assert lss(chip, 0x11, 9) == [b"\x11" + bytes(7)]
+    assert lss(chip, 0x04, 0) == []
+    assert chip.board.can.sent[0] == (0x709, b"\0", False)
+    assert chip.board.mistakes == []
+
+
 def test_the_node_boots_up_on_the_bus(chip):
     assert chip.board.can.sent[0] == (0x700 + NODE, b"\0", False)
     assert chip.board.mistakes == []

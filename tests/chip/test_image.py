@@ -20,7 +20,7 @@ REPLACED = {
         "watchdog_start",
         "can_interrupt",
     ),
-    *("port_can_receive", "port_can_transmit", "port_can_bus", "port_can_lost"),
+    *("port_can_receive", "port_can_transmit", "port_can_bus", "port_can_lost", "port_can_rate"),
     *("port_feed_watchdog", "watchdog_fired", "clock_count"),
 }
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wshadow", "-Wconversion"]

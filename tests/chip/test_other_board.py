@@ -39,9 +39,9 @@ def ports(tmp_path_factory):
                 "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000, 0x20000, 0x20000, 0x20000]",
                 "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000]",
             ),
-            ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0x8000]"),
+            ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
             ("flash_bytes = 98304", "flash_bytes = 65536"),
-            ("ram_bytes = 65536", "ram_bytes = 32768"),
+            ("ram_bytes = 65536", "ram_bytes = 49152"),
             ('["adc.c", "can.c", "clock.c", "dac.c", "encoder.c", "flash.c", "io.c", "watchdog.c"]',
              f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
             ('"emulated/io.c", "emulated/semihosting.c"',
@@ -57,7 +57,7 @@ def ports(tmp_path_factory):
         changed(
             (port / "stm32f446.ld").read_text(),
             ("LENGTH = 512K - 48K", "LENGTH = 128K - 48K"),
-            ("LENGTH = 128K\n", "LENGTH = 32K\n"),
+            ("LENGTH = 128K\n", "LENGTH = 48K\n"),
         )
     )
     done = subprocess.run(
@@ -86,7 +86,7 @@ def test_its_image_is_reported_beside_its_limits(ports):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert re.search(r"\*\*flash\*\* \| \d+ \| 65536 \|", done.stdout), done.stdout
-    assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 32768 \|", done.stdout), done.stdout
+    assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 49152 \|", done.stdout), done.stdout
 
 
 def test_it_is_flashed_as_its_own_and_not_as_another(known):

@@ -18,18 +18,20 @@ typedef struct {
   uint8_t recorder[FW_RECORDER_BYTES];
 } node_t;
 
-static inline void node_init(node_t *node) {
+static inline void node_init_as(node_t *node, uint8_t node_id) {
   memset(node, 0, sizeof(*node));
   const fw_config_t config = {
       .recorder_buffer = node->recorder,
       .recorder_bytes = sizeof(node->recorder),
-      .node_id = NODE_ID,
+      .node_id = node_id,
       .buses = 1,
   };
   fw_init(&node->fw, &config);
   node->inputs.sensor_valid = 1;
   node->inputs.din = AXIS_DIN_ENABLE;
 }
+
+static inline void node_init(node_t *node) { node_init_as(node, NODE_ID); }
 
 /* Stops the fuzzer: a property does not hold. */
 static inline void require(int holds) {

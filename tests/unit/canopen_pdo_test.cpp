@@ -158,6 +158,60 @@ TEST_F(Canopen, SynchronousTypes) {
   }
 }
 
+// CiA 301, 1019h: a SYNC has a counter then, and the length says which kind of network it is of.
+TEST_F(Canopen, ASyncWithACounterIsOneByteLong) {
+  EXPECT_EQ(Download(0x1019, 0, 1, 1), 0x06090030u) << "reserved";
+  EXPECT_EQ(Download(0x1019, 0, 241, 1), 0x06090031u);
+  EXPECT_EQ(Download(0x1019, 0, 240, 1), 0u);
+  EXPECT_EQ(Download(0x1019, 0, 2, 1), 0u);
+  Start();
+  Send(0x80, {});
+  Send(0x80, {1, 2});
+  Tick();
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8240, 0x11, 0)}) << "once for both";
+  EXPECT_EQ(Read(AXIS_OBJ_SYNC_COUNT), 0);
+  Send(0x80, {1});
+  Send(0x80, {2, 0});
+  Tick();
+  EXPECT_EQ(Take(0x85), std::vector<Frame>{Emergency(0x8240, 0x11, 2)});
+  EXPECT_EQ(Read(AXIS_OBJ_SYNC_COUNT), 1);
+}
+
+TEST_F(Canopen, ATpdoStartsWithTheSyncOfItsStartValue) {
+  ASSERT_EQ(Download(0x1019, 0, 10, 1), 0u);
+  EXPECT_EQ(Download(0x1801, 6, 3, 1), 0x08000022u) << "while it is valid";
+  const auto configure = [&](uint32_t type, uint32_t first) {
+    ASSERT_EQ(Download(0x1801, 1, 0xC0000285, 4), 0u);
+    ASSERT_EQ(Download(0x1801, 2, type, 1), 0u);
+    ASSERT_EQ(Download(0x1801, 6, first, 1), 0u);
+    ASSERT_EQ(Download(0x1801, 1, 0x40000285, 4), 0u);
+  };
+  Start();
+  const auto sync = [&](uint8_t counter) {
+    Send(0x80, {counter});
+    return Take(0x285).size();
+  };
+  configure(2, 3);
+  for (uint8_t counter : {1, 2, 4, 10, 2}) EXPECT_EQ(sync(counter), 0u) << int{counter};
+  EXPECT_EQ(sync(3), 0u) << "the first of two";
+  EXPECT_EQ(sync(4), 1u);
+  EXPECT_EQ(sync(5), 0u);
+  EXPECT_EQ(sync(6), 1u);
+  Nmt(128);
+  Nmt(1);
+  EXPECT_EQ(sync(7), 0u);
+  EXPECT_EQ(sync(8), 0u) << "awaited again after operational was left";
+  configure(0, 9);
+  EXPECT_EQ(sync(8), 0u);
+  EXPECT_EQ(sync(9), 1u);
+  configure(1, 0);
+  EXPECT_EQ(sync(7), 1u) << "any";
+  ASSERT_EQ(Download(0x1019, 0, 0, 1), 0u);
+  configure(1, 9);
+  Send(0x80, {});
+  EXPECT_EQ(Take(0x285).size(), 1u) << "no counter to wait for";
+}
+
 TEST_F(Canopen, SynchronousRpdosWaitForSync) {
   ASSERT_EQ(Download(0x1401, 2, 1, 1), 0u);
   Nmt(1);

@@ -222,13 +222,13 @@ TEST_F(Canopen, TextsComeInSegments) {
 TEST_F(Canopen, TheRecordingIsUploadedWhole) {
   ASSERT_EQ(Download(0x2100, 1, 0x201F00, 4), 0u);  // tick_count
   ASSERT_EQ(Download(0x2107, 0, 1, 1), 0u);
-  Tick(3072);
+  Tick(8192);
   ASSERT_EQ(Upload(0x2108, 0), 3u);
   uint32_t size = 0;
   const auto data = UploadAll(0x2120, 0, size);
-  ASSERT_EQ(size, 12288u);
+  ASSERT_EQ(size, 32768u);
   ASSERT_EQ(data.size(), size);
-  for (size_t i = 0; i < 3072; ++i) {
+  for (size_t i = 0; i < 8192; ++i) {
     const uint32_t tick = static_cast<uint32_t>(data[4 * i] | data[4 * i + 1] << 8);
     ASSERT_EQ(tick, static_cast<uint32_t>(data[0] | data[1] << 8) + i);
   }
@@ -353,6 +353,39 @@ TEST_F(Canopen, TruncatedRequestsGetNoAnswer) {
     Send(0x605, Request(0x40, 0x1000, 0), true);
   }
   EXPECT_TRUE(Take().empty());
+}
+
+// CiA 301, 1020h: a configuration tool notes when it configured; a change by anyone ends that.
+TEST_F(Canopen, AVerifiedConfigurationEndsWithAChange) {
+  const auto note = [&] {
+    EXPECT_EQ(Download(0x1020, 1, 15000, 4), 0u);
+    EXPECT_EQ(Download(0x1020, 2, 43200000, 4), 0u);
+  };
+  const auto is_noted = [&] {
+    const bool date = Upload(0x1020, 1) == 15000u, time = Upload(0x1020, 2) == 43200000u;
+    EXPECT_EQ(date, time);
+    EXPECT_TRUE(date || Upload(0x1020, 1) == 0u);
+    return date;
+  };
+  note();
+  EXPECT_TRUE(is_noted());
+  ASSERT_EQ(Download(0x1017, 0, 200, 2), 0u);
+  EXPECT_TRUE(is_noted()) << "the same value";
+  ASSERT_EQ(Download(0x607A, 0, 7, 4), 0u);
+  ASSERT_EQ(Download(0x2302, 0, 5, 2), 0x06090032u);
+  ASSERT_EQ(Download(0x1201, 1, 0x80000690, 4), 0u);
+  EXPECT_TRUE(is_noted()) << "nothing that is stored, or refused";
+  ASSERT_EQ(Download(0x1017, 0, 100, 2), 0u);
+  EXPECT_FALSE(is_noted()) << "of the node";
+  note();
+  ASSERT_EQ(Write(AXIS_OBJ_FORCE_GAIN, 7), FW_OK);
+  EXPECT_FALSE(is_noted()) << "of the axis, by the port";
+  note();
+  Start();
+  ASSERT_EQ(Download(0x1600, 0, 0, 1), 0x08000022u);
+  EXPECT_TRUE(is_noted());
+  ASSERT_EQ(Download(0x6081, 0, 12345, 4), 0u);
+  EXPECT_FALSE(is_noted()) << "of the drive";
 }
 
 }  // namespace

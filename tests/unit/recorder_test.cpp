@@ -170,9 +170,9 @@ TEST_F(Recorder, PacksEachSignalByItsWidth) {
   Set(AXIS_OBJ_OPEN_LOOP_CODE, -2000);
   Set(AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP);
   Set(AXIS_OBJ_RECORDER_ARM, 1);
-  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 12288 / 12);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 32768 / 12);
   next_ = -70000;
-  TickTo(1024);
+  TickTo(2730);
   int32_t values[RECORDER_CHANNELS] = {};
   ASSERT_EQ(fw_recorder_read(&fw_, 3, values), 5);
   EXPECT_EQ(values[0], -2000);
@@ -182,14 +182,14 @@ TEST_F(Recorder, PacksEachSignalByItsWidth) {
   EXPECT_EQ(values[4], 4);
   const std::array<uint8_t, 12> first{0x30, 0xF8, 0x90, 0xEE, 0xFE, 0xFF, 1, 0xFF, 1, 0, 0, 0};
   EXPECT_TRUE(std::equal(first.begin(), first.end(), buffer_.begin()));
-  EXPECT_EQ(fw_recorder_read(&fw_, 1023, values), 5);
-  EXPECT_EQ(fw_recorder_read(&fw_, 1024, values), FW_ERROR_NO_DATA);
+  EXPECT_EQ(fw_recorder_read(&fw_, 2729, values), 5);
+  EXPECT_EQ(fw_recorder_read(&fw_, 2730, values), FW_ERROR_NO_DATA);
 }
 
-TEST_F(Recorder, TwelveKibibytesHold6144Codes) {
+TEST_F(Recorder, TheBufferHolds16384Codes) {
   Set(AXIS_OBJ_RECORDER_SIGNAL_1, Address(AXIS_OBJ_DAC_CODE));
   Set(AXIS_OBJ_RECORDER_ARM, 1);
-  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 6144);
+  EXPECT_EQ(Read(AXIS_OBJ_RECORDER_CAPACITY), 16384);
 }
 
 TEST_F(Recorder, LastByteOfTheBufferAndNoFurther) {
@@ -289,12 +289,12 @@ TEST_F(Recorder, RefusesWhatItCannotDo) {
   EXPECT_EQ(Write(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, Address(AXIS_OBJ_RECORDER_ARM)),
             FW_ERROR_RANGE);
   Set(AXIS_OBJ_RECORDER_SIGNAL_1, Address(AXIS_OBJ_POSITION));
-  Set(AXIS_OBJ_RECORDER_LENGTH, 3073);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 8193);
   EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "one sample too many";
-  Set(AXIS_OBJ_RECORDER_LENGTH, 3072);
-  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 3072);
+  Set(AXIS_OBJ_RECORDER_LENGTH, 8192);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 8192);
   EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "no room for the trigger's sample";
-  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 3071);
+  Set(AXIS_OBJ_RECORDER_PRETRIGGER, 8191);
   Set(AXIS_OBJ_RECORDER_TRIGGER_EDGE, AXIS_RECORDER_TRIGGER_EDGE_RISING);
   EXPECT_EQ(Write(AXIS_OBJ_RECORDER_ARM, 1), FW_ERROR_RANGE) << "no source";
   Set(AXIS_OBJ_RECORDER_TRIGGER_SOURCE, Address(AXIS_OBJ_POSITION));

@@ -206,7 +206,7 @@ TEST(Store, ASetThatIsDamagedMeanwhileIsNotLoadedAgain) {
     return static_cast<uint32_t>(flash.bytes()[from] | flash.bytes()[from + 1] << 8 |
                                  flash.bytes()[from + 2] << 16);
   };
-  while (word(at) != entry) at += STORE_ENTRY_BYTES;
+  while (word(at) != entry) at += ENTRY_BYTES;
   flash.Flip(at + 4, 6);  // the value
   fw_can_receive(&fw, &reset);
   tick(2);

@@ -24,8 +24,8 @@
 //  11 the bus is in state a
 //  12 object b has the value c
 //  13 of the drive, for the next frame or state of the bus: a bit 0, it was powered or active
-//     before; bit 1, it is enabled for a master that is not supervised; b stopped_by, if new
-//     (logged when it changes)
+//     before; bit 1, it is enabled for a master that is not supervised; bit 2, a stored parameter
+//     outside the communication part was changed; b stopped_by, if new (logged when it changes)
 
 #include <cstdint>
 #include <cstdio>
@@ -130,9 +130,29 @@ class Flood {
     log_.push_back(now);
   }
 
+  // The stored parameters outside the communication part, while there is a verified configuration
+  // that a change of them ends.
+  std::vector<int32_t> Stored() const {
+    std::vector<int32_t> values;
+    for (uint16_t object = 1; object < AXIS_OBJ_COUNT && verified_; ++object) {
+      const axis_object_t &entry = axis_objects[object];
+      if (entry.stored != 0 && entry.block != AXIS_BLOCK_CANOPEN_PARAMETER) {
+        values.push_back(Read(object));
+      }
+    }
+    return values;
+  }
+
+  void NoteStored() {
+    verified_ = Read(AXIS_OBJ_CONFIGURATION_DATE) != 0 || Read(AXIS_OBJ_CONFIGURATION_TIME) != 0;
+    stored_ = Stored();
+  }
+
   // Of the drive, for the frame that follows.
   void LogDrive(const DriveBefore &before) {
-    const Record now{kDrive, before.bits(fw_), before.stopper(fw_), 0, 0};
+    const uint8_t changed = stored_ != Stored() ? 4 : 0;
+    const Record now{kDrive, static_cast<uint8_t>(before.bits(fw_) | changed), before.stopper(fw_),
+                     0, 0};
     if (now.a == drive_.a && now.a < 2 && now.b == 0 && drive_.b == 0) return;
     drive_ = now;
     log_.push_back(now);
@@ -209,6 +229,7 @@ class Flood {
     if (OneIn(400)) frame.id = static_cast<uint16_t>(Below(0x800));
     for (int i = frame.length; i < 8; ++i) frame.data[i] = 0;
     if (IsHidden(frame)) return;
+    NoteStored();
     const DriveBefore before(fw_);
     fw_can_receive(&fw_, &frame);
     LogDrive(before);
@@ -307,6 +328,7 @@ class Flood {
     if (OneIn(2)) Write(pdo, 2, OneIn(3) ? Below(256) : OneIn(2) ? 255 : Below(4), 1);
     if (OneIn(3)) Write(pdo, 3, Below(200), 2);
     if (OneIn(3)) Write(pdo, 5, Below(40), 2);
+    if (transmit && OneIn(3)) Write(pdo, 6, Below(9), 1);
     if (step()) Write(static_cast<uint16_t>(pdo + 0x200), 0, 0, 1);
     for (uint8_t i = 1; i <= count && i <= 8; ++i) {
       if (step()) Write(static_cast<uint16_t>(pdo + 0x200), i, Entry(transmit), 4);
@@ -317,7 +339,14 @@ class Flood {
   }
 
   void Configure() {
-    switch (Below(12)) {
+    switch (Below(13)) {
+      case 11:
+        return OneIn(3) ? Write(0x1019, 0,
+                                OneIn(3)   ? Below(256)
+                                : OneIn(2) ? 0
+                                           : 8,
+                                1)
+                        : Write(0x1020, static_cast<uint8_t>(1 + Below(2)), Below(1000), 4);
       case 0:
         return Write(0x1017, 0, Below(60), 2);
       case 1:
@@ -502,7 +531,42 @@ class Flood {
 
   void Sync() {
     const uint16_t id = static_cast<uint16_t>(fw_.canopen.params.sync_cob_id & 0x7FF);
-    Send(id, OneIn(30) ? std::vector<uint8_t>{1} : std::vector<uint8_t>{});
+    const bool counts = (fw_.canopen.params.sync_counter_overflow != 0) != OneIn(30);
+    counter_ = static_cast<uint8_t>(counter_ % 8 + 1);
+    Send(id, counts ? std::vector<uint8_t>{counter_} : std::vector<uint8_t>{});
+  }
+
+  // Requests of an LSS master, mostly in the right order.
+  void Lss() {
+    const canopen_signals_t &own = fw_.canopen.signals;
+    const uint32_t parts[] = {own.vendor_id, own.product_code, own.revision_number,
+                              own.serial_number};
+    const auto send = [&](uint8_t command, uint32_t value) {
+      Send(LSS_REQUEST_ID,
+           {command, static_cast<uint8_t>(value), static_cast<uint8_t>(value >> 8),
+            static_cast<uint8_t>(value >> 16), static_cast<uint8_t>(value >> 24), 0, 0, 0});
+    };
+    switch (Below(4)) {
+      case 0:
+        send(0x04, OneIn(10) ? Below(256) : Below(2));
+        break;
+      case 1:
+        for (uint8_t i = 0; i < 4; ++i) {
+          if (!OneIn(10)) send(static_cast<uint8_t>(0x40 + i), parts[i] + (OneIn(10) ? 1 : 0));
+        }
+        break;
+      case 2:
+        for (uint8_t i = 0; i < 6; ++i) {
+          const uint32_t part = parts[i < 2 ? i : i / 2 + 1];
+          if (!OneIn(10)) send(static_cast<uint8_t>(0x46 + i), part + (OneIn(5) ? 1 : 0));
+        }
+        break;
+      default: {
+        static constexpr uint8_t commands[] = {0x11, 0x13, 0x17, 0x4C, 0x51, 0x5A, 0x5D, 0x5E};
+        const uint8_t command = OneIn(10) ? 0x15 : Pick(commands);
+        send(command, command == 0x15 ? Below(20) : OneIn(2) ? Below(256) : Below(12) << 8);
+      }
+    }
   }
 
   void Ticks() { Ticks(OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3)); }
@@ -531,6 +595,7 @@ class Flood {
 
   void Bus() {
     const uint8_t state = static_cast<uint8_t>(Below(3));
+    NoteStored();
     const DriveBefore before(fw_);
     fw_can_bus(&fw_, state);
     LogDrive(before);
@@ -597,6 +662,8 @@ class Flood {
       EnableServers();
     } else if (choice < 990) {
       Record_();
+    } else if (choice < 991) {
+      Lss();
     } else if (choice < 993) {
       Bus();
     } else if (choice < 996) {
@@ -629,6 +696,9 @@ class Flood {
   uint32_t recording_ = 0;
   uint8_t refused_ = 0;
   Record drive_{};
+  std::vector<int32_t> stored_;
+  bool verified_ = false;
+  uint8_t counter_ = 0;
   uint16_t server_ = 0;
   bool lazy_ = false;
   bool told_empty_ = false;

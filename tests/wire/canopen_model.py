@@ -50,6 +50,10 @@ HEARTBEAT, EMCY, CONSUMER, EVENT, INHIBIT, DEADLINE, SDO = 0, 1, 2, 6, 10, 14, 1
 TIMERS = 21
 NEVER = 1 << 60
 
+# CiA 305: identifiers of requests and answers; bit rates of table 0.
+LSS_REQUEST, LSS_ANSWER = 0x7E5, 0x7E4
+KBIT_S = (1000, 800, 500, 250, 125, None, 50, 20, 10)
+
 ROOM = 16
 KEEP_NMT, KEEP_EMCY, KEEP_PDO, KEEP_SDO = 0, 1, 2, 6
 
@@ -152,6 +156,9 @@ class Node:
         self.moves = False  # the drive is powered, or its axis active, before the frame
         self.stopped_by = 0  # the frame stops it, on behalf of this source and one; reported once
         self.unsupervised = False  # the frame enables it for a master that is not supervised
+        self.changed = (
+            False  # the frame gave a stored parameter outside communication another value
+        )
         self.active = 0
         self.bus = 0
         self.ticks = 0
@@ -166,6 +173,8 @@ class Node:
         self.watchdog = AT[0x2302, 0].default
         self.contact = 0
         self.held_until = {}  # end of the inhibit time per emergency
+        self.silence_ticks = []  # remaining ones of the two silences of a change of the bit rate
+        self.lss_store = False  # to be answered in the coming tick
 
     def start(self):
         self.od = {
@@ -197,6 +206,8 @@ class Node:
         self.reset = None
         self.duplicate = False  # the drive has a fault after the next tick
         self.sync_id = 0x80
+        self.lss_configures = False
+        self.selected = self.identified = 0  # parts that matched in their order
         self.nmt = PRE_OPERATIONAL
         self.register = 0
         self.add(0x700 + self.node_id, 1, exactly(INITIALISING), KEEP_NMT)
@@ -265,7 +276,7 @@ class Node:
             for i in range(4):
                 self.brought[i] = None
                 self.must_send[i] = state == OPERATIONAL
-                self.syncs[i] = 0
+                self.syncs[i] = self.first_syncs(i)
                 self.start_event_timer(i)
         if state not in (PRE_OPERATIONAL, OPERATIONAL):
             self.drop_transfers()
@@ -326,9 +337,17 @@ class Node:
         )
 
     def receive(self, length, can_id, data):
-        if length > 8 or self.nmt == INITIALISING:  # remote frames have bit 7 set
+        if self.changed:
+            self.configuration_changed()
+        if length > 8 or self.silence_ticks:  # remote frames have bit 7 set
             return
         data &= (1 << 8 * length) - 1
+        if can_id == LSS_REQUEST:
+            if length == 8 and self.reset is None:
+                self.lss(data & 0xFF, data.to_bytes(8, "little")[1:])
+            return
+        if self.nmt == INITIALISING:
+            return
         if self.is_own(can_id):
             self.duplicate = True
             return
@@ -340,7 +359,7 @@ class Node:
         elif self.nmt == STOPPED:
             return
         elif can_id == self.sync_id:
-            self.sync(length)
+            self.sync(length, data)
         elif (server := self.server_at(can_id)) is not None:
             if length == 8:
                 self.request(server, data)
@@ -349,6 +368,77 @@ class Node:
                 cob_id = self.od[0x1400 + i, 1]
                 if not cob_id & OFF and cob_id & 0x7FF == can_id and self.bits(0x1600 + i):
                     self.rpdo(i, length, data)
+
+    def configuration_changed(self):
+        self.changed = False
+        self.od[0x1020, 1] = self.od[0x1020, 2] = 0
+
+    # LSS, CiA 305, of a node whose id the port has fixed and which has no store.
+
+    def lss(self, command, data):
+        value = int.from_bytes(data[:4], "little")
+        identity = [self.od[0x1018, k] for k in range(1, 5)]
+        if command == 0x04:
+            if data[0] < 2:
+                self.lss_configures = data[0] == 1
+                self.selected = 0
+        elif 0x46 <= command <= 0x4B:
+            vendor, product, revision, serial = identity
+            low_revision, low_serial = revision >= value, serial >= value
+            fits = [
+                vendor == value, product == value, low_revision, revision <= value, low_serial,
+                serial <= value,
+            ]  # fmt: skip
+            self.identified = self.row(self.identified, command - 0x46, fits)
+            if self.identified == 6:
+                self.identified = 0
+                self.lss_answer(0x4F)
+        elif self.lss_configures:
+            self.configure(command, data, identity)
+        elif 0x40 <= command <= 0x43:
+            fits = [part == value for part in identity]
+            self.selected = self.row(self.selected, command - 0x40, fits)
+            if self.selected == 4:
+                self.selected = 0
+                self.lss_configures = True
+                self.lss_answer(0x44)
+
+    @staticmethod
+    def row(count, part, fits):
+        return part + 1 if part in (0, count) and fits[part] else 0
+
+    def lss_answer(self, command, value=0):
+        self.add(LSS_ANSWER, 8, exactly(command | value << 8), KEEP_SDO)
+
+    def configure(self, command, data, identity):
+        if command == 0x11:
+            is_id = 1 <= data[0] <= 127 or data[0] == 255
+            self.lss_answer(command, 0x01FF if is_id else 1)
+        elif command == 0x13:
+            has = data[0] == 0 and data[1] < len(KBIT_S) and KBIT_S[data[1]] is not None
+            self.lss_answer(command, 0 if has else 1)
+        elif command == 0x15:
+            ticks = ticks_of_ms(data[0] | data[1] << 8)
+            self.silence_ticks = [ticks, ticks]
+            self.leave_bus()
+            self.report_drive(True)
+        elif command == 0x17:
+            self.lss_store = True
+        elif 0x5A <= command <= 0x5D:
+            self.lss_answer(command, identity[command - 0x5A])
+        elif command == 0x5E:
+            self.lss_answer(command, self.node_id)
+
+    def lss_tick(self):
+        if self.silence_ticks:
+            self.silence_ticks[0] -= 1
+            if self.silence_ticks[0] <= 0:
+                del self.silence_ticks[0]
+                if not self.silence_ticks:
+                    self.closed = self.bus == 2
+        if self.lss_store:
+            self.lss_store = False
+            self.lss_answer(0x17, 1)
 
     @staticmethod
     def watched(entry):
@@ -369,8 +459,9 @@ class Node:
             self.heartbeat_lost[i] = False
             self.emergency(0)
 
-    def sync(self, length):
-        if length:
+    def sync(self, length, counter):
+        counts = self.od[0x1019, 0] != 0
+        if length != counts:
             if not self.sync_told:
                 self.sync_told = True
                 self.emergency(0x8240, length)
@@ -383,6 +474,10 @@ class Node:
             kind = self.od[0x1800 + i, 2]
             if not self.tpdo_works(i) or kind >= 254:
                 continue
+            if self.syncs[i] is None:  # the SYNC with the start value has not come
+                if counts and counter != self.od[0x1800 + i, 6] and counter != 0:
+                    continue
+                self.syncs[i] = 0
             self.syncs[i] += 1
             if kind == 0:
                 if self.must_send[i] or self.sent[i] != self.values[i]:
@@ -408,9 +503,12 @@ class Node:
         runs = self.nmt == OPERATIONAL and self.tpdo_works(i) and self.od[0x1800 + i, 2] >= 254
         self.start_timer(EVENT + i, ticks_of_ms(self.od[0x1800 + i, 5]) if runs else 0)
 
+    def first_syncs(self, i):
+        return None if self.od[0x1800 + i, 6] else 0
+
     def start_tpdo(self, i):
         self.must_send[i] = True
-        self.syncs[i] = 0
+        self.syncs[i] = self.first_syncs(i)
         self.timers[INHIBIT + i] = NEVER
         self.start_event_timer(i)
 
@@ -840,6 +938,9 @@ class Node:
             self.write_communication(at, value)
             self.silence = 0
         elif o.part == "device":
+            is_id = at != (0x230F, 0) or value <= 127 or value == 255
+            if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
+                raise Abort(0x06090030)
             self.silence = 0
         else:
             # Accepted or refused by the axis or the drive.
@@ -861,6 +962,8 @@ class Node:
             self.history = []
             return
         self.od[at] = value
+        if AT[at].stored and index != 0x1020:
+            self.configuration_changed()
         if index == 0x1005:
             self.sync_id = value & 0x7FF
         elif index == 0x1014 and value & OFF:
@@ -874,7 +977,9 @@ class Node:
             self.start_timer(HEARTBEAT, ticks_of_ms(value))
         elif 0x1400 <= index <= 0x1403 or (0x1600 <= index <= 0x1603 and sub == 0):
             self.start_rpdo(index & 3)
-        elif (0x1800 <= index <= 0x1803 and sub != 3) or (0x1A00 <= index <= 0x1A03 and sub == 0):
+        elif (0x1800 <= index <= 0x1803 and sub not in (3, 6)) or (
+            0x1A00 <= index <= 0x1A03 and sub == 0
+        ):
             self.start_tpdo(index & 3)
 
     def check(self, index, sub, before, value):
@@ -882,6 +987,8 @@ class Node:
         if index == 0x1005:
             if value & 0x7FFFF800 or restricted(value & 0x7FF):
                 raise Abort(0x06090030)
+        elif (index, value) == (0x1019, 1):
+            raise Abort(0x06090030)
         elif index == 0x1016:
             if value >> 24:
                 raise Abort(0x06090030)
@@ -900,7 +1007,7 @@ class Node:
         elif 0x1400 <= index < 0x1A00 and index & 0x3FC == 0:
             if sub == 2 and 240 < value < 254:
                 raise Abort(0x06090030)
-            if sub == 3 and not self.od[index, 1] & OFF:
+            if sub in (3, 6) and not self.od[index, 1] & OFF:
                 raise Abort(0x08000022)
         elif 0x1600 <= index < 0x1C00:
             self.check_mapping(index, sub, value)
@@ -1037,6 +1144,7 @@ class Node:
                 self.send_emergencies()
             self.send_blocks()
         self.now += 1
+        self.lss_tick()
         # An active axis is stopped before its node restarts, a tick later.
         if self.reset is not None and not (self.reset == 129 and active):
             self.after_reset()
@@ -1087,20 +1195,24 @@ class Node:
         self.can_lost = min(65535, self.can_lost + frames)
         self.overrun()
 
+    def leave_bus(self):
+        """Nothing is sent until the node is back on the bus; the axis is lost with it."""
+        self.ring.clear()
+        self.closed = True
+        self.update_register()
+        self.lose_clients()
+        self.communication_error()
+
     def told_bus(self, state):
         before, self.bus = self.bus, state
         if state == before:
             return
         if state == 2:
-            self.ring.clear()
-            self.closed = True
-            self.update_register()
-            self.lose_clients()
-            self.communication_error()
+            self.leave_bus()
             self.report_drive(True)
             return
         if before == 2:
-            self.closed = False
+            self.closed = bool(self.silence_ticks)
             self.emergency(0x8140)
         self.emergency(0x8120 if state == 1 else 0)
 
@@ -1159,6 +1271,7 @@ def check(log, node):
                 node.refused, node.fed = a & 15, a & 16 != 0
             elif kind == DRIVE:
                 node.moves, node.stopped_by, node.unsupervised = bool(a & 1), b, bool(a & 2)
+                node.changed = bool(a & 4)
             elif kind == RECORDING:
                 node.recording = c
             elif kind == REPLACED:

@@ -174,7 +174,7 @@ def test_the_recording_comes_in_one_piece(node):
 
 
 def record_everything(node):
-    """A finished recording that fills the recorder, 12 KiB."""
+    """A finished recording that of 12 KiB."""
     node.sdo[0x2100][1].raw = 0x201F00
     node.sdo[0x2106].raw = 3072
     node.sdo[0x2107].raw = 1

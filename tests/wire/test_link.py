@@ -640,6 +640,12 @@ def test_two_nodes_of_a_run_have_serial_numbers_of_their_own(tmp_path):
     assert first == identities(tmp_path), "the same ones in every run"
     given = identities(tmp_path, "--node-id", "126", "--serial", "4000000000")
     assert given == [(126, 4_000_000_000), (127, 4_000_000_001)]
+    by_lss = identities(tmp_path, "--node-id", "255")
+    assert by_lss == [(255, serial) for _, serial in first]
+    replay = subprocess.run(
+        [FORCEAXIS, "replay", tmp_path / "axis.journal.2"], capture_output=True, check=False
+    )
+    assert replay.returncode == 0
 
 
 @pytest.mark.parametrize(

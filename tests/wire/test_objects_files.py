@@ -149,7 +149,7 @@ def test_the_lists_of_the_data_sheet_follow_the_ranges_of_cia_301(sheet):
     assert set(sheet["DummyUsage"].values()) == {"1"}
     info = sheet["DeviceInfo"]
     assert (info["NrOfRXPDO"], info["NrOfTXPDO"]) == ("4", "4")
-    assert info["BaudRate_1000"] == "1" and info["LSS_Supported"] == "0"
+    assert info["BaudRate_1000"] == "1" and info["LSS_Supported"] == "1"
     assert int(info["ProductNumber"], 0) == default_of(*AT[0x1018, 2][1:])
     assert sheet["Comments"]["Line3"] == f"SHA-256 {table_hash()}"
 

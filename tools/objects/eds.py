@@ -54,7 +54,7 @@ def device_info(found):
     yield "GroupMessaging", 0
     yield "NrOfRXPDO", count(0x1400)
     yield "NrOfTXPDO", count(0x1800)
-    yield "LSS_Supported", 0
+    yield "LSS_Supported", 1
 
 
 def literal(o, value):

@@ -192,142 +192,151 @@ enum {
   AXIS_OBJ_OVERRUNS = 182,
   AXIS_OBJ_NODE_ID = 183,
   AXIS_OBJ_STORED_NODE_ID = 184,
-  AXIS_OBJ_CAN_LOST = 185,
-  AXIS_OBJ_DEVICE_TYPE = 186,
-  AXIS_OBJ_ERROR_REGISTER = 187,
-  AXIS_OBJ_ERROR_HISTORY_COUNT = 188,
-  AXIS_OBJ_ERROR_HISTORY_1 = 189,
-  AXIS_OBJ_ERROR_HISTORY_2 = 190,
-  AXIS_OBJ_ERROR_HISTORY_3 = 191,
-  AXIS_OBJ_ERROR_HISTORY_4 = 192,
-  AXIS_OBJ_ERROR_HISTORY_5 = 193,
-  AXIS_OBJ_ERROR_HISTORY_6 = 194,
-  AXIS_OBJ_ERROR_HISTORY_7 = 195,
-  AXIS_OBJ_ERROR_HISTORY_8 = 196,
-  AXIS_OBJ_SYNC_COB_ID = 197,
-  AXIS_OBJ_STORE_ALL = 198,
-  AXIS_OBJ_RESTORE_ALL = 199,
-  AXIS_OBJ_EMCY_COB_ID = 200,
-  AXIS_OBJ_EMCY_INHIBIT_TIME = 201,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 202,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 203,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 204,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 205,
-  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 206,
-  AXIS_OBJ_VENDOR_ID = 207,
-  AXIS_OBJ_PRODUCT_CODE = 208,
-  AXIS_OBJ_REVISION_NUMBER = 209,
-  AXIS_OBJ_SERIAL_NUMBER = 210,
-  AXIS_OBJ_ERROR_BEHAVIOUR = 211,
-  AXIS_OBJ_SDO_SERVER_RECEIVE = 212,
-  AXIS_OBJ_SDO_SERVER_TRANSMIT = 213,
-  AXIS_OBJ_SDO_MODBUS_RECEIVE = 214,
-  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 215,
-  AXIS_OBJ_SDO_LCM_RECEIVE = 216,
-  AXIS_OBJ_SDO_LCM_TRANSMIT = 217,
-  AXIS_OBJ_RPDO_COB_ID_1 = 218,
-  AXIS_OBJ_RPDO_COB_ID_2 = 219,
-  AXIS_OBJ_RPDO_COB_ID_3 = 220,
-  AXIS_OBJ_RPDO_COB_ID_4 = 221,
-  AXIS_OBJ_RPDO_TRANSMISSION_1 = 222,
-  AXIS_OBJ_RPDO_TRANSMISSION_2 = 223,
-  AXIS_OBJ_RPDO_TRANSMISSION_3 = 224,
-  AXIS_OBJ_RPDO_TRANSMISSION_4 = 225,
-  AXIS_OBJ_RPDO_TIMEOUT_1 = 226,
-  AXIS_OBJ_RPDO_TIMEOUT_2 = 227,
-  AXIS_OBJ_RPDO_TIMEOUT_3 = 228,
-  AXIS_OBJ_RPDO_TIMEOUT_4 = 229,
-  AXIS_OBJ_RPDO_MAPPED_1 = 230,
-  AXIS_OBJ_RPDO_MAPPED_2 = 231,
-  AXIS_OBJ_RPDO_MAPPED_3 = 232,
-  AXIS_OBJ_RPDO_MAPPED_4 = 233,
-  AXIS_OBJ_RPDO_MAPPING_1 = 234,
-  AXIS_OBJ_RPDO_MAPPING_2 = 235,
-  AXIS_OBJ_RPDO_MAPPING_3 = 236,
-  AXIS_OBJ_RPDO_MAPPING_4 = 237,
-  AXIS_OBJ_RPDO_MAPPING_5 = 238,
-  AXIS_OBJ_RPDO_MAPPING_6 = 239,
-  AXIS_OBJ_RPDO_MAPPING_7 = 240,
-  AXIS_OBJ_RPDO_MAPPING_8 = 241,
-  AXIS_OBJ_RPDO_MAPPING_9 = 242,
-  AXIS_OBJ_RPDO_MAPPING_10 = 243,
-  AXIS_OBJ_RPDO_MAPPING_11 = 244,
-  AXIS_OBJ_RPDO_MAPPING_12 = 245,
-  AXIS_OBJ_RPDO_MAPPING_13 = 246,
-  AXIS_OBJ_RPDO_MAPPING_14 = 247,
-  AXIS_OBJ_RPDO_MAPPING_15 = 248,
-  AXIS_OBJ_RPDO_MAPPING_16 = 249,
-  AXIS_OBJ_RPDO_MAPPING_17 = 250,
-  AXIS_OBJ_RPDO_MAPPING_18 = 251,
-  AXIS_OBJ_RPDO_MAPPING_19 = 252,
-  AXIS_OBJ_RPDO_MAPPING_20 = 253,
-  AXIS_OBJ_RPDO_MAPPING_21 = 254,
-  AXIS_OBJ_RPDO_MAPPING_22 = 255,
-  AXIS_OBJ_RPDO_MAPPING_23 = 256,
-  AXIS_OBJ_RPDO_MAPPING_24 = 257,
-  AXIS_OBJ_RPDO_MAPPING_25 = 258,
-  AXIS_OBJ_RPDO_MAPPING_26 = 259,
-  AXIS_OBJ_RPDO_MAPPING_27 = 260,
-  AXIS_OBJ_RPDO_MAPPING_28 = 261,
-  AXIS_OBJ_RPDO_MAPPING_29 = 262,
-  AXIS_OBJ_RPDO_MAPPING_30 = 263,
-  AXIS_OBJ_RPDO_MAPPING_31 = 264,
-  AXIS_OBJ_RPDO_MAPPING_32 = 265,
-  AXIS_OBJ_TPDO_COB_ID_1 = 266,
-  AXIS_OBJ_TPDO_COB_ID_2 = 267,
-  AXIS_OBJ_TPDO_COB_ID_3 = 268,
-  AXIS_OBJ_TPDO_COB_ID_4 = 269,
-  AXIS_OBJ_TPDO_TRANSMISSION_1 = 270,
-  AXIS_OBJ_TPDO_TRANSMISSION_2 = 271,
-  AXIS_OBJ_TPDO_TRANSMISSION_3 = 272,
-  AXIS_OBJ_TPDO_TRANSMISSION_4 = 273,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 274,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 275,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 276,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 277,
-  AXIS_OBJ_TPDO_EVENT_TIME_1 = 278,
-  AXIS_OBJ_TPDO_EVENT_TIME_2 = 279,
-  AXIS_OBJ_TPDO_EVENT_TIME_3 = 280,
-  AXIS_OBJ_TPDO_EVENT_TIME_4 = 281,
-  AXIS_OBJ_TPDO_MAPPED_1 = 282,
-  AXIS_OBJ_TPDO_MAPPED_2 = 283,
-  AXIS_OBJ_TPDO_MAPPED_3 = 284,
-  AXIS_OBJ_TPDO_MAPPED_4 = 285,
-  AXIS_OBJ_TPDO_MAPPING_1 = 286,
-  AXIS_OBJ_TPDO_MAPPING_2 = 287,
-  AXIS_OBJ_TPDO_MAPPING_3 = 288,
-  AXIS_OBJ_TPDO_MAPPING_4 = 289,
-  AXIS_OBJ_TPDO_MAPPING_5 = 290,
-  AXIS_OBJ_TPDO_MAPPING_6 = 291,
-  AXIS_OBJ_TPDO_MAPPING_7 = 292,
-  AXIS_OBJ_TPDO_MAPPING_8 = 293,
-  AXIS_OBJ_TPDO_MAPPING_9 = 294,
-  AXIS_OBJ_TPDO_MAPPING_10 = 295,
-  AXIS_OBJ_TPDO_MAPPING_11 = 296,
-  AXIS_OBJ_TPDO_MAPPING_12 = 297,
-  AXIS_OBJ_TPDO_MAPPING_13 = 298,
-  AXIS_OBJ_TPDO_MAPPING_14 = 299,
-  AXIS_OBJ_TPDO_MAPPING_15 = 300,
-  AXIS_OBJ_TPDO_MAPPING_16 = 301,
-  AXIS_OBJ_TPDO_MAPPING_17 = 302,
-  AXIS_OBJ_TPDO_MAPPING_18 = 303,
-  AXIS_OBJ_TPDO_MAPPING_19 = 304,
-  AXIS_OBJ_TPDO_MAPPING_20 = 305,
-  AXIS_OBJ_TPDO_MAPPING_21 = 306,
-  AXIS_OBJ_TPDO_MAPPING_22 = 307,
-  AXIS_OBJ_TPDO_MAPPING_23 = 308,
-  AXIS_OBJ_TPDO_MAPPING_24 = 309,
-  AXIS_OBJ_TPDO_MAPPING_25 = 310,
-  AXIS_OBJ_TPDO_MAPPING_26 = 311,
-  AXIS_OBJ_TPDO_MAPPING_27 = 312,
-  AXIS_OBJ_TPDO_MAPPING_28 = 313,
-  AXIS_OBJ_TPDO_MAPPING_29 = 314,
-  AXIS_OBJ_TPDO_MAPPING_30 = 315,
-  AXIS_OBJ_TPDO_MAPPING_31 = 316,
-  AXIS_OBJ_TPDO_MAPPING_32 = 317,
-  AXIS_OBJ_NMT_STATE = 318,
-  AXIS_OBJ_SYNC_COUNT = 319,
-  AXIS_OBJ_COUNT = 320 /* one past the last number */
+  AXIS_OBJ_STORED_BIT_RATE = 185,
+  AXIS_OBJ_BIT_RATE = 186,
+  AXIS_OBJ_CAN_LOST = 187,
+  AXIS_OBJ_DEVICE_TYPE = 188,
+  AXIS_OBJ_ERROR_REGISTER = 189,
+  AXIS_OBJ_ERROR_HISTORY_COUNT = 190,
+  AXIS_OBJ_ERROR_HISTORY_1 = 191,
+  AXIS_OBJ_ERROR_HISTORY_2 = 192,
+  AXIS_OBJ_ERROR_HISTORY_3 = 193,
+  AXIS_OBJ_ERROR_HISTORY_4 = 194,
+  AXIS_OBJ_ERROR_HISTORY_5 = 195,
+  AXIS_OBJ_ERROR_HISTORY_6 = 196,
+  AXIS_OBJ_ERROR_HISTORY_7 = 197,
+  AXIS_OBJ_ERROR_HISTORY_8 = 198,
+  AXIS_OBJ_SYNC_COB_ID = 199,
+  AXIS_OBJ_STORE_ALL = 200,
+  AXIS_OBJ_RESTORE_ALL = 201,
+  AXIS_OBJ_EMCY_COB_ID = 202,
+  AXIS_OBJ_EMCY_INHIBIT_TIME = 203,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 204,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 205,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 206,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 207,
+  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 208,
+  AXIS_OBJ_VENDOR_ID = 209,
+  AXIS_OBJ_PRODUCT_CODE = 210,
+  AXIS_OBJ_REVISION_NUMBER = 211,
+  AXIS_OBJ_SERIAL_NUMBER = 212,
+  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 213,
+  AXIS_OBJ_CONFIGURATION_DATE = 214,
+  AXIS_OBJ_CONFIGURATION_TIME = 215,
+  AXIS_OBJ_ERROR_BEHAVIOUR = 216,
+  AXIS_OBJ_SDO_SERVER_RECEIVE = 217,
+  AXIS_OBJ_SDO_SERVER_TRANSMIT = 218,
+  AXIS_OBJ_SDO_MODBUS_RECEIVE = 219,
+  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 220,
+  AXIS_OBJ_SDO_LCM_RECEIVE = 221,
+  AXIS_OBJ_SDO_LCM_TRANSMIT = 222,
+  AXIS_OBJ_RPDO_COB_ID_1 = 223,
+  AXIS_OBJ_RPDO_COB_ID_2 = 224,
+  AXIS_OBJ_RPDO_COB_ID_3 = 225,
+  AXIS_OBJ_RPDO_COB_ID_4 = 226,
+  AXIS_OBJ_RPDO_TRANSMISSION_1 = 227,
+  AXIS_OBJ_RPDO_TRANSMISSION_2 = 228,
+  AXIS_OBJ_RPDO_TRANSMISSION_3 = 229,
+  AXIS_OBJ_RPDO_TRANSMISSION_4 = 230,
+  AXIS_OBJ_RPDO_TIMEOUT_1 = 231,
+  AXIS_OBJ_RPDO_TIMEOUT_2 = 232,
+  AXIS_OBJ_RPDO_TIMEOUT_3 = 233,
+  AXIS_OBJ_RPDO_TIMEOUT_4 = 234,
+  AXIS_OBJ_RPDO_MAPPED_1 = 235,
+  AXIS_OBJ_RPDO_MAPPED_2 = 236,
+  AXIS_OBJ_RPDO_MAPPED_3 = 237,
+  AXIS_OBJ_RPDO_MAPPED_4 = 238,
+  AXIS_OBJ_RPDO_MAPPING_1 = 239,
+  AXIS_OBJ_RPDO_MAPPING_2 = 240,
+  AXIS_OBJ_RPDO_MAPPING_3 = 241,
+  AXIS_OBJ_RPDO_MAPPING_4 = 242,
+  AXIS_OBJ_RPDO_MAPPING_5 = 243,
+  AXIS_OBJ_RPDO_MAPPING_6 = 244,
+  AXIS_OBJ_RPDO_MAPPING_7 = 245,
+  AXIS_OBJ_RPDO_MAPPING_8 = 246,
+  AXIS_OBJ_RPDO_MAPPING_9 = 247,
+  AXIS_OBJ_RPDO_MAPPING_10 = 248,
+  AXIS_OBJ_RPDO_MAPPING_11 = 249,
+  AXIS_OBJ_RPDO_MAPPING_12 = 250,
+  AXIS_OBJ_RPDO_MAPPING_13 = 251,
+  AXIS_OBJ_RPDO_MAPPING_14 = 252,
+  AXIS_OBJ_RPDO_MAPPING_15 = 253,
+  AXIS_OBJ_RPDO_MAPPING_16 = 254,
+  AXIS_OBJ_RPDO_MAPPING_17 = 255,
+  AXIS_OBJ_RPDO_MAPPING_18 = 256,
+  AXIS_OBJ_RPDO_MAPPING_19 = 257,
+  AXIS_OBJ_RPDO_MAPPING_20 = 258,
+  AXIS_OBJ_RPDO_MAPPING_21 = 259,
+  AXIS_OBJ_RPDO_MAPPING_22 = 260,
+  AXIS_OBJ_RPDO_MAPPING_23 = 261,
+  AXIS_OBJ_RPDO_MAPPING_24 = 262,
+  AXIS_OBJ_RPDO_MAPPING_25 = 263,
+  AXIS_OBJ_RPDO_MAPPING_26 = 264,
+  AXIS_OBJ_RPDO_MAPPING_27 = 265,
+  AXIS_OBJ_RPDO_MAPPING_28 = 266,
+  AXIS_OBJ_RPDO_MAPPING_29 = 267,
+  AXIS_OBJ_RPDO_MAPPING_30 = 268,
+  AXIS_OBJ_RPDO_MAPPING_31 = 269,
+  AXIS_OBJ_RPDO_MAPPING_32 = 270,
+  AXIS_OBJ_TPDO_COB_ID_1 = 271,
+  AXIS_OBJ_TPDO_COB_ID_2 = 272,
+  AXIS_OBJ_TPDO_COB_ID_3 = 273,
+  AXIS_OBJ_TPDO_COB_ID_4 = 274,
+  AXIS_OBJ_TPDO_TRANSMISSION_1 = 275,
+  AXIS_OBJ_TPDO_TRANSMISSION_2 = 276,
+  AXIS_OBJ_TPDO_TRANSMISSION_3 = 277,
+  AXIS_OBJ_TPDO_TRANSMISSION_4 = 278,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 279,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 280,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 281,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 282,
+  AXIS_OBJ_TPDO_EVENT_TIME_1 = 283,
+  AXIS_OBJ_TPDO_EVENT_TIME_2 = 284,
+  AXIS_OBJ_TPDO_EVENT_TIME_3 = 285,
+  AXIS_OBJ_TPDO_EVENT_TIME_4 = 286,
+  AXIS_OBJ_TPDO_SYNC_START_1 = 287,
+  AXIS_OBJ_TPDO_SYNC_START_2 = 288,
+  AXIS_OBJ_TPDO_SYNC_START_3 = 289,
+  AXIS_OBJ_TPDO_SYNC_START_4 = 290,
+  AXIS_OBJ_TPDO_MAPPED_1 = 291,
+  AXIS_OBJ_TPDO_MAPPED_2 = 292,
+  AXIS_OBJ_TPDO_MAPPED_3 = 293,
+  AXIS_OBJ_TPDO_MAPPED_4 = 294,
+  AXIS_OBJ_TPDO_MAPPING_1 = 295,
+  AXIS_OBJ_TPDO_MAPPING_2 = 296,
+  AXIS_OBJ_TPDO_MAPPING_3 = 297,
+  AXIS_OBJ_TPDO_MAPPING_4 = 298,
+  AXIS_OBJ_TPDO_MAPPING_5 = 299,
+  AXIS_OBJ_TPDO_MAPPING_6 = 300,
+  AXIS_OBJ_TPDO_MAPPING_7 = 301,
+  AXIS_OBJ_TPDO_MAPPING_8 = 302,
+  AXIS_OBJ_TPDO_MAPPING_9 = 303,
+  AXIS_OBJ_TPDO_MAPPING_10 = 304,
+  AXIS_OBJ_TPDO_MAPPING_11 = 305,
+  AXIS_OBJ_TPDO_MAPPING_12 = 306,
+  AXIS_OBJ_TPDO_MAPPING_13 = 307,
+  AXIS_OBJ_TPDO_MAPPING_14 = 308,
+  AXIS_OBJ_TPDO_MAPPING_15 = 309,
+  AXIS_OBJ_TPDO_MAPPING_16 = 310,
+  AXIS_OBJ_TPDO_MAPPING_17 = 311,
+  AXIS_OBJ_TPDO_MAPPING_18 = 312,
+  AXIS_OBJ_TPDO_MAPPING_19 = 313,
+  AXIS_OBJ_TPDO_MAPPING_20 = 314,
+  AXIS_OBJ_TPDO_MAPPING_21 = 315,
+  AXIS_OBJ_TPDO_MAPPING_22 = 316,
+  AXIS_OBJ_TPDO_MAPPING_23 = 317,
+  AXIS_OBJ_TPDO_MAPPING_24 = 318,
+  AXIS_OBJ_TPDO_MAPPING_25 = 319,
+  AXIS_OBJ_TPDO_MAPPING_26 = 320,
+  AXIS_OBJ_TPDO_MAPPING_27 = 321,
+  AXIS_OBJ_TPDO_MAPPING_28 = 322,
+  AXIS_OBJ_TPDO_MAPPING_29 = 323,
+  AXIS_OBJ_TPDO_MAPPING_30 = 324,
+  AXIS_OBJ_TPDO_MAPPING_31 = 325,
+  AXIS_OBJ_TPDO_MAPPING_32 = 326,
+  AXIS_OBJ_NMT_STATE = 327,
+  AXIS_OBJ_SYNC_COUNT = 328,
+  AXIS_OBJ_COUNT = 329 /* one past the last number */
 };
 
 enum {
@@ -541,6 +550,11 @@ enum {
 };
 
 enum {
+  AXIS_STORED_NODE_ID_NONE = 0,
+  AXIS_STORED_NODE_ID_UNCONFIGURED = 255
+};
+
+enum {
   AXIS_NMT_STATE_INITIALISING = 0,
   AXIS_NMT_STATE_STOPPED = 4,
   AXIS_NMT_STATE_OPERATIONAL = 5,
@@ -745,6 +759,8 @@ typedef struct {
   uint32_t sync_cob_id; /* COB-ID of SYNC; the axis consumes it [1] */
   uint32_t emcy_cob_id; /* COB-ID of EMCY; bit 31: off [1] */
   uint32_t consumer_heartbeat[4]; /* a node whose heartbeat is watched: id in bits 16 to 22, time in ms in bits 0 to 15 [1] */
+  uint32_t configuration_date; /* of the verified configuration, days since 1984-01-01; 0 after a stored parameter was changed [1] */
+  uint32_t configuration_time; /* of the verified configuration, ms since midnight; 0 after a stored parameter was changed [1] */
   uint32_t sdo_modbus_receive; /* COB-ID of requests, from a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_modbus_transmit; /* COB-ID of answers, to a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_lcm_receive; /* COB-ID of requests, from a gateway for its LCM clients; bit 31: not valid [1] */
@@ -759,10 +775,12 @@ typedef struct {
   uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100 us] */
   uint16_t tpdo_event_time[4]; /* longest time from one to the next; 0 means none [ms] */
   uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
+  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC, 2 to 240; 0: SYNC has no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
   uint8_t rpdo_transmission[4]; /* 0 to 240: taken over at the next SYNC, 254 and 255 at once [1] */
   uint8_t rpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
   uint8_t tpdo_transmission[4]; /* 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 on change and by the event timer [1] */
+  uint8_t tpdo_sync_start[4]; /* counter of the SYNC that counts as the first; 0: any; without effect while SYNC has no counter [1] */
   uint8_t tpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
 } canopen_params_t;
 
@@ -782,10 +800,11 @@ typedef struct {
 
 typedef struct {
   uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
+  uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port supports [kbit/s] */
   uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
   uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id after the next reset of the node, where the board's straps select none; 0 means 1 [1] */
+  uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, where the board's straps select none [1] */
 } device_params_t;
 
 typedef struct {
@@ -793,16 +812,17 @@ typedef struct {
   uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
   uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
   uint16_t overruns; /* ticks that came too late [1] */
+  uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
-  uint8_t node_id; /* CANopen node id and Modbus unit id [1] */
+  uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x3f730668)
-#define AXIS_OBJECTS_HASH_TEXT "3f730668"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x84dfe0a8)
+#define AXIS_OBJECTS_HASH_TEXT "84dfe0a8"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
@@ -874,10 +894,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 185,
-  AXIS_ADDRESSES_COUNT = 351,
-  AXIS_HOLDING_COUNT = 102,
-  AXIS_INPUT_COUNT = 57
+  AXIS_STORED_COUNT = 193,
+  AXIS_ADDRESSES_COUNT = 361,
+  AXIS_HOLDING_COUNT = 103,
+  AXIS_INPUT_COUNT = 58
 };
 
 /* By index, then sub-index. */

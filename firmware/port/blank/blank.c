@@ -54,6 +54,8 @@ uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 
 uint16_t port_can_lost(void) { return 0; }
 
+void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
+
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
   (void)bytes;
   (void)room;

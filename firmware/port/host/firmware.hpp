@@ -11,6 +11,7 @@ extern "C" {
 #include "firmware/app/fw.h"
 #include "firmware/app/store.h"
 #include "firmware/canopen/can.h"
+#include "firmware/canopen/lss.h"
 #include "firmware/canopen/node.h"
 #include "firmware/core/axis.h"
 #include "firmware/core/faults.h"

@@ -21,7 +21,8 @@ const fw_config_t *port_config(void) {
   config.hardware = "stm32f446";
   config.software = identity_software;
   config.serial_number = io_serial_number();
-  config.node_id = io_node_id();
+  config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();
+  config.bit_rates = CAN_RATES;
   config.buses = 1;
   config.watchdog_fired = watchdog_fired() ? 1 : 0;
   return &config;

@@ -53,7 +53,8 @@ void adc_init(void);
 void adc_start(void);
 bool adc_read(uint16_t codes[2]); /* 12 bits */
 
-/* can.c */
+/* can.c. Its bit rates for fw_config_t: of 800 kbit/s, place 1, the clock is no multiple. */
+#define CAN_RATES (BIT(0) | BIT(2) | BIT(3) | BIT(4) | BIT(6) | BIT(7) | BIT(8))
 void can_init(bool clock_is_right);
 
 /* The vectors' handlers: can.c and serial.c; the tick's is in tick.h. */
@@ -74,7 +75,7 @@ bool watchdog_fired(void); /* it has reset the chip; true once */
 void io_init(void); /* safe outputs, clock, all but the serial line */
 bool io_clock_is_right(void);
 void io_make_safe(void);  /* outputs off, in any state of the chip */
-uint8_t io_node_id(void); /* 0 counts as 1 */
+uint8_t io_node_id(void); /* 0: none */
 uint32_t io_serial_number(void);
 
 /* startup.c: outputs off and reset, when the program cannot continue. */

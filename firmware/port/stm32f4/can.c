@@ -11,10 +11,11 @@ enum { RING = 32 };
  * in after a second, 1500 ticks, begins again. */
 enum { PATIENCE_TICKS = 1500 };
 
-/* 42 MHz / 3 = 14 quanta a bit, sampled after 11 of them, 79 %. Three quanta behind that, all of
- * them to resynchronise with, are what lets the rates of two nodes differ by 1.7 %, so that the
- * internal oscillator's 1 % is allowed beside nodes with crystals. */
-#define BIT_TIMING (CAN_BTR_BRP_3 | CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
+/* 14 quanta a bit, sampled after 11 of them, 79 %; at 1000 kbit/s a quantum is 42 MHz / 3. Three
+ * quanta behind that, all of them to resynchronise with, are what lets the rates of two nodes
+ * differ by 1.7 %, so that the internal oscillator's 1 % is allowed beside nodes with crystals. */
+#define QUANTA 14u
+#define BIT_TIMING (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
 /* Frames leave in the order they came; a full FIFO keeps what it has; retries, no automatic return
  * from bus off, awake. */
@@ -28,6 +29,7 @@ static uint16_t dropped_reported;
 
 static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
 static uint16_t waited_ticks;
+static uint32_t prescaler = CLOCK_APB1_HZ / (QUANTA * 1000000u);
 static uint8_t reported;
 
 static void enter_initialisation(void) {
@@ -39,7 +41,7 @@ static void enter_initialisation(void) {
 /* Bit timing can be written in initialisation only. One filter: every frame without the bit of an
  * extended identifier, into FIFO 0. */
 static void configure_and_join(void) {
-  CAN1->BTR = BIT_TIMING;
+  CAN1->BTR = BIT_TIMING | CAN_BTR_BRP(prescaler);
   CAN1->FMR |= CAN_FMR_FINIT;
   CAN1->FA1R = 0;
   CAN1->FM1R = 0;
@@ -106,6 +108,16 @@ uint8_t port_can_bus(void) {
     enter_initialisation();
   }
   return reported;
+}
+
+void port_can_rate(uint16_t kbit_s) {
+  const uint32_t wanted = CLOCK_APB1_HZ / (QUANTA * 1000u * kbit_s);
+  if (state == STOPPED || wanted == prescaler) {
+    return;
+  }
+  prescaler = wanted;
+  CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
+  enter_initialisation();
 }
 
 uint16_t port_can_lost(void) {

@@ -285,7 +285,7 @@ typedef struct {
 #define CAN_IER_FMPIE0 BIT(1)
 #define CAN_ESR_EPVF BIT(1)
 #define CAN_ESR_BOFF BIT(2)
-#define CAN_BTR_BRP_3 FIELD(0, 10, 2)
+#define CAN_BTR_BRP(divider) FIELD(0, 10, (divider)-1)
 #define CAN_BTR_TS1_10 FIELD(16, 4, 9)
 #define CAN_BTR_TS2_3 FIELD(20, 3, 2)
 #define CAN_BTR_SJW_3 FIELD(24, 2, 2)

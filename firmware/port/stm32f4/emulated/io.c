@@ -165,6 +165,8 @@ uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 
 uint16_t port_can_lost(void) { return 0; }
 
+void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
+
 /* The emulated USART requests an interrupt when a byte is received, but not when one may be sent.
  * With a host there is no wfi, because QEMU, which counts instructions then, doubles the period of
  * every timer by it; and no further round of the main loop, whose register accesses are slow. */

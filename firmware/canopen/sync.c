@@ -1,0 +1,31 @@
+#include "firmware/canopen/sync.h"
+
+#include "firmware/canopen/cob_id.h"
+#include "firmware/canopen/emcy.h"
+#include "firmware/canopen/pdo.h"
+#include "firmware/fx/bytes.h"
+
+void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
+  const bool has_counter = canopen->params.sync_counter_overflow != 0;
+  if (frame->length != (has_counter ? 1 : 0)) {
+    if (canopen->sync_reported == 0) {
+      canopen->sync_reported = 1;
+      emcy_raise(canopen, AXIS_ERROR_CODE_SYNC_LENGTH, frame->length);
+    }
+    return;
+  }
+  canopen->sync_reported = 0;
+  canopen->signals.sync_count = (uint16_t)(canopen->signals.sync_count + 1);
+  if (canopen->signals.nmt_state == AXIS_NMT_STATE_OPERATIONAL) {
+    pdo_sync(canopen, objects, has_counter ? frame->data[0] : 0);
+  }
+}
+
+/* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
+int sync_check_cob_id(uint32_t wanted) {
+  const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
+  return fits ? FW_OK : FW_ERROR_RANGE;
+}
+
+/* A counter that is always 1 counts nothing. */
+int sync_check_overflow(uint32_t wanted) { return (wanted == 1) ? FW_ERROR_RANGE : FW_OK; }
