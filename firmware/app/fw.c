@@ -34,6 +34,9 @@ static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t obje
       (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
     return FW_ERROR_STATE;
   }
+  if (object == AXIS_OBJ_ADC_BITS && !law_banks_fit(&fw->banks, (uint8_t)value)) {
+    return FW_ERROR_RANGE;
+  }
   return axis_check(&fw->axis, object, value);
 }
 
@@ -41,6 +44,9 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
                          int32_t value) {
   fw_t *fw = fw_of(objects);
   axis_parameter_written(&fw->axis, object, previous, value);
+  if (object == AXIS_OBJ_ADC_BITS) {
+    (void)law_banks_loaded(&fw->banks, &fw->axis);
+  }
   if (object == AXIS_OBJ_MODE) {
     if (value == AXIS_MODE_DISABLED) {
       ownership_disabled(fw, source);
@@ -76,11 +82,26 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
 }
 
+static int check_law(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  (void)source;
+  return law_banks_check(&fw_of_const(objects)->banks, object, value);
+}
+
+static void law_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                        int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  (void)previous;
+  (void)value;
+  law_banks_written(&fw->banks, &fw->axis, object);
+}
+
 /* Objects that a firmware on no bus serves without its drive. */
 static bool in_axis_or_recorder(uint16_t object) {
   const uint8_t block = axis_objects[object].block;
   return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
          block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
+         block == AXIS_BLOCK_LAW_PARAMETER || block == AXIS_BLOCK_LAW_SIGNAL ||
          block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
 }
 
@@ -191,6 +212,8 @@ static const dictionary_owner_t owner = {
         {
             [AXIS_BLOCK_AXIS_PARAMETER] = {offsetof(fw_t, axis.params), check_axis, axis_written},
             [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
+            [AXIS_BLOCK_LAW_PARAMETER] = {offsetof(fw_t, banks.params), check_law, law_written},
+            [AXIS_BLOCK_LAW_SIGNAL] = {offsetof(fw_t, banks.signals), NULL, NULL},
             [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), check_recorder,
                                                NULL},
             [AXIS_BLOCK_RECORDER_SIGNAL] = {offsetof(fw_t, recorder.signals), NULL, NULL},
@@ -232,6 +255,7 @@ static void assume_stored_node_id(fw_t *fw) {
  * replaces the defaults. */
 static void power_up(fw_t *fw) {
   axis_init(&fw->axis);
+  law_banks_init(&fw->banks);
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
   assume_node_id(fw, (fw->config.node_id == 0) ? 1 : fw->config.node_id);
@@ -246,6 +270,7 @@ static void power_up(fw_t *fw) {
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   assume_stored_node_id(fw);
+  (void)law_banks_loaded(&fw->banks, &fw->axis);
   fw->device_signals.store_change_count = fw->store.change_count;
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
     fw->device_signals.store_change[i] = fw->store.changes[i];

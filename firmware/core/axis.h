@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 #include "firmware/core/excitation.h"
+#include "firmware/core/force_law.h"
 #include "firmware/core/profile.h"
 #include "firmware/objects/generated/axis_objects.h"
 
@@ -43,12 +44,13 @@ typedef struct {
   uint8_t brake_release; /* 1 only with the amplifier on */
 } axis_outputs_t;
 
-/* At most 512 bytes with parameters. Copying it copies the axis. */
+/* At most 1 KiB with parameters. Copying it copies the axis. */
 typedef struct {
   axis_params_t params;
   axis_signals_t signals;
   profile_t profile;
   excitation_t excitation;
+  force_law_t law;
   uint8_t primed;       /* signals.position is the count of the last tick */
   uint8_t rebase;       /* the next code continues from the one put out before it */
   uint8_t bias_shift;   /* bump_decay_shift at the change that set signals.bump_bias */
@@ -90,6 +92,11 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 /* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
+
+/* Puts a bank (1..4, law_bank.h) of the general force law in force, or 0: force_gain alone. Taken
+ * over without a bump in force mode, as another gain is; the integral is continued if the new law
+ * has one. */
+void axis_select_bank(axis_t *axis, uint8_t number, const force_bank_t *bank);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
  * disabled in the next tick. */

@@ -127,7 +127,7 @@ void force_impedance(cia402_t *drive, axis_t *axis) {
   }
 }
 
-bool force_target_reached(const cia402_t *drive) {
+bool force_target_reached(const cia402_t *drive, const axis_t *axis) {
   const drive_params_t *params = &drive->params;
   const int32_t limit = params->force_limit;
   const int32_t wanted =
@@ -137,5 +137,5 @@ bool force_target_reached(const cia402_t *drive) {
   }
   const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
   return drive->force_demand_q16 == fx_scale(wanted, 16) &&
-         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), params->contact_force);
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), axis->params.contact_force);
 }
