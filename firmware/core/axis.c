@@ -180,7 +180,8 @@ void axis_init(axis_t *axis) {
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
-  axis->law = (force_law_t){0};
+  axis->law.selected = 0;
+  axis->law.bank.integral_q26 = 0;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;
@@ -225,9 +226,8 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   }
 }
 
-void axis_select_bank(axis_t *axis, uint8_t number, const force_bank_t *bank) {
+void axis_bank_selected(axis_t *axis, uint8_t number) {
   axis->law.selected = number;
-  axis->law.bank = *bank;
   axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
 }
 

@@ -93,10 +93,10 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* Puts a bank (1..4, law_bank.h) of the general force law in force, or 0: force_gain alone. Taken
- * over without a bump in force mode, as another gain is; the integral is continued if the new law
+/* axis->law.bank now is that of `number` (1..4, law_bank.h), or force_gain alone is the law (0).
+ * Taken over without a bump in force mode, as another gain is; the integral goes on if the new law
  * has one. */
-void axis_select_bank(axis_t *axis, uint8_t number, const force_bank_t *bank);
+void axis_bank_selected(axis_t *axis, uint8_t number);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
  * disabled in the next tick. */

@@ -90,19 +90,6 @@ uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bit
   return is_too_steep(params, bank, adc_bits) ? AXIS_BANK_STATE_HF_GAIN : AXIS_BANK_STATE_VALID;
 }
 
-static force_bank_t law_of(const law_params_t *params, uint8_t bank) {
-  force_bank_t loaded = {.integral_q26 = params->bank_integral[bank],
-                         .gain_q8 = params->bank_gain[bank],
-                         .velocity_gain_q8 = params->bank_velocity_gain[bank],
-                         .sections = params->bank_sections[bank]};
-  for (uint8_t i = 0; i < FORCE_LAW_SECTIONS; i++) {
-    for (uint8_t k = 0; k < FORCE_LAW_COEFFICIENTS; k++) {
-      loaded.coefficient_q26[i][k] = coefficients_of(params, bank)[i * FORCE_LAW_COEFFICIENTS + k];
-    }
-  }
-  return loaded;
-}
-
 /* The bank (0..3) that an object (AXIS_OBJ_BANK_) is of, or -1. */
 static int bank_of(uint16_t object) {
   static const uint16_t first[] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
@@ -136,12 +123,30 @@ bool law_banks_fit(const law_banks_t *banks, uint8_t adc_bits) {
          law_bank_state(&banks->params, (uint8_t)(selected - 1), adc_bits) == AXIS_BANK_STATE_VALID;
 }
 
+/* Value by value: a copy of the structure would be a call of the library. */
 static void put_in_force(const law_banks_t *banks, axis_t *axis, bool valid) {
-  const uint8_t selected = banks->params.force_bank;
-  const force_bank_t law = (selected == 0 || !valid)
-                               ? (force_bank_t){0}
-                               : law_of(&banks->params, (uint8_t)(selected - 1));
-  axis_select_bank(axis, selected, &law);
+  const law_params_t *params = &banks->params;
+  const uint8_t number = params->force_bank;
+  const uint8_t bank = (uint8_t)(number - 1);
+  force_bank_t *law = &axis->law.bank;
+  if (number == 0 || !valid) {
+    law->sections = 0;
+    law->gain_q8 = 0;
+    law->velocity_gain_q8 = 0;
+    law->integral_q26 = 0;
+  } else {
+    law->sections = params->bank_sections[bank];
+    law->gain_q8 = params->bank_gain[bank];
+    law->velocity_gain_q8 = params->bank_velocity_gain[bank];
+    law->integral_q26 = params->bank_integral[bank];
+    const int32_t *from = coefficients_of(params, bank);
+    for (uint8_t i = 0; i < FORCE_LAW_SECTIONS; i++) {
+      for (uint8_t k = 0; k < FORCE_LAW_COEFFICIENTS; k++) {
+        law->coefficient_q26[i][k] = *from++;
+      }
+    }
+  }
+  axis_bank_selected(axis, number);
 }
 
 void law_banks_written(law_banks_t *banks, axis_t *axis, uint16_t object) {
