@@ -64,14 +64,15 @@ static int32_t evaluate_bank(axis_t *axis) {
   const bool entered = axis->signals.active_mode != AXIS_MODE_FORCE;
   const int32_t error_q8 = axis->params.force_setpoint - axis->signals.force;
   if (entered || axis->law.bank.integral_q26 == 0) {
-    axis->law.integral_q42 = 0;
+    axis->law.integral_q16 = 0;
+    axis->law.integral_remainder_q26 = 0;
   }
   if (entered || axis->rebase != 0) {
     force_law_start(&axis->law, error_q8);
   }
   const int32_t code_q16 =
       force_law_step(&axis->law, error_q8, axis->signals.velocity, integral_gate(axis));
-  axis->signals.force_integral = force_law_integral_q16(&axis->law);
+  axis->signals.force_integral = axis->law.integral_q16;
   return code_q16;
 }
 

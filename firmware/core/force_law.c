@@ -4,6 +4,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
+#define ONE_Q26 INT32_C(67108864)
 #define SIGNAL_MAX_Q16 INT32_C(1073741824) /* 2^14 counts, or codes */
 
 /* Errors as the sections take them, 1/65536 count. */
@@ -34,10 +35,6 @@ void force_law_start(force_law_t *law, int32_t error_q8) {
   }
 }
 
-int32_t force_law_integral_q16(const force_law_t *law) {
-  return fx_saturate(fx_floor_shift_wide(law->integral_q42, 26), INT32_MIN, INT32_MAX);
-}
-
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
                        force_law_gate_t gate) {
   const force_bank_t *bank = &law->bank;
@@ -48,11 +45,14 @@ int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
   const int32_t proportional_q16 = fx_saturate(fx_floor_shift_wide(fx_mul(bank->gain_q8, y), 8),
                                                -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
   if ((proportional_q16 > 0) ? gate.up : gate.down) {
-    const int64_t limit_q42 = (int64_t)LAW_MAX_Q16 * 67108864;
-    law->integral_q42 = fx_clamp_wide(
-        law->integral_q42 + (int64_t)bank->integral_q26 * proportional_q16, -limit_q42, limit_q42);
+    const int64_t sum_q42 = (int64_t)law->integral_q16 * ONE_Q26 + law->integral_remainder_q26 +
+                            (int64_t)bank->integral_q26 * proportional_q16;
+    const int64_t floor_q16 = fx_floor_shift_wide(sum_q42, 26);
+    law->integral_q16 = fx_saturate(floor_q16, LAW_MIN_Q16, LAW_MAX_Q16);
+    law->integral_remainder_q26 =
+        (law->integral_q16 == floor_q16) ? fx_field((uint32_t)sum_q42, 0, 26) : 0;
   }
   const int64_t damping_q16 = fx_mul(bank->velocity_gain_q8, velocity_cnt) * 256;
-  return fx_saturate((int64_t)proportional_q16 + force_law_integral_q16(law) - damping_q16,
-                     LAW_MIN_Q16, LAW_MAX_Q16);
+  return fx_saturate((int64_t)proportional_q16 + law->integral_q16 - damping_q16, LAW_MIN_Q16,
+                     LAW_MAX_Q16);
 }

@@ -35,8 +35,9 @@ typedef struct {
 typedef struct {
   force_bank_t bank;
   force_section_t sections[FORCE_LAW_SECTIONS];
-  int64_t integral_q42; /* code */
-  uint8_t selected;     /* number of the bank, 0: law_force() with force_gain */
+  int32_t integral_q16;            /* code */
+  uint32_t integral_remainder_q26; /* what its rounding dropped, in 1/65536 code */
+  uint8_t selected;                /* number of the bank, 0: law_force() with force_gain */
 } force_law_t;
 
 /* In which directions the integral may grow. */
@@ -52,8 +53,5 @@ void force_law_start(force_law_t *law, int32_t error_q8);
 /* One tick: the command in 1/65536 code, limited as those of laws.h. */
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
                        force_law_gate_t gate);
-
-/* What the integral puts out, in 1/65536 code. */
-int32_t force_law_integral_q16(const force_law_t *law);
 
 #endif

@@ -92,10 +92,11 @@ uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bit
 
 /* The bank (0..3) that an object (AXIS_OBJ_BANK_) is of, or -1. */
 static int bank_of(uint16_t object) {
-  static const uint16_t first[] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
-                                   AXIS_OBJ_BANK_VELOCITY_GAIN_1, AXIS_OBJ_BANK_INTEGRAL_1,
-                                   AXIS_OBJ_BANK_CRC_1};
-  for (uint8_t i = 0; i < sizeof(first) / sizeof(first[0]); i++) {
+  enum { SCALARS = 5 };
+  static const uint16_t first[SCALARS] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
+                                          AXIS_OBJ_BANK_VELOCITY_GAIN_1, AXIS_OBJ_BANK_INTEGRAL_1,
+                                          AXIS_OBJ_BANK_CRC_1};
+  for (uint8_t i = 0; i < SCALARS; i++) {
     if (object >= first[i] && object < first[i] + FORCE_LAW_BANKS) {
       return object - first[i];
     }

@@ -155,7 +155,7 @@ class Reference {
     }
     const double p = bank_.gain_q8 / 256.0 * y;
     if (touching && (p > 0 ? up : down)) {
-      integral_ = std::clamp(integral_ + bank_.integral_q26 / kOne * p, -2048.0, 2048.0);
+      integral_ = std::clamp(integral_ + bank_.integral_q26 / kOne * p, -2049.0, 2048.0);
     }
     return p + integral_ - bank_.velocity_gain_q8 / 256.0 * velocity;
   }
@@ -246,13 +246,13 @@ TEST_F(ForceLaw, SumsOfExtremeSectionsDoNotOverflow) {
         s = {y, s[0], out, s[2], out == floor ? sum - floor * TwoTo(26) : 0};
         y = out;
       }
-      const int64_t integral = law.integral_q42;
+      const Wide integral = law.integral_q16 * TwoTo(26) + law.integral_remainder_q26;
       const Wide p = Clamp(FloorDivide(Wide{65535} * y, 256), -kBiggest, kBiggest);
-      const Wide most = Wide{2048} * TwoTo(42);
-      const Wide grown = Clamp(integral + p * TwoTo(26), -most, most);
-      const Wide exact = p + FloorDivide(grown, TwoTo(26)) - Wide{65535} * velocity * 256;
+      const Wide grown = integral + p * TwoTo(26);
+      const Wide kept = Clamp(FloorDivide(grown, TwoTo(26)), -2049 * 65536, 2048 * 65536);
+      const Wide exact = p + kept - Wide{65535} * velocity * 256;
       const int32_t code = force_law_step(&law, error, velocity, {true, true});
-      ASSERT_EQ(static_cast<int64_t>(grown), law.integral_q42);
+      ASSERT_EQ(static_cast<int32_t>(kept), law.integral_q16);
       ASSERT_EQ(code, static_cast<int32_t>(Clamp(exact, -2049 * 65536, 2048 * 65536)));
     }
   }
