@@ -51,10 +51,25 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
 }
 
+static bool is_touching(const axis_t *axis) {
+  return !fx_within(axis->signals.force, axis->params.contact_force);
+}
+
+/* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
+static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
+  const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
+  const int32_t setpoint = axis->params.force_setpoint;
+  if (cap_q16 > LAW_MAX_Q16 - 1 || is_touching(axis)) {
+    return code_q16;
+  }
+  return fx_clamp(code_q16, (setpoint > 0) ? LAW_MIN_Q16 : -cap_q16,
+                  (setpoint < 0) ? LAW_MAX_Q16 : cap_q16);
+}
+
 /* The integral of the force law grows only in contact, and not against an active limit. */
 static force_law_gate_t integral_gate(const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
-  const bool touching = !fx_within(signals->force, axis->params.contact_force);
+  const bool touching = is_touching(axis);
   const bool limited = signals->limit_reason != AXIS_LIMIT_REASON_NONE;
   return (force_law_gate_t){.up = touching && !(limited && signals->command_code > 0),
                             .down = touching && !(limited && signals->command_code < 0)};
@@ -85,9 +100,10 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
       return law_position(params->position_gain, params->velocity_gain, signals->position_error,
                           signals->velocity);
     case AXIS_MODE_FORCE:
-      return (axis->law.selected == 0)
-                 ? law_force(params->force_gain, params->force_setpoint, signals->force)
-                 : evaluate_bank(axis);
+      return cap_pressing(
+          axis, (axis->law.selected == 0)
+                    ? law_force(params->force_gain, params->force_setpoint, signals->force)
+                    : evaluate_bank(axis));
     case AXIS_MODE_EXCITATION:
       return law_excitation(
           params->open_loop_code, params->excitation_amplitude,
@@ -183,6 +199,7 @@ void axis_init(axis_t *axis) {
   axis->excitation = (excitation_t){0};
   axis->law.selected = 0;
   axis->law.bank.integral_q26 = 0;
+  axis->press_cap_code = AXIS_PRESS_CAP_NONE;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;

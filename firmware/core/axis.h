@@ -31,6 +31,8 @@ enum {
   AXIS_DIN_INDEX = 8
 };
 
+enum { AXIS_PRESS_CAP_NONE = 2048 };
+
 typedef struct {
   int32_t encoder_cnt;  /* wraps */
   uint16_t adc_code[2]; /* [0] force, [1] motor current; unsigned, 0..2^adc_bits-1 */
@@ -51,10 +53,11 @@ typedef struct {
   profile_t profile;
   excitation_t excitation;
   force_law_t law;
-  uint8_t primed;       /* signals.position is the count of the last tick */
-  uint8_t rebase;       /* the next code continues from the one put out before it */
-  uint8_t bias_shift;   /* bump_decay_shift at the change that set signals.bump_bias */
-  uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
+  int16_t press_cap_code; /* out of contact a force law presses with at most this code */
+  uint8_t primed;         /* signals.position is the count of the last tick */
+  uint8_t rebase;         /* the next code continues from the one put out before it */
+  uint8_t bias_shift;     /* bump_decay_shift at the change that set signals.bump_bias */
+  uint8_t setpoint_new;   /* position_setpoint was written for a coming position mode */
 } axis_t;
 
 /* Power-up: disabled, code 0, no fault, parameters at their defaults. */

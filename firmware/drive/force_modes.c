@@ -33,6 +33,20 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
   motion_follow(drive, axis);
 }
 
+/* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
+ * once throws the axis against a workpiece that comes back. */
+static bool dwells_after_loss(cia402_t *drive) {
+  if (drive->signals.contact != 0) {
+    drive->dwell_remaining = fx_ticks_from_ms(drive->params.contact_loss_dwell);
+    return false;
+  }
+  if (drive->pressing == 0 || drive->dwell_remaining == 0) {
+    return false;
+  }
+  drive->dwell_remaining -= 1;
+  return true;
+}
+
 /* Force of a standard client: per mille of rated force; a profile ramps its demand. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
@@ -40,7 +54,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   int32_t target = (drive->force_written != 0 && !halted) ? drive->params.target_force : 0;
   drive->limited |= (uint8_t)!fx_within(target, limit);
   target = fx_clamp(target, -limit, limit);
-  if (drive->signals.contact == 0) {
+  const bool dwells = dwells_after_loss(drive);
+  if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
       /* Lost: brake at once, without the bias that would carry the pressing code on. */
       motion_override(drive, axis);
@@ -64,6 +79,9 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
       (cyclic && !halted) ? wanted_q16 : drive->force_demand_q16 + fx_saturate(change, -step, step);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
+  if (drive->dwell_remaining != 0) {
+    axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
+  }
 }
 
 void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, false); }

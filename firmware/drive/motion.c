@@ -10,6 +10,7 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->force_setpoint = drive->overridden.force_setpoint;
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
+    axis->press_cap_code = AXIS_PRESS_CAP_NONE;
     drive->overridden.active = 0;
   }
 }
