@@ -41,11 +41,6 @@ static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
   return (x < (int64_t)low) ? low : ((x > (int64_t)high) ? high : (int32_t)x);
 }
 
-/* A wide value limited to low..high; low <= high. Overflow: cannot. */
-static inline int64_t fx_clamp_wide(int64_t x, int64_t low, int64_t high) {
-  return (x < low) ? low : ((x > high) ? high : x);
-}
-
 /* |x| as 0..2^31, so the most negative value has a magnitude too. Overflow: cannot. */
 static inline uint32_t fx_magnitude(int32_t x) {
   return (x < 0) ? (uint32_t)0 - (uint32_t)x : (uint32_t)x;

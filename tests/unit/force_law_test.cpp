@@ -10,6 +10,7 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/axis_fixture.hpp"
 #include "tests/unit/flash.hpp"
+#include "tests/unit/store_fixture.hpp"
 #include "tests/unit/wide.hpp"
 
 namespace {
@@ -394,6 +395,50 @@ TEST_F(ForceLaw, TheIntegralWorksInContactOnlyAndNotAgainstALimit) {
   Tick();
   Set(AXIS_OBJ_MODE, AXIS_MODE_FORCE);
   EXPECT_EQ(TickForce(2), 98);  // begins without it
+}
+
+// Ticks force mode once in contact and returns the code.
+int PressOnce(fw_t &fw) {
+  fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_GAIN, 5 * 256);
+  fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SETPOINT, 30 * 256);
+  fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_FORCE);
+  const axis_inputs_t inputs{0, {20, 0}, AXIS_DIN_ENABLE, 1};
+  axis_outputs_t outputs{};
+  fw_tick(&fw, &inputs, &outputs);
+  return outputs.dac_code;
+}
+
+TEST(ForceLawStore, AStoredBankIsInForceAfterPowerUp) {
+  Flash flash;
+  Axis axis(flash.memory());
+  for (const Value &v : ValuesOf(4, {.gain = 3.0, .sections = {}})) {
+    ASSERT_EQ(axis.Write(static_cast<uint16_t>(v.object), v.raw), FW_OK);
+  }
+  ASSERT_EQ(axis.Write(AXIS_OBJ_FORCE_BANK, 4), FW_OK);
+  axis.Save();
+  Axis next(flash.memory());
+  EXPECT_EQ(next.Read(AXIS_OBJ_BANK_STATE_4), AXIS_BANK_STATE_VALID);
+  EXPECT_EQ(next.Read(AXIS_OBJ_FORCE_BANK), 4);
+  EXPECT_EQ(PressOnce(next.fw()), 30);
+}
+
+// Another law than the one that was selected would be worse than none.
+TEST(ForceLawStore, AStoredBankThatDoesNotPassPutsOutNothing) {
+  Flash flash;
+  Axis axis(flash.memory());
+  for (const Value &v : ValuesOf(1, {.gain = 3.0, .sections = {}})) {
+    ASSERT_EQ(axis.Write(static_cast<uint16_t>(v.object), v.raw), FW_OK);
+  }
+  ASSERT_EQ(axis.Write(AXIS_OBJ_FORCE_BANK, 1), FW_OK);
+  axis.fw().banks.params.bank_gain[0] ^= 1;  // a bit that fell over
+  axis.Save();
+  Axis next(flash.memory());
+  EXPECT_EQ(next.Read(AXIS_OBJ_BANK_STATE_1), AXIS_BANK_STATE_WRONG_CRC);
+  EXPECT_EQ(next.Read(AXIS_OBJ_FORCE_BANK), 1);
+  EXPECT_EQ(PressOnce(next.fw()), 0);
+  ASSERT_EQ(next.Write(AXIS_OBJ_FORCE_BANK, 0), FW_OK);
+  EXPECT_EQ(PressOnce(next.fw()), 50);
 }
 
 TEST_F(ForceLaw, VelocityIsDamped) {
