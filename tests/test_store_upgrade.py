@@ -213,11 +213,14 @@ def test_another_default_keeps_the_old_value_and_says_so(today, store, tmp_path)
     assert other.run(tmp_path / "empty")[2][0x201800] == 1000
 
 
+NOT_TESTED = {0x231A00: 0}  # the first motion is tested where there is no set at all
+
+
 def test_the_set_of_0_1_0_loads(today, tmp_path):
     shutil.copy(DATA / "store_0_1_0.bin", tmp_path / "store")
     state, changes, found = today.run(tmp_path / "store")
     assert (state, changes) == ("loaded", [])
-    expected = today.run(tmp_path / "empty")[2] | values_of_0_1_0()
+    expected = today.run(tmp_path / "empty")[2] | NOT_TESTED | values_of_0_1_0()
     assert found == expected
 
 
@@ -240,7 +243,7 @@ def test_the_set_of_0_1_0_under_a_table_that_has_changed(today, tmp_path):
         *(0x200E00, 0x200F00, 0x201A00, 0x201B00),
         *(0x140101 | OLD_DEFAULT, 0x201800 | OLD_DEFAULT),
     ]
-    expected = today.run(tmp_path / "empty")[2] | values_of_0_1_0()
+    expected = today.run(tmp_path / "empty")[2] | NOT_TESTED | values_of_0_1_0()
     for gone in (0x200E00, 0x201B00):
         del expected[gone]
     assert found == expected | {0x200F00: 8, 0x23F000: 0, 0x23F100: 0}

@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "firmware/app/ownership.h"
+#include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
@@ -46,6 +47,9 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   axis_parameter_written(&fw->axis, object, previous, value);
   if (object == AXIS_OBJ_ADC_BITS) {
     (void)law_banks_loaded(&fw->banks, &fw->axis);
+  }
+  if (value != previous && first_motion_depends_on(object)) {
+    first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);
   }
   if (object == AXIS_OBJ_MODE) {
     if (value == AXIS_MODE_DISABLED) {
@@ -105,24 +109,6 @@ static bool in_axis_or_recorder(uint16_t object) {
          block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
 }
 
-/* Channels and trigger are objects with a value, or none. */
-static int check_recorder(const dictionary_t *objects, uint8_t source, uint16_t object,
-                          int32_t value) {
-  (void)objects;
-  (void)source;
-  const bool names_object =
-      (object >= AXIS_OBJ_RECORDER_SIGNAL_1 && object <= AXIS_OBJ_RECORDER_SIGNAL_8) ||
-      object == AXIS_OBJ_RECORDER_TRIGGER_SOURCE;
-  const bool fits =
-      !names_object || value == 0 || dictionary_has_value(dictionary_object_at((uint32_t)value));
-  return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
-static recorder_channel_t channel_of(const fw_t *fw, uint16_t object) {
-  return (recorder_channel_t){.offset = dictionary_place(&fw->objects, object),
-                              .type = axis_objects[object].type};
-}
-
 static int arm_recorder(fw_t *fw) {
   const recorder_params_t *params = &fw->recorder.params;
   recorder_channel_t channels[RECORDER_CHANNELS];
@@ -130,7 +116,7 @@ static int arm_recorder(fw_t *fw) {
   for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
     const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
     if (object != AXIS_OBJ_NONE) {
-      channels[count] = channel_of(fw, object);
+      channels[count] = recording_channel(fw, object);
       count++;
       if (fw->live == 0 && !in_axis_or_recorder(object)) {
         wake(fw);
@@ -143,7 +129,7 @@ static int arm_recorder(fw_t *fw) {
     if (source == AXIS_OBJ_NONE) {
       return FW_ERROR_RANGE;
     }
-    trigger = channel_of(fw, source);
+    trigger = recording_channel(fw, source);
   }
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
@@ -195,17 +181,6 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
-static uint32_t recording_size(const dictionary_t *objects) {
-  const recorder_t *recorder = &fw_of_const(objects)->recorder;
-  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
-  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
-}
-
-static uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                               uint32_t count) {
-  return recorder_bytes(&fw_of_const(objects)->recorder, offset, bytes, count);
-}
-
 /* Where the values of each block are, and who checks and follows their writes. */
 static const dictionary_owner_t owner = {
     .blocks =
@@ -214,7 +189,7 @@ static const dictionary_owner_t owner = {
             [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
             [AXIS_BLOCK_LAW_PARAMETER] = {offsetof(fw_t, banks.params), check_law, law_written},
             [AXIS_BLOCK_LAW_SIGNAL] = {offsetof(fw_t, banks.signals), NULL, NULL},
-            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), check_recorder,
+            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), recording_check,
                                                NULL},
             [AXIS_BLOCK_RECORDER_SIGNAL] = {offsetof(fw_t, recorder.signals), NULL, NULL},
             [AXIS_BLOCK_DRIVE_PARAMETER] = {offsetof(fw_t, drive.params), check_drive,
@@ -251,6 +226,11 @@ static void assume_stored_node_id(fw_t *fw) {
   }
 }
 
+/* The store holds no set. */
+static bool is_unconfigured(uint8_t store_state) {
+  return store_state == AXIS_STORE_STATE_EMPTY || store_state == AXIS_STORE_STATE_FAILED;
+}
+
 /* Every parameter and signal at its power-up value, but for what counts losses; what was stored
  * replaces the defaults. */
 static void power_up(fw_t *fw) {
@@ -271,6 +251,9 @@ static void power_up(fw_t *fw) {
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   assume_stored_node_id(fw);
   (void)law_banks_loaded(&fw->banks, &fw->axis);
+  if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
+    fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
+  }
   fw->device_signals.store_change_count = fw->store.change_count;
   for (uint8_t i = 0; i < STORE_CHANGES; i++) {
     fw->device_signals.store_change[i] = fw->store.changes[i];
@@ -406,6 +389,10 @@ void fw_prepare(fw_t *fw) {
 
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
+  if (fw->live != 0) {
+    first_motion_check(&fw->drive.first_motion, &fw->drive.params, &fw->drive.signals, &fw->axis,
+                       outputs);
+  }
 }
 
 bool fw_report(fw_t *fw) {

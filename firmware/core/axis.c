@@ -251,4 +251,9 @@ void axis_bank_selected(axis_t *axis, uint8_t number) {
 
 void axis_fault(axis_t *axis, uint8_t fault) { latch_fault(axis, fault); }
 
+void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs) {
+  latch_fault(axis, fault);
+  switch_off(axis, outputs);
+}
+
 void axis_fault_reset(axis_t *axis) { axis->signals.fault = AXIS_FAULT_NONE; }

@@ -105,6 +105,10 @@ void axis_bank_selected(axis_t *axis, uint8_t number);
  * disabled in the next tick. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
+/* Latches a fault that was found in the signals of a tick, and takes back the outputs of that tick:
+ * code 0, amplifier off, brake on. */
+void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
+
 /* Clears the latched fault. The axis stays disabled until a mode is written. */
 void axis_fault_reset(axis_t *axis);
 

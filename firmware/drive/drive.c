@@ -34,6 +34,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     cia402_leave_mode(drive);
     drive->unsupervised = 0;
+    first_motion_cancel(&drive->first_motion, &drive->signals);
   }
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
@@ -77,6 +78,7 @@ void cia402_init(cia402_t *drive) {
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
+  first_motion_forget(&drive->first_motion, &drive->signals);
   parameters_derive_rates(drive);
   parameters_derive_forces(drive);
 }
@@ -106,7 +108,8 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
     return; /* the first one stays */
   }
-  if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE) {
+  if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
+      !first_motion_is_running(&drive->first_motion)) {
     enter(drive, AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
     drive->fault = fault;
     return;
@@ -141,6 +144,9 @@ static bool wants_other_mode(const cia402_t *drive) {
 }
 
 static void operate(cia402_t *drive, axis_t *axis) {
+  if (cia402_run_first_motion(drive, axis)) {
+    return;
+  }
   if (drive->leaving != 0) {
     if (motion_slow_down(drive, axis, rate_of(drive, false))) {
       enter(drive, drive->leaving_to);
@@ -247,7 +253,10 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
 
 /* A transition that a controlword asked for: by the option codes. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
-  if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
+  if (first_motion_is_running(&drive->first_motion)) {
+    enter(drive,
+          (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED : to);
+  } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
     leave_operation(drive, to, drive->params.disable_operation_option, axis);
   } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
              to == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON) {
@@ -277,6 +286,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   go(drive, axis, from, to);
   if (to == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     drive->setpoint.position = cia402_user(drive, axis->signals.position);
+    first_motion_begin(&drive->first_motion, &drive->params, &drive->signals);
   }
 }
 
@@ -294,7 +304,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     drive->position_written = 0; /* continues with the next target */
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
-      wants_other_mode(drive)) {
+      wants_other_mode(drive) || first_motion_is_running(&drive->first_motion)) {
     return;
   }
   switch (drive->signals.modes_of_operation_display) {
@@ -316,6 +326,9 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
     drive->reached_tick = 0; /* a target, or what it is judged by */
+  }
+  if (value != previous && first_motion_depends_on(object)) {
+    first_motion_forget(&drive->first_motion, &drive->signals);
   }
   switch (object) {
     case AXIS_OBJ_CONTROLWORD:
@@ -417,6 +430,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode != AXIS_MODE_DISABLED) {
     drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    first_motion_cancel(&drive->first_motion, &drive->signals);
     drive->params.modes_of_operation = cia402_operation_of(mode);
     if (wants_other_mode(drive)) {
       change_mode(drive);
@@ -456,7 +470,9 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
       enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
       break;
     case ABORT_QUICK_STOP:
-      enter(drive, AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
+      enter(drive, first_motion_is_running(&drive->first_motion)
+                       ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED
+                       : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;
     default:
       return false; /* ABORT_NOTHING */

@@ -13,6 +13,10 @@
  * was last left, halted or homed, target velocity and force since the last fault. Until then the
  * axis stays where it is.
  *
+ * While the test before the first motion runs, drive_state is operation_enabled, since the power
+ * stage is on, but the statusword shows switched on: no target is acted on, and every stop disables
+ * the axis at once instead of along a ramp, which would need the position law.
+ *
  * Cost: cia402_before() and cia402_after() together at most 750 instructions on a Cortex-M4; the
  * others run between ticks and are bounded too. */
 
@@ -21,6 +25,7 @@
 
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
+#include "firmware/drive/first_motion.h"
 #include "firmware/fx/fx.h"
 
 /* Homing: requested by the controlword; reported as begun, done or refused. */
@@ -51,6 +56,7 @@ typedef struct {
 typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
+  int16_t open_loop_code;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
   uint8_t active; /* 1: they are overridden */
@@ -86,6 +92,7 @@ typedef struct {
   int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
+  first_motion_t first_motion;
   cia402_overridden_t overridden;
   uint8_t velocity_next;      /* slot of the oldest */
   uint8_t tracking;           /* CIA402_TRACKING_ */

@@ -107,6 +107,13 @@ int8_t cia402_operation_of(uint8_t native_mode) {
   return AXIS_MODES_OF_OPERATION_NONE;
 }
 
+/* Whether the mode in force moves the axis by the position law; mode 0 commands no motion. */
+static bool needs_position_gain(const cia402_t *drive) {
+  const cia402_mode_t *mode = drive->mode;
+  return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
+         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION);
+}
+
 /* Modes of the axis itself, with the user's parameters. */
 static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
@@ -137,6 +144,25 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
   } else {
     run_native(drive, axis, mode->native);
   }
+}
+
+bool cia402_run_first_motion(cia402_t *drive, axis_t *axis) {
+  if (axis->params.position_gain == 0 && drive->params.first_motion_test != 0 &&
+      needs_position_gain(drive)) {
+    first_motion_refuse(&drive->first_motion, &drive->signals, axis);
+    return true;
+  }
+  if (!first_motion_is_running(&drive->first_motion)) {
+    return false;
+  }
+  if (drive->params.modes_of_operation != drive->signals.modes_of_operation_display) {
+    cia402_leave_mode(drive);
+    cia402_set_mode(drive, drive->params.modes_of_operation);
+  }
+  motion_override(drive, axis);
+  first_motion_command(&drive->first_motion, axis,
+                       (drive->params.controlword & CIA402_CW_HALT) != 0);
+  return true;
 }
 
 void cia402_leave_mode(cia402_t *drive) {

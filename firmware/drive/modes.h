@@ -42,6 +42,10 @@ bool cia402_mode_exists(int32_t mode);
 /* 6060h of a native mode (AXIS_MODE_). */
 int8_t cia402_operation_of(uint8_t native_mode);
 
+/* With first_motion_test: one tick of the test before the first motion, or of refusing a mode that
+ * needs a position_gain which is 0. False: neither, and the mode of operation acts. */
+bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
+
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 

@@ -24,12 +24,22 @@ uint16_t cia402_error_code(uint8_t fault) {
       [AXIS_FAULT_PDO_TIMEOUT] = AXIS_ERROR_CODE_PDO_TIMEOUT,
       [AXIS_FAULT_MAIN_LOOP_LOST] = AXIS_ERROR_CODE_MAIN_LOOP_LOST,
       [AXIS_FAULT_DUPLICATE_NODE] = AXIS_ERROR_CODE_DUPLICATE_NODE,
+      [AXIS_FAULT_FORCE_SENSOR_FAILED] = AXIS_ERROR_CODE_FORCE_SENSOR_FAILED,
+      [AXIS_FAULT_CURRENT_SENSOR_FAILED] = AXIS_ERROR_CODE_CURRENT_SENSOR_FAILED,
+      [AXIS_FAULT_NOT_STANDING] = AXIS_ERROR_CODE_NOT_STANDING,
+      [AXIS_FAULT_AMPLIFIER_OFFSET] = AXIS_ERROR_CODE_AMPLIFIER_OFFSET,
+      [AXIS_FAULT_ENCODER_REVERSED] = AXIS_ERROR_CODE_ENCODER_REVERSED,
+      [AXIS_FAULT_NO_MOTION] = AXIS_ERROR_CODE_NO_MOTION,
+      [AXIS_FAULT_RUNAWAY] = AXIS_ERROR_CODE_RUNAWAY,
+      [AXIS_FAULT_FORCE_REVERSED] = AXIS_ERROR_CODE_FORCE_REVERSED,
+      [AXIS_FAULT_POSITION_GAIN_ZERO] = AXIS_ERROR_CODE_POSITION_GAIN_ZERO,
   };
   return codes[fault];
 }
 
 static bool is_enabled(const cia402_t *drive) {
-  return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+  return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+         !first_motion_is_running(&drive->first_motion);
 }
 
 /* How long the target must have been reached, ticks. */
@@ -63,7 +73,9 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   const uint8_t fault = (measured->fault != AXIS_FAULT_NONE) ? measured->fault : drive->fault;
   const bool blocked = measured->limit_reason != AXIS_LIMIT_REASON_NONE;
   const bool limited = blocked || drive->limited != 0;
-  uint16_t word = (uint16_t)(cia402_state_bits[signals->drive_state] | CIA402_SW_REMOTE);
+  const uint8_t state = first_motion_is_running(&drive->first_motion) ? AXIS_DRIVE_STATE_SWITCHED_ON
+                                                                      : signals->drive_state;
+  uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }

@@ -17,55 +17,24 @@
 #include <utility>
 
 #include "firmware/objects/generated/axis_objects.h"
-#include "firmware/port/host/store_file.h"
-#include "host/axis_node/buses.hpp"
-#include "host/link/late_ticks.hpp"
+#include "host/axis_node/axis.hpp"
 #include "host/program/node_options.hpp"
 #include "host/program/number_range.hpp"
-#include "host/run/firmware_side.hpp"
-#include "host/run/journal.hpp"
 #include "host/run/objects.hpp"
 
 namespace {
 
 using namespace forceaxis;
+using nodes::Axis;
+using nodes::AxisOptions;
+using nodes::expect_files;
+using nodes::stopped;
 using std::chrono::milliseconds;
-using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
 
 constexpr milliseconds kServe{100};
 // If the last answer is lost the plant repeats its inputs, at least every 100 ms.
 constexpr milliseconds kLinger{250};
-constexpr int kTicksPerFlush = 1500;  // of the journal: about a second
-// Frames queued for the interface; further ones are lost, as on a bus that is down.
-constexpr std::size_t kMostUnsent = 256;
-
-// The options that only axis_node has.
-struct AxisOptions {
-  std::string can;     // empty: no CANopen
-  std::string modbus;  // empty: no Modbus
-  int modbus_baud = 115200;
-  std::string store;
-  std::string journal;
-  std::optional<int> node_id;           // of the first axis; default: its number
-  std::optional<std::uint32_t> serial;  // of the first axis
-  double hold_s = 0;
-  bool serve = false;
-  bool real_time = false;  // late ticks are counted
-
-  bool buses() const { return !can.empty() || !modbus.empty(); }
-};
-
-// The serial number of a node without --serial: the host's name, and in the last byte the axis, so
-// that it is the same in every run and no two nodes of a run have one.
-std::uint32_t serial_of(int axis) {
-  std::array<char, 256> name{};
-  gethostname(name.data(), name.size() - 1);
-  std::uint32_t hash = 2166136261U;  // FNV-1a
-  for (const char *at = name.data(); *at != 0; ++at) {
-    hash = (hash ^ static_cast<std::uint8_t>(*at)) * 16777619U;
-  }
-  return (hash & ~UINT32_C(0xFF)) | static_cast<std::uint32_t>(axis);
-}
 
 // Checks that the nodes of all axes have ids.
 void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) {
@@ -81,222 +50,139 @@ void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) 
   }
 }
 
-struct StoreCloser {
-  void operator()(store_file_t *store) const {
-    store_file_close(store);
-    delete store;
-  }
-};
-
-std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
-  auto opened = std::make_unique<store_file_t>();
-  if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
-    throw sim::InputError(file, "--store", wrong);
-  }
-  return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
-}
-
-// Checks the files of --store and --journal before any is opened: a run that cannot begin neither
-// creates nor changes a file.
-void expect_files(const AxisOptions &options, const std::string &suffix) {
-  if (!options.journal.empty()) host::expect_journal(options.journal + suffix);
-  if (options.store.empty()) return;
-  const std::string file = options.store + suffix;
-  host::expect_writable(file, "--store");
-  if (access(file.c_str(), F_OK) == 0) open_store(file);
-}
-
-// One axis of this node: its firmware, its bus, its store and its journal.
-class Axis {
- public:
-  Axis(int number, int first_axis, const host::Experiment &experiment,
-       std::span<const std::string> overrides, const AxisOptions &options,
-       const std::string &suffix)
-      : number_(number), experiment_(experiment) {
-    // Files last: if the bus cannot be opened they stay as they are.
-    if (!options.can.empty()) can_ = std::make_unique<nodes::CanPort>(options.can);
-    if (!options.store.empty()) {
-      store_ = open_store(options.store + suffix);
-      config_.memory = &store_->memory;
-    }
-    real_time_ = options.real_time;
-    config_.hardware = "host";
-    const int place = number - first_axis;
-    config_.node_id =
-        static_cast<std::uint8_t>(options.node_id ? *options.node_id + place : number);
-    config_.serial_number =
-        options.serial ? *options.serial + static_cast<std::uint32_t>(place) : serial_of(number);
-    config_.buses = options.buses();
-    config_.modbus_baud = static_cast<std::uint32_t>(options.modbus_baud);
-    if (!options.journal.empty()) {
-      journal_file_ = options.journal + suffix;
-      journal_ = std::make_unique<host::JournalWriter>(journal_file_, experiment, overrides);
-      journal_->power_up(config_);
-    }
-    host::FirmwareOptions firmware{.hash = true, .config = &config_};
-    if (journal_) {
-      firmware.writing = [this](std::int64_t tick, const host::ObjectWrite &w) {
-        journal_->write(tick, w.object, w.raw);
-      };
-    }
-    firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
-    // Each entry carries the tick before which it is applied.
-    handlers_.frame = [this](const can_frame_t &frame) {
-      if (journal_) journal_->can(coming(), frame);
-      fw_can_receive(axis(), &frame);
-    };
-    handlers_.lost = [this](std::uint16_t frames) {
-      if (journal_) journal_->lost(coming(), frames);
-      fw_can_lost(axis(), frames);
-    };
-    handlers_.state = [this](std::uint8_t state) {
-      if (journal_) journal_->bus(coming(), state);
-      fw_can_bus(axis(), state);
-    };
-  }
-
-  host::LinkOutputs tick(const host::LinkInputs &in, nodes::ModbusPort *modbus) {
-    if (real_time_ && late_.late(std::chrono::steady_clock::now().time_since_epoch() / 1ns)) {
-      if (journal_) journal_->overrun(coming());
-      fw_overrun(axis(), 0);
-    }
-    if (can_) can_->receive(handlers_);
-    const host::LinkOutputs out = firmware_->tick(in);
-    transmit(modbus);
-    if (journal_ && ++unflushed_ == kTicksPerFlush) {
-      unflushed_ = 0;
-      journal_->flush();
-      report_broken_journal();
-    }
-    return out;
-  }
-
-  // The tick after the plant fell silent, and those that hold the axis there.
-  host::LinkOutputs lose_sensors(nodes::ModbusPort *modbus) {
-    if (can_) can_->receive(handlers_);
-    const auto out = firmware_->lose_sensors(static_cast<std::uint8_t>(number_));
-    transmit(modbus);
-    return out;
-  }
-
-  void receive_modbus(std::span<const std::uint8_t> bytes) {
-    if (journal_) journal_->modbus(coming(), bytes);
-    fw_modbus_receive(axis(), bytes.data(), static_cast<std::uint16_t>(bytes.size()));
-  }
-
-  // After the last tick: closes hash and journal.
-  std::string json() {
-    std::string refused;
-    for (const host::Refusal &r : firmware_->refused()) {
-      nodes::append(refused, nodes::JsonObject()
-                                 .add("tick", r.tick)
-                                 .add("object", r.object)
-                                 .add("reason", r.reason)
-                                 .text());
-    }
-    const std::string hash = firmware_->hash();
-    if (journal_) journal_->end(coming(), hash);
-    report_broken_journal();
-    nodes::JsonObject o;
-    o.add("axis", number_)
-        .add("experiment", experiment_.file.string())
-        .add("inputs_hash", experiment_.hash)
-        .add("ticks", coming())
-        .add("trace_hash", hash)
-        .add("fault", host::enum_text(AXIS_OBJ_FAULT, firmware_->read(AXIS_OBJ_FAULT)))
-        .add("overruns", firmware_->read(AXIS_OBJ_OVERRUNS))
-        .raw("refused", "[" + refused + "]");
-    if (!lost.empty()) o.raw("after_silence", lost);
-    return o.text();
-  }
-
-  bool journal_broken() const { return journal_ && !journal_->good(); }
-  int number() const { return number_; }
-  std::int64_t coming() const { return firmware_->next_tick(); }
-
-  std::string lost;  // its response to the silence of the plant
-
- private:
-  fw_t *axis() { return firmware_->axis(); }
-
-  // Once, as a warning: stopping the axis could be dangerous.
-  void report_broken_journal() {
-    if (!journal_broken() || std::exchange(reported_broken_, true)) return;
-    std::cerr << "axis_node: " << journal_file_
-              << ": expected to be able to write the journal, it is not whole\n";
-  }
-
-  void transmit(nodes::ModbusPort *modbus) {
-    // The firmware's output is fetched every tick, with or without a bus, as a replay does. Frames
-    // wait for room at the interface, but not for an interface that is down: they would be stale.
-    const bool off = !can_ || can_->is_off();
-    if (off) unsent_.clear();
-    for (can_frame_t frame; fw_can_transmit(axis(), &frame);) {
-      if (!off && unsent_.size() < kMostUnsent) unsent_.push_back(frame);
-    }
-    while (!unsent_.empty() && can_->send(unsent_.front())) unsent_.pop_front();
-    std::array<std::uint8_t, 512> bytes;
-    while (const std::uint16_t n = fw_modbus_transmit(axis(), bytes.data(), bytes.size())) {
-      if (modbus != nullptr) modbus->send({bytes.data(), n});
-    }
-  }
-
-  int number_;
-  const host::Experiment &experiment_;
-  fw_config_t config_{};
-  bool real_time_ = false;
-  host::LateTicks late_;
-  int unflushed_ = 0;
-  std::string journal_file_;
-  bool reported_broken_ = false;
-  std::unique_ptr<store_file_t, StoreCloser> store_;
-  std::unique_ptr<host::JournalWriter> journal_;
-  std::unique_ptr<nodes::CanPort> can_;
-  nodes::CanPort::Handlers handlers_;
-  std::unique_ptr<host::FirmwareSide> firmware_;
-  std::deque<can_frame_t> unsent_;
-};
-
-// The signal that ends the run after journal and report are written. A second one ends at once.
-std::atomic<int> stopped{0};
-
-void end_by_signals() {
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  // A thread of its own receives the signals, so that they interrupt no system call.
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  std::thread([signals] {
-    for (int signal = 0; sigwait(&signals, &signal) == 0;) {
-      if (stopped.exchange(signal) != 0) _exit(128 + signal);
-    }
-  }).detach();
-}
-
 // Whether standard input has data or was closed.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   return poll(&input, 1, 0) == 1;
 }
 
+void receive_modbus(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort &modbus) {
+  const auto bytes = modbus.receive();
+  for (const auto &axis : axes) {
+    if (!bytes.empty()) axis->receive_modbus(bytes);
+  }
+}
+
 // Serves the buses after the silence, at the pace of the wall clock, so that clients can read the
 // fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
-  using Clock = std::chrono::steady_clock;
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
   for (std::int64_t k = 1; k <= ticks && stopped == 0; ++k) {
     std::this_thread::sleep_until(start + std::chrono::nanoseconds(k * 2000000 / 3));
-    if (modbus != nullptr) {
-      const auto bytes = modbus->receive();
-      for (const auto &axis : axes) {
-        if (!bytes.empty()) axis->receive_modbus(bytes);
-      }
-    }
+    if (modbus != nullptr) receive_modbus(axes, *modbus);
     for (const auto &axis : axes) axis->lose_sensors(modbus);
   }
 }
+
+// The firmware's end of a session: stalls of this process, and a plant that is silent.
+class Session {
+ public:
+  Session(const nodes::NodeOptions &options, std::vector<std::unique_ptr<Axis>> &axes,
+          nodes::ModbusPort *modbus)
+      : options_(options), axes_(axes), modbus_(modbus), stall_(options.link.timeouts.running) {}
+
+  // Before each tick. If this process was stopped, every axis has a tick without sensors first.
+  void before_tick(int axis) {
+    check_self();
+    if (!begun_) {
+      for (const auto &a : axes_) {
+        if (host::plant_held(options_.link, a->number())) visible_ |= bit(a->number());
+      }
+      begun_ = true;
+    }
+    if ((absent_ & bit(axis)) == 0) return;
+    absent_ &= ~bit(axis);
+    report("plant_node (axis " + std::to_string(axis) + ") was silent for " +
+           interruptions.add(since(silent_since_)) + "; goes on at tick " + tick_of(axis) +
+           ", the axis disabled");
+  }
+
+  // Serves until the session is ended, by a signal or because plant_node has ended; the axes are
+  // then disabled. Returns the axes whose plant never came, as bits axis - 1.
+  unsigned serve(host::AxisExchange &exchange) {
+    while (stopped == 0 && ended.empty()) {
+      const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
+      if (silent != 0 && !begun_) return silent;
+      if (!check_self() && silent != 0) lose(silent);
+      exchange.resume(silent);
+      if (absent_ != 0) hold();
+    }
+    lose_sensors(~0U);
+    return 0;
+  }
+
+  host::Interruptions interruptions;
+  std::string ended;  // why, unless by a signal
+
+ private:
+  static unsigned bit(int axis) { return 1U << (axis - 1); }
+  static milliseconds since(Clock::time_point time) {
+    return std::chrono::duration_cast<milliseconds>(Clock::now() - time);
+  }
+  std::string tick_of(int axis) const {
+    return std::to_string(axes_[static_cast<std::size_t>(axis - options_.first_axis)]->coming());
+  }
+  void report(const std::string &text) const { std::cerr << "axis_node: " << text << std::endl; }
+
+  // Whether this process was stopped.
+  bool check_self() {
+    const auto stalled = stall_.poll();
+    if (!stalled) return false;
+    if (begun_) {
+      report("stopped for " + interruptions.add(*stalled) + "; goes on at tick " +
+             tick_of(options_.first_axis) + ", the axis disabled");
+      lose_sensors(~absent_);
+    }
+    return true;
+  }
+
+  void lose_sensors(unsigned axes) {
+    for (const auto &axis : axes_) {
+      if ((axes & bit(axis->number())) != 0) axis->lose_sensors(modbus_);
+    }
+  }
+
+  // The plant of these axes is silent: it has ended, or the axes wait for it.
+  void lose(unsigned axes) {
+    for (const auto &axis : axes_) {
+      const unsigned of = bit(axis->number());
+      if ((axes & visible_ & of) == 0 || host::plant_held(options_.link, axis->number())) continue;
+      ended = "plant_node has ended at tick " + tick_of(axis->number()) +
+              ", the session is over, the axis disabled";
+      return;
+    }
+    const unsigned newly = axes & ~absent_;
+    if (newly == 0) return;
+    report("plant_node silent (" + host::axes_text(newly) + ") at tick " +
+           tick_of(options_.first_axis) + ": waits for it, the axis disabled");
+    if (absent_ == 0) {
+      due_ = Clock::now();
+      silent_since_ = due_ - options_.link.timeouts.running;
+    }
+    absent_ |= newly;
+  }
+
+  // The ticks without sensors that are due, at the pace of the wall clock.
+  void hold() {
+    constexpr std::chrono::nanoseconds kTick{2000000 / 3};
+    const Clock::time_point now = Clock::now();
+    if (now - due_ > options_.link.timeouts.running) due_ = now;
+    for (; due_ <= now; due_ += kTick) {
+      if (modbus_ != nullptr) receive_modbus(axes_, *modbus_);
+      lose_sensors(absent_);
+    }
+  }
+
+  const nodes::NodeOptions &options_;
+  std::vector<std::unique_ptr<Axis>> &axes_;
+  nodes::ModbusPort *modbus_;
+  host::StallWatch stall_;
+  bool begun_ = false;
+  unsigned visible_ = 0;  // bits axis - 1: this machine sees whether its plant_node has ended
+  unsigned absent_ = 0;   // bits axis - 1: its plant is silent
+  Clock::time_point silent_since_{}, due_{};
+};
 
 // One run from ready to report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
@@ -329,22 +215,20 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     numbers.push_back(static_cast<std::uint8_t>(number));
     last_ticks.push_back(experiments[i].ticks);
   }
+  std::optional<Session> session;
+  if (options.endless) session.emplace(options, axes, modbus.get());
   const auto compute = [&](const host::LinkInputs &in) {
-    if (modbus) {
-      const auto bytes = modbus->receive();
-      for (const auto &axis : axes) {
-        if (!bytes.empty()) axis->receive_modbus(bytes);
-      }
-    }
+    if (session) session->before_tick(in.axis);
+    if (modbus) receive_modbus(axes, *modbus);
     return axes[static_cast<std::size_t>(in.axis - options.first_axis)]->tick(in, modbus.get());
   };
   host::AxisExchange exchange(*transport, options.link.timeouts, numbers, last_ticks, compute);
   std::cout << "axis_node ready pid " << getpid() << ", " << host::link_text(options.link)
             << ", axes " << nodes::axes_range(options) << std::endl;
 
-  unsigned silent = 0;
+  unsigned silent = session ? session->serve(exchange) : 0;
   std::uint64_t lost_records = 0;
-  while (!exchange.finished() && stopped == 0) {
+  while (!session && !exchange.finished() && stopped == 0) {
     const unsigned now_silent = exchange.serve(kServe);
     silent |= now_silent;
     for (const auto &axis : axes) {
@@ -362,7 +246,7 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     }
   }
   if (silent != 0) hold(axes, modbus.get(), own.hold_s);
-  while (silent == 0 && stopped == 0 && exchange.quiet() < kLinger &&
+  while (!session && silent == 0 && stopped == 0 && exchange.quiet() < kLinger &&
          !(own.serve && asked_on_input())) {
     exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
   }
@@ -381,7 +265,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
               (ever ? "it ended or hangs; the axis is disabled, code 0"
                     : "it never asked; is it running, on this link and with this run id?");
   }
-  if (stopped != 0 && !exchange.finished()) {
+  if (session && !session->ended.empty()) std::cerr << "axis_node: " << session->ended << '\n';
+  if (!session && stopped != 0 && !exchange.finished()) {
     failure = std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
               " before the run was over";
   }
@@ -392,13 +277,14 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
       .add("run_id", options.link.run_id)
       .raw("axes", "[" + list + "]")
       .raw("statistics", nodes::statistics_json(statistics, injected));
+  if (session) o.raw("session", nodes::session_json(session->interruptions, session->ended));
   if (!failure.empty()) o.add("error", failure);
   std::cout << o.text() << std::endl;
   const bool broken =
       std::ranges::any_of(axes, [](const auto &axis) { return axis->journal_broken(); });
   if (failure.empty()) return broken ? 1 : 0;
   if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
-  return stopped != 0 ? 128 + stopped : 1;
+  return stopped != 0 && !session ? 128 + stopped : 1;
 }
 
 // Runs requested on standard input, one a line: run number, experiment and overrides, separated by
@@ -441,7 +327,8 @@ int main(int argc, char **argv) {
       "Prints one line when ready and one JSON object at the end. If the plant falls silent, the\n"
       "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed\n"
       "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended\n"
-      "by SIGINT and SIGTERM, journal and report written.");
+      "by SIGINT and SIGTERM, journal and report written. A session (--endless) that was ended is "
+      "0.");
   nodes::add_options(app, options);
   app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
   app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");
@@ -481,13 +368,16 @@ int main(int argc, char **argv) {
     return nodes::refuse("axis_node", app, error);
   }
   return nodes::guarded("axis_node", [&] {
+    if (own.serve && options.endless) {
+      throw nodes::UsageError("--endless: expected without --serve, whose runs end");
+    }
     if (own.serve) return serve(options, own);
     if (options.files.empty()) {
       throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
     }
     nodes::finish_options(options);
     own.real_time = options.pace == "real";
-    end_by_signals();
+    nodes::end_by_signals();
     return run(options, own);
   });
 }

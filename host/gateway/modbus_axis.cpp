@@ -97,7 +97,11 @@ Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_ow
 }
 
 Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
-  if (!axis_.present()) co_return MODBUS_NO_ANSWER;
+  const bool writes = access.kind != MODBUS_READ && access.kind != MODBUS_READ_TEXT;
+  const bool stops = writes && cia402_is_stop(access.object, access.value);
+  // A stop is attempted also where no heartbeat is heard, and carried out by whichever object
+  // table.
+  if (!axis_.present() && !stops) co_return MODBUS_NO_ANSWER;
   if (access.kind == MODBUS_READ) co_return co_await read(access.object, access.value);
   if (access.kind == MODBUS_READ_TEXT) {
     const ObjectAddress address{access.object, 0, 0, false};
@@ -107,10 +111,7 @@ Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
     if (got.ok()) co_return FW_OK;
     co_return got.silent ? int{MODBUS_NO_ANSWER} : refusal_of(got.abort);
   }
-  // A stop is carried out by whichever object table.
-  if (!axis_.writes_allowed() && !cia402_is_stop(access.object, access.value)) {
-    co_return FW_ERROR_STATE;
-  }
+  if (!axis_.writes_allowed() && !stops) co_return FW_ERROR_STATE;
   if (access.kind == MODBUS_WRITE) co_return co_await write(access.object, access.value);
   co_return co_await check(access.object, access.value, access.kind == MODBUS_CHECK_OWNER);
 }

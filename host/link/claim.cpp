@@ -20,6 +20,21 @@ namespace {
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 
+// A name in the abstract space belongs to one socket of a network namespace.
+struct Name {
+  Name(const std::string &where, const std::string &role) {
+    path.sun_family = AF_UNIX;
+    const std::string text = "forceaxis-link/" + role + "/" + where;
+    text.copy(path.sun_path + 1, sizeof path.sun_path - 2);
+    length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 +
+                                    std::min(text.size(), sizeof path.sun_path - 2));
+  }
+  const sockaddr *address() const { return reinterpret_cast<const sockaddr *>(&path); }
+
+  sockaddr_un path{};
+  socklen_t length = 0;
+};
+
 std::string why(int error) { return std::strerror(error); }
 
 }  // namespace
@@ -30,14 +45,8 @@ LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     throw TransportError(where + ": expected to be able to claim it as " + role + ", " +
                          why(errno));
   }
-  // A name in the abstract space belongs to one socket of a network namespace.
-  sockaddr_un name{};
-  name.sun_family = AF_UNIX;
-  const std::string text = "forceaxis-link/" + role + "/" + where;
-  text.copy(name.sun_path + 1, sizeof name.sun_path - 2);
-  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 +
-                                             std::min(text.size(), sizeof name.sun_path - 2));
-  for (int tries = 0; bind(socket_, reinterpret_cast<sockaddr *>(&name), length) != 0; ++tries) {
+  const Name name(where, role);
+  for (int tries = 0; bind(socket_, name.address(), name.length) != 0; ++tries) {
     const int error = errno;
     if (error == EADDRINUSE && tries < kClaimTries) {
       std::this_thread::sleep_for(kClaimWait);
@@ -55,5 +64,14 @@ LinkClaim::LinkClaim(const std::string &where, const std::string &role)
 }
 
 LinkClaim::~LinkClaim() { close(socket_); }
+
+bool LinkClaim::held(const std::string &where, const std::string &role) {
+  const int probe = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (probe < 0) return false;
+  const Name name(where, role);
+  const bool found = connect(probe, name.address(), name.length) == 0;
+  close(probe);
+  return found;
+}
 
 }  // namespace forceaxis::host

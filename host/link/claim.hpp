@@ -15,6 +15,10 @@ class LinkClaim {
   LinkClaim(const LinkClaim &) = delete;
   LinkClaim &operator=(const LinkClaim &) = delete;
 
+  // Whether a process of this machine and network namespace holds the claim; one that is stopped
+  // does, one that ended does not.
+  static bool held(const std::string &where, const std::string &role);
+
  private:
   int socket_;
 };

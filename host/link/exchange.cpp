@@ -80,28 +80,30 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
 void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                             unsigned missing) {
   using Clock = std::chrono::steady_clock;
-  const Clock::time_point start = Clock::now();
+  Clock::time_point start = Clock::now();
   Clock::time_point repeat_at = start;
   milliseconds interval = kFirstRepeat;
   while (missing != 0) {
     const Clock::time_point now = Clock::now();
-    unsigned silent = 0;
+    unsigned quiet = 0;
     milliseconds allowed{0};
     for (std::size_t i = 0; i < inputs.size(); ++i) {
       if ((missing >> i & 1U) == 0) continue;
       const unsigned axis = bit(inputs[i].axis);
       const milliseconds limit = (answered_ & axis) != 0 ? timeouts_.running : timeouts_.start;
       if (now - start >= limit) {
-        silent |= axis;
+        quiet |= axis;
         allowed = std::max(allowed, limit);
       }
     }
-    if (silent != 0) {
-      throw LinkSilent("axis_node (" + axes_text(silent) + ") silent for " + seconds_text(allowed) +
+    if (quiet != 0 && (answered_ & quiet) == quiet && silent && silent(quiet)) {
+      start = Clock::now();
+    } else if (quiet != 0) {
+      throw LinkSilent("axis_node (" + axes_text(quiet) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
-                       ((answered_ & silent) != 0 ? ": it ended, hangs or runs a shorter experiment"
-                                                  : ": it never answered; is it running, on this "
-                                                    "link and with this run id?"));
+                       ((answered_ & quiet) != 0 ? ": it ended, hangs or runs a shorter experiment"
+                                                 : ": it never answered; is it running, on this "
+                                                   "link and with this run id?"));
     }
     if (late) late();
     if (now >= repeat_at) {
@@ -184,6 +186,13 @@ unsigned AxisExchange::supervise() {
   }
   running_ &= ~silent;
   return silent;
+}
+
+void AxisExchange::resume(unsigned axes) {
+  running_ |= axes;
+  for (std::size_t i = 0; i < axes_.size(); ++i) {
+    if ((axes >> i & 1U) != 0) axes_[i].received = Clock::now();
+  }
 }
 
 milliseconds AxisExchange::quiet() const {

@@ -47,6 +47,9 @@ class PlantExchange {
 
   // Called now and then while an answer is late; what it throws ends the exchange.
   std::function<void()> late;
+  // Called when axes that answered before, bits axis - 1, are silent for longer than the timeout,
+  // and each such time again: true waits on. Empty, or false: the exchange throws LinkSilent.
+  std::function<bool(unsigned axes)> silent;
 
   LinkStatistics statistics() const;
 
@@ -80,6 +83,8 @@ class AxisExchange {
   // Every axis has done its last tick, or its plant has fallen silent. The last answer may have
   // been lost: call serve() until quiet(), the time since the last record, is long enough.
   bool finished() const { return running_ == 0; }
+  // These axes, bits axis - 1, are served on after their plant fell silent.
+  void resume(unsigned axes);
   std::chrono::milliseconds quiet() const;
 
   LinkStatistics statistics() const;

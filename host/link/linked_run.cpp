@@ -30,22 +30,33 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
-// The place on the link that only one plant or axis may have.
+// The place on the link that only one plant or axis may have, and their roles there.
 std::string claimed(const LinkOptions &options) {
   return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
                                : options.can_interface;
 }
 
+std::string plant_role(const LinkOptions &options, int axis) {
+  return options.kind == "lcm" ? "plant of axis " + std::to_string(axis) : "plant";
+}
+std::string axis_role(int axis) { return "axis " + std::to_string(axis); }
+
 // Waits for the time of each tick: tick k is due exactly k / 1500 s after the first.
 class Pacer {
  public:
+  // A tick later than `most_late_ns` is due now, and those after it follow from there.
+  explicit Pacer(std::int64_t most_late_ns) : most_late_ns_(most_late_ns) {}
+
   void wait_for(std::int64_t tick) {
-    if (!started_) {
+    const std::int64_t now = now_ns();
+    std::int64_t due_ns = start_ns_ + tick * 2000000 / 3;
+    if (!started_ || now - due_ns > most_late_ns_) {
+      start_ns_ += now - due_ns;
+      due_ns = now;
       started_ = true;
-      start_ns_ = now_ns();
     }
-    const std::int64_t due_ns = due_ns_ = start_ns_ + tick * 2000000 / 3;
-    if (now_ns() > due_ns + 2000000 / 3) ++overruns;
+    due_ns_ = due_ns;
+    if (now > due_ns + 2000000 / 3) ++overruns;
     const timespec due{due_ns / 1000000000, due_ns % 1000000000};
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
     }
@@ -60,6 +71,7 @@ class Pacer {
     clock_gettime(CLOCK_MONOTONIC, &now);
     return std::int64_t{now.tv_sec} * 1000000000 + now.tv_nsec;
   }
+  std::int64_t most_late_ns_;
   bool started_ = false;
   std::int64_t start_ns_ = 0, due_ns_ = 0;
 };
@@ -75,15 +87,12 @@ std::string link_text(const LinkOptions &options) {
 
 struct LinkedPlants::Ends {
   Ends(std::span<const Experiment> experiments, std::uint8_t first, const RunOptions &run_options,
-       const LinkOptions &options)
-      : first_axis(first) {
-    if (options.kind != "lcm") {
-      claims.push_back(std::make_unique<LinkClaim>(options.can_interface, "plant"));
-    } else {
-      for (std::size_t i = 0; i < experiments.size(); ++i) {
-        claims.push_back(std::make_unique<LinkClaim>(claimed(options),
-                                                     "plant of axis " + std::to_string(first + i)));
-      }
+       const LinkOptions &link_options)
+      : first_axis(first), options(link_options) {
+    for (std::size_t i = 0; i < experiments.size(); ++i) {
+      const int axis = first + static_cast<int>(i);
+      claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
+      if (options.kind != "lcm") break;  // one plant of all axes
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
@@ -95,6 +104,7 @@ struct LinkedPlants::Ends {
   }
 
   std::uint8_t first_axis;
+  LinkOptions options;
   LinkReport report;
   std::vector<std::unique_ptr<LinkClaim>> claims;
   std::unique_ptr<PlantTransport> transport;
@@ -108,9 +118,90 @@ LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t
 
 LinkedPlants::~LinkedPlants() = default;
 
-std::vector<RunResult> LinkedPlants::run(bool real_time, const LinkWatch &watch) {
+// The plants' end of a session: stalls of this process, and an axis_node that is silent.
+class LinkedPlants::Session {
+ public:
+  Session(Ends &ends, const LinkSession &session)
+      : ends_(ends), session_(session), stall_(ends.options.timeouts.running) {
+    ends.exchange->late = [this] {
+      check_self();
+      if (session_.ended()) throw RunStopped();
+    };
+    ends.exchange->silent = [this](unsigned axes) {
+      if (!check_self()) wait_for(axes);
+      return true;
+    };
+  }
+  ~Session() { ends_.exchange->late = {}, ends_.exchange->silent = {}; }
+  Session(const Session &) = delete;
+  Session &operator=(const Session &) = delete;
+
+  // False: the session is ended.
+  bool begin(std::int64_t tick) {
+    tick_ = tick;
+    check_self();
+    return !session_.ended();
+  }
+
+  // Every axis has answered.
+  void answered() {
+    if (tick_ == 0) {
+      for (std::size_t i = 0; i < ends_.plants.size(); ++i) {
+        const int axis = ends_.first_axis + static_cast<int>(i);
+        if (axis_held(ends_.options, axis)) visible_ |= 1U << (axis - 1);
+      }
+    }
+    if (!silent_since_) return;
+    const auto time =
+        std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - *silent_since_);
+    silent_since_.reset();
+    session_.report(tick_, false,
+                    "axis_node was silent for " + ends_.report.interruptions.add(time) +
+                        "; goes on at tick " + std::to_string(tick_));
+  }
+
+ private:
+  // Whether this process was stopped.
+  bool check_self() {
+    const auto stalled = stall_.poll();
+    if (!stalled) return false;
+    session_.report(tick_, false,
+                    "stopped for " + ends_.report.interruptions.add(*stalled) +
+                        "; goes on at tick " + std::to_string(tick_));
+    return true;
+  }
+
+  void wait_for(unsigned axes) {
+    for (int axis = 1; axis <= kMostAxes; ++axis) {
+      if ((axes & visible_ & 1U << (axis - 1)) == 0 || axis_held(ends_.options, axis)) continue;
+      ends_.report.axis_ended = true;
+      throw RunStopped();
+    }
+    if (silent_since_) return;
+    silent_since_ = Clock::now() - ends_.options.timeouts.running;
+    session_.report(tick_, true,
+                    "axis_node (" + axes_text(axes) + ") silent at tick " + std::to_string(tick_) +
+                        ": waits for it, the plant stands still");
+  }
+
+  Ends &ends_;
+  const LinkSession &session_;
+  StallWatch stall_;
+  std::int64_t tick_ = 0;
+  unsigned visible_ = 0;  // bits axis - 1: this machine sees whether that axis_node has ended
+  std::optional<Clock::time_point> silent_since_;
+};
+
+std::vector<RunResult> LinkedPlants::run(bool real_time, const LinkWatch &watch,
+                                         const LinkSession *of_session) {
   Ends &ends = *ends_;
-  Pacer pacer;
+  std::optional<Session> session;
+  std::int64_t most_late_ns = INT64_MAX / 2;
+  if (of_session != nullptr) {
+    session.emplace(ends, *of_session);
+    most_late_ns = std::chrono::nanoseconds(ends.options.timeouts.running).count();
+  }
+  Pacer pacer(most_late_ns);
   Clock::time_point first_answer{};
   std::array<LinkInputs, kMostAxes> inputs;
   std::array<LinkOutputs, kMostAxes> outputs;
@@ -118,6 +209,7 @@ std::vector<RunResult> LinkedPlants::run(bool real_time, const LinkWatch &watch)
   for (std::int64_t tick = 0;; ++tick) {
     std::size_t n = 0;
     if (real_time && tick > 0) pacer.wait_for(tick - 1);
+    if (session && !session->begin(tick)) break;
     for (std::size_t i = 0; i < ends.plants.size(); ++i) {
       if (!ends.plants[i].running()) continue;
       running[n] = &ends.plants[i];
@@ -126,7 +218,13 @@ std::vector<RunResult> LinkedPlants::run(bool real_time, const LinkWatch &watch)
       ++n;
     }
     if (n == 0) break;
-    ends.exchange->exchange({inputs.data(), n}, {outputs.data(), n});
+    try {
+      ends.exchange->exchange({inputs.data(), n}, {outputs.data(), n});
+    } catch (const RunStopped &) {
+      if (!session) throw;
+      break;
+    }
+    if (session) session->answered();
     if (watch && tick % kTicksBetweenMoments == 0) {
       LinkMoment moment{tick, std::nullopt, {}};
       if (real_time) moment.late_us = pacer.late_us();
@@ -154,7 +252,15 @@ LinkReport LinkedPlants::report() const {
 }
 
 std::unique_ptr<LinkClaim> claim_axis(const LinkOptions &options, int axis) {
-  return std::make_unique<LinkClaim>(claimed(options), "axis " + std::to_string(axis));
+  return std::make_unique<LinkClaim>(claimed(options), axis_role(axis));
+}
+
+bool plant_held(const LinkOptions &options, int axis) {
+  return LinkClaim::held(claimed(options), plant_role(options, axis));
+}
+
+bool axis_held(const LinkOptions &options, int axis) {
+  return LinkClaim::held(claimed(options), axis_role(axis));
 }
 
 std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,

@@ -11,6 +11,7 @@
 #include "host/link/claim.hpp"
 #include "host/link/exchange.hpp"
 #include "host/link/inject.hpp"
+#include "host/link/session.hpp"
 #include "host/run/result.hpp"
 #include "sim/hybrid/plant.hpp"
 
@@ -34,6 +35,16 @@ struct LinkReport {
   std::int64_t ticks = 0;     // of the longest axis
   double seconds = 0;         // from the first answer to the last
   std::int64_t overruns = 0;  // paced ticks that began more than a tick late
+  // Of a session:
+  Interruptions interruptions;
+  bool axis_ended = false;  // axis_node ended before it was ended here
+};
+
+// How the plants of a session are ended, and what they report. Runs in the thread of run().
+struct LinkSession {
+  std::function<bool()> ended;  // asked every tick, and while an answer is late
+  // One line for each change: `paused` while the plants wait for a silent axis_node.
+  std::function<void(std::int64_t tick, bool paused, const std::string &text)> report;
 };
 
 // The progress of a run, passed to a LinkWatch.
@@ -60,20 +71,29 @@ class LinkedPlants {
 
   // All ticks. `real_time`: a tick begins at its time on the wall clock and not earlier. The
   // results' `refused` are empty: the other process reports refusals. `watch` is called every
-  // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. Throws what run() throws,
-  // LinkSilent, TransportError. report() is valid in either case.
-  std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {});
+  // kTicksBetweenMoments, from tick 0 on, when the firmware has answered. A session ends when it is
+  // ended or axis_node has ended; while axis_node is silent the plants stand still, and the clock's
+  // ticks that they or axis_node missed are not caught up. Throws what run() throws, LinkSilent (in
+  // a session only before the first answer), TransportError. report() is valid in either case.
+  std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {},
+                             const LinkSession *session = nullptr);
 
   LinkReport report() const;
 
  private:
   struct Ends;
+  class Session;
   std::unique_ptr<Ends> ends_;
 };
 
 // While it exists no other process of this machine can be this axis on the link. Throws
 // TransportError. `axis` from 1.
 std::unique_ptr<LinkClaim> claim_axis(const LinkOptions &options, int axis);
+
+// Whether a process of this machine and network namespace has the plant, or the firmware, of this
+// axis; also while that process is stopped.
+bool plant_held(const LinkOptions &options, int axis);
+bool axis_held(const LinkOptions &options, int axis);
 
 // The firmware's end of the link; `counts` must outlive it. Throws TransportError.
 std::unique_ptr<AxisTransport> open_axis_transport(const LinkOptions &options,

@@ -33,6 +33,16 @@ void LivePlants::show(const host::LinkMoment &moment) {
   }
 }
 
+void LivePlants::report(std::int64_t tick, bool paused, const std::string &text) {
+  sim_clock_t clock{};
+  clock.tick = tick;
+  clock.clock_state = paused ? sim_clock_t::CLOCK_PAUSED : sim_clock_t::CLOCK_RUNNING;
+  clock.speed_permille = clock.late_us = sim_clock_t::NOT_AVAILABLE;
+  clock.text = text;
+  before_.reset();
+  lcm_.publish(clock);
+}
+
 void LivePlants::end(std::int64_t tick, const std::string &why) {
   sim_clock_t clock{};
   clock.tick = tick;

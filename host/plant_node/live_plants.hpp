@@ -15,6 +15,8 @@ class LivePlants {
 
   // Publishes the clock and the true signals of every axis at this moment.
   void show(const host::LinkMoment &moment);
+  // Publishes a change of a session, as text: `paused` while the plants wait for axis_node.
+  void report(std::int64_t tick, bool paused, const std::string &text);
   // Publishes that the run ended at `tick`; `why` is empty unless it failed.
   void end(std::int64_t tick, const std::string &why);
 

@@ -14,12 +14,13 @@ namespace {
 
 using namespace forceaxis;
 
-std::string axis_json(int axis, const host::Experiment &experiment, const host::RunResult &result) {
+std::string axis_json(int axis, const host::Experiment &experiment, std::int64_t ticks,
+                      const host::RunResult &result) {
   nodes::JsonObject o;
   o.add("axis", axis)
       .add("experiment", experiment.file.string())
       .add("inputs_hash", experiment.hash)
-      .add("ticks", experiment.ticks + 1)
+      .add("ticks", ticks)
       .add("trace_hash", result.trace_hash)
       .add("fault", result.fault);
   if (result.verdict.empty()) {
@@ -43,16 +44,27 @@ int run(const nodes::NodeOptions &options, bool live) {
   try {
     host::LinkWatch watch;
     if (shown) watch = [&shown](const host::LinkMoment &moment) { shown->show(moment); };
-    results = plants.run(options.pace == "real", watch);
+    const host::LinkSession session{
+        [] { return nodes::stopped != 0; },
+        [&shown](std::int64_t tick, bool paused, const std::string &text) {
+          std::cerr << "plant_node: " << text << std::endl;
+          if (shown) shown->report(tick, paused, text);
+        }};
+    results = plants.run(options.pace == "real", watch, options.endless ? &session : nullptr);
   } catch (const host::LinkSilent &error) {
     failure = error.what();
   }
   const host::LinkReport report = plants.report();
-  if (shown) shown->end(std::max<std::int64_t>(report.ticks - 1, 0), failure);
+  std::string ended = failure;
+  if (report.axis_ended) {
+    ended = "axis_node has ended at tick " + std::to_string(report.ticks) + ", the session is over";
+    std::cerr << "plant_node: " << ended << '\n';
+  }
+  if (shown) shown->end(std::max<std::int64_t>(report.ticks - 1, 0), ended);
   std::string axes;
   for (std::size_t i = 0; i < results.size(); ++i) {
-    nodes::append(axes,
-                  axis_json(options.first_axis + static_cast<int>(i), experiments[i], results[i]));
+    nodes::append(axes, axis_json(options.first_axis + static_cast<int>(i), experiments[i],
+                                  std::min(experiments[i].ticks + 1, report.ticks), results[i]));
   }
   const double rate =
       report.seconds > 0 ? static_cast<double>(report.ticks - 1) / report.seconds : 0;
@@ -67,6 +79,7 @@ int run(const nodes::NodeOptions &options, bool live) {
       .add("overruns", report.overruns)
       .raw("axes", "[" + axes + "]")
       .raw("statistics", nodes::statistics_json(report.statistics, report.injected));
+  if (options.endless) o.raw("session", nodes::session_json(report.interruptions, ended));
   if (!failure.empty()) o.add("error", failure);
   std::cout << o.text() << std::endl;
   if (failure.empty()) return 0;
@@ -81,7 +94,8 @@ int main(int argc, char **argv) {
   CLI::App app(
       "The plants of one or several axes, tick by tick in lock-step with axis_node.\n"
       "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run\n"
-      "failed (axis_node silent), 2 wrong usage or input.");
+      "failed (axis_node silent), 2 wrong usage or input. A session (--endless) that was ended is "
+      "0.");
   nodes::add_options(app, options);
   bool live = false;
   app.add_flag("--live", live,
@@ -91,7 +105,10 @@ int main(int argc, char **argv) {
   app.footer(
       "Example:\n"
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
-      "  plant_node sim/experiments/contact.toml --link lcm --run-id 7");
+      "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
+      "a session in real time, until Ctrl-C:\n"
+      "  axis_node sim/experiments/contact.toml --endless --pace real --can vcan0 &\n"
+      "  plant_node sim/experiments/contact.toml --endless --pace real --live");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
@@ -101,6 +118,7 @@ int main(int argc, char **argv) {
     nodes::finish_options(options);
     const std::string wrong = live ? lcm_bus::url_trouble(lcm_bus::default_url()) : "";
     if (!wrong.empty()) throw nodes::UsageError("LCM_DEFAULT_URL " + wrong);
+    if (options.endless) nodes::end_by_signals();
     return run(options, live);
   });
 }

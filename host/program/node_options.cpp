@@ -56,6 +56,10 @@ void add_options(CLI::App &app, NodeOptions &o) {
                  "overruns, object 2307h and emergency FF04h.")
       ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();
+  app.add_flag("--endless", o.endless,
+               "For both nodes: a session that lasts until either is ended (Ctrl-C, SIGTERM; exit "
+               "status 0), whatever the experiment's duration. A node that was stopped and goes on "
+               "says what it missed, and the axis is disabled meanwhile.");
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
       ->check(real_range(0.01, 86400))
@@ -124,6 +128,7 @@ std::vector<host::Experiment> load_experiments(const NodeOptions &o) {
   for (std::size_t i = 0; i < o.files.size(); ++i) {
     experiments.push_back(
         host::load_experiment(o.files[i], overrides_of(o, o.first_axis + static_cast<int>(i))));
+    if (o.endless) host::make_endless(experiments.back());
   }
   return experiments;
 }
@@ -131,6 +136,15 @@ std::vector<host::Experiment> load_experiments(const NodeOptions &o) {
 std::string axes_range(const NodeOptions &o) {
   const int last = o.first_axis + static_cast<int>(o.files.size()) - 1;
   return std::to_string(o.first_axis) + (last > o.first_axis ? "-" + std::to_string(last) : "");
+}
+
+std::string session_json(const host::Interruptions &interruptions, const std::string &ended) {
+  return JsonObject()
+      .add("interruptions", interruptions.count)
+      .add("missed_s", static_cast<double>(interruptions.total.count()) / 1000)
+      .add("missed_ticks", interruptions.ticks())
+      .add("ended", ended.empty() ? "by a signal" : ended)
+      .text();
 }
 
 std::string statistics_json(const host::LinkStatistics &s, const host::InjectionCounts &injected) {

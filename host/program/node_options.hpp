@@ -20,6 +20,7 @@ struct NodeOptions {
   std::string pace = "fast";  // or "real"
   double start_timeout_s = 5;
   double timeout_s = 1;
+  bool endless = false;  // a session, see host/link/session.hpp
   host::LinkOptions link;
 };
 
@@ -31,11 +32,14 @@ void finish_options(NodeOptions &options);
 // The overrides NAME=VALUE of one axis, numbered from 1.
 std::vector<std::string> overrides_of(const NodeOptions &options, int axis);
 
-// The experiments, one an axis. Throws sim::InputError.
+// The experiments, one an axis, endless if the options are. Throws sim::InputError.
 std::vector<host::Experiment> load_experiments(const NodeOptions &options);
 
 // The hosted axes as messages name them, "1" or "1-6".
 std::string axes_range(const NodeOptions &options);
+
+// What a session went through; `ended` is empty where a signal ended it.
+std::string session_json(const host::Interruptions &interruptions, const std::string &ended);
 
 // Statistics of one end, injected faults included.
 std::string statistics_json(const host::LinkStatistics &statistics,

@@ -1,6 +1,10 @@
 #include "host/program/program.hpp"
 
+#include <unistd.h>
+
+#include <csignal>
 #include <iostream>
+#include <thread>
 
 #include "sim/model/model.hpp"
 
@@ -30,6 +34,22 @@ int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error) 
   }
   std::cerr << name << ": " << what << "; see --help\n";
   return 2;
+}
+
+std::atomic<int> stopped{0};
+
+void end_by_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  // A thread of its own receives the signals, so that they interrupt no system call.
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::thread([signals] {
+    for (int signal = 0; sigwait(&signals, &signal) == 0;) {
+      if (stopped.exchange(signal) != 0) _exit(128 + signal);
+    }
+  }).detach();
 }
 
 }  // namespace forceaxis::nodes

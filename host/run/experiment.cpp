@@ -382,6 +382,11 @@ std::vector<std::string> trace_columns(const sim::Model &model) {
   return columns;
 }
 
+void make_endless(Experiment &experiment) {
+  experiment.ticks = kEndlessTicks;
+  experiment.criterion.reset();
+}
+
 void expect_used(const Experiment &experiment) {
   const std::vector<std::string> &idle = experiment.unused;
   if (idle.empty()) return;

@@ -119,6 +119,11 @@ Experiment load_experiment(const std::filesystem::path &file,
 // The columns of a run's trace: codes and states, then the signals of the model.
 std::vector<std::string> trace_columns(const sim::Model &model);
 
+// Takes duration and verdict away: the run lasts until it is ended. Its actions stay. The tick in
+// the trace hash has 32 bits and wraps after 33 days; nothing else does.
+inline constexpr std::int64_t kEndlessTicks = 1'000'000'000'000'000;
+void make_endless(Experiment &experiment);
+
 // Refuses parameters in [set] that change nothing. Throws sim::InputError.
 void expect_used(const Experiment &experiment);
 

@@ -62,7 +62,7 @@ class Line {
     }
     return static_cast<T>(value);
   }
-  std::int64_t tick() { return number<std::int64_t>("a tick", 0, 1000000000); }
+  std::int64_t tick() { return number<std::int64_t>("a tick", 0, kEndlessTicks); }
 
   std::vector<std::uint8_t> bytes(const std::string &what, std::size_t most) {
     const std::string text = word(what);
@@ -122,6 +122,11 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     return Journal::Entry{tick, Journal::ModbusBytes{line.bytes("bytes", 65535)}};
   }
   if (kind == "overrun") return Journal::Entry{line.tick(), Journal::Overrun{}};
+  if (kind == "sensorless") {
+    const std::int64_t tick = line.tick();
+    const auto count = line.number<std::int64_t>("a count", 1, kEndlessTicks);
+    return Journal::Entry{tick, Journal::Sensorless{count}};
+  }
   return std::nullopt;
 }
 
@@ -187,11 +192,24 @@ JournalWriter::JournalWriter(const std::filesystem::path &file, const Experiment
        << '\n';
   for (const std::string &text : overrides) out_ << "set " << text << '\n';
   out_ << "inputs_hash " << experiment.hash << '\n';
+  if (experiment.ticks == kEndlessTicks) out_ << "endless\n";
 }
 
 JournalWriter::~JournalWriter() { close(lock_); }
 
-void JournalWriter::flush() { out_.flush(); }
+void JournalWriter::flush() { entry().flush(); }
+
+// The file, after the entry of sensorless ticks that came before.
+std::ostream &JournalWriter::entry() {
+  if (sensorless_ > 0) out_ << "sensorless " << sensorless_tick_ << ' ' << sensorless_ << '\n';
+  sensorless_ = 0;
+  return out_;
+}
+
+void JournalWriter::sensorless(std::int64_t tick) {
+  sensorless_tick_ = tick;
+  ++sensorless_;
+}
 
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
@@ -210,11 +228,11 @@ void JournalWriter::write_store(const store_memory_t &memory) {
 }
 
 void JournalWriter::write(std::int64_t tick, std::uint16_t object, std::int32_t raw) {
-  out_ << "write " << tick << ' ' << object_meta(object).name << ' ' << raw << '\n';
+  entry() << "write " << tick << ' ' << object_meta(object).name << ' ' << raw << '\n';
 }
 
 void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
-  out_ << "can " << tick << ' ' << std::hex << frame.id << std::dec << ' ';
+  entry() << "can " << tick << ' ' << std::hex << frame.id << std::dec << ' ';
   if (frame.remote != 0) {
     out_ << "R\n";
   } else {
@@ -223,26 +241,35 @@ void JournalWriter::can(std::int64_t tick, const can_frame_t &frame) {
 }
 
 void JournalWriter::lost(std::int64_t tick, std::uint16_t frames) {
-  out_ << "lost " << tick << ' ' << frames << '\n';
+  entry() << "lost " << tick << ' ' << frames << '\n';
 }
 
 void JournalWriter::bus(std::int64_t tick, std::uint8_t state) {
-  out_ << "bus " << tick << ' ' << int{state} << '\n';
+  entry() << "bus " << tick << ' ' << int{state} << '\n';
 }
 
 void JournalWriter::modbus(std::int64_t tick, std::span<const std::uint8_t> bytes) {
-  out_ << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
+  entry() << "modbus " << tick << ' ' << hex_of(bytes) << '\n';
 }
 
-void JournalWriter::overrun(std::int64_t tick) { out_ << "overrun " << tick << '\n'; }
+void JournalWriter::overrun(std::int64_t tick) { entry() << "overrun " << tick << '\n'; }
 
 void JournalWriter::end(std::int64_t ticks, const std::string &hash) {
-  out_ << "end " << ticks << ' ' << hash << std::endl;
+  entry() << "end " << ticks << ' ' << hash << std::endl;
 }
 
 std::int64_t Journal::known_ticks() const {
   if (ticks >= 0) return ticks;
   return entries.empty() ? 1 : entries.back().tick + 1;
+}
+
+Experiment Journal::load() const {
+  Experiment loaded = load_experiment(experiment, overrides);
+  if (endless) {
+    make_endless(loaded);
+    loaded.ticks = known_ticks() - 1;
+  }
+  return loaded;
 }
 
 Journal read_journal(const std::filesystem::path &file) {
@@ -266,6 +293,8 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.overrides.push_back(line.rest());
     } else if (kind == "inputs_hash") {
       journal.inputs_hash = line.rest();
+    } else if (kind == "endless") {
+      journal.endless = true;
     } else if (kind == "config") {
       journal.node_id = line.number<std::uint8_t>("a node", 0, 127);
       journal.buses = line.number<std::uint8_t>("buses", 0, 1);
@@ -282,8 +311,8 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.trace_hash = line.rest();
     } else {
       line.fail(
-          "experiment, set, inputs_hash, config, store, write, can, lost, bus, modbus, overrun or "
-          "end");
+          "experiment, set, inputs_hash, endless, config, store, write, can, lost, bus, modbus, "
+          "overrun, sensorless or end");
     }
   }
   if (journal.experiment.empty()) {

@@ -6,9 +6,11 @@
 // One axis, text, one entry a line:
 //   forceaxis-journal 1
 //   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
+//   endless                                                without the experiment's duration
 //   config NODE BUSES / store HEX                          the firmware's state at power-up
 //   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
 //   bus TICK STATE | modbus TICK HEX | overrun TICK
+//   sensorless TICK COUNT                                  ticks of the firmware alone, in between
 //   end TICKS HASH                                         how long it ran, and its trace hash
 // Initial writes carry tick 0. Bytes are hexadecimal, none "-". A truncated journal has no `end`; a
 // truncated line is ignored.
@@ -50,15 +52,21 @@ class JournalWriter {
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void overrun(std::int64_t tick);
+  // One tick of the firmware without sensors, before `tick`. Ticks that follow each other with
+  // nothing received between them are one entry, so that a long silence stays short.
+  void sensorless(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
   // To be called at intervals: a killed process loses what was not flushed.
   void flush();
 
  private:
+  std::ostream &entry();
   void write_store(const store_memory_t &memory);
 
   int lock_;
   std::ofstream out_;
+  std::int64_t sensorless_tick_ = 0;
+  std::int64_t sensorless_ = 0;  // of the entry that is not yet written
 };
 
 // Throws what a JournalWriter of the file would, and changes nothing.
@@ -79,15 +87,20 @@ struct Journal {
     std::vector<std::uint8_t> bytes;
   };
   struct Overrun {};
+  struct Sensorless {
+    std::int64_t count;
+  };
   struct Entry {
     std::int64_t tick;
-    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes, Overrun> what;
+    std::variant<ObjectWrite, can_frame_t, FramesLost, BusState, ModbusBytes, Overrun, Sensorless>
+        what;
   };
 
   std::filesystem::path file;
   std::filesystem::path experiment;
   std::vector<std::string> overrides;
   std::string inputs_hash;
+  bool endless = false;
   std::uint8_t node_id = 0;
   std::uint32_t serial_number = 0;
   std::uint8_t buses = 0;
@@ -100,6 +113,9 @@ struct Journal {
 
   // How many ticks it covers: without an end up to the last entry.
   std::int64_t known_ticks() const;
+
+  // Its experiment, as long as the run was. Throws sim::InputError; does not compare the hash.
+  Experiment load() const;
 };
 
 // Throws sim::InputError naming file and line.

@@ -50,7 +50,8 @@ class RamStore {
 
 // Passes each kind of entry to the firmware.
 struct Applier {
-  fw_t *axis;
+  FirmwareSide &firmware;
+  fw_t *axis = firmware.axis();
   void operator()(const ObjectWrite &w) const {
     fw_object_write(axis, FW_SOURCE_LOCAL, w.object, w.raw);
   }
@@ -58,6 +59,12 @@ struct Applier {
   void operator()(const Journal::FramesLost &l) const { fw_can_lost(axis, l.count); }
   void operator()(const Journal::BusState &b) const { fw_can_bus(axis, b.state); }
   void operator()(const Journal::Overrun &) const { fw_overrun(axis, 0); }
+  void operator()(const Journal::Sensorless &s) const {
+    for (std::int64_t i = 0; i < s.count; ++i) {
+      firmware.lose_sensors(1);
+      firmware.discard_output();
+    }
+  }
   void operator()(const Journal::ModbusBytes &m) const {
     fw_modbus_receive(axis, m.bytes.data(), static_cast<std::uint16_t>(m.bytes.size()));
   }
@@ -65,7 +72,9 @@ struct Applier {
 
 }  // namespace
 
-void apply(const Journal::Entry &entry, fw_t *axis) { std::visit(Applier{axis}, entry.what); }
+void apply(const Journal::Entry &entry, FirmwareSide &firmware) {
+  std::visit(Applier{firmware}, entry.what);
+}
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
   Experiment silent = experiment;  // its writes come from the journal
@@ -84,7 +93,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   auto entry = journal.entries.begin();
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
-      apply(*entry, firmware.axis());
+      apply(*entry, firmware);
     }
     plant.act(firmware.tick(plant.sense()));
     firmware.discard_output();

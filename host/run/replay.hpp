@@ -1,13 +1,13 @@
 #pragma once
 // Repeats a journal's run in process, with the firmware's outputs identical to the last bit.
-#include "firmware/port/host/axis_host.h"
+#include "host/run/firmware_side.hpp"
 #include "host/run/journal.hpp"
 #include "host/run/result.hpp"
 
 namespace forceaxis::host {
 
-// Passes one entry to the firmware; to be called before the entry's tick.
-void apply(const Journal::Entry &entry, fw_t *axis);
+// Passes one entry to the firmware; to be called before the entry's tick. Sensorless ticks are run.
+void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // The run of the journal in process, as far as that is known. `experiment` must be that of the
 // journal and gives the plant and the impulses. Throws as run().

@@ -16,6 +16,7 @@ from pymodbus.framer import FramerRTU
 MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8]
 CANOPEN = 0  # FW_SOURCE_
 SCENARIO_TICKS = 160
+FIRST_MOTION_TICKS = 520
 COMMANDS = [0x00, 0x02, 0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80, 0x20F]
 COMMANDS += [0x21F]
 # Values that reach every branch: small and large, both rails, their neighbours, and off.
@@ -98,6 +99,13 @@ SECTIONS = [
     (ONE // 2, ONE // 2, 0, 0, 0),
     (ONE // 10, 0, 0, -ONE + ONE // 10, 0),
 ]
+FIRST_MOTION = {
+    "first_motion_code": [1, 30, 100, 100, 2047],
+    "first_motion_counts": [2, 16, 16, 4096],
+    "first_motion_speed": [1, 16, 16, 2048],
+    "contact_force": [512],
+    "position_gain": [0, 256, 256, 256, 256, 256, 1280, 1280],
+}
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 
 
@@ -118,6 +126,11 @@ class Fuzz:
         self.objects = objects
         self.rng = random.Random(seed)
         self.tick_number = 0
+        self.scenario_end = 0
+        self.calm_rng = random.Random(seed + 1)
+        self.calm = False  # the first motion is tested, by a plant that lets it begin
+        self.encoder_sign = 1
+        self.din = 1
         self.position, self.speed, self.wall = 0.0, 0.0, 2000.0
         self.mode = 1
         by = objects.values()
@@ -161,6 +174,7 @@ class Fuzz:
         self.quiet = rng.random() < 0.3
         self.mode = rng.choice(MODES)
         self.set(side, "modes_of_operation", self.mode)
+        self.start_first_motion(side)
         for word in (0x06, 0x0F):
             self.set(side, "controlword", word)
 
@@ -183,6 +197,18 @@ class Fuzz:
         words = struct.pack("<19I", *(v % (1 << 32) for v in values))
         self.set(side, f"bank_crc_{bank}", zlib.crc32(words))
         self.set(side, "force_bank", bank)
+
+    def start_first_motion(self, side):
+        rng = self.calm_rng
+        self.calm = rng.random() < 0.07
+        self.set(side, "first_motion_test", int(self.calm))
+        if self.calm:
+            for name, values in FIRST_MOTION.items():
+                self.set(side, name, rng.choice(values))
+            self.wall = self.position + rng.choice([-40, -10, 10, 1000, 1000])
+            self.encoder_sign = rng.choice([1, 1, 1, 1, -1, 0])
+            self.din = rng.choice([1, 1, 1, 3, 5])
+        self.scenario_end = self.tick_number + (FIRST_MOTION_TICKS if self.calm else SCENARIO_TICKS)
 
     def map_pdos(self, side):
         rng = self.rng
@@ -343,6 +369,9 @@ class Fuzz:
         """A crude axis: the code drives the speed, a wall presses back."""
         rng = self.rng
         code = struct.unpack("<h", outputs[:2])[0]
+        if self.calm:
+            self.sense_calm(code, inputs)
+            return
         self.speed += 0.2 * (code / 50.0 - self.speed)
         self.position += self.speed
         if abs(self.position) > 2e9:
@@ -360,12 +389,25 @@ class Fuzz:
         inputs.din = 1 if rng.random() > 0.003 else rng.choice([0, 3, 5, 7, 9, 15])
         inputs.sensor_valid = int(rng.random() >= 0.001)
 
+    def sense_calm(self, code, inputs):
+        """The same axis without accidents, its encoder perhaps reversed or dead."""
+        self.speed += 0.2 * (code / 50.0 - self.speed)
+        self.position += self.speed
+        inputs.encoder_cnt = signed(self.encoder_sign * int(self.position))
+        inputs.adc_code[0] = max(1, min(254, int((self.position - self.wall) / 2)))
+        inputs.adc_code[1] = 100
+        inputs.din = self.din
+        inputs.sensor_valid = 1
+
     def step(self, side, inputs):
         """The events before one tick, and its inputs; the caller runs the tick."""
-        if self.tick_number % SCENARIO_TICKS == 0:
+        if self.tick_number == self.scenario_end:
             self.start_scenario(side)
         self.tick_number += 1
-        self.command(side)
-        self.frames(side)
-        self.accidents(side)
+        if not self.calm or self.calm_rng.random() < 0.005:
+            self.command(side)
+            self.frames(side)
+            self.accidents(side)
+        elif self.calm_rng.random() < 0.003:
+            self.set(side, "modes_of_operation", self.calm_rng.choice(MODES))
         self.sense(side.outputs, inputs)

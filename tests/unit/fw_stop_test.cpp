@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <fstream>
@@ -176,6 +177,24 @@ class FwStop : public Fw {
     return 0;
   }
 
+  static std::string Documented() {
+    std::ifstream file(STOP_TIMES_FILE);
+    std::stringstream text;
+    text << file.rdbuf();
+    return text.str();
+  }
+
+  // The last cell of the documented row of this event, which is kept, and the end of the row.
+  static std::string WallTime(const std::string &event, const std::string &source) {
+    std::istringstream lines(Documented());
+    for (std::string line; std::getline(lines, line);) {
+      if (!line.starts_with("| " + event + " | " + source + " |")) continue;
+      line.resize(line.size() - 1);
+      return line.substr(line.rfind('|') + 1) + "|\n";
+    }
+    return " |\n";
+  }
+
   bool Halted() const {
     return outputs_.dac_code != kCode && outputs_.amp_enable == 1 &&
            Inner(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_POSITION;
@@ -193,7 +212,8 @@ class FwStop : public Fw {
   }
 };
 
-// The table of the documentation, which is this test's own output.
+// The table of the documentation, which is this test's own output but for the wall times and the
+// text after it: those are of tests/wire/stop_times_bench.py.
 TEST_F(FwStop, EveryStopActsWhoeverOwns) {
   std::ostringstream table;
   table << "Ticks of 1/1500 s from an event to code 0 and amplifier off, whoever owns the axis; of "
@@ -201,7 +221,7 @@ TEST_F(FwStop, EveryStopActsWhoeverOwns) {
            "to the axis held. Options that ask for a ramp are off. \"-\": the axis goes on.\n\n"
            "| event | of |";
   for (Way owner : kWays) table << " owner " << NameOf(owner) << " |";
-  table << "\n|---|---|---|---|---|---|\n";
+  table << " wall, ms |\n|---|---|---|---|---|---|---|\n";
   for (size_t k = 0; k < Stops().size(); ++k) {
     const Stop stop = Stops()[k];
     table << "| " << stop.name << (stop.halts ? " (held)" : "") << " | " << stop.source << " |";
@@ -212,7 +232,7 @@ TEST_F(FwStop, EveryStopActsWhoeverOwns) {
       EXPECT_LE(ticks, 2) << stop.name << " from " << stop.source << ", owner " << NameOf(owner);
       table << ' ' << ticks << " |";
     }
-    table << '\n';
+    table << WallTime(stop.name + (stop.halts ? " (held)" : ""), stop.source);
   }
   for (size_t k = 0; k < Silences().size(); ++k) {
     const Silence silence = Silences()[k];
@@ -223,13 +243,12 @@ TEST_F(FwStop, EveryStopActsWhoeverOwns) {
       EXPECT_EQ(ticks, silence.ticks[i]) << silence.name << ", owner " << NameOf(kWays[i]);
       table << ' ' << (ticks == 0 ? "-" : std::to_string(ticks)) << " |";
     }
-    table << '\n';
+    table << WallTime(silence.name, silence.of);
   }
+  const std::string kept = Documented();
+  table << kept.substr(std::min(kept.rfind("|\n") + 2, kept.size()));
   if (const char *path = std::getenv("STOP_TIMES")) std::ofstream(path) << table.str();
-  std::ifstream file(STOP_TIMES_FILE);
-  std::stringstream kept;
-  kept << file.rdbuf();
-  EXPECT_EQ(kept.str(), table.str())
+  EXPECT_EQ(kept, table.str())
       << "docs/stop_times.md is made by STOP_TIMES=docs/stop_times.md fw_unit "
          "--gtest_filter=FwStop.EveryStopActsWhoeverOwns";
 }

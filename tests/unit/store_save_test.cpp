@@ -15,6 +15,23 @@ TEST(Store, IsEmptyOnABlankMemory) {
   EXPECT_EQ(flash.steps(), 0);
 }
 
+// On where the memory holds no set; as it was stored where there is one; off without a memory.
+TEST(Store, WithoutASetTheFirstMotionIsTested) {
+  Flash flash;
+  const auto is_tested = [&] { return Axis(flash.memory()).Read(AXIS_OBJ_FIRST_MOTION_TEST); };
+  EXPECT_EQ(Axis(nullptr).Read(AXIS_OBJ_FIRST_MOTION_TEST), 0);
+  EXPECT_EQ(is_tested(), 1) << "blank";
+  Axis axis(flash.memory());
+  axis.Save();
+  EXPECT_EQ(is_tested(), 1) << "stored on";
+  ASSERT_EQ(axis.Write(AXIS_OBJ_FIRST_MOTION_TEST, 0), FW_OK);
+  axis.Save();
+  EXPECT_EQ(is_tested(), 0) << "stored off";
+  ASSERT_EQ(axis.Write(AXIS_OBJ_RESTORE_DEFAULTS, 1), FW_OK);
+  axis.Run();
+  EXPECT_EQ(is_tested(), 1) << "forgotten";
+}
+
 TEST(Store, WithoutAMemoryItRefuses) {
   Axis axis(nullptr);
   EXPECT_EQ(axis.Write(AXIS_OBJ_STORE_PARAMETERS, 1), FW_ERROR_NO_MEMORY);

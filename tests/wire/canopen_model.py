@@ -459,14 +459,19 @@ class Node:
         self.in_time(i)
         self.unwatched[i] = False
         self.start_timer(DEADLINE + i, ticks_of_ms(self.od[0x1400 + i, 5]))
+        controls = stops = False
         for entry in self.entries(0x1600 + i):
             width = entry & 0xFF
+            at, value = (entry >> 16, entry >> 8 & 0xFF), data & (1 << width) - 1
+            controls |= entry >> 8 in CONTROL
+            stops |= is_stop(at, value)
             if entry >> 8 in (0x604000, 0x201E00):
                 self.duplicate = False
             if entry >> 8 == 0x230100 and self.may_own(0, data & 0xFF):
                 self.own(data & 0xFF)
             data >>= width
-        self.report_drive(bool(CONTROL & {entry >> 8 for entry in self.entries(0x1600 + i)}))
+        # Of several RPDOs that a SYNC brings into force the one that stops the axis reports it.
+        self.report_drive(controls, stops and self.owner != 0)
         if self.refused >> i & 1:
             self.report(i, 0x6320)
         else:
@@ -950,9 +955,9 @@ class Node:
             return wanted <= 2
         return wanted == source and not self.moves
 
-    def report_drive(self, controls):
+    def report_drive(self, controls, stops=True):
         """Emergencies of a frame that writes the controlword or the native mode."""
-        if controls and self.stopped_by:
+        if controls and stops and self.stopped_by:
             self.emergency(0xFF08, self.stopped_by)
             self.stopped_by = 0
         if controls and self.unsupervised:

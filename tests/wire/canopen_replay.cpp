@@ -156,7 +156,7 @@ class Log {
 
 int replay(const char *file) {
   const host::Journal journal = host::read_journal(file);
-  host::Experiment experiment = host::load_experiment(journal.experiment, journal.overrides);
+  host::Experiment experiment = journal.load();
   experiment.initial.clear();  // the journal has them
   for (host::Action &action : experiment.actions) action.writes.clear();
   fw_config_t config{};
@@ -170,13 +170,13 @@ int replay(const char *file) {
   auto entry = journal.entries.begin();
   const auto end = journal.entries.end();
   for (; entry != end && std::holds_alternative<host::ObjectWrite>(entry->what); ++entry) {
-    apply(*entry, firmware.axis());
+    apply(*entry, firmware);
   }
   Log log(firmware.axis());
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != end && entry->tick <= plant.tick(); ++entry) {
       const DriveBefore before = log.before();
-      apply(*entry, firmware.axis());
+      apply(*entry, firmware);
       if (const auto *frame = std::get_if<can_frame_t>(&entry->what)) {
         log.refused();
         log.drive(before);

@@ -56,14 +56,15 @@ WALK = [
 class Nodes:
     """axis_node and plant_node, in real time."""
 
-    def __init__(self, folder, name, *axis_args):
+    def __init__(self, folder, name, *axis_args, model=()):
+        self.model = [word for setting in model for word in ("--set", setting)]
         self.journal = folder / f"{name}.journal"
         self.errors = folder / f"{name}.errors"
         self.axis = self.start("axis_node", "--can", "vcan0", "--journal", self.journal, *axis_args)
         self.plant = self.start("plant_node", "--pace", "real")
 
     def start(self, name, *args):
-        words = [NODES / name, EXPERIMENT, *SETTINGS, *LINK, *args]
+        words = [NODES / name, EXPERIMENT, *SETTINGS, *self.model, *LINK, *args]
         with self.errors.open("a") as errors:
             process = subprocess.Popen(
                 [str(w) for w in words], stdout=subprocess.PIPE, stderr=errors, text=True
@@ -170,6 +171,29 @@ class Client:
         for index, value in ((0x2010, 1024), (0x2011, 5120), (0x200A, 1280)):
             self.drive.sdo[index].raw = value
         self.drive.sdo[0x2203].raw = 20000
+
+    def first_motion(self):
+        """The first enabling of an axis whose store is empty, with a target already sent."""
+        drive = self.drive
+        emergencies = []
+        drive.emcy.add_callback(emergencies.append)
+        found = {"option": drive.sdo[0x231A].raw, "before": drive.sdo[0x231C].raw}
+        drive.sdo[0x6060].raw = MODES["PROFILED POSITION"]
+        found["place"] = self.position()
+        drive.sdo[0x607A].raw = -20000
+        for word in (0x06, 0x07, 0x1F):
+            drive.controlword = word
+        wait_until("the end of the test", lambda: drive.sdo[0x231C].raw != 1)
+        found["result"] = drive.sdo[0x231C].raw
+        found["state"] = drive.sdo[0x6041].raw & 0x6F
+        found["fault"] = drive.sdo[0x2021].raw
+        found["error_code"] = drive.sdo[0x603F].raw
+        found["measured"] = [drive.sdo[0x231D][sub].raw for sub in (1, 2, 3)]
+        time.sleep(0.3)
+        found["moved"] = self.position() - found["place"]
+        found["emergencies"] = [e.code for e in emergencies if e.code != 0xFF09]
+        drive.controlword = 0
+        return found
 
     # The state machine.
 
@@ -611,6 +635,7 @@ def session(folder, steps):
     steps("set_up", client.set_up)
     steps("resets", client.resets)
     steps("gains", client.gains)
+    steps("first_motion", client.first_motion)
     steps("walk", client.walk)
     steps("modes", client.modes)
     steps("homing", client.homing)
@@ -634,6 +659,20 @@ def session(folder, steps):
     line.close()
 
 
+def reversed_encoder(folder, steps):
+    """The same axis as it would be with its encoder's wires crossed."""
+    nodes = Nodes(
+        folder, "reversed", "--store", folder / "reversed_store",
+        model=["encoder_scale=-157480.31496062993"],
+    )  # fmt: skip
+    client = Client()
+    steps("reversed_set_up", client.set_up)
+    steps("reversed_gains", client.gains)
+    steps("reversed_first_motion", client.first_motion)
+    client.close()
+    nodes.end()
+
+
 def main():
     logging.disable(logging.INFO)
     can.rc = {}
@@ -642,6 +681,8 @@ def main():
     steps = Steps()
     if not only or "session" in only:
         session(folder, steps)
+    if not only or "reversed" in only:
+        reversed_encoder(folder, steps)
     if not only or "flood" in only:
         flood(folder, steps, Nodes, Client, brief)
     (folder / "results.json").write_text(json.dumps(steps.results))

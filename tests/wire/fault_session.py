@@ -68,7 +68,8 @@ class Bus:
         end = time.monotonic() + 1
         while (remaining := end - time.monotonic()) > 0:
             frame = self.receive(remaining)
-            if frame and frame[0] == 0x581:
+            # A gateway asks over the same channel while it sets up the axis.
+            if frame and frame[0] == 0x581 and frame[1][1:4] == request[1:4]:
                 return frame[1]
         raise SystemExit(f"no answer to {request.hex()}")
 

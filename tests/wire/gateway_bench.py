@@ -7,9 +7,7 @@ import json
 import os
 import re
 import signal
-import socket
 import struct
-import subprocess
 import sys
 import tempfile
 import threading
@@ -19,141 +17,25 @@ from pathlib import Path
 
 from forceaxis import objects
 from forceaxis.bus import gateway as sessions
-from forceaxis.bus.client import AxisClient, NoAnswer, Refused
+from forceaxis.bus.client import AxisClient, Refused
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import BY_NAME
-from forceaxis.experiments import link
 from forceaxis.thesis import session as thesis_session
+from gateway_clients import (
+    PORT,
+    Can,
+    Tcp,
+    drive_by_lcm,
+    drive_by_modbus,
+    drive_on,
+    gateway,
+    operational,
+    registers,
+    until,
+)
+from gateway_nodes import other_table, two_axes, two_axes_end
 from pymodbus.client import ModbusTcpClient
-
-PORT = 1502
-CAN_FRAME = "=IB3x8s"
-
-
-class Can:
-    """A raw socket on vcan0."""
-
-    def __init__(self):
-        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        self.socket.bind(("vcan0",))
-
-    def send(self, identifier, data):
-        self.socket.send(struct.pack(CAN_FRAME, identifier, len(data), data.ljust(8, b"\0")))
-
-    def receive(self, timeout_s):
-        """(id, data) or None."""
-        self.socket.settimeout(max(timeout_s, 1e-3))
-        try:
-            identifier, length, data = struct.unpack(CAN_FRAME, self.socket.recv(16))
-        except TimeoutError:
-            return None
-        return identifier, data[:length]
-
-    def frames(self, seconds):
-        """[(time, id, data)] of a while."""
-        received, end = [], time.monotonic() + seconds
-        while (remaining := end - time.monotonic()) > 0:
-            frame = self.receive(remaining)
-            if frame:
-                received.append((time.monotonic(), *frame))
-        return received
-
-    def write(self, node, index, sub, value, size):
-        """An expedited download on the default channel, as CANopen's own master would."""
-        command = 0x23 | (4 - size) << 2
-        data = struct.pack("<BHBI", command, index, sub, value)
-        self.send(0x600 + node, data)
-        end = time.monotonic() + 1
-        while time.monotonic() < end:
-            frame = self.receive(0.2)
-            # The gateway polls on the same channel, but only uploads.
-            answered = frame and frame[0] == 0x580 + node and frame[1][0] in (0x60, 0x80)
-            if answered and frame[1][1:4] == data[1:4]:
-                return frame[1][0]
-        return None
-
-    def read(self, node, index, sub):
-        """An expedited upload on the default channel: the number, unsigned."""
-        request = struct.pack("<BHBI", 0x40, index, sub, 0)
-        self.send(0x600 + node, request)
-        end = time.monotonic() + 1
-        while time.monotonic() < end:
-            frame = self.receive(0.2)
-            # Responses to the gateway's polls have another object.
-            if frame and frame[0] == 0x580 + node and frame[1][1:4] == request[1:4]:
-                assert frame[1][0] & 0xE3 == 0x43, frame[1].hex()
-                return int.from_bytes(frame[1][4 : 8 - (frame[1][0] >> 2 & 3)], "little")
-        return None
-
-
-class Tcp:
-    """Modbus TCP by hand."""
-
-    def __init__(self):
-        self.socket = socket.create_connection(("127.0.0.1", PORT), timeout=3)
-        self.transaction = 0
-
-    def frame(self, unit, pdu):
-        self.transaction += 1
-        return struct.pack(">HHHB", self.transaction, 0, len(pdu) + 1, unit) + pdu
-
-    def ask(self, unit, pdu):
-        self.socket.sendall(self.frame(unit, pdu))
-        return self.answer()
-
-    def answer(self, timeout_s=3.0):
-        """PDU of the response to the latest request; None: no response, b"": closed."""
-        self.socket.settimeout(timeout_s)
-        try:
-            header = self.exactly(7)
-        except TimeoutError:
-            return None
-        if header is None:
-            return b""
-        transaction, protocol, length, _unit = struct.unpack(">HHHB", header)
-        assert protocol == 0 and transaction <= self.transaction
-        return self.exactly(length - 1)
-
-    def exactly(self, count):
-        got = b""
-        while len(got) < count:
-            piece = self.socket.recv(count - len(got))
-            if not piece:
-                return None
-            got += piece
-        return got
-
-
-def registers(client, start, count, kind="holding", unit=1):
-    read = client.read_holding_registers if kind == "holding" else client.read_input_registers
-    answer = read(start, count=count, device_id=unit)
-    return answer.exception_code if answer.isError() else answer.registers
-
-
-# A busy machine stalls a guest for some tenths of a second: no heartbeat is lost then.
-HEARTBEAT_MS = 300
-
-
-def gateway(*args, ready=True, port=PORT, heartbeat_ms=HEARTBEAT_MS):
-    errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it lives as long as the program
-    words = [link.program("gateway"), "--modbus-port", str(port), *args]
-    words += ["--heartbeat-ms", str(heartbeat_ms), "--sdo-timeout-ms", "3000"]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=errors, text=True)
-    process.errors = lambda: (errors.seek(0), errors.read())[1]
-    if ready:
-        process.ready = process.stdout.readline()
-    return process
-
-
-def until(holds, timeout_s=5.0):
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        value = holds()
-        if value:
-            return value
-        time.sleep(0.02)
-    return None
 
 
 def states(axis):
@@ -602,34 +484,6 @@ def second_gateway():
     }
 
 
-def drive_by_modbus():
-    """Operation enabled, open loop at code 0, by a client of Modbus TCP; what writes on."""
-    wire = Tcp()
-    requests = [(BY_NAME["command_source"].modbus, 1), (BY_NAME["watchdog"].modbus, 60000)]
-    requests += [(BY_NAME["modes_of_operation"].modbus, 0xFFFE)]
-    requests += [(BY_NAME["controlword"].modbus, word) for word in (6, 7, 15)]
-    return all(wire.ask(1, struct.pack(">BHH", 6, *request))[0] == 6 for request in requests)
-
-
-def drive_by_lcm():
-    with AxisClient(1, timeout_s=4) as client:
-        client.take()
-        client.write_all({"watchdog": 60_000, "open_loop_code": 0, "modes_of_operation": -2})
-        for word in (6, 7, 15):
-            client.write("controlword", word)
-    return True
-
-
-def drive_on(can):
-    """Operation enabled, open loop at code 0, by CANopen's own master. The gateway polls on the
-    same SDO channel, so requests may collide: then it is repeated."""
-    requests = [(0x2301, 0, 1), (0x6060, 0xFE, 1), *((0x6040, word, 2) for word in (6, 7, 15))]
-    return all(
-        any(can.write(1, index, 0, value, size) == 0x60 for _ in range(10))
-        for index, value, size in requests
-    )
-
-
 def killed(process, axis, drive):
     """The gateway is killed: when the axis reports it, and what the next gateway reads."""
     found = {"driven": drive()}
@@ -653,15 +507,6 @@ def killed(process, axis, drive):
     axis.write("controlword", 0x80)
     axis.release()
     return found, again
-
-
-def operational(axis):
-    try:
-        s = axis.state(0.5)
-    except NoAnswer:
-        return None
-    ready = s.nmt_state == 5 and s.fault != s.NOT_AVAILABLE and s.statusword != s.NOT_AVAILABLE
-    return s if ready else None
 
 
 def ended(process, drive):
@@ -696,226 +541,6 @@ def lost_axis(running, axis):
         axis.read("force")
     except Refused as error:
         found["command"] = str(error)
-    return found
-
-
-class OtherTable(threading.Thread):
-    """Node 2: heartbeats, and SDO answers of a firmware with another object table."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.can, self.stop, self.downloads, self.starts = Can(), threading.Event(), 0, 0
-
-    def run(self):
-        beat = 0.0
-        while not self.stop.is_set():
-            if time.monotonic() >= beat:
-                self.can.send(0x702, b"\x7f")
-                beat = time.monotonic() + 0.1
-            frame = self.can.receive(0.05)
-            if frame and frame[0] == 0 and frame[1][1] in (0, 2):
-                self.starts += 1
-            if not frame or frame[0] not in (0x602, *range(0x680, 0x6E0, 2)) or len(frame[1]) != 8:
-                continue
-            index, sub = struct.unpack("<HB", frame[1][1:4])
-            if frame[1][0] >> 5 != 2:
-                self.downloads += 1
-            value = {(0x1018, 2): 1178687537, (0x2300, 0): 0x12345678}.get((index, sub), 7)
-            answer = struct.pack("<BHBI", 0x43, index, sub, value)
-            self.can.send(0x582 if frame[0] == 0x602 else frame[0] + 1, answer)
-
-
-def other_table():
-    node = OtherTable()
-    node.start()
-    process = gateway("--axes", "2")
-    found = {}
-    with AxisClient(2, timeout_s=3) as axis:
-        until(lambda: process.errors())
-        state = until(lambda: s if (s := axis.state(3)).objects_hash > 0 else None)
-        found["said"] = process.errors()
-        found["hash"] = state.objects_hash
-        try:
-            axis.take()
-        except Refused as error:
-            found["write"] = str(error)
-        found["by_address"] = axis.read("0x1018:2")
-        found["modbus"] = Tcp().ask(2, struct.pack(">BHH", 6, 0x0114, 1)).hex()
-    found["downloads"], found["starts"] = node.downloads, node.starts
-    process.terminate()
-    found["status"] = process.wait(5)
-    node.stop.set()
-    node.join()
-    return found
-
-
-class Driven(threading.Thread):
-    """A node with this object table that is in operation. By quick stop it stops when every one of
-    `together` has received its command; never, if `stops` is false."""
-
-    def __init__(self, node, stops=True):
-        super().__init__(daemon=True)
-        self.node, self.stops, self.together = node, stops, [self]
-        self.can, self.end = Can(), threading.Event()
-        self.commanded, self.started = threading.Event(), threading.Event()
-        self.unwatched = False
-        self.values = {(o.index, o.sub): o.default for o in objects.OBJECTS}
-        state = BY_NAME["drive_state"]
-        self.state, self.states = (state.index, state.sub), state.enum
-        self.values[0x2300, 0] = TABLE_HASH
-        self.sizes = {(o.index, o.sub): int(o.type[1:]) // 8 for o in objects.OBJECTS}
-
-    def value(self, where):
-        if where != self.state:
-            return self.values.get(where, 0)
-        stopped = self.stops and all(other.commanded.is_set() for other in self.together)
-        return self.states.index("switch_on_disabled" if stopped else "operation_enabled")
-
-    def run(self):
-        beat = 0.0
-        while not self.end.is_set():
-            if time.monotonic() >= beat:
-                self.can.send(0x700 + self.node, b"\x05")
-                beat = time.monotonic() + 0.05
-            frame = self.can.receive(0.05)
-            if frame and frame[0] == 0 and frame[1] == bytes([1, self.node]):
-                self.started.set()
-            if frame and frame[0] == 0x600 + self.node and frame[1][0] != 0x80:
-                self.answer(frame[1])
-
-    def answer(self, request):
-        where = struct.unpack("<HB", request[1:4])
-        if request[0] >> 5 == 2:
-            size = self.sizes.get(where, 1)
-            value = self.value(where) % (1 << 8 * size)
-            answer = struct.pack("<BHBI", 0x43 | (4 - size) << 2, *where, value)
-        else:
-            self.values[where] = struct.unpack("<I", request[4:])[0]
-            answer = struct.pack("<BHBI", 0x60, *where, 0)
-            if where == (0x6040, 0) and self.values[where] == 2:
-                self.commanded.set()
-            if where[0] == 0x1016 and self.values[where] == 0:
-                self.unwatched = True
-        self.can.send(0x580 + self.node, answer)
-
-
-def two_axes_end():
-    """Two axes are stopped together; a second signal ends the gateway immediately."""
-    found = {}
-    for name, stops in (("together", True), ("at_once", False)):
-        nodes = [Driven(2, stops), Driven(3, stops)]
-        for node in nodes:
-            node.together = nodes
-            node.start()
-        process = gateway("--axes", "2,3")
-        assert all(node.started.wait(10) for node in nodes), process.errors()
-        time.sleep(0.3)  # the set-up ends with the NMT start
-        process.terminate()
-        commanded = [node.commanded.wait(5) for node in nodes]
-        if not stops:
-            process.terminate()
-        status = process.wait(10)
-        found[name] = [commanded, [node.unwatched for node in nodes], status]
-        for node in nodes:
-            node.end.set()
-            node.join()
-    return found
-
-
-def start_node(name, *args):
-    words = [link.program(name), thesis_session.EXPERIMENT, "--axes", "2", "--link", "socketcan"]
-    words += ["--start-timeout", "20", "--set", "experiment.duration_s=60", *args]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert "ready" in process.stdout.readline(), name
-    return process
-
-
-def standing(clients):
-    """Of each axis: position, CiA 402 state and number, as published; a slow axis may have none."""
-
-    def whole(client):
-        s = client.state()
-        return s if axis_state_t.NOT_AVAILABLE not in (s.position_cnt, s.statusword) else None
-
-    states = [until(lambda client=client: whole(client), 10) for client in clients]
-    return [[s.position_cnt, s.statusword & 0x6F, s.axis] for s in states]
-
-
-def two_axes():
-    """One gateway, two axes: each is moved over one bus while the other must not move."""
-    nodes = [start_node("axis_node", "--can", "vcan0"), start_node("plant_node", "--pace", "real")]
-    sets = ["--set", "force_gain=3", "--set", "2:force_gain=7"]
-    # A busy guest may not run two axes in real time; times are counted in ticks.
-    process = gateway("--axes", "1,2", *sets, heartbeat_ms=1000)
-    modbus = ModbusTcpClient("127.0.0.1", port=PORT, timeout=3)
-    assert modbus.connect()
-    try:
-        with AxisClient(2, timeout_s=4) as second, sessions.Session(1, timeout_s=4) as first:
-            until(lambda: operational(second), 10)
-            return move_each(first, second, modbus) | {"said": process.errors()}
-    finally:
-        modbus.close()
-        process.terminate()
-        process.wait(5)
-        for node in nodes:
-            node.kill()
-            node.communicate()
-
-
-def move_each(first, second, modbus):
-    def write(unit, name, *words):
-        """None or the exception."""
-        where = BY_NAME[name].modbus
-        answer = modbus.write_registers(where, list(words), device_id=unit)
-        return answer.exception_code if answer.isError() else None
-
-    def position(unit):
-        high, low = registers(modbus, BY_NAME["position_actual"].modbus, 2, "input", unit)
-        return (high << 16 | low) - (high >> 15 << 32)
-
-    both = first, second
-    gain = BY_NAME["force_gain"].modbus
-    found = {
-        "gains": [
-            [axis.read("force_gain") for axis in both],
-            [registers(modbus, gain, 1, unit=unit) for unit in (1, 2)],
-        ],
-        "node_ids": [registers(modbus, BY_NAME["node_id"].modbus, 1, "input", u) for u in (1, 2)],
-        "owners": [axis.read("command_source") for axis in both],
-        "taken": write(1, "command_source", 1),
-        "owners_then": [axis.read("command_source") for axis in both],
-    }
-    first.take()
-    # Axis 1 by LCM.
-    first.write_all({"position_gain": 4.0, "velocity_gain": 20.0})
-    first.home()
-    before = standing(both)
-    first.enable("profile position", trajectory_velocity=60_000)
-    first.move(2000)
-    found["by_lcm"] = [before, standing(both)]
-    # Axis 2 by Modbus.
-    assert write(2, "command_source", 1, 60_000) is None  # and its watchdog
-    found["refused"] = [write(unit, "force_gain", 512) for unit in (1, 2)]
-    before = standing(both)
-    target = before[1][0] + 1500
-    for name, *words in (
-        ("position_gain", 1024),
-        ("velocity_gain", 5120),
-        ("modes_of_operation", 1),
-        ("target_position", target >> 16 & 0xFFFF, target & 0xFFFF),
-        *(("controlword", word) for word in (6, 7, 15, 0x1F)),
-    ):
-        assert write(2, name, *words) is None, name
-    until(lambda: second.state().statusword & 1 << 10 and abs(position(2) - target) < 10, 20)
-    found["by_modbus"] = [before, standing(both)]
-    found["modbus_sees"] = [position(1), position(2)]
-    found["gains_after"] = [axis.read("force_gain") for axis in both]
-    found["owners_after"] = [axis.read("command_source") for axis in both]
-    # One is disabled while the other remains enabled.
-    write(2, "controlword", 0)
-    until(lambda: second.state().statusword & 0x6F == 0x40)
-    found["off"] = standing(both)
-    found["lost"] = sum(g.lost for axis in both for g in axis.gaps.values())
     return found
 
 

@@ -1,6 +1,6 @@
 """The scenarios of test_lcm_closed.py, in one guest: run under tools/vcan, prints JSON.
 
-usage: lcm_closed_session.py [DATAGRAMS]     with a number: a flood of as many
+usage: lcm_closed_session.py [DATAGRAMS BYTES]     with numbers: a flood, of Modbus TCP too
 
 The route for multicast leads to a veth, as on a machine with a network. So this machine's own
 messages come back as local copies of what goes out there, and those of the other machine come in on
@@ -19,6 +19,7 @@ import time
 import traceback
 from pathlib import Path
 
+import tcp_flood
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t
@@ -38,7 +39,6 @@ from foreign_network import (
 )
 
 FLOOD = Path(__file__).resolve().parents[2] / "build/release/tests/wire/lcm_flood"
-ROUND = 1_500_000  # datagrams for which an axis runs long enough
 CHANNEL = "AXIS_1_COMMAND"
 COUNT_AT = 8 + 9 * 8  # of num_items in an encoded command
 
@@ -93,9 +93,10 @@ class Answers:
 
 
 class Gateway:
-    def __init__(self, *args):
+    def __init__(self, *args, modbus_port=0):
         self.errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - it outlives this
-        words = [link.program("gateway"), "--modbus-port", "0", "--watch-ms", "1000", *args]
+        words = [link.program("gateway"), "--watch-ms", "1000", *args]
+        words += ["--modbus-port", str(modbus_port)]
         self.process = subprocess.Popen(
             words, stdout=subprocess.PIPE, stderr=self.errors, text=True
         )
@@ -312,56 +313,49 @@ def pour(sock, count, seed, path, meanwhile):
         return int(running.stdout.read()), time.monotonic() - started
 
 
-def flood(count):
+def flood(count, tcp_bytes):
     """Half of the datagrams come from this machine, half from another one, which says whole
-    sessions between them. One gateway; an axis does not run long enough for all of them."""
-    network = ForeignNetwork()
-    foreign = network.sender()
-    found = {"resident_kb": [], "rounds": []}
-    gateway = Gateway()
-    try:
-        for seed, at in enumerate(range(0, count, ROUND), 1):
-            found["rounds"].append(flood_round(gateway, foreign, min(ROUND, count - at), seed,
-                                               found["resident_kb"]))  # fmt: skip
-        found["alive"] = gateway.process.poll() is None
-    finally:
-        found["status"] = gateway.end()
-        found["said"] = gateway.said()
-    return found
+    sessions between them; then Modbus TCP. The gateway, a session of the axis, and their memory."""
+    network, port, found = ForeignNetwork(), 1502, {"resident_kb": []}
+    foreign, control, folder = network.sender(), listener(OWN), Path(tempfile.mkdtemp())
+    nodes = ("axis_node", "plant_node")
+    with thesis_session.machine(folder, programs=nodes, endless=True) as running:
+        gateway = Gateway(modbus_port=port)
+        try:
+            processes = gateway.process, running["axis_node"]
+            with AxisClient(1, timeout_s=4) as axis:
+                wait_ready(axis)
+            home = save(folder / "home", harmless(control))
+            control.close()
+            away = save(folder / "away", [short(CHANNEL, d) for d in enabling(602)])
+            watch = Watch()
+            watch.start()
 
+            def sample():
+                found["resident_kb"].append([resident_kb(p.pid) for p in processes])
 
-def flood_round(gateway, foreign, count, seed, resident):
-    pid, folder, found = gateway.process.pid, Path(tempfile.mkdtemp()), {}
-    control = listener(OWN)
-    with thesis_session.machine(folder, programs=("axis_node", "plant_node"), duration_s=600):
-        with AxisClient(1, timeout_s=4) as axis:
-            wait_ready(axis)
-        home = save(folder / "home", harmless(control))
-        control.close()
-        away = save(folder / "away", [short(CHANNEL, d) for d in enabling(602)])
-        watch = Watch()
-        watch.start()
+            def intrude():
+                sample()
+                for datagram in enabling(time.monotonic_ns()):
+                    foreign.send(short(CHANNEL, datagram))
 
-        def sample():
-            resident.append(resident_kb(pid))
-
-        def intrude():
-            sample()
-            for datagram in enabling(time.monotonic_ns()):
-                foreign.send(short(CHANNEL, datagram))
-
-        before = dropped(pid)
-        found["home"] = pour(sender(OWN), count // 2, seed, home, sample)
-        after = dropped(pid)
-        # The other socket drops all that is this machine's.
-        found["lost"] = min(after[inode] - before[inode] for inode in before)
-        found["away"] = pour(foreign, count - count // 2, seed, away, intrude)
-        watch.stop.set()
-        watch.join()
-        found["states"], found["positions"] = sorted(watch.states), sorted(watch.positions)
-        found["frames"] = watch.frames
-        with AxisClient(1, timeout_s=10) as axis:
-            found["reads"] = axis.read("force_raw")
+            before = dropped(gateway.process.pid)
+            found["home"] = pour(sender(OWN), count // 2, 1, home, sample)
+            after = dropped(gateway.process.pid)
+            # The other socket drops all that is this machine's.
+            found["lost"] = min(after[inode] - before[inode] for inode in before)
+            found["away"] = pour(foreign, count - count // 2, 1, away, intrude)
+            found["tcp"] = tcp_flood.pour(port, tcp_bytes, 1, sample)
+            watch.stop.set()
+            watch.join()
+            found["states"], found["positions"] = sorted(watch.states), sorted(watch.positions)
+            found["frames"] = watch.frames
+            with AxisClient(1, timeout_s=10) as axis:
+                found["reads"] = axis.read("force_raw")
+            found["alive"] = [process.poll() is None for process in processes]
+        finally:
+            found["status"] = gateway.end()
+            found["said"] = gateway.said()
     return found
 
 
@@ -398,7 +392,7 @@ def closed():
 
 
 def main():
-    print(json.dumps(flood(int(sys.argv[1])) if len(sys.argv) > 1 else closed()))
+    print(json.dumps(flood(*map(int, sys.argv[1:])) if len(sys.argv) > 1 else closed()))
 
 
 if __name__ == "__main__":

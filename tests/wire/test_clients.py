@@ -73,6 +73,32 @@ def test_boots_and_follows_every_nmt_command(step):
     assert step("set_up_again")["state"] == "OPERATIONAL"
 
 
+PASSED, ENCODER_REVERSED = 2, 7
+
+
+def check_first_motion(found, direction):
+    assert (found["option"], found["before"]) == (1, 0)
+    counts, code, force = found["measured"]
+    assert 16 <= direction * counts <= 32 and -100 <= code < 0 and abs(force) <= 256
+    # Not to the target; with the amplifier off the axis coasts.
+    assert -64 < direction * found["moved"] < (64 if found["result"] == PASSED else 2000)
+
+
+def test_the_first_motion_of_an_empty_store_is_tested(step):
+    found = step("first_motion")
+    check_first_motion(found, -1)
+    assert (found["result"], found["state"], found["fault"]) == (PASSED, 0x27, 0)
+    assert found["emergencies"] == []
+
+
+def test_a_reversed_encoder_is_found_before_it_runs_away(step):
+    found = step("reversed_first_motion")
+    check_first_motion(found, 1)
+    assert (found["result"], found["state"]) == (ENCODER_REVERSED, 0x08)
+    assert (found["fault"], found["error_code"]) == (18, 0xFF0F)
+    assert found["emergencies"] == [0xFF0F]
+
+
 EVERY_TRANSITION = {
     ("SWITCH ON DISABLED", "READY TO SWITCH ON"),
     ("READY TO SWITCH ON", "SWITCHED ON"),

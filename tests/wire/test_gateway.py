@@ -13,7 +13,7 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.bus.gateway import trigger_on
 from forceaxis.experiments import link
-from gateway_bench import HEARTBEAT_MS
+from gateway_clients import HEARTBEAT_MS
 
 ROOT = Path(__file__).resolve().parents[2]
 VCAN = ROOT / "tools" / "vcan"

@@ -470,7 +470,10 @@ ERROR_CODES = {
     "limit_switches": 0x8612, "contact_lost": 0xFF01, "force_saturated": 0xFF02,
     "limit_cycle": 0xFF03, "overrun": 0xFF04, "enable_lost": 0xFF05, "force_max": 0xFF06,
     "watchdog_reset": 0xFF07, "stopped": 0xFF08, "owner_unsupervised": 0xFF09,
-    "duplicate_node": 0xFF0A,
+    "duplicate_node": 0xFF0A, "no_motion": 0x7121, "force_sensor_failed": 0xFF0B,
+    "current_sensor_failed": 0xFF0C, "not_standing": 0xFF0D, "amplifier_offset": 0xFF0E,
+    "encoder_reversed": 0xFF0F, "runaway": 0xFF10, "force_reversed": 0xFF11,
+    "position_gain_zero": 0xFF12,
 }  # fmt: skip
 
 

@@ -93,20 +93,25 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
   return py::make_tuple(std::move(result), report);
 }
 
+// Ticks of which a replay keeps the trace: ten minutes, some 100 MB.
+constexpr std::int64_t kLongestTrace = 900'001;
+
 py::tuple replay(const std::filesystem::path &file) {
   auto result = std::make_unique<Result>();
   forceaxis::host::Journal journal;
   try {
     const py::gil_scoped_release release;
     journal = forceaxis::host::read_journal(file);
-    result->experiment = forceaxis::host::load_experiment(journal.experiment, journal.overrides);
+    result->experiment = journal.load();
     if (result->experiment.hash != journal.inputs_hash) {
       throw forceaxis::sim::InputError(
           file.string(), "inputs_hash",
           "expected the experiment and model that the journal was made with, " +
               journal.experiment.string() + " or its model has changed since");
     }
-    result->run = forceaxis::host::replay(journal, result->experiment, {.stop = interrupted});
+    result->run = forceaxis::host::replay(
+        journal, result->experiment,
+        {.trace = journal.known_ticks() <= kLongestTrace, .stop = interrupted});
   } catch (const forceaxis::host::RunStopped &) {
     throw py::error_already_set();
   }
@@ -115,6 +120,7 @@ py::tuple replay(const std::filesystem::path &file) {
   header["overrides"] = journal.overrides;
   header["entries"] = journal.entries.size();
   header["ticks"] = journal.ticks < 0 ? py::object(py::none()) : py::cast(journal.ticks);
+  header["replayed"] = journal.known_ticks();
   header["trace_hash"] = journal.trace_hash;
   return py::make_tuple(std::move(result), header);
 }

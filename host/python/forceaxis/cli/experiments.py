@@ -83,6 +83,8 @@ def replay(journal, out, as_json):
     done, journalled = runs.replay(journal)
     same = done.summary["trace_hash"] == journalled["trace_hash"]
     done.summary["replay"] = journalled | {"same": same}
+    if out and not journalled["traced"]:
+        fail(f"--out: expected a journal of at most 600 s, {journal} has more; its hash is checked")
     if out:
         trace.write(done, out)
     if as_json:

@@ -49,11 +49,18 @@ def run(experiment, overrides=(), over=None):
 def replay(journal):
     """Repeat in process a run that `axis_node --journal` recorded. Returns (the run, its journal).
 
+    Of a session longer than ten minutes there is no trace, only the hash.
+
     Raises InputError.
     """
     result, report = _core.replay(str(journal))
     command = ["forceaxis", "replay", paths.display(journal)]
-    return finished(Path(report["experiment"]), result, None, command), report
+    done = finished(Path(report["experiment"]), result, None, command)
+    replayed = report.pop("replayed")
+    report["traced"] = len(result.tick) > 0
+    if not report["traced"]:
+        done.summary["ticks"] = replayed
+    return done, report
 
 
 def finished(experiment, result, report, command):

@@ -91,12 +91,20 @@ def plot(states, held, path):
 
 
 @contextlib.contextmanager
-def machine(folder, duration_s=None, programs=("axis_node", "plant_node", "gateway"), journal=None):
+def machine(
+    folder,
+    duration_s=None,
+    programs=("axis_node", "plant_node", "gateway"),
+    journal=None,
+    endless=False,
+):
     """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
-    is folder/axis.journal by default."""
+    is folder/axis.journal by default. endless: until they are ended."""
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
     if duration_s:
         common += ["--set", f"experiment.duration_s={duration_s}"]
+    if endless:
+        common.append("--endless")
     commands = {
         "axis_node": [
             *common,

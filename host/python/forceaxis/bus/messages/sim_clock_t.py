@@ -56,7 +56,8 @@ class sim_clock_t(object):
 
         self.text = ""
         """
-        ended: why, with the name of a participant that fell silent; else empty
+        ended: why, with the name of a participant that fell silent; of a session also what
+        interrupted it: a node that was stopped and goes on, an axis_node that is waited for; else empty
         LCM Type: string
         """
 

@@ -1,0 +1,187 @@
+"""Sessions: nodes that run until they are ended, and go on after one of them was stopped."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import endless_session
+import pytest
+import verbs
+from fault_session import NODES, end
+from forceaxis import _core
+from forceaxis.bus.lcm import Bus, decode
+from forceaxis.experiments import link
+
+MODBUS = 2  # of stopped_by
+LINKS = ("lcm", "socketcan")
+SHORT = "--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"
+
+
+@pytest.fixture(scope="module")
+def sessions(vcan):
+    done = vcan([sys.executable, endless_session.__file__], 120)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def start(name, *args, wait_s=20):
+    return endless_session.start(name, *args, pace="fast", wait_s=wait_s)
+
+
+def replayed(journal):
+    done = verbs.forceaxis("replay", journal, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def missed(pattern, text):
+    """Of the line: seconds, ticks and the tick at which it goes on."""
+    found = re.search(pattern + r" (\d+\.\d+) s, (\d+) ticks; goes on at tick (\d+)", text)
+    assert found, text
+    seconds, ticks, tick = float(found[1]), int(found[2]), int(found[3])
+    assert abs(ticks - 1500 * seconds) <= 2
+    return seconds, tick
+
+
+@pytest.mark.parametrize("kind", LINKS)
+@pytest.mark.parametrize("node", ["plant", "axis"])
+def test_a_stopped_node_says_what_it_missed_and_the_axis_moves_again(sessions, kind, node):
+    seen = sessions[kind]
+    assert seen["before"]["state"] == endless_session.OPERATION_ENABLED
+    assert seen["before"]["way"] < -300
+    # Disabled by name, and it stays so until it is reset.
+    stopped = seen[node]
+    assert endless_session.SENSOR_INVALID in stopped["emergencies"]
+    assert (stopped["fault"], stopped["error_code"]) == (1, endless_session.SENSOR_INVALID)
+    assert (stopped["state"], stopped["code"]) == (0x08, 0)
+    assert stopped["after"]["state"] == endless_session.OPERATION_ENABLED
+    assert stopped["after"]["way"] < -300
+    reports = seen["reports"]
+    own, tick = missed("_node: stopped for", reports[node]["stderr"])
+    assert own >= endless_session.STOPPED_S - 0.01
+    other = "axis" if node == "plant" else "plant"
+    line = rf"{other}_node: {node}_node (?:\(axis 1\) )?was silent for"
+    assert missed(line, reports[other]["stderr"])[1] == pytest.approx(tick, abs=1)
+    for report in reports.values():
+        assert report["session"]["interruptions"] == 2
+        assert report["session"]["missed_s"] > 3
+
+
+@pytest.mark.parametrize("kind", LINKS)
+def test_either_node_ends_the_session_and_the_other_names_it(sessions, kind):
+    reports = sessions[kind]["reports"]
+    first, second = ("axis", "plant") if kind == "lcm" else ("plant", "axis")
+    assert [r["status"] for r in reports.values()] == [0, 0]
+    assert reports[first]["session"]["ended"] == "by a signal"
+    assert reports[second]["session"]["ended"].startswith(f"{first}_node has ended at tick ")
+    assert f"{second}_node: {first}_node has ended" in reports[second]["stderr"]
+
+
+@pytest.mark.parametrize("kind", LINKS)
+def test_an_interrupted_session_replays_to_one_hash(sessions, kind, tmp_path):
+    journal = tmp_path / "axis.journal"
+    journal.write_text(sessions[kind]["journal"])
+    hashes = {r["axes"][0]["trace_hash"] for r in sessions[kind]["reports"].values()}
+    summary = replayed(journal)
+    assert {summary["trace_hash"]} == hashes and summary["replay"]["same"]
+    # It is no replay of a shorter run, and the ticks without sensors matter to it.
+    assert summary["ticks"] == sessions[kind]["reports"]["axis"]["axes"][0]["ticks"] > 3000
+    without = [x for x in journal.read_text().splitlines() if not x.startswith("sensorless")]
+    journal.write_text("\n".join([*without, ""]))
+    assert verbs.forceaxis("replay", journal).returncode == 1
+
+
+def test_a_stop_reaches_an_axis_whose_heartbeat_is_missed(sessions):
+    seen = sessions["not_heard"]
+    assert seen["before"]["state"] == endless_session.OPERATION_ENABLED
+    assert "axis 1: heartbeat lost" in seen["said"]
+    # The burst of frames that waited for the axis may cost the answer, not the stop.
+    assert seen["answer"] in ("0600000000", "860b")
+    assert (seen["state"], seen["fault"], seen["stopped_by"]) == (0x40, 0, MODBUS)
+
+
+def test_a_session_outlives_its_experiment(tmp_path):
+    run = ["--run-id", link.new_run_id(), *SHORT]
+    journal = tmp_path / "axis.journal"
+    axis, plant = start("axis_node", *run, "--journal", journal), start("plant_node", *run)
+    time.sleep(1)
+    # Ctrl-C in a shell reaches both.
+    for process in (axis, plant):
+        process.send_signal(signal.SIGINT)
+    reports = end(axis), end(plant)
+    assert [(r["status"], r["axes"][0].get("verdict")) for r in reports] == [(0, None)] * 2
+    ticks = reports[1]["ticks"]
+    assert ticks > 300  # the experiment has 151
+    assert reports[0]["axes"][0]["ticks"] - ticks in (0, 1)
+    summary = replayed(journal)
+    assert summary["replay"]["same"] and summary["ticks"] == reports[0]["axes"][0]["ticks"]
+
+
+@pytest.mark.parametrize("killed", ["axis", "plant"])
+def test_a_killed_node_ends_the_session_by_name(killed):
+    run = ["--run-id", link.new_run_id(), "--timeout", "0.3"]
+    nodes = {"axis": start("axis_node", *run), "plant": start("plant_node", *run)}
+    time.sleep(0.3)
+    victim = nodes.pop(killed)
+    victim.kill()
+    victim.communicate()
+    (other,) = nodes
+    told = end(nodes[other])
+    assert told["status"] == 0
+    assert told["stderr"].startswith(f"{other}_node: {killed}_node has ended at tick ")
+    assert told["stderr"].count("\n") == 1
+
+
+def test_a_session_whose_partner_never_comes_fails():
+    for name, partner in (("plant_node", "axis_node"), ("axis_node", "plant_node")):
+        told = end(start(name, "--run-id", link.new_run_id(), wait_s=0.3))
+        assert told["status"] == 1 and f"{name}: {partner}" in told["stderr"]
+
+
+def test_runs_of_standard_input_end():
+    words = [NODES / "axis_node", "--serve", "--endless"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "axis_node: --endless: expected without --serve, whose runs end\n"
+
+
+@pytest.mark.long
+def test_memory_is_flat_beyond_ten_minutes_of_ticks(tmp_path, monkeypatch):
+    run_id = link.new_run_id()
+    monkeypatch.setenv("LCM_DEFAULT_URL", _core.lcm_url_of(link.new_run_id()))
+    tick, reached = [0], threading.Event()
+
+    def receive(name, data, _):
+        tick[0] = decode(name, data).tick
+        if tick[0] > 1_000_000:
+            reached.set()
+
+    bus = Bus(None, receive, "SIM_CLOCK")
+    run = ["--run-id", run_id, *SHORT]
+    journal = tmp_path / "axis.journal"
+    axis = start("axis_node", *run, "--journal", journal)
+    plant = start("plant_node", *run, "--live")
+
+    def resident_kb():
+        text = [Path(f"/proc/{p.pid}/status").read_text() for p in (axis, plant)]
+        return [int(re.search(r"VmRSS:\s+(\d+)", t)[1]) for t in text]
+
+    while tick[0] < 100_000:
+        time.sleep(0.1)
+    before = resident_kb()
+    assert reached.wait(500)
+    after = resident_kb()
+    axis.terminate()
+    reports = end(axis), end(plant)
+    bus.close()
+    assert [r["status"] for r in reports] == [0, 0]
+    assert all(b - a < 512 for a, b in zip(before, after, strict=True)), (before, after)
+    # A trace of so many ticks is not kept, its hash is.
+    done = verbs.forceaxis("replay", journal, "--out", tmp_path / "out")
+    assert done.returncode == 2 and "--out" in done.stderr
+    assert replayed(journal)["ticks"] == reports[0]["axes"][0]["ticks"] > 1_000_000
