@@ -4,6 +4,7 @@
 
 #include "firmware/app/layers.h"
 #include "firmware/app/ownership.h"
+#include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
@@ -35,6 +36,9 @@ static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t obje
       (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
     return FW_ERROR_STATE;
   }
+  if (object == AXIS_OBJ_ADC_BITS && !law_banks_fit(&fw->banks, (uint8_t)value)) {
+    return FW_ERROR_RANGE;
+  }
   return axis_check(&fw->axis, object, value);
 }
 
@@ -42,6 +46,9 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
                          int32_t value) {
   fw_t *fw = fw_of(objects);
   axis_parameter_written(&fw->axis, object, previous, value);
+  if (object == AXIS_OBJ_ADC_BITS) {
+    (void)law_banks_loaded(&fw->banks, &fw->axis);
+  }
   if (value != previous && first_motion_depends_on(object)) {
     first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);
   }
@@ -86,30 +93,27 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
 }
 
+static int check_law(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  (void)source;
+  return law_banks_check(&fw_of_const(objects)->banks, object, value);
+}
+
+static void law_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
+                        int32_t value) {
+  fw_t *fw = fw_of(objects);
+  (void)source;
+  (void)previous;
+  (void)value;
+  law_banks_written(&fw->banks, &fw->axis, object);
+}
+
 /* Objects that a firmware on no bus serves without its drive. */
 static bool in_axis_or_recorder(uint16_t object) {
   const uint8_t block = axis_objects[object].block;
   return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
          block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
+         block == AXIS_BLOCK_LAW_PARAMETER || block == AXIS_BLOCK_LAW_SIGNAL ||
          block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
-}
-
-/* Channels and trigger are objects with a value, or none. */
-static int check_recorder(const dictionary_t *objects, uint8_t source, uint16_t object,
-                          int32_t value) {
-  (void)objects;
-  (void)source;
-  const bool names_object =
-      (object >= AXIS_OBJ_RECORDER_SIGNAL_1 && object <= AXIS_OBJ_RECORDER_SIGNAL_8) ||
-      object == AXIS_OBJ_RECORDER_TRIGGER_SOURCE;
-  const bool fits =
-      !names_object || value == 0 || dictionary_has_value(dictionary_object_at((uint32_t)value));
-  return fits ? FW_OK : FW_ERROR_RANGE;
-}
-
-static recorder_channel_t channel_of(const fw_t *fw, uint16_t object) {
-  return (recorder_channel_t){.offset = dictionary_place(&fw->objects, object),
-                              .type = axis_objects[object].type};
 }
 
 static int arm_recorder(fw_t *fw) {
@@ -119,7 +123,7 @@ static int arm_recorder(fw_t *fw) {
   for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
     const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
     if (object != AXIS_OBJ_NONE) {
-      channels[count] = channel_of(fw, object);
+      channels[count] = recording_channel(fw, object);
       count++;
       if (fw->live == 0 && !in_axis_or_recorder(object)) {
         wake(fw);
@@ -132,7 +136,7 @@ static int arm_recorder(fw_t *fw) {
     if (source == AXIS_OBJ_NONE) {
       return FW_ERROR_RANGE;
     }
-    trigger = channel_of(fw, source);
+    trigger = recording_channel(fw, source);
   }
   return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
 }
@@ -193,24 +197,15 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
-static uint32_t recording_size(const dictionary_t *objects) {
-  const recorder_t *recorder = &fw_of_const(objects)->recorder;
-  const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;
-  return is_done ? recorder->signals.recorder_count * recorder->sample_bytes : 0;
-}
-
-static uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
-                               uint32_t count) {
-  return recorder_bytes(&fw_of_const(objects)->recorder, offset, bytes, count);
-}
-
 /* Where the values of each block are, and who checks and follows their writes. */
 static const dictionary_owner_t owner = {
     .blocks =
         {
             [AXIS_BLOCK_AXIS_PARAMETER] = {offsetof(fw_t, axis.params), check_axis, axis_written},
             [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
-            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), check_recorder,
+            [AXIS_BLOCK_LAW_PARAMETER] = {offsetof(fw_t, banks.params), check_law, law_written},
+            [AXIS_BLOCK_LAW_SIGNAL] = {offsetof(fw_t, banks.signals), NULL, NULL},
+            [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), recording_check,
                                                NULL},
             [AXIS_BLOCK_RECORDER_SIGNAL] = {offsetof(fw_t, recorder.signals), NULL, NULL},
             [AXIS_BLOCK_DRIVE_PARAMETER] = {offsetof(fw_t, drive.params), check_drive,
@@ -240,6 +235,7 @@ static bool is_unconfigured(uint8_t store_state) {
  * replaces the defaults. */
 static void power_up(fw_t *fw) {
   axis_init(&fw->axis);
+  law_banks_init(&fw->banks);
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
   layers_begin(fw);
@@ -256,6 +252,7 @@ static void power_up(fw_t *fw) {
   if (!layers_load(fw)) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
   }
+  (void)law_banks_loaded(&fw->banks, &fw->axis);
   if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
     fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
   }

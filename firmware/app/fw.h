@@ -12,6 +12,7 @@
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
 #include "firmware/core/axis.h"
+#include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
@@ -55,6 +56,7 @@ typedef struct {
 typedef struct {
   dictionary_t objects; /* the first member: dictionary.h */
   axis_t axis;
+  law_banks_t banks;
   recorder_t recorder;
   cia402_t drive;
   canopen_t canopen;

@@ -7,7 +7,7 @@
 #include "firmware/objects/access.h"
 #include "firmware/objects/value.h"
 
-_Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
+_Static_assert(sizeof(axis_t) <= 1024, "state of an axis, parameters included");
 
 /* Signals that come straight from valid sensors. */
 static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs) {
@@ -51,6 +51,46 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
 }
 
+static bool is_touching(const axis_t *axis) {
+  return !fx_within(axis->signals.force, axis->params.contact_force);
+}
+
+/* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
+static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
+  const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
+  const int32_t setpoint = axis->params.force_setpoint;
+  if (cap_q16 > LAW_MAX_Q16 - 1 || is_touching(axis)) {
+    return code_q16;
+  }
+  return fx_clamp(code_q16, (setpoint > 0) ? LAW_MIN_Q16 : -cap_q16,
+                  (setpoint < 0) ? LAW_MAX_Q16 : cap_q16);
+}
+
+/* The integral of the force law grows only in contact, and not against an active limit. */
+static force_law_gate_t integral_gate(const axis_t *axis) {
+  const axis_signals_t *signals = &axis->signals;
+  const bool touching = is_touching(axis);
+  const bool limited = signals->limit_reason != AXIS_LIMIT_REASON_NONE;
+  return (force_law_gate_t){.up = touching && !(limited && signals->command_code > 0),
+                            .down = touching && !(limited && signals->command_code < 0)};
+}
+
+static int32_t evaluate_bank(axis_t *axis) {
+  const bool entered = axis->signals.active_mode != AXIS_MODE_FORCE;
+  const int32_t error_q8 = axis->params.force_setpoint - axis->signals.force;
+  if (entered || axis->law.bank.integral_q26 == 0) {
+    axis->law.integral_q16 = 0;
+    axis->law.integral_remainder_q26 = 0;
+  }
+  if (entered || axis->rebase != 0) {
+    force_law_start(&axis->law, error_q8);
+  }
+  const int32_t code_q16 =
+      force_law_step(&axis->law, error_q8, axis->signals.velocity, integral_gate(axis));
+  axis->signals.force_integral = axis->law.integral_q16;
+  return code_q16;
+}
+
 /* Command of the mode's law, 1/65536 code. */
 static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
   const axis_params_t *params = &axis->params;
@@ -60,7 +100,10 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
       return law_position(params->position_gain, params->velocity_gain, signals->position_error,
                           signals->velocity);
     case AXIS_MODE_FORCE:
-      return law_force(params->force_gain, params->force_setpoint, signals->force);
+      return cap_pressing(
+          axis, (axis->law.selected == 0)
+                    ? law_force(params->force_gain, params->force_setpoint, signals->force)
+                    : evaluate_bank(axis));
     case AXIS_MODE_EXCITATION:
       return law_excitation(
           params->open_loop_code, params->excitation_amplitude,
@@ -154,6 +197,9 @@ void axis_init(axis_t *axis) {
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
+  axis->law.selected = 0;
+  axis->law.bank.integral_q26 = 0;
+  axis->press_cap_code = AXIS_PRESS_CAP_NONE;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;
@@ -182,7 +228,8 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   const uint8_t mode = axis->signals.active_mode;
   switch (object) {
     case AXIS_OBJ_FORCE_GAIN:
-      axis->rebase |= (uint8_t)(mode == AXIS_MODE_FORCE && value != previous);
+      axis->rebase |=
+          (uint8_t)(mode == AXIS_MODE_FORCE && axis->law.selected == 0 && value != previous);
       break;
     case AXIS_OBJ_POSITION_GAIN:
     case AXIS_OBJ_VELOCITY_GAIN:
@@ -195,6 +242,11 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
     default:
       break;
   }
+}
+
+void axis_bank_selected(axis_t *axis, uint8_t number) {
+  axis->law.selected = number;
+  axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
 }
 
 void axis_fault(axis_t *axis, uint8_t fault) { latch_fault(axis, fault); }

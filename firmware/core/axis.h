@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 #include "firmware/core/excitation.h"
+#include "firmware/core/force_law.h"
 #include "firmware/core/profile.h"
 #include "firmware/objects/generated/axis_objects.h"
 
@@ -30,6 +31,8 @@ enum {
   AXIS_DIN_INDEX = 8, /* an index pulse was seen since the last tick */
   AXIS_DIN_HOME = 16
 };
+
+enum { AXIS_PRESS_CAP_NONE = 2048 };
 
 typedef struct {
   int32_t encoder_cnt;  /* wraps */
@@ -44,16 +47,18 @@ typedef struct {
   uint8_t brake_release; /* 1 only with the amplifier on */
 } axis_outputs_t;
 
-/* At most 512 bytes with parameters. Copying it copies the axis. */
+/* At most 1 KiB with parameters. Copying it copies the axis. */
 typedef struct {
   axis_params_t params;
   axis_signals_t signals;
   profile_t profile;
   excitation_t excitation;
-  uint8_t primed;       /* signals.position is the count of the last tick */
-  uint8_t rebase;       /* the next code continues from the one put out before it */
-  uint8_t bias_shift;   /* bump_decay_shift at the change that set signals.bump_bias */
-  uint8_t setpoint_new; /* position_setpoint was written for a coming position mode */
+  force_law_t law;
+  int16_t press_cap_code; /* out of contact a force law presses with at most this code */
+  uint8_t primed;         /* signals.position is the count of the last tick */
+  uint8_t rebase;         /* the next code continues from the one put out before it */
+  uint8_t bias_shift;     /* bump_decay_shift at the change that set signals.bump_bias */
+  uint8_t setpoint_new;   /* position_setpoint was written for a coming position mode */
 } axis_t;
 
 /* Power-up: disabled, code 0, no fault, parameters at their defaults. */
@@ -91,6 +96,11 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 /* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
  * the same value again changes nothing, except that a position_setpoint is new each time. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
+
+/* axis->law.bank now is that of `number` (1..4, law_bank.h), or force_gain alone is the law (0).
+ * Taken over without a bump in force mode, as another gain is; the integral goes on if the new law
+ * has one. */
+void axis_bank_selected(axis_t *axis, uint8_t number);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
  * disabled in the next tick. */

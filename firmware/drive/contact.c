@@ -26,7 +26,7 @@ static bool is_saturated(const axis_t *axis) {
 void contact_tick(contact_t *contact, const drive_params_t *params, drive_signals_t *signals,
                   const axis_t *axis, bool controlled) {
   const int32_t force = axis->signals.force;
-  const bool touching = !fx_within(force, params->contact_force);
+  const bool touching = !fx_within(force, axis->params.contact_force);
   const bool lost = signals->contact != 0 && !touching;
   signals->contact = touching ? 1 : 0;
   signals->force_saturated = is_saturated(axis) ? 1 : 0;

@@ -106,6 +106,7 @@ typedef struct {
   int32_t force_demand_q16;         /* per mille, Q16 */
   cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
   cia402_setpoint_t buffered;       /* the one after it */
+  uint32_t dwell_remaining;         /* ticks that the force law goes on without contact */
   uint32_t interpolation_remaining; /* ticks until the cyclic target is to be reached */
   uint32_t outside_tick;            /* ticks that the following error was outside its window */
   uint32_t reached_tick;            /* ticks that the target has been reached */

@@ -96,8 +96,7 @@ static bool is_force_railed(const axis_t *axis) {
 /* Of these functions each judges a tick of a phase and returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
-static uint8_t judge_standing(first_motion_t *first, const drive_params_t *params,
-                              const axis_t *axis) {
+static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   const int16_t current = fx_per_mille_of_bits(signals->current_raw, axis->params.adc_bits);
   if (is_force_railed(axis)) {
@@ -111,7 +110,7 @@ static uint8_t judge_standing(first_motion_t *first, const drive_params_t *param
   const bool stands = fx_within(moved, FIRST_MOTION_JITTER_CNT);
   first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
   first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
-  const bool is_steady = first->force_high - first->force_low <= params->contact_force;
+  const bool is_steady = first->force_high - first->force_low <= axis->params.contact_force;
   if (first->phase_tick == 0 || !stands || !is_steady) {
     enter_phase(first, axis, FIRST_MOTION_STANDING);
     first->force_low = signals->force;
@@ -172,19 +171,18 @@ static bool runs_away(const first_motion_t *first, const drive_params_t *params,
 }
 
 /* The reading changed by `change` with the motion out, which is complete. */
-static uint8_t judge_force(first_motion_t *first, const drive_params_t *params, const axis_t *axis,
-                           int32_t change) {
+static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t change) {
   const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
-  if (fx_within(first->force_start, params->contact_force)) {
+  if (fx_within(first->force_start, axis->params.contact_force)) {
     return AXIS_FIRST_MOTION_RESULT_RUNNING;
   }
   if (change <= -step) {
     return AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED;
   }
-  if (change < step && !fx_within(axis->signals.force, params->contact_force)) {
+  if (change < step && !fx_within(axis->signals.force, axis->params.contact_force)) {
     return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED; /* an offset: no contact has stayed */
   }
-  first->sign_seen = (change > params->contact_force) ? 1 : 0;
+  first->sign_seen = (change > axis->params.contact_force) ? 1 : 0;
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
@@ -202,17 +200,17 @@ static uint8_t judge_out(first_motion_t *first, const drive_params_t *params,
     return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
   }
   if (moved <= -(int32_t)params->first_motion_counts ||
-      (change < -params->contact_force && moved < 0)) {
+      (change < -axis->params.contact_force && moved < 0)) {
     return AXIS_FIRST_MOTION_RESULT_ENCODER_REVERSED;
   }
-  if (change < -params->contact_force) {
+  if (change < -axis->params.contact_force) {
     return (moved > 0) ? AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED
                        : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   if (moved >= params->first_motion_counts) {
     first->phase = FIRST_MOTION_BACK;
     first->phase_tick = 0;
-    return judge_force(first, params, axis, change);
+    return judge_force(first, axis, change);
   }
   if (is_blocked(axis) && negative) {
     first->direction = 1;
@@ -241,11 +239,10 @@ static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, a
 }
 
 /* Pressing must raise the reading. */
-static uint8_t judge_contact(first_motion_t *first, const drive_params_t *params,
-                             const axis_t *axis) {
+static uint8_t judge_contact(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||
-      fx_within(signals->force, params->contact_force)) {
+      fx_within(signals->force, axis->params.contact_force)) {
     return AXIS_FIRST_MOTION_RESULT_PASSED;
   }
   first->phase = FIRST_MOTION_DONE;
@@ -261,7 +258,7 @@ void first_motion_judge(first_motion_t *first, const drive_params_t *params,
   uint8_t result = AXIS_FIRST_MOTION_RESULT_RUNNING;
   switch (first->phase) {
     case FIRST_MOTION_STANDING:
-      result = judge_standing(first, params, axis);
+      result = judge_standing(first, axis);
       break;
     case FIRST_MOTION_ZERO:
       result = judge_zero(first, params, axis);
@@ -273,7 +270,7 @@ void first_motion_judge(first_motion_t *first, const drive_params_t *params,
       result = judge_back(first, params, axis);
       break;
     default:
-      result = judge_contact(first, params, axis);
+      result = judge_contact(first, axis);
       break;
   }
   signals->first_motion_result = result;

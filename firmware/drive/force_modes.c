@@ -38,6 +38,20 @@ static int32_t wanted_force(const cia402_t *drive) {
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
 }
 
+/* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
+ * once throws the axis against a workpiece that comes back. */
+static bool dwells_after_loss(cia402_t *drive) {
+  if (drive->signals.contact != 0) {
+    drive->dwell_remaining = fx_ticks_from_ms(drive->params.contact_loss_dwell);
+    return false;
+  }
+  if (drive->pressing == 0 || drive->dwell_remaining == 0) {
+    return false;
+  }
+  drive->dwell_remaining -= 1;
+  return true;
+}
+
 /* Force of a standard client: per mille of rated force; a profile ramps its demand. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
@@ -45,7 +59,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   int32_t target = halted ? 0 : wanted_force(drive);
   drive->limited |= (uint8_t)!fx_within(target, limit);
   target = fx_clamp(target, -limit, limit);
-  if (drive->signals.contact == 0) {
+  const bool dwells = dwells_after_loss(drive);
+  if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
       /* Lost: brake at once, without the bias that would carry the pressing code on. */
       motion_override(drive, axis);
@@ -69,6 +84,9 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
       (cyclic && !halted) ? wanted_q16 : drive->force_demand_q16 + fx_saturate(change, -step, step);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
+  if (drive->dwell_remaining != 0) {
+    axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
+  }
 }
 
 void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, false); }
@@ -132,7 +150,7 @@ void force_impedance(cia402_t *drive, axis_t *axis) {
   }
 }
 
-bool force_target_reached(const cia402_t *drive) {
+bool force_target_reached(const cia402_t *drive, const axis_t *axis) {
   const int32_t limit = drive->params.force_limit;
   const int32_t wanted = fx_clamp(wanted_force(drive), -limit, limit);
   if (drive->pressing == 0) {
@@ -140,5 +158,5 @@ bool force_target_reached(const cia402_t *drive) {
   }
   const int32_t error = fx_diff_wrap(wanted, drive->signals.force_actual);
   return drive->force_demand_q16 == fx_scale(wanted, 16) &&
-         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), drive->params.contact_force);
+         fx_within(fx_ratio_apply(error, drive->reading_of_force, 0), axis->params.contact_force);
 }

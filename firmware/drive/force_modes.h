@@ -15,6 +15,6 @@ void force_damping(cia402_t *drive, axis_t *axis);
 void force_impedance(cia402_t *drive, axis_t *axis);
 
 /* Whether the target force is reached, in the first two of them. */
-bool force_target_reached(const cia402_t *drive);
+bool force_target_reached(const cia402_t *drive, const axis_t *axis);
 
 #endif

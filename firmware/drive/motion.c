@@ -11,6 +11,7 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->open_loop_code = drive->overridden.open_loop_code;
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
+    axis->press_cap_code = AXIS_PRESS_CAP_NONE;
     drive->overridden.active = 0;
   }
 }

@@ -180,17 +180,20 @@ static bool is_in_position_window(const cia402_t *drive, int32_t target) {
          cia402_encoder(drive, target) == drive->signals.position_internal;
 }
 
-bool position_velocity_reached(const cia402_t *drive) {
+bool position_velocity_reached(const cia402_t *drive, const axis_t *axis) {
+  (void)axis;
   return fx_magnitude(fx_diff_wrap(wanted_velocity(drive), drive->signals.velocity_actual)) <=
          drive->params.velocity_window;
 }
 
-bool position_setpoint_reached(const cia402_t *drive) {
+bool position_setpoint_reached(const cia402_t *drive, const axis_t *axis) {
+  (void)axis;
   return drive->setpoint_active == 0 &&
          (drive->stopped_by_contact != 0 || is_in_position_window(drive, drive->setpoint.position));
 }
 
-bool position_target_reached(const cia402_t *drive) {
+bool position_target_reached(const cia402_t *drive, const axis_t *axis) {
+  (void)axis;
   return drive->position_written == 0 ||
          is_in_position_window(drive, drive->params.target_position);
 }

@@ -14,9 +14,9 @@ void position_cyclic(cia402_t *drive, axis_t *axis);
 void position_profile_velocity(cia402_t *drive, axis_t *axis);
 void position_cyclic_velocity(cia402_t *drive, axis_t *axis);
 
-bool position_setpoint_reached(const cia402_t *drive);
-bool position_target_reached(const cia402_t *drive);
-bool position_velocity_reached(const cia402_t *drive);
+bool position_setpoint_reached(const cia402_t *drive, const axis_t *axis);
+bool position_target_reached(const cia402_t *drive, const axis_t *axis);
+bool position_velocity_reached(const cia402_t *drive, const axis_t *axis);
 
 /* The rising edge of "new set-point". */
 void position_take_setpoint(cia402_t *drive);

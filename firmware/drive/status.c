@@ -146,12 +146,12 @@ static uint32_t inputs_bits(uint8_t din) {
          (((din & AXIS_DIN_INDEX) != 0) ? UINT32_C(0x20000) : 0);
 }
 
-static bool has_reached(const cia402_t *drive) {
+static bool has_reached(const cia402_t *drive, const axis_t *axis) {
   if ((drive->params.controlword & CIA402_CW_HALT) != 0) {
     return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0;
   }
   const cia402_mode_t *mode = drive->mode;
-  return mode->reached != NULL && mode->reached(drive);
+  return mode->reached != NULL && mode->reached(drive, axis);
 }
 
 /* Two more while it lasts, without end: judged in every second tick; 1 at the first. */
@@ -163,12 +163,12 @@ static uint32_t lasting(uint32_t ticks, bool lasts) {
 }
 
 /* In every second tick. */
-static void judge(cia402_t *drive) {
+static void judge(cia402_t *drive, const axis_t *axis) {
   drive->signals.velocity_actual =
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
-  drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive));
+  drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive, axis));
   drive->standing_tick = lasting(drive->standing_tick, slow);
 }
 
@@ -184,7 +184,7 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
         drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
-    judge(drive);
+    judge(drive, axis);
   }
   cia402_show(drive, axis);
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <variant>
 
+#include "host/run/bank_values.hpp"
 #include "host/run/objects.hpp"
 #include "sim/hybrid/mode.hpp"
 
@@ -169,11 +170,12 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
           static_cast<std::int32_t>(static_cast<std::uint32_t>(static_cast<std::int64_t>(raw)))};
 }
 
-// The keys of the table, all of them objects.
+// The keys of the table that are objects, as all but those of banks must be.
 std::vector<std::string> object_names(const sim::Section &section) {
   std::vector<std::string> names;
   std::vector<std::string> unknown;
   for (const auto &[key, node] : section.table()) {
+    if (bank_of_key(key.str()) && node.is_table()) continue;
     names.emplace_back(key.str());
     if (!find_object(names.back())) unknown.push_back(names.back());
   }
@@ -203,6 +205,14 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                       written("polarity") != 0.0 || written("home_offset") != 0.0);
   std::vector<ObjectWrite> writes;
+  for (const auto &[key, node] : section.table()) {
+    const auto bank = bank_of_key(key.str());
+    if (!bank || !node.is_table()) continue;
+    section.one(key.str(), [&writes, &bank](sim::Section &values) {
+      const std::vector<ObjectWrite> more = read_bank(values, *bank);
+      writes.insert(writes.end(), more.begin(), more.end());
+    });
+  }
   for (const std::string &name : names)
     writes.push_back(read_object(section, name, *section.find(name), scales));
   const auto stage = [](const ObjectWrite &w) {

@@ -17,7 +17,8 @@ from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
 from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
 
-AXIS = 250  # axis_tick() and what it calls
+AXIS = 250  # axis_tick() and what it calls, with the laws of the thesis
+BANKED = 450  # the same with a bank of the force law
 BETWEEN = 1500  # what follows it in most ticks; resets and the store are apart
 COVERAGE = 0.95
 SAME_TICKS = 15_000
@@ -33,6 +34,7 @@ def test_the_interrupt_fits_into_its_budget(profile):
     assert profile.interrupt <= LIMITS.interrupt_instructions, path
     assert profile.from_adc_to_dac <= LIMITS.adc_to_dac_instructions
     assert profile.axis.count <= AXIS, profile.axis.shares
+    assert profile.banked.count <= BANKED, profile.banked.shares
     assert max(profile.between.count, profile.late.count) <= BETWEEN
     for roots in (["axis_tick"], Port.CALLS):
         done, total, missed = profile.coverage(*roots)

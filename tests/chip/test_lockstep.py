@@ -29,6 +29,8 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
         ("contact.toml", ["firmware.force_gain=10", "firmware.force_setpoint=15"]),
         ("position_step.toml", []),
         ("strike.toml", []),
+        ("hold_biquad.toml", []),
+        ("hold_biquad_12bit.toml", []),
     ],
 )
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):

@@ -8,6 +8,7 @@ resets and broken sensors come at random.
 
 import random
 import struct
+import zlib
 
 from cortex_m4 import LOCAL, NODE
 from pymodbus.framer import FramerRTU
@@ -100,6 +101,14 @@ VALUES = {
     "recorder_length": [0, 0, 20],
     "error_history_count": [0],
 }
+# Banks of the force law: sections, gain, velocity gain, integral, coefficients of a section.
+ONE = 1 << 26
+SECTIONS = [
+    (93575093, -182443590, 91431145, -116878093, 52331006),  # for 8 bits: gain 4.37
+    (388570733, -759775498, 381287265, -104435743, 47406946),  # for 12 bits
+    (ONE // 2, ONE // 2, 0, 0, 0),
+    (ONE // 10, 0, 0, -ONE + ONE // 10, 0),
+]
 FIRST_MOTION = {
     "first_motion_code": [1, 30, 100, 100, 2047],
     "first_motion_counts": [2, 16, 16, 4096],
@@ -166,6 +175,7 @@ class Fuzz:
         else:
             for name in rng.sample(list(VALUES), 8):
                 self.set(side, name, rng.choice(VALUES[name]))
+        self.choose_law(side)
         side.receive(0, bytes([128, NODE]))
         self.map_pdos(side)
         self.watch_nodes(side)
@@ -177,6 +187,26 @@ class Fuzz:
         self.start_first_motion(side)
         for word in (0x06, 0x0F):
             self.set(side, "controlword", word)
+
+    def choose_law(self, side):
+        """A bank of up to three sections in force, where the ADC bears it, or none."""
+        rng = self.rng
+        self.set(side, "force_bank", 0)
+        if rng.random() < 0.5:
+            return
+        bank = rng.randint(1, 4)
+        count = rng.choice([0, 1, 2, 3, 3, 3])
+        coefficients = [c for _ in range(count) for c in rng.choice(SECTIONS)]
+        coefficients += [0] * (15 - len(coefficients))
+        gain, damping = rng.choice([20, 256, 1119, 65535]), rng.choice([0, 0, 300, 65535])
+        values = [count, gain, damping, rng.choice([0, 357914, ONE]), *coefficients]
+        names = [f"bank_{n}_{bank}" for n in ("sections", "gain", "velocity_gain", "integral")]
+        names += [f"bank_coefficient_{15 * (bank - 1) + i + 1}" for i in range(15)]
+        for name, value in zip(names, values, strict=True):
+            self.set(side, name, value)
+        words = struct.pack("<19I", *(v % (1 << 32) for v in values))
+        self.set(side, f"bank_crc_{bank}", zlib.crc32(words))
+        self.set(side, "force_bank", bank)
 
     def start_first_motion(self, side):
         rng = self.calm_rng

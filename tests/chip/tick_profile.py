@@ -171,13 +171,14 @@ class Profile:
         fuzz, inputs = Fuzz(BY_NAME, self.seed), Inputs(0, (0, 0), 1, 1)
         resets = [chip.code.names.index(name) for name in RESET]
         waiting = False
-        self.resets, self.axis = Worst(), Worst()
+        self.resets, self.axis, self.banked = Worst(), Worst(), Worst()
         self.control = 0
         axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
+        law = chip.code.names.index("force_law_step")
         for _ in range(self.ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
-            self.axis.take(chip, axis)
+            (self.banked if chip.shares_of[law + 1] else self.axis).take(chip, axis)
             self.control = max(self.control, chip.control_count)
             mode = chip.byte(display)
             mode = mode - 256 if mode > 127 else mode
@@ -258,8 +259,8 @@ class Profile:
             "",
             "Not executed: " + ", ".join(f"{n} {c}" for n, c in missed.items()) + ".",
             "",
-            f"axis_tick() and what it calls: at most {self.axis.count}, {axis_done} of"
-            f" {axis_total} executed.",
+            f"axis_tick() and what it calls: at most {self.axis.count}, with a bank of the force"
+            f" law {self.banked.count}; {axis_done} of {axis_total} executed.",
             "",
             "## The whole interrupt",
             "",

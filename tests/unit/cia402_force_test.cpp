@@ -66,6 +66,69 @@ TEST_F(Drive, LosingTheContactNeverRunsAway) {
   EXPECT_EQ(Read(AXIS_OBJ_BUMP_DECAY_SHIFT), 6);
 }
 
+// The law goes on for contact_loss_dwell, its pressing capped; only then the axis approaches.
+TEST_F(Drive, AfterALossTheLawGoesOnWithItsPressingCapped) {
+  for (const int cap : {0, 12, 2048}) {
+    PowerUp();
+    Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 200);  // 300 ticks
+    Set(AXIS_OBJ_CONTACT_LOSS_CAP, cap);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    wall_ = 400;
+    Enable(kTq);
+    Set(AXIS_OBJ_TARGET_FORCE, 750);
+    Tick(1200);
+    ASSERT_EQ(Read(AXIS_OBJ_CONTACT), 1);
+    wall_ = 1e6;
+    for (int i = 0; i < 300; ++i) {
+      Tick();
+      ASSERT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_FORCE) << i;
+      ASSERT_LE(outputs_.dac_code, cap) << i;
+      ASSERT_GT(outputs_.dac_code, (cap == 0) ? -1 : 0) << i;
+    }
+    Tick(2);
+    EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_POSITION);
+    EXPECT_EQ(Read(AXIS_OBJ_CONTACT_LOSSES), 1);
+  }
+}
+
+// What comes back within the dwell is pressed on, from the force demanded before; a reading that
+// asks to pull back is not capped; a stop does not wait for the dwell.
+TEST_F(Drive, TheDwellEndsWithTheContactOrAStop) {
+  Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 200);
+  wall_ = 400;
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(1200);
+  wall_ += 100;
+  Tick(100);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTACT), 0);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 750);
+  wall_ = 400;
+  Tick(500);
+  EXPECT_EQ(Read(AXIS_OBJ_CONTACT), 1);
+  EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_FORCE);
+  EXPECT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 750, 26);
+  wall_ += 100;
+  Tick(50);
+  Control(0);
+  Tick();
+  EXPECT_EQ(outputs_.amp_enable, 0);
+  Enable(kTq);  // begins with an approach
+  Tick(2);
+  EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_POSITION);
+}
+
+TEST_F(Drive, WithoutADwellALostContactIsApproachedAtOnce) {
+  Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 0);
+  wall_ = 400;
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(1200);
+  wall_ += 100;
+  Tick(3);
+  EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_POSITION);
+}
+
 TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
   for (const int target : {750, 1, -1, -750}) {
     PowerUp();

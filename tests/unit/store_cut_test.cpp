@@ -124,7 +124,7 @@ TEST(Store, AResetOfTheNodeFindsWhatWasJustSaved) {
   fw_can_receive(&fw, &reset);
   const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
   axis_outputs_t outputs;
-  for (int i = 0; i < 400 && read(AXIS_OBJ_STORE_STATE) != AXIS_STORE_STATE_LOADED; ++i) {
+  for (int i = 0; i < 1000 && read(AXIS_OBJ_STORE_STATE) != AXIS_STORE_STATE_LOADED; ++i) {
     fw_tick(&fw, &inputs, &outputs);
   }
   EXPECT_EQ(read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_LOADED);

@@ -18,6 +18,7 @@ MAN = "docs/objects/forceaxis-objects.7"
 GENERATED_MARKDOWN = banner(("<!-- ", " -->")) + "\n"
 HEADINGS = {
     "axis": "Axis: modes, laws, limits, signals",
+    "law": "Banks of the force law",
     "recorder": "Recorder",
     "drive": "Drive: CiA 402",
     "canopen": "CANopen communication: CiA 301",

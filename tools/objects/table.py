@@ -18,7 +18,7 @@ TYPES = {
     "i32": (4, -0x80000000, 0x7FFFFFFF, "int32_t"),
 }
 KINDS = ("parameter", "signal", "command")
-PARTS = ("axis", "recorder", "drive", "canopen", "device")
+PARTS = ("axis", "law", "recorder", "drive", "canopen", "device")
 ACCESS = ("rw", "ro", "wo")
 KIND_ACCESS = {"parameter": ("rw",), "signal": ("ro",), "command": ("wo", "rw")}
 WRITABLE = ("any", "disabled", "recorder_idle")

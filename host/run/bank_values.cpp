@@ -1,0 +1,97 @@
+#include "host/run/bank_values.hpp"
+
+#include <toml++/toml.h>
+
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "firmware/port/host/firmware.hpp"
+#include "sim/hybrid/mode.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+using sim::Dimension;
+
+constexpr double kGainsPerUnit = 256.0;
+constexpr double kCoefficientsPerUnit = 67108864.0;
+constexpr double kGainMax = 65535.0 / kGainsPerUnit;
+constexpr double kCoefficientMax = 16.0;
+
+std::uint16_t to_gain(double value) {
+  return static_cast<std::uint16_t>(std::lround(value * kGainsPerUnit));
+}
+
+// Five coefficients, b0, b1, b2, a1, a2.
+void read_section(const sim::Section &section, const toml::node &node, std::int32_t *coefficients) {
+  const toml::array *row = node.as_array();
+  if (row == nullptr || row->size() != FORCE_LAW_COEFFICIENTS)
+    section.fail("sections", "expected lists of five numbers, b0, b1, b2, a1 and a2, got " +
+                                 (row == nullptr ? sim::kind_of(node)
+                                                 : "a list of " + std::to_string(row->size())) +
+                                 "; write [[b0, b1, b2, a1, a2]]");
+  for (const toml::node &cell : *row) {
+    const double value =
+        cell.is_number() ? *cell.value<double>() : std::numeric_limits<double>::quiet_NaN();
+    if (!(std::fabs(value) <= kCoefficientMax))
+      section.fail("sections",
+                   "expected numbers from -16 to 16, got " +
+                       (cell.is_number() ? sim::number_text(value) : sim::kind_of(cell)) +
+                       "; scale the section and take the gain apart");
+    *coefficients++ = static_cast<std::int32_t>(std::lround(value * kCoefficientsPerUnit));
+  }
+}
+
+}  // namespace
+
+std::optional<std::uint8_t> bank_of_key(std::string_view key) {
+  constexpr std::string_view kPrefix = "bank_";
+  if (key.size() != kPrefix.size() + 1 || !key.starts_with(kPrefix)) return std::nullopt;
+  const char digit = key.back();
+  if (digit < '1' || digit > '0' + FORCE_LAW_BANKS) return std::nullopt;
+  return static_cast<std::uint8_t>(digit - '1');
+}
+
+std::vector<ObjectWrite> read_bank(sim::Section &section, std::uint8_t bank) {
+  section.only({"gain", "integral_rad_per_s", "velocity_gain", "sections"});
+  law_params_t values{};
+  values.bank_gain[bank] = to_gain(section.within("gain", Dimension::ratio, 0.0, kGainMax));
+  values.bank_velocity_gain[bank] = to_gain(
+      section.optional_within("velocity_gain", Dimension::ratio, 0.0, kGainMax).value_or(0.0));
+  const double rate =
+      section.optional_within("integral_rad_per_s", Dimension::ratio, 0.0, sim::kTickRateHz)
+          .value_or(0.0);
+  values.bank_integral[bank] =
+      static_cast<std::uint32_t>(std::lround(rate / sim::kTickRateHz * kCoefficientsPerUnit));
+  constexpr int kInBank = FORCE_LAW_SECTIONS * FORCE_LAW_COEFFICIENTS;
+  std::int32_t *coefficients = &values.bank_coefficient[bank * kInBank];
+  if (const toml::node *node = section.find("sections"); node != nullptr) {
+    const toml::array *rows = node->as_array();
+    if (rows == nullptr || rows->size() > FORCE_LAW_SECTIONS)
+      section.fail("sections",
+                   "expected a list of at most three sections, got " +
+                       (rows == nullptr ? sim::kind_of(*node) : std::to_string(rows->size())) +
+                       "; write [[b0, b1, b2, a1, a2]]");
+    for (const toml::node &row : *rows) {
+      read_section(section, row,
+                   &coefficients[values.bank_sections[bank] * FORCE_LAW_COEFFICIENTS]);
+      ++values.bank_sections[bank];
+    }
+  }
+  const auto at = [bank](int first) { return static_cast<std::uint16_t>(first + bank); };
+  std::vector<ObjectWrite> writes = {
+      {at(AXIS_OBJ_BANK_SECTIONS_1), values.bank_sections[bank]},
+      {at(AXIS_OBJ_BANK_GAIN_1), values.bank_gain[bank]},
+      {at(AXIS_OBJ_BANK_VELOCITY_GAIN_1), values.bank_velocity_gain[bank]},
+      {at(AXIS_OBJ_BANK_INTEGRAL_1), static_cast<std::int32_t>(values.bank_integral[bank])}};
+  for (int i = 0; i < kInBank; ++i) {
+    writes.push_back({static_cast<std::uint16_t>(AXIS_OBJ_BANK_COEFFICIENT_1 + bank * kInBank + i),
+                      coefficients[i]});
+  }
+  writes.push_back(
+      {at(AXIS_OBJ_BANK_CRC_1), static_cast<std::int32_t>(law_bank_crc(&values, bank))});
+  return writes;
+}
+
+}  // namespace forceaxis::host
