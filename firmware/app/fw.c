@@ -47,7 +47,7 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   fw_t *fw = fw_of(objects);
   axis_parameter_written(&fw->axis, object, previous, value);
   if (object == AXIS_OBJ_ADC_BITS) {
-    (void)law_banks_loaded(&fw->banks, &fw->axis);
+    law_banks_set_adc(&fw->banks, (uint8_t)value);
   }
   if (value != previous && first_motion_depends_on(object)) {
     first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);

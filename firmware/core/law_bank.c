@@ -120,8 +120,17 @@ int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value) {
 
 bool law_banks_fit(const law_banks_t *banks, uint8_t adc_bits) {
   const uint8_t selected = banks->params.force_bank;
-  return selected == 0 ||
-         law_bank_state(&banks->params, (uint8_t)(selected - 1), adc_bits) == AXIS_BANK_STATE_VALID;
+  return selected == 0 || !is_too_steep(&banks->params, (uint8_t)(selected - 1), adc_bits);
+}
+
+void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits) {
+  for (uint8_t i = 0; i < FORCE_LAW_BANKS; i++) {
+    uint8_t *state = &banks->signals.bank_state[i];
+    if (*state == AXIS_BANK_STATE_VALID || *state == AXIS_BANK_STATE_HF_GAIN) {
+      *state = is_too_steep(&banks->params, i, adc_bits) ? AXIS_BANK_STATE_HF_GAIN
+                                                         : AXIS_BANK_STATE_VALID;
+    }
+  }
 }
 
 /* Value by value: a copy of the structure would be a call of the library. */
@@ -165,7 +174,9 @@ bool law_banks_loaded(law_banks_t *banks, axis_t *axis) {
   for (uint8_t i = 0; i < FORCE_LAW_BANKS; i++) {
     banks->signals.bank_state[i] = law_bank_state(&banks->params, i, adc_bits);
   }
-  const bool valid = law_banks_fit(banks, adc_bits);
+  const uint8_t selected = banks->params.force_bank;
+  const bool valid =
+      selected == 0 || banks->signals.bank_state[selected - 1] == AXIS_BANK_STATE_VALID;
   put_in_force(banks, axis, valid);
   return valid;
 }

@@ -49,7 +49,9 @@ void law_banks_written(law_banks_t *banks, axis_t *axis, uint16_t object);
  * is not valid is replaced by a law that puts out 0. False: it is not valid. */
 bool law_banks_loaded(law_banks_t *banks, axis_t *axis);
 
-/* Whether the selected bank is valid for an ADC of `adc_bits`. */
+/* Whether the selected bank bears an ADC of `adc_bits`; and what each bank is with one from now on.
+ */
 bool law_banks_fit(const law_banks_t *banks, uint8_t adc_bits);
+void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits);
 
 #endif

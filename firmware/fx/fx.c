@@ -83,25 +83,28 @@ bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t 
   return true;
 }
 
-/* The ratio is at most 2^-31 of it too small, so the estimate is wrong by less than 2; the exact
- * remainder says by how much. */
+/* The ratio is at most 2^-31 of it too small, so the quotient of the size is too small by less than
+ * 2, and what remains, below twice the denominator, fits in the 32 bits that it is computed in. */
 static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
-  const int32_t estimate = fx_ratio_apply(x, ratio, 0);
-  if (!fx_within(estimate, INT32_MAX - 4)) {
-    return (estimate < 0) ? -INT32_MAX : INT32_MAX;
+  const uint32_t size = fx_magnitude(x);
+  const uint64_t product = (uint64_t)size * ratio.mantissa;
+  const uint32_t high = (uint32_t)(product >> 32);
+  uint32_t quotient = (uint32_t)INT32_MAX;
+  /* By halves: a shift of 64 bits by a variable is a function of the library on some chips. */
+  if (ratio.shift >= 32) {
+    quotient = high >> (ratio.shift - 32);
+  } else if (high >> ratio.shift == 0) {
+    quotient = ((uint32_t)product >> ratio.shift) | (high << (31 - ratio.shift) << 1);
   }
-  int64_t twice = 2 * (fx_mul(x, (int32_t)num) - fx_mul(estimate, (int32_t)den));
-  int32_t exact = estimate;
-  for (uint8_t i = 0; i < 2; i++) {
-    if (twice >= (int64_t)den) {
-      twice -= 2 * (int64_t)den;
-      exact += 1;
-    } else if (twice < -(int64_t)den) {
-      twice += 2 * (int64_t)den;
-      exact -= 1;
-    }
+  if (quotient >= (uint32_t)INT32_MAX - 4) {
+    return (x < 0) ? -INT32_MAX : INT32_MAX;
   }
-  return exact;
+  const uint32_t rest = size * num - quotient * den;
+  /* Half up is half away from 0 for a positive x, toward it for a negative one. */
+  const uint32_t half = (x < 0) ? (den >> 1) + 1 : den - (den >> 1);
+  quotient += (rest >= half) ? 1 : 0;
+  quotient += (rest >= half + den) ? 1 : 0;
+  return (x < 0) ? -(int32_t)quotient : (int32_t)quotient;
 }
 
 int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction) {

@@ -252,7 +252,7 @@ typedef struct {
 bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction);
 
 /* floor(x * num / den + 1/2), exact; and x * den / num likewise. Overflow: saturates to
- * +-INT32_MAX, from INT32_MAX - 4 on. About 60 instructions. */
+ * +-INT32_MAX, from INT32_MAX - 4 on. About 35 instructions. */
 int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction);
 int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction);
 
