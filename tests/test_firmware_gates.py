@@ -454,8 +454,16 @@ BAD_TABLES = {
         "index = 0x2001",
         "object open_loop_code: index: expected an unused address, 0x2001:0 is taken",
     ),
-    "sub-index": ("sub = 1\n", "sub = 255\n", "object recorder_signal: sub: expected 0 to 247"),
-    "sub-index 0 of an array": ("sub = 1\n", "", "object recorder_signal: sub: expected 1 or more"),
+    "sub-index": (
+        "index = 0x2100\nsub = 1\n",
+        "index = 0x2100\nsub = 255\n",
+        "object recorder_signal: sub: expected 0 to 247",
+    ),
+    "sub-index 0 of an array": (
+        "index = 0x2100\nsub = 1\n",
+        "index = 0x2100\n",
+        "object recorder_signal: sub: expected 1 or more",
+    ),
     "sub-index 0 that is no count": (
         'type = "u8"\nunit = "1"\nmin = 0\nmax = 8',
         'type = "u16"\nunit = "1"\nmin = 0\nmax = 8',
@@ -467,7 +475,11 @@ BAD_TABLES = {
         "per_index = 8\nindex_step = 1",
         "object rpdo_mapping: per_index: expected either",
     ),
-    "index_step": ("index_step = 1", "index_step = -1", "object rpdo_cob_id: index_step: expected"),
+    "index_step": (
+        "index_step = 1\nnode_id",
+        "index_step = -1\nnode_id",
+        "object rpdo_cob_id: index_step: expected",
+    ),
     "node_id": (
         "index = 0x2007\n",
         "index = 0x2007\nnode_id = true\n",

@@ -463,7 +463,7 @@ TEST_F(Modbus, BusyWhileTheStoreIsAtWork) {
   EXPECT_EQ(Ask(5, {3, 0xFF00}), Exception(5, 6));
   EXPECT_EQ(Ask(1, {3, 1}), (Bytes{1, 1, 1}));
   EXPECT_EQ(Counter(17), 3u);
-  Tick(300);
+  Tick(600);
   EXPECT_EQ(Ask(1, {3, 1}), (Bytes{1, 1, 0}));
   EXPECT_EQ(ReadRegisters(4, 0x152, 1), (std::vector<unsigned>{AXIS_STORE_STATE_SAVED}));
   EXPECT_EQ(Ask(6, {0x010C, 1}).size(), 5u);

@@ -936,8 +936,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x400063ba)
-#define AXIS_OBJECTS_HASH_TEXT "400063ba"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x1e293fac)
+#define AXIS_OBJECTS_HASH_TEXT "1e293fac"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 

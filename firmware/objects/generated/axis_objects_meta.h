@@ -32,7 +32,7 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "400063ba58275c8d92acfd06ab62706fec42371df19d69cb07a0c3bb4242c4b0"
+#define AXIS_OBJECTS_HASH "1e293fac6daed4ffbe39fda1519a1bb41d2fe5a7e38327c4cc7e08f32adf8bf8"
 #define AXIS_OBJECTS_META_COUNT 416
 
 /* Entry i describes object number i + 1. */
@@ -132,7 +132,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {47, 4, "force_integral", "signal", "axis", "what the integral of the force law puts out", "i32", "code",
      1.52587890625e-05, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "ro", "any", "", 0x202F, 0, 368, 0, "Force integral", 0, 1},
     {48, 1, "force_bank", "parameter", "law", "bank of the force law; 0 is force_gain alone. A bank is selected only while its bank_state is valid, and not written while it is selected", "u8", "1",
-     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "", 0x2400, 0, 768, 1, "Force bank", 0, 0},
+     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "", 0x2400, 0, 786, 1, "Force bank", 0, 0},
     {49, 1, "bank_sections_1", "parameter", "law", "sections of second order that the force error passes through", "u8", "1",
      1.0, INT64_C(0), INT64_C(3), INT64_C(0), "rw", "any", "", 0x2410, 1, -1, 1, "Sections", 0, 0},
     {50, 1, "bank_sections_2", "parameter", "law", "sections of second order that the force error passes through", "u8", "1",
