@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import pytest
 import unicorn
+from force_banks import random_bank
 from forceaxis.objects import BY_NAME
 from unicorn import arm_const, riscv_const
 
 ROOT = Path(__file__).resolve().parent.parent
 INSTRUCTIONS_MAX = 250
+BANKED_MAX = 450  # with a bank of the force law
 CORE_BYTES_MAX = 8 * 1024
 STATE_BYTES_MAX = 512
 FUZZED_TICKS = 40_000
@@ -421,10 +423,14 @@ RANGES = {
 PROFILE = ("profile_enable", "profile_velocity_max", "profile_acceleration_max")
 
 
+# Without force_control_step(), whose cap only the drive sets.
+AXIS_TICK = ("axis_tick", "excitation_step", "profile_step", "force_law_step")
+
+
 def tick_instructions(image, target=CORTEX_M4):
     """Addresses of the instructions of axis_tick and what it calls."""
     found = set()
-    for function in ("axis_tick", "excitation_step", "profile_step"):
+    for function in AXIS_TICK:
         listing = run(target.prefix + "objdump", "-d", f"--disassemble={function}", image)
         for line in listing.splitlines():
             words = line.split("\t")
@@ -458,7 +464,7 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
     names = BY_NAME["mode"].enum
     worst = dict.fromkeys(names, 0)
     ticks = dict.fromkeys(names, 0)
-    faults, reasons = set(), set()
+    faults, reasons, banked = set(), set(), 0
     inputs = Inputs(0, (0, 0), 1, 1)
     position, speed = 0.0, 0.0
     for tick in range(FUZZED_TICKS):
@@ -469,6 +475,9 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
         elif not host.read(BY_NAME["active_mode"].number) and rng.random() < 0.3:
             for _ in range(6):
                 writes.append(random_write(rng, inputs.encoder_cnt))
+            if rng.random() < 0.3:
+                bank = random_bank(rng) if rng.random() < 0.6 else [("force_bank", 0)]
+                writes.extend((BY_NAME[name].number, value) for name, value in bank)
             writes.append((BY_NAME["mode"].number, rng.choice(RANGES["mode"])))
         elif rng.random() < 0.08:
             writes.append(random_write(rng, inputs.encoder_cnt))
@@ -503,7 +512,10 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
         assert got == expected, replay
         assert chip.state(state_bytes) == host.state(state_bytes), replay
         mode = names[host.read(BY_NAME["active_mode"].number)]
-        worst[mode] = max(worst[mode], chip.count)
+        if mode == "force" and host.read(BY_NAME["force_bank"].number):
+            banked = max(banked, chip.count)
+        else:
+            worst[mode] = max(worst[mode], chip.count)
         ticks[mode] += 1
         faults.add(host.read(BY_NAME["fault"].number))
         reasons.add(host.read(BY_NAME["limit_reason"].number))
@@ -517,7 +529,9 @@ def test_targets_compute_the_host_codes_within_the_budget(built, target, tmp_pat
     )
     for name in names:
         print(f"  {name:10} {ticks[name]:6} ticks, at most {worst[name]} instructions")
+    print(f"  with a bank of the force law at most {banked} instructions")
     assert target.instructions_max is None or max(worst.values()) <= target.instructions_max
+    assert target.instructions_max is None or target.instructions_max < banked <= BANKED_MAX
     assert len(missed) <= len(code) // 50
     assert min(ticks.values()) > FUZZED_TICKS // 50
     texts = BY_NAME["fault"].enum

@@ -1,6 +1,7 @@
 #include "firmware/core/axis.h"
 
 #include "firmware/core/faults.h"
+#include "firmware/core/force_control.h"
 #include "firmware/core/laws.h"
 #include "firmware/core/limits.h"
 #include "firmware/fx/fx.h"
@@ -51,46 +52,6 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
 }
 
-static bool is_touching(const axis_t *axis) {
-  return !fx_within(axis->signals.force, axis->params.contact_force);
-}
-
-/* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
-static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
-  const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
-  const int32_t setpoint = axis->params.force_setpoint;
-  if (cap_q16 > LAW_MAX_Q16 - 1 || is_touching(axis)) {
-    return code_q16;
-  }
-  return fx_clamp(code_q16, (setpoint > 0) ? LAW_MIN_Q16 : -cap_q16,
-                  (setpoint < 0) ? LAW_MAX_Q16 : cap_q16);
-}
-
-/* The integral of the force law grows only in contact, and not against an active limit. */
-static force_law_gate_t integral_gate(const axis_t *axis) {
-  const axis_signals_t *signals = &axis->signals;
-  const bool touching = is_touching(axis);
-  const bool limited = signals->limit_reason != AXIS_LIMIT_REASON_NONE;
-  return (force_law_gate_t){.up = touching && !(limited && signals->command_code > 0),
-                            .down = touching && !(limited && signals->command_code < 0)};
-}
-
-static int32_t evaluate_bank(axis_t *axis) {
-  const bool entered = axis->signals.active_mode != AXIS_MODE_FORCE;
-  const int32_t error_q8 = axis->params.force_setpoint - axis->signals.force;
-  if (entered || axis->law.bank.integral_q26 == 0) {
-    axis->law.integral_q16 = 0;
-    axis->law.integral_remainder_q26 = 0;
-  }
-  if (entered || axis->rebase != 0) {
-    force_law_start(&axis->law, error_q8);
-  }
-  const int32_t code_q16 =
-      force_law_step(&axis->law, error_q8, axis->signals.velocity, integral_gate(axis));
-  axis->signals.force_integral = axis->law.integral_q16;
-  return code_q16;
-}
-
 /* Command of the mode's law, 1/65536 code. */
 static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
   const axis_params_t *params = &axis->params;
@@ -100,10 +61,7 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
       return law_position(params->position_gain, params->velocity_gain, signals->position_error,
                           signals->velocity);
     case AXIS_MODE_FORCE:
-      return cap_pressing(
-          axis, (axis->law.selected == 0)
-                    ? law_force(params->force_gain, params->force_setpoint, signals->force)
-                    : evaluate_bank(axis));
+      return force_control_step(axis);
     case AXIS_MODE_EXCITATION:
       return law_excitation(
           params->open_loop_code, params->excitation_amplitude,

@@ -7,11 +7,6 @@
 #define ONE_Q26 INT32_C(67108864)
 #define SIGNAL_MAX_Q16 INT32_C(1073741824) /* 2^14 counts, or codes */
 
-/* Errors as the sections take them, 1/65536 count. */
-static int32_t signal_of(int32_t error_q8) {
-  return fx_saturate((int64_t)error_q8 * 256, -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
-}
-
 static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS],
                             force_section_t *section, int32_t x) {
   const int64_t sum_q42 =
@@ -28,23 +23,25 @@ static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS
   return y;
 }
 
-void force_law_start(force_law_t *law, int32_t error_q8) {
-  const int32_t x = signal_of(error_q8);
-  for (uint8_t i = 0; i < FORCE_LAW_SECTIONS; i++) {
+static void begin(force_law_t *law, int32_t x) {
+  for (uint8_t i = 0; i < law->bank.sections; i++) {
     law->sections[i] = (force_section_t){.x = {x, x}, .y = {x, x}, .remainder_q26 = 0};
   }
 }
 
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
-                       force_law_gate_t gate) {
+                       force_law_tick_t tick) {
   const force_bank_t *bank = &law->bank;
-  int32_t y = signal_of(error_q8);
+  int32_t y = fx_saturate((int64_t)error_q8 * 256, -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
+  if (tick.begins) {
+    begin(law, y);
+  }
   for (uint8_t i = 0; i < bank->sections; i++) {
     y = section_step(bank->coefficient_q26[i], &law->sections[i], y);
   }
   const int32_t proportional_q16 = fx_saturate(fx_floor_shift_wide(fx_mul(bank->gain_q8, y), 8),
                                                -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
-  if ((proportional_q16 > 0) ? gate.up : gate.down) {
+  if ((proportional_q16 > 0) ? tick.up : tick.down) {
     const int64_t sum_q42 = (int64_t)law->integral_q16 * ONE_Q26 + law->integral_remainder_q26 +
                             (int64_t)bank->integral_q26 * proportional_q16;
     const int64_t floor_q16 = fx_floor_shift_wide(sum_q42, 26);

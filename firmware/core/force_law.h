@@ -40,18 +40,17 @@ typedef struct {
   uint8_t selected;                /* number of the bank, 0: law_force() with force_gain */
 } force_law_t;
 
-/* In which directions the integral may grow. */
+/* What a tick is to the law. `begins`: the error has been this one for ever, so a section whose
+ * gain at frequency 0 is 1 is at rest; the integral is kept. `up`, `down`: where the integral may
+ * grow. */
 typedef struct {
+  bool begins;
   bool up;
   bool down;
-} force_law_gate_t;
-
-/* The error has been `error_q8` for ever: a section whose gain at frequency 0 is 1 is then at rest.
- * The integral is kept. */
-void force_law_start(force_law_t *law, int32_t error_q8);
+} force_law_tick_t;
 
 /* One tick: the command in 1/65536 code, limited as those of laws.h. */
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
-                       force_law_gate_t gate);
+                       force_law_tick_t tick);
 
 #endif

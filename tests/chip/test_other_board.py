@@ -40,7 +40,7 @@ def ports(tmp_path_factory):
                 "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000]",
             ),
             ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
-            ("flash_bytes = 98304", "flash_bytes = 65536"),
+            ("flash_bytes = 98304", "flash_bytes = 81920"),
             ("ram_bytes = 65536", "ram_bytes = 49152"),
             ('["adc.c", "can.c", "clock.c", "dac.c", "encoder.c", "flash.c", "io.c", "watchdog.c"]',
              f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
@@ -85,7 +85,7 @@ def test_its_image_is_reported_beside_its_limits(ports):
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert re.search(r"\*\*flash\*\* \| \d+ \| 65536 \|", done.stdout), done.stdout
+    assert re.search(r"\*\*flash\*\* \| \d+ \| 81920 \|", done.stdout), done.stdout
     assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 49152 \|", done.stdout), done.stdout
 
 

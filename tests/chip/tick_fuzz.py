@@ -8,9 +8,9 @@ resets and broken sensors come at random.
 
 import random
 import struct
-import zlib
 
 from cortex_m4 import LOCAL, NODE
+from force_banks import random_bank
 from pymodbus.framer import FramerRTU
 
 MODES = [1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8]
@@ -101,15 +101,6 @@ VALUES = {
     "recorder_length": [0, 0, 20],
     "error_history_count": [0],
 }
-# Banks of the force law: sections, gain, velocity gain, integral, coefficients of a section.
-ONE = 1 << 26
-SECTIONS = [
-    (93575093, -182443590, 91431145, -116878093, 52331006),  # for 8 bits: gain 4.37
-    (388570733, -759775498, 381287265, -104435743, 47406946),  # for 12 bits
-    (ONE // 2, ONE // 2, 0, 0, 0),
-    (15 * ONE, 0, 0, 0, 0),  # runs into the ends of the signal
-    (ONE // 10, 0, 0, -ONE + ONE // 10, 0),
-]
 FIRST_MOTION = {
     "first_motion_code": [1, 30, 100, 100, 2047],
     "first_motion_counts": [2, 16, 16, 4096],
@@ -195,19 +186,8 @@ class Fuzz:
         self.set(side, "force_bank", 0)
         if rng.random() < 0.5:
             return
-        bank = rng.randint(1, 4)
-        count = rng.choice([0, 1, 2, 3, 3, 3])
-        coefficients = [c for _ in range(count) for c in rng.choice(SECTIONS)]
-        coefficients += [0] * (15 - len(coefficients))
-        gain, damping = rng.choice([20, 256, 1119, 65535]), rng.choice([0, 0, 300, 65535])
-        values = [count, gain, damping, rng.choice([0, 357914, ONE]), *coefficients]
-        names = [f"bank_{n}_{bank}" for n in ("sections", "gain", "velocity_gain", "integral")]
-        names += [f"bank_coefficient_{15 * (bank - 1) + i + 1}" for i in range(15)]
-        for name, value in zip(names, values, strict=True):
+        for name, value in random_bank(rng):
             self.set(side, name, value)
-        words = struct.pack("<19I", *(v % (1 << 32) for v in values))
-        self.set(side, f"bank_crc_{bank}", zlib.crc32(words))
-        self.set(side, "force_bank", bank)
 
     def start_first_motion(self, side):
         rng = self.calm_rng

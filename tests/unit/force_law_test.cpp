@@ -252,7 +252,7 @@ TEST_F(ForceLaw, SumsOfExtremeSectionsDoNotOverflow) {
       const Wide grown = integral + p * TwoTo(26);
       const Wide kept = Clamp(FloorDivide(grown, TwoTo(26)), -2049 * 65536, 2048 * 65536);
       const Wide exact = p + kept - Wide{65535} * velocity * 256;
-      const int32_t code = force_law_step(&law, error, velocity, {true, true});
+      const int32_t code = force_law_step(&law, error, velocity, {false, true, true});
       ASSERT_EQ(static_cast<int32_t>(kept), law.integral_q16);
       ASSERT_EQ(code, static_cast<int32_t>(Clamp(exact, -2049 * 65536, 2048 * 65536)));
     }

@@ -149,6 +149,7 @@ def test_both_clients_read_every_register_alike(line, pymodbus):
 # Values that the rules beyond a range allow.
 VALUES = {
     "controlword": [6, 0],
+    "force_bank": [0, 0],  # all banks are empty
     "modes_of_operation": [-2, 8],
     "mode": [0, 0],
     "force_sign": [-1, 1],
@@ -282,6 +283,7 @@ def test_coils_and_discrete_inputs(line, pymodbus):
     line.kill()  # limits set by other tests would stop the axis in motion
     line.power_up()
     assert line.libmodbus(16, 7, 1, 60000) == []
+    assert line.libmodbus(6, BY_NAME["first_motion_test"].modbus, 0) == []  # nothing moves here
     assert line.libmodbus(6, 1, 8) == []
     assert line.libmodbus(5, 0, 1) == []
     time.sleep(0.05)

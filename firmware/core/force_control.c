@@ -1,0 +1,41 @@
+#include "firmware/core/force_control.h"
+
+#include "firmware/core/laws.h"
+#include "firmware/fx/fx.h"
+
+/* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
+static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
+  const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
+  const int32_t setpoint = axis->params.force_setpoint;
+  return fx_clamp(code_q16, (setpoint > 0) ? LAW_MIN_Q16 : -cap_q16,
+                  (setpoint < 0) ? LAW_MAX_Q16 : cap_q16);
+}
+
+static int32_t evaluate_bank(axis_t *axis, bool touching) {
+  axis_signals_t *signals = &axis->signals;
+  force_law_t *law = &axis->law;
+  const bool entered = signals->active_mode != AXIS_MODE_FORCE;
+  const bool limited = signals->limit_reason != AXIS_LIMIT_REASON_NONE;
+  const int32_t error_q8 = axis->params.force_setpoint - signals->force;
+  if (entered || law->bank.integral_q26 == 0) {
+    law->integral_q16 = 0;
+    law->integral_remainder_q26 = 0;
+  }
+  const force_law_tick_t tick = {.begins = entered || axis->rebase != 0,
+                                 .up = touching && !(limited && signals->command_code > 0),
+                                 .down = touching && !(limited && signals->command_code < 0)};
+  const int32_t code_q16 = force_law_step(law, error_q8, signals->velocity, tick);
+  signals->force_integral = law->integral_q16;
+  return code_q16;
+}
+
+int32_t force_control_step(axis_t *axis) {
+  const axis_params_t *params = &axis->params;
+  const int32_t force_q8 = axis->signals.force;
+  const bool touching = !fx_within(force_q8, params->contact_force);
+  const int32_t code_q16 = (axis->law.selected == 0)
+                               ? law_force(params->force_gain, params->force_setpoint, force_q8)
+                               : evaluate_bank(axis, touching);
+  return (touching || axis->press_cap_code == AXIS_PRESS_CAP_NONE) ? code_q16
+                                                                   : cap_pressing(axis, code_q16);
+}
