@@ -26,7 +26,7 @@ PYTHON = ROOT / ".venv/bin/python"
 # much again.
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 NICE = ("nice", "-n", "19")
-FUZZ_S, FUZZ_ALL_S = 17, 125
+FUZZ_S, FUZZ_ALL_S = 12, 125
 
 
 class Tally:
@@ -152,7 +152,8 @@ def main(arguments):
     pytest(tally, "alone", "alone and not long")
     beside.join()
     if arguments == ["--all"]:
-        pytest(tally, "long", "long", *PARALLEL)
+        pytest(tally, "long", "long and not alone", *PARALLEL)
+        pytest(tally, "long-alone", "long and alone")
         fuzz(tally, FUZZ_ALL_S)
     return tally.end()
 

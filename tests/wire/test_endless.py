@@ -18,15 +18,22 @@ from forceaxis.bus.lcm import Bus, decode
 from forceaxis.experiments import link
 
 MODBUS = 2  # of stopped_by
-LINKS = ("lcm", "socketcan")
+LINKS = [pytest.param("lcm", marks=pytest.mark.long), "socketcan"]
 SHORT = "--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"
 
 
 @pytest.fixture(scope="module")
 def sessions(vcan):
-    done = vcan([sys.executable, endless_session.__file__], 120)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    class Sessions(dict):
+        """What was seen by kind of session, each run once."""
+
+        def __missing__(self, kind):
+            done = vcan([sys.executable, endless_session.__file__, kind], 120)
+            assert done.returncode == 0, done.stderr
+            self[kind] = json.loads(done.stdout)
+            return self[kind]
+
+    return Sessions()
 
 
 def start(name, *args, wait_s=20):

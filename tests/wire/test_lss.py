@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long  # half a minute; each service by itself is tested in fw_lss_test.cpp
+
 SESSION = Path(__file__).with_name("lss_session.py")
 SERIALS = [0x100, 0x1, 0x80000000, 0x101]
 PRODUCT = 0x46415831
