@@ -249,10 +249,11 @@ static void power_up(fw_t *fw) {
   fw->contact_seen = 0;
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
-  if (!layers_load(fw)) {
+  const bool has_id = layers_load(fw);
+  const bool has_law = law_banks_loaded(&fw->banks, &fw->axis);
+  if (!has_id || !has_law) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
   }
-  (void)law_banks_loaded(&fw->banks, &fw->axis);
   if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
     fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
   }

@@ -8,7 +8,7 @@
 #include "firmware/objects/access.h"
 #include "firmware/objects/value.h"
 
-_Static_assert(sizeof(axis_t) <= 1024, "state of an axis, parameters included");
+_Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
 
 /* Signals that come straight from valid sensors. */
 static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs) {

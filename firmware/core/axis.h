@@ -47,7 +47,7 @@ typedef struct {
   uint8_t brake_release; /* 1 only with the amplifier on */
 } axis_outputs_t;
 
-/* At most 1 KiB with parameters. Copying it copies the axis. */
+/* At most 512 bytes with parameters. Copying it copies the axis. */
 typedef struct {
   axis_params_t params;
   axis_signals_t signals;

@@ -84,7 +84,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
       (cyclic && !halted) ? wanted_q16 : drive->force_demand_q16 + fx_saturate(change, -step, step);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
-  if (drive->dwell_remaining != 0) {
+  if (dwells || drive->params.contact_loss_dwell != 0) {
     axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
   }
 }

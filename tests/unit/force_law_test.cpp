@@ -189,7 +189,7 @@ TEST_F(ForceLaw, CodesAreThoseOfDoublePrecision) {
     int32_t place = static_cast<int32_t>(random() % 1000);
     inputs_.encoder_cnt = place;
     const auto reading = [&] { return level * (1 << (16 - bits)); };
-    Reference reference(fw_.axis.law.bank, (setpoint - reading()) / 256.0);
+    Reference reference(fw_.axis.law.bank, 0.0);
     for (int t = 0; t < 400; ++t, ++ticks) {
       if (random() % 50 == 0) level = static_cast<int>(random() % static_cast<unsigned>(highest));
       level = std::clamp(level + static_cast<int>(random() % 7) - 3, 0, highest);
@@ -198,10 +198,11 @@ TEST_F(ForceLaw, CodesAreThoseOfDoublePrecision) {
       inputs_.encoder_cnt = place;
       const bool limited = Read(AXIS_OBJ_LIMIT_REASON) != AXIS_LIMIT_REASON_NONE;
       const int before = Read(AXIS_OBJ_COMMAND_CODE);
-      if (t == 0) reference = Reference(fw_.axis.law.bank, (setpoint - reading()) / 256.0);
-      const double exact = reference.Step((setpoint - reading()) / 256.0, velocity,
-                                          std::abs(reading()) > Read(AXIS_OBJ_CONTACT_FORCE),
-                                          !(limited && before > 0), !(limited && before < 0));
+      const double error = (setpoint - reading()) / 256.0;
+      if (t == 0) reference = Reference(fw_.axis.law.bank, error);
+      const double exact =
+          reference.Step(error, velocity, std::abs(reading()) > Read(AXIS_OBJ_CONTACT_FORCE),
+                         !(limited && before > 0), !(limited && before < 0));
       const int code = TickForce(static_cast<uint16_t>(level));
       const double rounded = std::floor(std::clamp(exact, -2048.0, 2047.0) + 0.5);
       apart += std::fabs(rounded - code) > 1.0 ? 1 : 0;
@@ -321,7 +322,7 @@ TEST_F(ForceLaw, WhatCannotBeALawIsNamed) {
   EXPECT_EQ(StateOf(2), AXIS_BANK_STATE_WRONG_SIGN);
   Fill(2, with({15.0, -14.5, 0.0, 0.0, 0.0}));  // the first code of a step, 15; the highest, 29.5
   EXPECT_EQ(StateOf(2), AXIS_BANK_STATE_VALID) << "in 10 bits";
-  Fill(2, {.gain = 4.2, .sections = {{15.0, -0.5, -14.0, 0.0, 0.0}}});  // 15 at z = -1... 1.5
+  Fill(2, {.gain = 4.2, .sections = {{15.0, -0.5, -14.0, 0.0, 0.0}}});  // 15 by b0, 1.5 at z = -1
   EXPECT_EQ(StateOf(2), AXIS_BANK_STATE_HF_GAIN) << "by b0";
 }
 
@@ -436,6 +437,7 @@ TEST(ForceLawStore, AStoredBankThatDoesNotPassPutsOutNothing) {
   Axis next(flash.memory());
   EXPECT_EQ(next.Read(AXIS_OBJ_BANK_STATE_1), AXIS_BANK_STATE_WRONG_CRC);
   EXPECT_EQ(next.Read(AXIS_OBJ_FORCE_BANK), 1);
+  EXPECT_EQ(next.State(), AXIS_STORE_STATE_FAILED);
   EXPECT_EQ(PressOnce(next.fw()), 0);
   ASSERT_EQ(next.Write(AXIS_OBJ_FORCE_BANK, 0), FW_OK);
   EXPECT_EQ(PressOnce(next.fw()), 50);
