@@ -175,8 +175,8 @@ def table(ticks):
         measured = [str(ticks[carrier][row.name]) for carrier in CARRIERS]
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
-    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose outputs answer;
-1: in its own tick. Each row is run in process, over SocketCAN and on the emulated chip, and so is
+    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose outputs
+answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the emulated chip, and so is
 the run beside it, in which the protection must not act. Options that ask for a ramp are off.
 
 """
