@@ -6,6 +6,7 @@
 #include "firmware/app/ownership.h"
 #include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
+#include "firmware/app/sensing.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
@@ -162,6 +163,9 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_RESTORE_DEFAULTS:
     case AXIS_OBJ_RESTORE_ALL:
       return begin_store(fw, store_forget(&fw->store));
+    case AXIS_OBJ_TARE:
+    case AXIS_OBJ_CALIBRATE:
+      return sensing_command(fw, object, value);
     default:
       break;
   }
@@ -392,8 +396,7 @@ void fw_prepare(fw_t *fw) {
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
   axis_tick(&fw->axis, inputs, outputs);
   if (fw->live != 0) {
-    first_motion_check(&fw->drive.first_motion, &fw->drive.params, &fw->drive.signals, &fw->axis,
-                       outputs);
+    cia402_control(&fw->drive, &fw->axis, outputs);
   }
 }
 
@@ -428,6 +431,7 @@ void fw_between(fw_t *fw) {
     fw->on_serial = 0;
     execute_reset(fw);
   }
+  sensing_serve(fw);
   serve_store(fw);
 }
 

@@ -164,9 +164,23 @@ void axis_init(axis_t *axis) {
   axis->setpoint_new = 0;
 }
 
+/* A band on the tare protects it: no other one while the axis is enabled, none beyond the band. */
+static int check_tare(const axis_t *axis, int32_t value) {
+  const int32_t band = axis->params.tare_band;
+  if (band == 0) {
+    return FW_OK;
+  }
+  if (axis->params.mode != AXIS_MODE_DISABLED || axis->signals.active_mode != AXIS_MODE_DISABLED) {
+    return FW_ERROR_STATE;
+  }
+  return fx_within(value, band) ? FW_OK : FW_ERROR_RANGE;
+}
+
 int axis_check(const axis_t *axis, uint16_t object, int32_t value) {
   bool fits = true;
   switch (object) {
+    case AXIS_OBJ_FORCE_TARE:
+      return check_tare(axis, value);
     case AXIS_OBJ_FORCE_SIGN:
       fits = value != 0;
       break;

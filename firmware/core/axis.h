@@ -89,8 +89,8 @@ void axis_init(axis_t *axis);
  * The three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK or
- * FW_ERROR_RANGE. */
+/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK,
+ * FW_ERROR_RANGE or, a force_tare with a tare_band while a mode is on, FW_ERROR_STATE. */
 int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
 /* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing

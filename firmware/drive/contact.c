@@ -1,5 +1,6 @@
 #include "firmware/drive/contact.h"
 
+#include "firmware/drive/sensor.h"
 #include "firmware/fx/fx.h"
 
 void contact_start(contact_t *contact, drive_signals_t *signals) {
@@ -16,20 +17,13 @@ static void next_slot(contact_t *contact) {
   contact->losses[contact->slot] = 0;
 }
 
-/* The reading is at an end of its range; the lower end of an unsigned one is just no force. */
-static bool is_saturated(const axis_t *axis) {
-  const uint16_t code = axis->signals.force_raw;
-  return code >= fx_highest_code(axis->params.adc_bits) ||
-         (code == 0 && axis->params.force_zero_code != 0);
-}
-
 void contact_tick(contact_t *contact, const drive_params_t *params, drive_signals_t *signals,
                   const axis_t *axis, bool controlled) {
   const int32_t force = axis->signals.force;
   const bool touching = !fx_within(force, axis->params.contact_force);
   const bool lost = signals->contact != 0 && !touching;
   signals->contact = touching ? 1 : 0;
-  signals->force_saturated = is_saturated(axis) ? 1 : 0;
+  signals->force_saturated = sensor_is_railed(axis) ? 1 : 0;
   if (!controlled) {
     return;
   }

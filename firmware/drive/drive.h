@@ -26,6 +26,8 @@
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
 #include "firmware/drive/first_motion.h"
+#include "firmware/drive/sensor.h"
+#include "firmware/drive/tare.h"
 #include "firmware/fx/fx.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
@@ -116,6 +118,8 @@ typedef struct {
   contact_t contact;
   cia402_homing_t homing;
   first_motion_t first_motion;
+  sensor_t sensor;
+  tare_t tare;
   cia402_overridden_t overridden;
   uint8_t velocity_next;      /* slot of the oldest */
   uint8_t tracking;           /* CIA402_TRACKING_ */
@@ -147,6 +151,13 @@ void cia402_wake(cia402_t *drive, const axis_t *axis);
 /* Before and after axis_tick(). */
 void cia402_before(cia402_t *drive, axis_t *axis);
 void cia402_after(cia402_t *drive, axis_t *axis);
+
+/* After axis_tick(), before its outputs are put out: takes them back where a reading of this tick
+ * is a fault. */
+static inline void cia402_control(cia402_t *drive, axis_t *axis, axis_outputs_t *outputs) {
+  first_motion_check(&drive->first_motion, &drive->params, &drive->signals, axis, outputs);
+  sensor_check(&drive->sensor, &drive->params, axis, outputs);
+}
 
 /* Whether a value within its range may be written to an object of the drive: FW_OK or
  * FW_ERROR_RANGE. */

@@ -1,5 +1,6 @@
 #include "firmware/drive/first_motion.h"
 
+#include "firmware/drive/sensor.h"
 #include "firmware/fx/fx.h"
 
 /* Faults of the test are results of the same order. */
@@ -86,20 +87,13 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
-/* The force reading cannot be one: at an end of its range, though 0 may be just no force. */
-static bool is_force_railed(const axis_t *axis) {
-  const uint16_t code = axis->signals.force_raw;
-  return code >= fx_highest_code(axis->params.adc_bits) ||
-         (code == 0 && axis->params.force_zero_code != 0);
-}
-
 /* Of these functions each judges a tick of a phase and returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
 static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   const int16_t current = fx_per_mille_of_bits(signals->current_raw, axis->params.adc_bits);
-  if (is_force_railed(axis)) {
+  if (sensor_is_railed(axis)) {
     return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   if (signals->current_raw >= fx_highest_code(axis->params.adc_bits)) {

@@ -1,5 +1,6 @@
 #include "firmware/drive/parameters.h"
 
+#include "firmware/drive/calibration.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/units.h"
@@ -21,11 +22,17 @@ static void derive_forces(cia402_t *drive) {
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
 }
 
+static void derive_expiry(cia402_t *drive) {
+  drive->signals.calibration_expired = calibration_is_expired(&drive->params) ? 1 : 0;
+}
+
 void parameters_derive(cia402_t *drive) {
   units_derive(drive);
   derive_rates(drive);
   derive_forces(drive);
   homing_list(drive);
+  sensor_derive(&drive->sensor, &drive->params);
+  derive_expiry(drive);
 }
 
 bool parameters_written(cia402_t *drive, uint16_t object) {
@@ -41,6 +48,17 @@ bool parameters_written(cia402_t *drive, uint16_t object) {
     case AXIS_OBJ_TRAJECTORY_DECELERATION:
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
       derive_rates(drive);
+      return false;
+    case AXIS_OBJ_FORCE_RAILED_TIME:
+    case AXIS_OBJ_FORCE_JUMP_MAX:
+    case AXIS_OBJ_FORCE_STUCK_TRAVEL:
+    case AXIS_OBJ_FORCE_DISCONNECTED_CODE:
+      sensor_derive(&drive->sensor, &drive->params);
+      return false;
+    case AXIS_OBJ_DATE:
+    case AXIS_OBJ_CALIBRATION_DATE:
+    case AXIS_OBJ_CALIBRATION_VALIDITY:
+      derive_expiry(drive);
       return false;
     case AXIS_OBJ_INPUTS_FITTED:
       homing_list(drive);

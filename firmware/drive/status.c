@@ -33,6 +33,10 @@ uint16_t cia402_error_code(uint8_t fault) {
       [AXIS_FAULT_RUNAWAY] = AXIS_ERROR_CODE_RUNAWAY,
       [AXIS_FAULT_FORCE_REVERSED] = AXIS_ERROR_CODE_FORCE_REVERSED,
       [AXIS_FAULT_POSITION_GAIN_ZERO] = AXIS_ERROR_CODE_POSITION_GAIN_ZERO,
+      [AXIS_FAULT_FORCE_RAILED] = AXIS_ERROR_CODE_FORCE_RAILED,
+      [AXIS_FAULT_FORCE_JUMP] = AXIS_ERROR_CODE_FORCE_JUMP,
+      [AXIS_FAULT_FORCE_STUCK] = AXIS_ERROR_CODE_FORCE_STUCK,
+      [AXIS_FAULT_FORCE_DISCONNECTED] = AXIS_ERROR_CODE_FORCE_DISCONNECTED,
   };
   return codes[fault];
 }
@@ -84,7 +88,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
     word |= CIA402_SW_VOLTAGE;
   }
   if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0 ||
-      drive->unsupervised != 0) {
+      drive->unsupervised != 0 || signals->calibration_expired != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {

@@ -31,6 +31,17 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
   return (fx_ratio_t){.mantissa = mantissa, .shift = (uint8_t)shift};
 }
 
+fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e) {
+  int32_t exponent = e;
+  for (; a > UINT32_MAX; a >>= 1) {
+    exponent += 1;
+  }
+  for (; b > UINT32_MAX; b >>= 1) {
+    exponent -= 1;
+  }
+  return fx_ratio((uint32_t)a, (uint32_t)b, (int8_t)exponent);
+}
+
 uint32_t fx_quotient(uint32_t a, uint32_t b) { return a / b; }
 
 fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n) {

@@ -213,6 +213,9 @@ typedef struct {
  * some hundred instructions: for when a parameter is written, not for every tick. */
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 
+/* The same of 64 bits, e -32..32, to 2^-30 of it. */
+fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e);
+
 /* x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to +-INT32_MAX. */
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint32_t shift = (uint32_t)ratio.shift + n;

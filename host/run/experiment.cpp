@@ -45,9 +45,23 @@ std::int64_t tick_at(double time_s) {
   return static_cast<std::int64_t>(std::ceil(time_s * sim::kTickRateHz - 1e-9));
 }
 
+ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
+  static const std::vector<std::string> names = {"live", "held", "high", "low", "zero"};
+  section.only({"force"});
+  const std::string name = words(section, "force");
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end())
+    section.fail("force", "expected one of " + sim::joined(names) + ", got " +
+                              sim::in_quotes(name) + sim::suggestion(name, names) +
+                              "; choose one of them");
+  if (!model.adc[0])
+    section.fail("force", "expected a model with an ADC 0, it has none; remove this sensor");
+  return static_cast<ForceSensor>(found - names.begin());
+}
+
 Action read_action(Section &section, double duration_s, const sim::Model &model,
                    const std::vector<ObjectWrite> &initial) {
-  section.only({"time_s", "impulse", "firmware"});
+  section.only({"time_s", "impulse", "firmware", "sensor"});
   Action action{};
   action.tick = tick_at(section.within("time_s", sim::Dimension::time, 0, duration_s));
   section.one("firmware",
@@ -65,9 +79,11 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
     action.impulses.push_back(
         {body, impulse.value("N_s", sim::Dimension::impulse, sim::Sign::any)});
   });
-  if (action.writes.empty() && action.impulses.empty())
+  section.one("sensor",
+              [&](Section &sensor) { action.force_sensor = read_force_sensor(sensor, model); });
+  if (action.writes.empty() && action.impulses.empty() && !action.force_sensor)
     section.fail("time_s",
-                 "expected firmware or impulse beside it, got neither; add one or remove "
+                 "expected firmware, impulse or sensor beside it, got none; add one or remove "
                  "this [[at]]");
   return action;
 }

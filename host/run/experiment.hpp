@@ -15,6 +15,7 @@
 //   [[at]]     time_s = 2.0                   0 to duration_s; rounds up, applied before that tick
 //              impulse = { body = "workpiece", N_s = "strike" }
 //              firmware = { force_setpoint = 10.0 }
+//              sensor   = { force = "held" }      from then on ADC 0 reads that; see ForceSensor
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     see Plot
 //   [expect]   for `forceaxis test`; not interpreted here: forceaxis.experiments.expect checks it
@@ -46,11 +47,17 @@ struct Impulse {
   double impulse_N_s;
 };
 
+// What ADC 0 reads: the plant's signal ("live"), the code of the tick before ("held"), an end of
+// its range ("high", "low"), or the model's code of no force ("zero"), as a disconnected sensor
+// does.
+enum class ForceSensor : std::uint8_t { live, held, high, low, zero };
+
 // One [[at]].
 struct Action {
   std::int64_t tick;  // applied before it
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
+  std::optional<ForceSensor> force_sensor;
 };
 
 // The stability criterion over the last `window_s` of the run. A limit that is absent is not

@@ -59,9 +59,26 @@ std::int64_t PlantSide::contact_losses() const {
   return losses;
 }
 
-void PlantSide::strike_due() {
+void PlantSide::act_due() {
   for (; due(); ++action_) {
     for (const Impulse &j : action_->impulses) plant_.apply_impulse(j.body, j.impulse_N_s);
+    force_sensor_ = action_->force_sensor.value_or(force_sensor_);
+  }
+}
+
+std::uint16_t PlantSide::failed_reading(std::uint16_t code) const {
+  const sim::Adc &adc = *plant_.model().adc[0];
+  switch (force_sensor_) {
+    case ForceSensor::held:
+      return tick_ == 0 ? code : in_.adc0_code;
+    case ForceSensor::high:
+      return static_cast<std::uint16_t>((1 << adc.bits) - 1);
+    case ForceSensor::low:
+      return 0;
+    case ForceSensor::zero:
+      return static_cast<std::uint16_t>(adc.zero_code);
+    default:
+      return code;
   }
 }
 

@@ -27,14 +27,15 @@ class PlantSide {
   std::int64_t tick() const { return tick_; }
   const sim::Plant &plant() const { return plant_; }
 
-  // The sensor codes of the coming tick, after the impulses due. To be called once a tick; valid
+  // The sensor codes of the coming tick, after the actions due. To be called once a tick; valid
   // until the next call.
   const LinkInputs &sense() {
-    if (due()) strike_due();
+    if (due()) act_due();
     const sim::SensorCodes codes = plant_.codes();
     in_.tick = tick_;
     in_.encoder_cnt = codes.encoder;
-    in_.adc0_code = codes.adc[0];
+    in_.adc0_code =
+        force_sensor_ == ForceSensor::live ? codes.adc[0] : failed_reading(codes.adc[0]);
     in_.adc1_code = codes.adc[1];
     in_.din = static_cast<std::uint8_t>(kEnabled | codes.switches);
     return in_;
@@ -88,7 +89,9 @@ class PlantSide {
   static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
-  void strike_due();
+  void act_due();
+  // What the sensor reads in place of this code, while it is not live.
+  std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
   // Losses so far of the criterion's contacts; the flanks of a backlash or stop do not count.
   std::int64_t contact_losses() const;
@@ -106,6 +109,7 @@ class PlantSide {
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};
+  ForceSensor force_sensor_ = ForceSensor::live;
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   Ripple<int> force_;

@@ -10,7 +10,7 @@ namespace forceaxis::host {
 void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // The run of the journal in process, as far as that is known. `experiment` must be that of the
-// journal and gives the plant and the impulses. Throws as run().
+// journal and gives the plant, the impulses and what happens to its sensor. Throws as run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

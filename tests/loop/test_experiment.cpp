@@ -2,12 +2,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "host/run/experiment.hpp"
 #include "host/run/objects.hpp"
+#include "host/run/run.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -275,6 +277,50 @@ TEST_F(Files, QuantitiesStandForTimesAndImpulses) {
   EXPECT_FALSE(e.plot.from_s.has_value());
   EXPECT_EQ(e.plot.rows, (std::vector<std::vector<std::string>>{{"adc0", "sensor.force"}}));
   EXPECT_EQ(parameter(e, "b_w"), 400.0);
+}
+
+// The reading that the firmware receives: the plant's, until the sensor fails, and after it is
+// repaired.
+TEST_F(Files, AForceSensorFailsAndIsRepaired) {
+  const auto readings = [this](const std::string &events) {
+    const std::vector<std::string> overrides{"firmware.force_setpoint=30",
+                                             "experiment.duration_s=2"};
+    const Experiment e = load_experiment(write(with("[[at]]", events + "[[at]]")), overrides);
+    RunOptions options;
+    options.trace = true;
+    std::vector<int> codes;
+    for (const TickRecord &r : run(e, options).records) codes.push_back(r.adc0_code);
+    return codes;
+  };
+  const auto at = [](double time_s, const std::string &reading) {
+    return "[[at]]\ntime_s = " + std::to_string(time_s) + "\nsensor = { force = \"" + reading +
+           "\" }\n";
+  };
+  const std::vector<int> live = readings("");
+  const auto touch = std::find_if(live.begin(), live.end(), [](int code) { return code > 5; });
+  ASSERT_NE(touch, live.end());
+  const std::size_t tick = static_cast<std::size_t>(touch - live.begin());
+  const double time_s = static_cast<double>(tick) / 1500;
+  const std::vector<std::pair<std::string, int>> rows = {
+      {"held", live[tick - 1]}, {"high", 255}, {"low", 0}, {"zero", 0}};
+  for (const auto &[reading, code] : rows) {
+    const std::vector<int> codes = readings(at(time_s, reading) + at(time_s + 0.02, "live"));
+    for (std::size_t i = 0; i < tick; ++i) ASSERT_EQ(codes[i], live[i]) << reading << i;
+    for (std::size_t i = tick; i < tick + 30; ++i) ASSERT_EQ(codes[i], code) << reading << i;
+    EXPECT_GT(
+        *std::max_element(codes.begin() + static_cast<std::ptrdiff_t>(tick) + 30, codes.end()), 5)
+        << reading;
+  }
+}
+
+TEST_F(Files, AFailureOfTheSensorIsNamed) {
+  const auto refused = [this](const std::string &value) {
+    return message(with("[[at]]", "[[at]]\ntime_s = 0.1\nsensor = " + value + "\n[[at]]"));
+  };
+  EXPECT_NE(refused("{ force = \"hold\" }").find("sensor.force: expected one of live, held"),
+            std::string::npos)
+      << refused("{ force = \"hold\" }");
+  EXPECT_NE(refused("{ current = \"high\" }").find("expected"), std::string::npos);
 }
 
 TEST_F(Files, OverridesMayBeQuantities) {

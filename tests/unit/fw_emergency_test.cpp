@@ -48,6 +48,42 @@ TEST_F(Fw, AFaultReactionIsNamedFromItsBeginning) {
   EXPECT_TRUE(Emergencies().empty()) << "once";
 }
 
+TEST_F(Fw, AnExpiredCalibrationIsReportedOnce) {
+  const auto put = [this](uint16_t object, int32_t value) {
+    ASSERT_EQ(Write(kCanopen, object, value), 0u);
+    Tick();
+    Take();
+  };
+  put(AXIS_OBJ_CALIBRATION_DATE, 15000);
+  put(AXIS_OBJ_CALIBRATION_VALIDITY, 365);
+  put(AXIS_OBJ_DATE, 15365);
+  EXPECT_TRUE(Emergencies().empty());
+  put(AXIS_OBJ_DATE, 15366);
+  Tick(100);
+  EXPECT_EQ(Emergencies(), std::vector<int>{0xFF1C});
+  EXPECT_EQ(Inner(AXIS_OBJ_STATUSWORD) & 0x80, 0x80);
+  EXPECT_EQ(Inner(AXIS_OBJ_ERROR_REGISTER), 0) << "a warning";
+  put(AXIS_OBJ_CALIBRATION_DATE, 15366);
+  EXPECT_TRUE(Emergencies().empty());
+  EXPECT_EQ(Inner(AXIS_OBJ_STATUSWORD) & 0x80, 0);
+}
+
+TEST_F(Fw, ATareIsTakenOverTheBusAndRefusedWithItsCode) {
+  inputs_.adc_code[0] = 12;
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARE, 1), 0u);
+  Tick(256);
+  EXPECT_EQ(Inner(AXIS_OBJ_TARE_STATE), AXIS_TARE_STATE_DONE);
+  EXPECT_EQ(Inner(AXIS_OBJ_FORCE_TARE), 12 * 256);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARE_BAND, 20 * 256), 0u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_FORCE_TARE, 21 * 256), 0x06090030u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CALIBRATE, 1), 0x06090030u);
+  EXPECT_EQ(Inner(AXIS_OBJ_CALIBRATION_STATE), AXIS_CALIBRATION_STATE_REFUSED_POINTS);
+  Drive();
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_TARE, 1), 0x08000022u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_FORCE_TARE, 0), 0x08000022u);
+  EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CALIBRATE, 1), 0x08000022u);
+}
+
 TEST_F(Fw, ALostContactIsReportedWhileForceIsControlled) {
   inputs_.adc_code[0] = 30;
   Tick(2);

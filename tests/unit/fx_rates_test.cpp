@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 
 #include "firmware/port/host/firmware.hpp"
@@ -192,6 +193,32 @@ TEST(FxRates, RatiosHave32Bits) {
   RandomBits random(kSeed);
   for (int i = 0; i < kFuzz; ++i) {
     CheckRatio(random.U32() | 1u, random.U32() | 1u, static_cast<int>(random.Below(33)) - 16);
+  }
+}
+
+// Of 64 bits: the same where both fit in 32, and else to 2^-30 of it.
+TEST(FxRates, RatiosOfWideNumbers) {
+  RandomBits random(kSeed);
+  for (int i = 0; i < kFuzz / 4; ++i) {
+    const int e = static_cast<int>(random.Below(17)) - 8;
+    const uint32_t a = random.U32() | 1u;
+    const uint32_t b = random.U32() | 1u;
+    const fx_ratio_t narrow = fx_ratio(a, b, static_cast<int8_t>(e));
+    const fx_ratio_t same = fx_ratio_wide(a, b, static_cast<int8_t>(e));
+    ASSERT_EQ(narrow.mantissa, same.mantissa);
+    ASSERT_EQ(narrow.shift, same.shift);
+    const uint64_t wide_a = (uint64_t{a} << 32 | random.U32()) >> random.Below(33);
+    const uint64_t wide_b = (uint64_t{b} << 32 | random.U32()) >> random.Below(33);
+    if (wide_a == 0 || wide_b == 0) continue;
+    const fx_ratio_t ratio = fx_ratio_wide(wide_a, wide_b, static_cast<int8_t>(e));
+    const double exact = std::ldexp(static_cast<double>(wide_a) / static_cast<double>(wide_b), e);
+    const double found = std::ldexp(static_cast<double>(ratio.mantissa), -int{ratio.shift});
+    if (exact >= 4294967295.0) {
+      ASSERT_EQ(ratio.mantissa, UINT32_MAX);
+      ASSERT_EQ(ratio.shift, 0);
+    } else {
+      ASSERT_NEAR(found / exact, 1.0, std::ldexp(1.0, -30)) << wide_a << " / " << wide_b;
+    }
   }
 }
 

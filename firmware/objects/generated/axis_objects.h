@@ -260,171 +260,208 @@ enum {
   AXIS_OBJ_FIRST_MOTION_MOVED = 250,
   AXIS_OBJ_FIRST_MOTION_CODE_REACHED = 251,
   AXIS_OBJ_FIRST_MOTION_FORCE = 252,
-  AXIS_OBJ_OBJECT_TABLE_HASH = 253,
-  AXIS_OBJ_COMMAND_SOURCE = 254,
-  AXIS_OBJ_WATCHDOG = 255,
-  AXIS_OBJ_UNSUPERVISED_OWNER = 256,
-  AXIS_OBJ_STORE_PARAMETERS = 257,
-  AXIS_OBJ_RESTORE_DEFAULTS = 258,
-  AXIS_OBJ_STORE_STATE = 259,
-  AXIS_OBJ_STORE_CHANGE_COUNT = 260,
-  AXIS_OBJ_STORE_CHANGE_1 = 261,
-  AXIS_OBJ_STORE_CHANGE_2 = 262,
-  AXIS_OBJ_STORE_CHANGE_3 = 263,
-  AXIS_OBJ_STORE_CHANGE_4 = 264,
-  AXIS_OBJ_STORE_CHANGE_5 = 265,
-  AXIS_OBJ_STORE_CHANGE_6 = 266,
-  AXIS_OBJ_STORE_CHANGE_7 = 267,
-  AXIS_OBJ_STORE_CHANGE_8 = 268,
-  AXIS_OBJ_MODBUS_WORD_ORDER = 269,
-  AXIS_OBJ_OVERRUNS = 270,
-  AXIS_OBJ_NODE_ID = 271,
-  AXIS_OBJ_STORED_NODE_ID = 272,
-  AXIS_OBJ_STORED_BIT_RATE = 273,
-  AXIS_OBJ_BIT_RATE = 274,
-  AXIS_OBJ_CAN_LOST = 275,
-  AXIS_OBJ_DEVICE_TYPE = 276,
-  AXIS_OBJ_ERROR_REGISTER = 277,
-  AXIS_OBJ_ERROR_HISTORY_COUNT = 278,
-  AXIS_OBJ_ERROR_HISTORY_1 = 279,
-  AXIS_OBJ_ERROR_HISTORY_2 = 280,
-  AXIS_OBJ_ERROR_HISTORY_3 = 281,
-  AXIS_OBJ_ERROR_HISTORY_4 = 282,
-  AXIS_OBJ_ERROR_HISTORY_5 = 283,
-  AXIS_OBJ_ERROR_HISTORY_6 = 284,
-  AXIS_OBJ_ERROR_HISTORY_7 = 285,
-  AXIS_OBJ_ERROR_HISTORY_8 = 286,
-  AXIS_OBJ_SYNC_COB_ID = 287,
-  AXIS_OBJ_STORE_ALL = 288,
-  AXIS_OBJ_RESTORE_ALL = 289,
-  AXIS_OBJ_EMCY_COB_ID = 290,
-  AXIS_OBJ_EMCY_INHIBIT_TIME = 291,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 292,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 293,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 294,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 295,
-  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 296,
-  AXIS_OBJ_VENDOR_ID = 297,
-  AXIS_OBJ_PRODUCT_CODE = 298,
-  AXIS_OBJ_REVISION_NUMBER = 299,
-  AXIS_OBJ_SERIAL_NUMBER = 300,
-  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 301,
-  AXIS_OBJ_CONFIGURATION_DATE = 302,
-  AXIS_OBJ_CONFIGURATION_TIME = 303,
-  AXIS_OBJ_ERROR_BEHAVIOUR = 304,
-  AXIS_OBJ_SDO_SERVER_RECEIVE = 305,
-  AXIS_OBJ_SDO_SERVER_TRANSMIT = 306,
-  AXIS_OBJ_SDO_MODBUS_RECEIVE = 307,
-  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 308,
-  AXIS_OBJ_SDO_LCM_RECEIVE = 309,
-  AXIS_OBJ_SDO_LCM_TRANSMIT = 310,
-  AXIS_OBJ_RPDO_COB_ID_1 = 311,
-  AXIS_OBJ_RPDO_COB_ID_2 = 312,
-  AXIS_OBJ_RPDO_COB_ID_3 = 313,
-  AXIS_OBJ_RPDO_COB_ID_4 = 314,
-  AXIS_OBJ_RPDO_TRANSMISSION_1 = 315,
-  AXIS_OBJ_RPDO_TRANSMISSION_2 = 316,
-  AXIS_OBJ_RPDO_TRANSMISSION_3 = 317,
-  AXIS_OBJ_RPDO_TRANSMISSION_4 = 318,
-  AXIS_OBJ_RPDO_TIMEOUT_1 = 319,
-  AXIS_OBJ_RPDO_TIMEOUT_2 = 320,
-  AXIS_OBJ_RPDO_TIMEOUT_3 = 321,
-  AXIS_OBJ_RPDO_TIMEOUT_4 = 322,
-  AXIS_OBJ_RPDO_MAPPED_1 = 323,
-  AXIS_OBJ_RPDO_MAPPED_2 = 324,
-  AXIS_OBJ_RPDO_MAPPED_3 = 325,
-  AXIS_OBJ_RPDO_MAPPED_4 = 326,
-  AXIS_OBJ_RPDO_MAPPING_1 = 327,
-  AXIS_OBJ_RPDO_MAPPING_2 = 328,
-  AXIS_OBJ_RPDO_MAPPING_3 = 329,
-  AXIS_OBJ_RPDO_MAPPING_4 = 330,
-  AXIS_OBJ_RPDO_MAPPING_5 = 331,
-  AXIS_OBJ_RPDO_MAPPING_6 = 332,
-  AXIS_OBJ_RPDO_MAPPING_7 = 333,
-  AXIS_OBJ_RPDO_MAPPING_8 = 334,
-  AXIS_OBJ_RPDO_MAPPING_9 = 335,
-  AXIS_OBJ_RPDO_MAPPING_10 = 336,
-  AXIS_OBJ_RPDO_MAPPING_11 = 337,
-  AXIS_OBJ_RPDO_MAPPING_12 = 338,
-  AXIS_OBJ_RPDO_MAPPING_13 = 339,
-  AXIS_OBJ_RPDO_MAPPING_14 = 340,
-  AXIS_OBJ_RPDO_MAPPING_15 = 341,
-  AXIS_OBJ_RPDO_MAPPING_16 = 342,
-  AXIS_OBJ_RPDO_MAPPING_17 = 343,
-  AXIS_OBJ_RPDO_MAPPING_18 = 344,
-  AXIS_OBJ_RPDO_MAPPING_19 = 345,
-  AXIS_OBJ_RPDO_MAPPING_20 = 346,
-  AXIS_OBJ_RPDO_MAPPING_21 = 347,
-  AXIS_OBJ_RPDO_MAPPING_22 = 348,
-  AXIS_OBJ_RPDO_MAPPING_23 = 349,
-  AXIS_OBJ_RPDO_MAPPING_24 = 350,
-  AXIS_OBJ_RPDO_MAPPING_25 = 351,
-  AXIS_OBJ_RPDO_MAPPING_26 = 352,
-  AXIS_OBJ_RPDO_MAPPING_27 = 353,
-  AXIS_OBJ_RPDO_MAPPING_28 = 354,
-  AXIS_OBJ_RPDO_MAPPING_29 = 355,
-  AXIS_OBJ_RPDO_MAPPING_30 = 356,
-  AXIS_OBJ_RPDO_MAPPING_31 = 357,
-  AXIS_OBJ_RPDO_MAPPING_32 = 358,
-  AXIS_OBJ_TPDO_COB_ID_1 = 359,
-  AXIS_OBJ_TPDO_COB_ID_2 = 360,
-  AXIS_OBJ_TPDO_COB_ID_3 = 361,
-  AXIS_OBJ_TPDO_COB_ID_4 = 362,
-  AXIS_OBJ_TPDO_TRANSMISSION_1 = 363,
-  AXIS_OBJ_TPDO_TRANSMISSION_2 = 364,
-  AXIS_OBJ_TPDO_TRANSMISSION_3 = 365,
-  AXIS_OBJ_TPDO_TRANSMISSION_4 = 366,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 367,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 368,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 369,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 370,
-  AXIS_OBJ_TPDO_EVENT_TIME_1 = 371,
-  AXIS_OBJ_TPDO_EVENT_TIME_2 = 372,
-  AXIS_OBJ_TPDO_EVENT_TIME_3 = 373,
-  AXIS_OBJ_TPDO_EVENT_TIME_4 = 374,
-  AXIS_OBJ_TPDO_SYNC_START_1 = 375,
-  AXIS_OBJ_TPDO_SYNC_START_2 = 376,
-  AXIS_OBJ_TPDO_SYNC_START_3 = 377,
-  AXIS_OBJ_TPDO_SYNC_START_4 = 378,
-  AXIS_OBJ_TPDO_MAPPED_1 = 379,
-  AXIS_OBJ_TPDO_MAPPED_2 = 380,
-  AXIS_OBJ_TPDO_MAPPED_3 = 381,
-  AXIS_OBJ_TPDO_MAPPED_4 = 382,
-  AXIS_OBJ_TPDO_MAPPING_1 = 383,
-  AXIS_OBJ_TPDO_MAPPING_2 = 384,
-  AXIS_OBJ_TPDO_MAPPING_3 = 385,
-  AXIS_OBJ_TPDO_MAPPING_4 = 386,
-  AXIS_OBJ_TPDO_MAPPING_5 = 387,
-  AXIS_OBJ_TPDO_MAPPING_6 = 388,
-  AXIS_OBJ_TPDO_MAPPING_7 = 389,
-  AXIS_OBJ_TPDO_MAPPING_8 = 390,
-  AXIS_OBJ_TPDO_MAPPING_9 = 391,
-  AXIS_OBJ_TPDO_MAPPING_10 = 392,
-  AXIS_OBJ_TPDO_MAPPING_11 = 393,
-  AXIS_OBJ_TPDO_MAPPING_12 = 394,
-  AXIS_OBJ_TPDO_MAPPING_13 = 395,
-  AXIS_OBJ_TPDO_MAPPING_14 = 396,
-  AXIS_OBJ_TPDO_MAPPING_15 = 397,
-  AXIS_OBJ_TPDO_MAPPING_16 = 398,
-  AXIS_OBJ_TPDO_MAPPING_17 = 399,
-  AXIS_OBJ_TPDO_MAPPING_18 = 400,
-  AXIS_OBJ_TPDO_MAPPING_19 = 401,
-  AXIS_OBJ_TPDO_MAPPING_20 = 402,
-  AXIS_OBJ_TPDO_MAPPING_21 = 403,
-  AXIS_OBJ_TPDO_MAPPING_22 = 404,
-  AXIS_OBJ_TPDO_MAPPING_23 = 405,
-  AXIS_OBJ_TPDO_MAPPING_24 = 406,
-  AXIS_OBJ_TPDO_MAPPING_25 = 407,
-  AXIS_OBJ_TPDO_MAPPING_26 = 408,
-  AXIS_OBJ_TPDO_MAPPING_27 = 409,
-  AXIS_OBJ_TPDO_MAPPING_28 = 410,
-  AXIS_OBJ_TPDO_MAPPING_29 = 411,
-  AXIS_OBJ_TPDO_MAPPING_30 = 412,
-  AXIS_OBJ_TPDO_MAPPING_31 = 413,
-  AXIS_OBJ_TPDO_MAPPING_32 = 414,
-  AXIS_OBJ_NMT_STATE = 415,
-  AXIS_OBJ_SYNC_COUNT = 416,
-  AXIS_OBJ_COUNT = 417 /* one past the last number */
+  AXIS_OBJ_FORCE_RAILED_TIME = 253,
+  AXIS_OBJ_FORCE_JUMP_MAX = 254,
+  AXIS_OBJ_FORCE_STUCK_TRAVEL = 255,
+  AXIS_OBJ_FORCE_STUCK_TIME = 256,
+  AXIS_OBJ_FORCE_DISCONNECTED_CODE = 257,
+  AXIS_OBJ_FORCE_DISCONNECTED_TIME = 258,
+  AXIS_OBJ_FORCE_DISCONNECTED_TRAVEL = 259,
+  AXIS_OBJ_TARE = 260,
+  AXIS_OBJ_TARE_STATE = 261,
+  AXIS_OBJ_TARE_BAND = 262,
+  AXIS_OBJ_TARE_NOISE = 263,
+  AXIS_OBJ_TARE_AVERAGING = 264,
+  AXIS_OBJ_CALIBRATION_READING_1 = 265,
+  AXIS_OBJ_CALIBRATION_READING_2 = 266,
+  AXIS_OBJ_CALIBRATION_READING_3 = 267,
+  AXIS_OBJ_CALIBRATION_READING_4 = 268,
+  AXIS_OBJ_CALIBRATION_READING_5 = 269,
+  AXIS_OBJ_CALIBRATION_READING_6 = 270,
+  AXIS_OBJ_CALIBRATION_READING_7 = 271,
+  AXIS_OBJ_CALIBRATION_READING_8 = 272,
+  AXIS_OBJ_CALIBRATION_FORCE_1 = 273,
+  AXIS_OBJ_CALIBRATION_FORCE_2 = 274,
+  AXIS_OBJ_CALIBRATION_FORCE_3 = 275,
+  AXIS_OBJ_CALIBRATION_FORCE_4 = 276,
+  AXIS_OBJ_CALIBRATION_FORCE_5 = 277,
+  AXIS_OBJ_CALIBRATION_FORCE_6 = 278,
+  AXIS_OBJ_CALIBRATION_FORCE_7 = 279,
+  AXIS_OBJ_CALIBRATION_FORCE_8 = 280,
+  AXIS_OBJ_CALIBRATION_POINTS = 281,
+  AXIS_OBJ_CALIBRATION_LINEARITY_MAX = 282,
+  AXIS_OBJ_CALIBRATION_DATE = 283,
+  AXIS_OBJ_CALIBRATION_VALIDITY = 284,
+  AXIS_OBJ_CALIBRATE = 285,
+  AXIS_OBJ_CALIBRATION_STATE = 286,
+  AXIS_OBJ_CALIBRATION_LINEARITY = 287,
+  AXIS_OBJ_DATE = 288,
+  AXIS_OBJ_CALIBRATION_EXPIRED = 289,
+  AXIS_OBJ_OBJECT_TABLE_HASH = 290,
+  AXIS_OBJ_COMMAND_SOURCE = 291,
+  AXIS_OBJ_WATCHDOG = 292,
+  AXIS_OBJ_UNSUPERVISED_OWNER = 293,
+  AXIS_OBJ_STORE_PARAMETERS = 294,
+  AXIS_OBJ_RESTORE_DEFAULTS = 295,
+  AXIS_OBJ_STORE_STATE = 296,
+  AXIS_OBJ_STORE_CHANGE_COUNT = 297,
+  AXIS_OBJ_STORE_CHANGE_1 = 298,
+  AXIS_OBJ_STORE_CHANGE_2 = 299,
+  AXIS_OBJ_STORE_CHANGE_3 = 300,
+  AXIS_OBJ_STORE_CHANGE_4 = 301,
+  AXIS_OBJ_STORE_CHANGE_5 = 302,
+  AXIS_OBJ_STORE_CHANGE_6 = 303,
+  AXIS_OBJ_STORE_CHANGE_7 = 304,
+  AXIS_OBJ_STORE_CHANGE_8 = 305,
+  AXIS_OBJ_MODBUS_WORD_ORDER = 306,
+  AXIS_OBJ_OVERRUNS = 307,
+  AXIS_OBJ_NODE_ID = 308,
+  AXIS_OBJ_STORED_NODE_ID = 309,
+  AXIS_OBJ_STORED_BIT_RATE = 310,
+  AXIS_OBJ_BIT_RATE = 311,
+  AXIS_OBJ_CAN_LOST = 312,
+  AXIS_OBJ_DEVICE_TYPE = 313,
+  AXIS_OBJ_ERROR_REGISTER = 314,
+  AXIS_OBJ_ERROR_HISTORY_COUNT = 315,
+  AXIS_OBJ_ERROR_HISTORY_1 = 316,
+  AXIS_OBJ_ERROR_HISTORY_2 = 317,
+  AXIS_OBJ_ERROR_HISTORY_3 = 318,
+  AXIS_OBJ_ERROR_HISTORY_4 = 319,
+  AXIS_OBJ_ERROR_HISTORY_5 = 320,
+  AXIS_OBJ_ERROR_HISTORY_6 = 321,
+  AXIS_OBJ_ERROR_HISTORY_7 = 322,
+  AXIS_OBJ_ERROR_HISTORY_8 = 323,
+  AXIS_OBJ_SYNC_COB_ID = 324,
+  AXIS_OBJ_STORE_ALL = 325,
+  AXIS_OBJ_RESTORE_ALL = 326,
+  AXIS_OBJ_EMCY_COB_ID = 327,
+  AXIS_OBJ_EMCY_INHIBIT_TIME = 328,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 329,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 330,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 331,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 332,
+  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 333,
+  AXIS_OBJ_VENDOR_ID = 334,
+  AXIS_OBJ_PRODUCT_CODE = 335,
+  AXIS_OBJ_REVISION_NUMBER = 336,
+  AXIS_OBJ_SERIAL_NUMBER = 337,
+  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 338,
+  AXIS_OBJ_CONFIGURATION_DATE = 339,
+  AXIS_OBJ_CONFIGURATION_TIME = 340,
+  AXIS_OBJ_ERROR_BEHAVIOUR = 341,
+  AXIS_OBJ_SDO_SERVER_RECEIVE = 342,
+  AXIS_OBJ_SDO_SERVER_TRANSMIT = 343,
+  AXIS_OBJ_SDO_MODBUS_RECEIVE = 344,
+  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 345,
+  AXIS_OBJ_SDO_LCM_RECEIVE = 346,
+  AXIS_OBJ_SDO_LCM_TRANSMIT = 347,
+  AXIS_OBJ_RPDO_COB_ID_1 = 348,
+  AXIS_OBJ_RPDO_COB_ID_2 = 349,
+  AXIS_OBJ_RPDO_COB_ID_3 = 350,
+  AXIS_OBJ_RPDO_COB_ID_4 = 351,
+  AXIS_OBJ_RPDO_TRANSMISSION_1 = 352,
+  AXIS_OBJ_RPDO_TRANSMISSION_2 = 353,
+  AXIS_OBJ_RPDO_TRANSMISSION_3 = 354,
+  AXIS_OBJ_RPDO_TRANSMISSION_4 = 355,
+  AXIS_OBJ_RPDO_TIMEOUT_1 = 356,
+  AXIS_OBJ_RPDO_TIMEOUT_2 = 357,
+  AXIS_OBJ_RPDO_TIMEOUT_3 = 358,
+  AXIS_OBJ_RPDO_TIMEOUT_4 = 359,
+  AXIS_OBJ_RPDO_MAPPED_1 = 360,
+  AXIS_OBJ_RPDO_MAPPED_2 = 361,
+  AXIS_OBJ_RPDO_MAPPED_3 = 362,
+  AXIS_OBJ_RPDO_MAPPED_4 = 363,
+  AXIS_OBJ_RPDO_MAPPING_1 = 364,
+  AXIS_OBJ_RPDO_MAPPING_2 = 365,
+  AXIS_OBJ_RPDO_MAPPING_3 = 366,
+  AXIS_OBJ_RPDO_MAPPING_4 = 367,
+  AXIS_OBJ_RPDO_MAPPING_5 = 368,
+  AXIS_OBJ_RPDO_MAPPING_6 = 369,
+  AXIS_OBJ_RPDO_MAPPING_7 = 370,
+  AXIS_OBJ_RPDO_MAPPING_8 = 371,
+  AXIS_OBJ_RPDO_MAPPING_9 = 372,
+  AXIS_OBJ_RPDO_MAPPING_10 = 373,
+  AXIS_OBJ_RPDO_MAPPING_11 = 374,
+  AXIS_OBJ_RPDO_MAPPING_12 = 375,
+  AXIS_OBJ_RPDO_MAPPING_13 = 376,
+  AXIS_OBJ_RPDO_MAPPING_14 = 377,
+  AXIS_OBJ_RPDO_MAPPING_15 = 378,
+  AXIS_OBJ_RPDO_MAPPING_16 = 379,
+  AXIS_OBJ_RPDO_MAPPING_17 = 380,
+  AXIS_OBJ_RPDO_MAPPING_18 = 381,
+  AXIS_OBJ_RPDO_MAPPING_19 = 382,
+  AXIS_OBJ_RPDO_MAPPING_20 = 383,
+  AXIS_OBJ_RPDO_MAPPING_21 = 384,
+  AXIS_OBJ_RPDO_MAPPING_22 = 385,
+  AXIS_OBJ_RPDO_MAPPING_23 = 386,
+  AXIS_OBJ_RPDO_MAPPING_24 = 387,
+  AXIS_OBJ_RPDO_MAPPING_25 = 388,
+  AXIS_OBJ_RPDO_MAPPING_26 = 389,
+  AXIS_OBJ_RPDO_MAPPING_27 = 390,
+  AXIS_OBJ_RPDO_MAPPING_28 = 391,
+  AXIS_OBJ_RPDO_MAPPING_29 = 392,
+  AXIS_OBJ_RPDO_MAPPING_30 = 393,
+  AXIS_OBJ_RPDO_MAPPING_31 = 394,
+  AXIS_OBJ_RPDO_MAPPING_32 = 395,
+  AXIS_OBJ_TPDO_COB_ID_1 = 396,
+  AXIS_OBJ_TPDO_COB_ID_2 = 397,
+  AXIS_OBJ_TPDO_COB_ID_3 = 398,
+  AXIS_OBJ_TPDO_COB_ID_4 = 399,
+  AXIS_OBJ_TPDO_TRANSMISSION_1 = 400,
+  AXIS_OBJ_TPDO_TRANSMISSION_2 = 401,
+  AXIS_OBJ_TPDO_TRANSMISSION_3 = 402,
+  AXIS_OBJ_TPDO_TRANSMISSION_4 = 403,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 404,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 405,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 406,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 407,
+  AXIS_OBJ_TPDO_EVENT_TIME_1 = 408,
+  AXIS_OBJ_TPDO_EVENT_TIME_2 = 409,
+  AXIS_OBJ_TPDO_EVENT_TIME_3 = 410,
+  AXIS_OBJ_TPDO_EVENT_TIME_4 = 411,
+  AXIS_OBJ_TPDO_SYNC_START_1 = 412,
+  AXIS_OBJ_TPDO_SYNC_START_2 = 413,
+  AXIS_OBJ_TPDO_SYNC_START_3 = 414,
+  AXIS_OBJ_TPDO_SYNC_START_4 = 415,
+  AXIS_OBJ_TPDO_MAPPED_1 = 416,
+  AXIS_OBJ_TPDO_MAPPED_2 = 417,
+  AXIS_OBJ_TPDO_MAPPED_3 = 418,
+  AXIS_OBJ_TPDO_MAPPED_4 = 419,
+  AXIS_OBJ_TPDO_MAPPING_1 = 420,
+  AXIS_OBJ_TPDO_MAPPING_2 = 421,
+  AXIS_OBJ_TPDO_MAPPING_3 = 422,
+  AXIS_OBJ_TPDO_MAPPING_4 = 423,
+  AXIS_OBJ_TPDO_MAPPING_5 = 424,
+  AXIS_OBJ_TPDO_MAPPING_6 = 425,
+  AXIS_OBJ_TPDO_MAPPING_7 = 426,
+  AXIS_OBJ_TPDO_MAPPING_8 = 427,
+  AXIS_OBJ_TPDO_MAPPING_9 = 428,
+  AXIS_OBJ_TPDO_MAPPING_10 = 429,
+  AXIS_OBJ_TPDO_MAPPING_11 = 430,
+  AXIS_OBJ_TPDO_MAPPING_12 = 431,
+  AXIS_OBJ_TPDO_MAPPING_13 = 432,
+  AXIS_OBJ_TPDO_MAPPING_14 = 433,
+  AXIS_OBJ_TPDO_MAPPING_15 = 434,
+  AXIS_OBJ_TPDO_MAPPING_16 = 435,
+  AXIS_OBJ_TPDO_MAPPING_17 = 436,
+  AXIS_OBJ_TPDO_MAPPING_18 = 437,
+  AXIS_OBJ_TPDO_MAPPING_19 = 438,
+  AXIS_OBJ_TPDO_MAPPING_20 = 439,
+  AXIS_OBJ_TPDO_MAPPING_21 = 440,
+  AXIS_OBJ_TPDO_MAPPING_22 = 441,
+  AXIS_OBJ_TPDO_MAPPING_23 = 442,
+  AXIS_OBJ_TPDO_MAPPING_24 = 443,
+  AXIS_OBJ_TPDO_MAPPING_25 = 444,
+  AXIS_OBJ_TPDO_MAPPING_26 = 445,
+  AXIS_OBJ_TPDO_MAPPING_27 = 446,
+  AXIS_OBJ_TPDO_MAPPING_28 = 447,
+  AXIS_OBJ_TPDO_MAPPING_29 = 448,
+  AXIS_OBJ_TPDO_MAPPING_30 = 449,
+  AXIS_OBJ_TPDO_MAPPING_31 = 450,
+  AXIS_OBJ_TPDO_MAPPING_32 = 451,
+  AXIS_OBJ_NMT_STATE = 452,
+  AXIS_OBJ_SYNC_COUNT = 453,
+  AXIS_OBJ_COUNT = 454 /* one past the last number */
 };
 
 enum {
@@ -472,7 +509,11 @@ enum {
   AXIS_FAULT_RUNAWAY = 20,
   AXIS_FAULT_FORCE_REVERSED = 21,
   AXIS_FAULT_POSITION_GAIN_ZERO = 22,
-  AXIS_FAULT_COUNT = 23
+  AXIS_FAULT_FORCE_RAILED = 23,
+  AXIS_FAULT_FORCE_JUMP = 24,
+  AXIS_FAULT_FORCE_STUCK = 25,
+  AXIS_FAULT_FORCE_DISCONNECTED = 26,
+  AXIS_FAULT_COUNT = 27
 };
 
 enum {
@@ -549,7 +590,12 @@ enum {
   AXIS_ERROR_CODE_ENCODER_REVERSED = 65295,
   AXIS_ERROR_CODE_RUNAWAY = 65296,
   AXIS_ERROR_CODE_FORCE_REVERSED = 65297,
-  AXIS_ERROR_CODE_POSITION_GAIN_ZERO = 65298
+  AXIS_ERROR_CODE_POSITION_GAIN_ZERO = 65298,
+  AXIS_ERROR_CODE_FORCE_RAILED = 65306,
+  AXIS_ERROR_CODE_FORCE_STUCK = 65307,
+  AXIS_ERROR_CODE_CALIBRATION_EXPIRED = 65308,
+  AXIS_ERROR_CODE_FORCE_DISCONNECTED = 65309,
+  AXIS_ERROR_CODE_FORCE_JUMP = 65310
 };
 
 enum {
@@ -612,6 +658,30 @@ enum {
   AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED = 10,
   AXIS_FIRST_MOTION_RESULT_POSITION_GAIN_ZERO = 11,
   AXIS_FIRST_MOTION_RESULT_COUNT = 12
+};
+
+enum {
+  AXIS_TARE_STATE_IDLE = 0,
+  AXIS_TARE_STATE_RUNNING = 1,
+  AXIS_TARE_STATE_DONE = 2,
+  AXIS_TARE_STATE_REFUSED_ENABLED = 3,
+  AXIS_TARE_STATE_REFUSED_MOVING = 4,
+  AXIS_TARE_STATE_REFUSED_BAND = 5,
+  AXIS_TARE_STATE_REFUSED_NOISY = 6,
+  AXIS_TARE_STATE_REFUSED_SENSOR = 7,
+  AXIS_TARE_STATE_COUNT = 8
+};
+
+enum {
+  AXIS_CALIBRATION_STATE_IDLE = 0,
+  AXIS_CALIBRATION_STATE_DONE = 1,
+  AXIS_CALIBRATION_STATE_REFUSED_POINTS = 2,
+  AXIS_CALIBRATION_STATE_REFUSED_SPREAD = 3,
+  AXIS_CALIBRATION_STATE_REFUSED_SIGN = 4,
+  AXIS_CALIBRATION_STATE_REFUSED_LINEARITY = 5,
+  AXIS_CALIBRATION_STATE_REFUSED_RANGE = 6,
+  AXIS_CALIBRATION_STATE_REFUSED_DATE = 7,
+  AXIS_CALIBRATION_STATE_COUNT = 8
 };
 
 enum {
@@ -706,6 +776,7 @@ typedef struct {
   int32_t speed_max; /* largest speed while a mode is active; 0 means off [count/tick] */
   int32_t force_max; /* largest magnitude of the force while a mode is active; 0 means off [1/256 count] */
   int32_t contact_force; /* magnitude of the reading above which the axis counts as in contact [1/256 count] */
+  int32_t tare_band; /* largest magnitude of a tare; 0 means any, and that force_tare may be written while the axis is enabled [1/256 count] */
   int16_t open_loop_code; /* DAC code put out in open-loop mode, and about which excitation mode swings [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is uniform within it [code] */
   uint16_t excitation_seed; /* where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn [1] */
@@ -809,6 +880,10 @@ typedef struct {
   uint32_t homing_speed[2]; /* speeds of homing: toward the switch, and slow, for the place [count/s] */
   uint32_t homing_acceleration; /* acceleration of homing [count/s^2] */
   int32_t interpolation_setpoint; /* target_position under its other address: writing one writes both [count] */
+  int32_t force_jump_max; /* largest change of the reading from one tick to the next; beyond it the fault force_jump; 0 means off [1/256 count] */
+  int32_t tare_noise; /* largest difference between two readings while the tare is taken [1/256 count] */
+  int32_t calibration_reading[8]; /* reading of force at a point of the calibration [1/256 count] */
+  int32_t calibration_force[8]; /* force that a reference showed at this point [mN] */
   uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
   int16_t abort_connection_option; /* when the owner of the axis is lost: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop [1] */
   int16_t quick_stop_option; /* 0 disable at once, 1 slow down then disable, 2 quick-stop ramp then disable, 5 and 6 the same ramps but stay in quick stop [1] */
@@ -831,6 +906,16 @@ typedef struct {
   uint16_t first_motion_code; /* largest magnitude of the code that the test puts out [code] */
   uint16_t first_motion_counts; /* counts by which the encoder must move; the test ends with the fault runaway at eight times as many [count] */
   uint16_t first_motion_speed; /* speed above which the test ends with the fault runaway [count/tick] */
+  uint16_t force_railed_time; /* time for which the reading may be at an end of its range where it guides the axis, before the fault force_railed; 0 means off [ms] */
+  uint16_t force_stuck_travel; /* counts by which the axis may move in contact within force_stuck_time while the reading stays the same, before the fault force_stuck; 0 means off [count] */
+  uint16_t force_stuck_time; /* time in which the axis must move so far [ms] */
+  uint16_t force_disconnected_code; /* magnitude of the code that counts as pressing: an axis that stands at it without a contact has the fault force_disconnected; 0 means off [code] */
+  uint16_t force_disconnected_time; /* time for which it must stand so [ms] */
+  uint16_t force_disconnected_travel; /* counts by which an axis that stands may move in that time [count] */
+  uint16_t calibration_linearity_max; /* linearity error up to which a calibration is accepted [1/100 per mille] */
+  uint16_t calibration_date; /* day of the calibration, days since 1984-01-01; 0 means none [1] */
+  uint16_t calibration_validity; /* days for which a calibration is valid; 0 means without end [1] */
+  uint16_t date; /* today, days since 1984-01-01, as a master writes it; 0 means unknown [1] */
   int8_t modes_of_operation; /* requested mode of operation; those below 0 are this firmware's own [1] */
   uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
   uint8_t inputs_fitted; /* digital inputs that are wired, bits as in digital_inputs: 2 and 4 limit switches, 8 index, 16 home switch; homing methods need them [1] */
@@ -838,6 +923,8 @@ typedef struct {
   uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
   int8_t interpolation_exponent; /* power of ten of the period, in s [1] */
   uint8_t first_motion_test; /* whether the first enabling since power-up begins with a test of sensors, amplifier and signs by a small motion; switched on at power-up where the parameter store holds no set [enum] */
+  uint8_t tare_averaging; /* the mean is that of 2^n ticks [1] */
+  uint8_t calibration_points; /* points of the calibration: the first ones of the two arrays [1] */
 } drive_params_t;
 
 typedef struct {
@@ -860,6 +947,7 @@ typedef struct {
   int16_t current_actual; /* code of the motor current, per mille of its range [per mille] */
   uint16_t contact_losses; /* contacts lost since force control was switched on [1] */
   int16_t first_motion_code_reached; /* code at which the motion out ended [code] */
+  uint16_t calibration_linearity; /* largest distance of a point from the line, per mille of the span of the reference forces [1/100 per mille] */
   int8_t modes_of_operation_display; /* mode of operation in force [1] */
   uint8_t drive_state; /* state of the CiA 402 machine [enum] */
   uint8_t stopped_by; /* who else than its owner stopped the axis: it is not enabled again until the owner has sent a controlword that does not enable [enum] */
@@ -868,6 +956,9 @@ typedef struct {
   uint8_t limit_cycle; /* 1 while contact is lost that often [1] */
   uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
   uint8_t first_motion_result; /* what the test before the first motion has found [enum] */
+  uint8_t tare_state; /* what came of it [enum] */
+  uint8_t calibration_state; /* what came of it [enum] */
+  uint8_t calibration_expired; /* 1 if date is beyond calibration_date plus calibration_validity [1] */
 } drive_signals_t;
 
 typedef struct {
@@ -936,8 +1027,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x1e293fac)
-#define AXIS_OBJECTS_HASH_TEXT "1e293fac"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x9b2697fe)
+#define AXIS_OBJECTS_HASH_TEXT "9b2697fe"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
@@ -1011,10 +1102,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 276,
-  AXIS_ADDRESSES_COUNT = 454,
-  AXIS_HOLDING_COUNT = 106,
-  AXIS_INPUT_COUNT = 59
+  AXIS_STORED_COUNT = 306,
+  AXIS_ADDRESSES_COUNT = 496,
+  AXIS_HOLDING_COUNT = 123,
+  AXIS_INPUT_COUNT = 63
 };
 
 /* By index, then sub-index. */
