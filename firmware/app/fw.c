@@ -165,7 +165,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
       return begin_store(fw, store_forget(&fw->store));
     case AXIS_OBJ_TARE:
     case AXIS_OBJ_CALIBRATE:
-      return sensing_command(fw, object, value);
+      return sensing_command(fw, object);
     default:
       break;
   }

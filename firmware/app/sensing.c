@@ -23,11 +23,11 @@ static int calibrate(fw_t *fw) {
   return (refusal != FW_OK) ? refusal : write(fw, AXIS_OBJ_CALIBRATION_DATE, fw->drive.params.date);
 }
 
-int sensing_command(fw_t *fw, uint16_t object, int32_t value) {
+int sensing_command(fw_t *fw, uint16_t object) {
   if (object == AXIS_OBJ_CALIBRATE) {
     return calibrate(fw);
   }
-  tare_command(&fw->drive.tare, &fw->drive.signals, value != 0);
+  tare_begin(&fw->drive.tare, &fw->drive.signals);
   return FW_OK;
 }
 

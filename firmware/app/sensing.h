@@ -7,7 +7,7 @@
 
 /* The commands `tare` and `calibrate`: FW_OK, FW_ERROR_RANGE where calibration_state says why there
  * is no calibration, FW_ERROR_BUSY while the store is at work. */
-int sensing_command(fw_t *fw, uint16_t object, int32_t value);
+int sensing_command(fw_t *fw, uint16_t object);
 
 /* Puts a tare that was found in force; while the store is at work it waits. */
 void sensing_serve(fw_t *fw);

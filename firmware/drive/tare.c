@@ -6,12 +6,12 @@
 /* Range of force_tare. */
 #define TARE_MAX_Q8 INT32_C(65536)
 
-void tare_command(tare_t *tare, drive_signals_t *signals, bool begin) {
-  tare->running = begin ? 1 : 0;
+void tare_begin(tare_t *tare, drive_signals_t *signals) {
+  tare->running = 1;
   tare->found = 0;
   tare->sum = 0;
   tare->count = 0;
-  signals->tare_state = begin ? AXIS_TARE_STATE_RUNNING : AXIS_TARE_STATE_IDLE;
+  signals->tare_state = AXIS_TARE_STATE_RUNNING;
 }
 
 /* A difference of codes in 1/256 count. */

@@ -10,8 +10,8 @@
  *   refused_noisy    two readings differ by more than tare_noise, unless that is 0
  *   refused_band     the mean is beyond tare_band, or with tare_band 0 beyond the range of
  *                    force_tare
- * The command again, with 1, begins anew; with 0 it stops. The store is not changed by it, nor the
- * date of the verified configuration: the tare is a measurement. */
+ * The command again begins anew. The date of the verified configuration (1020h) stays: a tare is a
+ * measurement. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -33,7 +33,7 @@ typedef struct {
 } tare_t;
 
 /* The command. */
-void tare_command(tare_t *tare, drive_signals_t *signals, bool begin);
+void tare_begin(tare_t *tare, drive_signals_t *signals);
 
 /* After a tick. */
 void tare_judge(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,

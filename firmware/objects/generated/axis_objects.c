@@ -523,7 +523,7 @@ const axis_object_t axis_objects[AXIS_OBJ_COUNT] = {
         UINT32_C(0xea4f3b19), (uint16_t)offsetof(drive_params_t, force_disconnected_time), AXIS_BLOCK_DRIVE_PARAMETER, AXIS_TYPE_U16, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
     [AXIS_OBJ_FORCE_DISCONNECTED_TRAVEL] = {INT32_C(0), INT32_C(65535), INT32_C(4),
         UINT32_C(0x2586bc4f), (uint16_t)offsetof(drive_params_t, force_disconnected_travel), AXIS_BLOCK_DRIVE_PARAMETER, AXIS_TYPE_U16, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
-    [AXIS_OBJ_TARE] = {INT32_C(0), INT32_C(1), INT32_C(0),
+    [AXIS_OBJ_TARE] = {INT32_C(1), INT32_C(1), INT32_C(0),
         UINT32_C(0x00000000), 0, AXIS_BLOCK_NONE, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_DISABLED, 0, 0, 0},
     [AXIS_OBJ_TARE_STATE] = {INT32_C(0), INT32_C(7), INT32_C(0),
         UINT32_C(0x00000000), (uint16_t)offsetof(drive_signals_t, tare_state), AXIS_BLOCK_DRIVE_SIGNAL, AXIS_TYPE_U8, AXIS_ACCESS_RO, AXIS_WRITABLE_ANY, 0, 0, 1},

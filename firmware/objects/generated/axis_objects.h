@@ -1027,8 +1027,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x9b2697fe)
-#define AXIS_OBJECTS_HASH_TEXT "9b2697fe"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x31e93ac2)
+#define AXIS_OBJECTS_HASH_TEXT "31e93ac2"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 

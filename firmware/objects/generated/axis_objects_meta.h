@@ -32,7 +32,7 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "9b2697fe62c1adf62dc87e86c2483a4bafb9f335b394bc3e7bdeed617d0f769e"
+#define AXIS_OBJECTS_HASH "31e93ac20141c225b6d7c64a0bfffb8ea580c9c72d778ab49cd7ee0c76a95e45"
 #define AXIS_OBJECTS_META_COUNT 453
 
 /* Entry i describes object number i + 1. */
@@ -555,8 +555,8 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(1), INT64_C(10000), INT64_C(100), "rw", "any", "", 0x2230, 6, 854, 1, "Force disconnected time", 0, 0},
     {259, 2, "force_disconnected_travel", "parameter", "drive", "counts by which an axis that stands may move in that time", "u16", "count",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(4), "rw", "any", "", 0x2230, 7, 855, 1, "Force disconnected travel", 0, 0},
-    {260, 1, "tare", "command", "drive", "1 begins to take the tare: force_tare becomes the mean of the reading without it; 0 stops that", "u8", "1",
-     1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "disabled", "", 0x2231, 0, 856, 0, "Take the tare", 0, 0},
+    {260, 1, "tare", "command", "drive", "1 begins to take the tare, anew if need be: force_tare becomes the mean of the reading without it", "u8", "1",
+     1.0, INT64_C(1), INT64_C(1), INT64_C(0), "rw", "disabled", "", 0x2231, 0, 856, 0, "Take the tare", 0, 0},
     {261, 1, "tare_state", "signal", "drive", "what came of it", "u8", "1",
      1.0, INT64_C(0), INT64_C(7), INT64_C(0), "ro", "any", "idle,running,done,refused_enabled,refused_moving,refused_band,refused_noisy,refused_sensor", 0x2232, 0, 848, 0, "Tare state", 0, 1},
     {262, 4, "tare_band", "parameter", "axis", "largest magnitude of a tare; 0 means any, and that force_tare may be written while the axis is enabled", "i32", "count",
