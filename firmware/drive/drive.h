@@ -71,6 +71,14 @@ typedef struct {
   uint8_t scaled;            /* 0: the user's unit is the count */
 } cia402_units_t;
 
+/* Of the demanded force: force_limit, or the smaller limit of that direction. */
+typedef struct {
+  int32_t least;    /* per mille, -32767..0 */
+  int32_t most;     /* 0..32767 */
+  int32_t least_q8; /* the same as a reading, 1/256 count */
+  int32_t most_q8;
+} cia402_force_bounds_t;
+
 /* The axis' parameters that are overridden for the tick, as they are stored. */
 typedef struct {
   int32_t position_setpoint;
@@ -101,8 +109,9 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  fx_ratio_t reading_of_force;      /* 1/256 count of the reading per per mille */
-  fx_ratio_t force_of_reading;      /* and back */
+  fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
+  fx_ratio_t force_of_reading; /* and back */
+  cia402_force_bounds_t force_bounds;
   int32_t force_demand_q16;         /* per mille, Q16 */
   cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
   cia402_setpoint_t buffered;       /* the one after it */

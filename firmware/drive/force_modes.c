@@ -33,9 +33,13 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
   motion_follow(drive, axis);
 }
 
-/* Without the limit. */
+/* Without the bounds. */
 static int32_t wanted_force(const cia402_t *drive) {
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
+}
+
+static int32_t bounded_force(const cia402_t *drive, int32_t force) {
+  return fx_clamp(force, drive->force_bounds.least, drive->force_bounds.most);
 }
 
 /* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
@@ -55,10 +59,9 @@ static bool dwells_after_loss(cia402_t *drive) {
 /* Force of a standard client: per mille of rated force; a profile ramps its demand. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
-  const int32_t limit = drive->params.force_limit;
-  int32_t target = halted ? 0 : wanted_force(drive);
-  drive->limited |= (uint8_t)!fx_within(target, limit);
-  target = fx_clamp(target, -limit, limit);
+  const int32_t wanted = halted ? 0 : wanted_force(drive);
+  const int32_t target = bounded_force(drive, wanted);
+  drive->limited |= (uint8_t)(target != wanted);
   const bool dwells = dwells_after_loss(drive);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
@@ -74,7 +77,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   if (drive->pressing == 0) {
     /* Go on from the force that is there. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
-    drive->force_demand_q16 = fx_scale(fx_clamp(reading, -limit, limit), 16);
+    drive->force_demand_q16 = fx_scale(bounded_force(drive, reading), 16);
     drive->pressing = 1;
   }
   const int32_t wanted_q16 = fx_scale(target, 16);
@@ -123,10 +126,10 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
 }
 
-/* Presses with this force, within force_limit. */
+/* Presses with this force, within the bounds. */
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8) {
-  const int32_t limit = fx_ratio_apply(drive->params.force_limit, drive->reading_of_force, 0);
-  press(drive, axis, fx_saturate(force_q8, -limit, limit));
+  press(drive, axis,
+        fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));
 }
 
 void force_stiffness(cia402_t *drive, axis_t *axis) {
@@ -151,8 +154,7 @@ void force_impedance(cia402_t *drive, axis_t *axis) {
 }
 
 bool force_target_reached(const cia402_t *drive, const axis_t *axis) {
-  const int32_t limit = drive->params.force_limit;
-  const int32_t wanted = fx_clamp(wanted_force(drive), -limit, limit);
+  const int32_t wanted = bounded_force(drive, wanted_force(drive));
   if (drive->pressing == 0) {
     return wanted == 0;
   }
