@@ -29,10 +29,21 @@ static void derive_forces(cia402_t *drive) {
                               .most_q8 = fx_ratio_apply(most, drive->reading_of_force, 0)};
 }
 
+static void derive_shapers(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  drive->signals.force_shaper_state =
+      shaper_set(&drive->force_shaper, params->force_shaper_impulses,
+                 params->force_shaper_amplitude, params->force_shaper_delay);
+  drive->signals.motion_shaper_state =
+      shaper_set(&drive->motion_shaper, params->motion_shaper_impulses,
+                 params->motion_shaper_amplitude, params->motion_shaper_delay);
+}
+
 void parameters_derive(cia402_t *drive) {
   units_derive(drive);
   derive_rates(drive);
   derive_forces(drive);
+  derive_shapers(drive);
   homing_list(drive);
 }
 
@@ -57,6 +68,10 @@ bool parameters_written(cia402_t *drive, uint16_t object) {
       homing_list(drive);
       return false;
     default:
+      if (object >= AXIS_OBJ_FORCE_SHAPER_IMPULSES && object <= AXIS_OBJ_MOTION_SHAPER_DELAY_3) {
+        derive_shapers(drive);
+        return false;
+      }
       if (!units_depend_on(object)) {
         return false;
       }

@@ -236,6 +236,7 @@ class ForceLimits : public Drive {
     if (sign > 0) {
       wall_ = -1000;
     } else {
+      wall_ = 1e12;
       Set(AXIS_OBJ_FORCE_ZERO_CODE, 255);
     }
     Set(AXIS_OBJ_FORCE_SLOPE, 1000000);
