@@ -62,6 +62,8 @@ void cia402_init(cia402_t *drive) {
     drive->velocities[i] = 0;
   }
   drive->velocity_next = 0;
+  shaper_clear(&drive->force_shaper);
+  shaper_clear(&drive->motion_shaper);
   drive->contact = (contact_t){0};
   drive->homing = (cia402_homing_t){0};
   drive->sensor = (sensor_t){0};
@@ -228,13 +230,6 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Whether what the drive does depends on the reading of the force: its approaches included. */
-static bool is_guided_by_force(const cia402_t *drive) {
-  const int8_t mode = drive->signals.modes_of_operation_display;
-  return drive->mode->controls_force != 0 || mode == AXIS_MODES_OF_OPERATION_GUARDED_MOVE ||
-         (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0);
-}
-
 void cia402_after(cia402_t *drive, axis_t *axis) {
   const uint8_t controlled =
       state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
@@ -246,9 +241,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     contact_start(&drive->contact, &drive->signals);
   }
   drive->controlled = controlled;
-  sensor_guides(&drive->sensor, axis,
-                state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-                    !first_motion_is_running(&drive->first_motion) && is_guided_by_force(drive));
+  sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
   tare_tick(&drive->tare, &drive->params, &drive->signals, axis);
   if (drive->homing.state == CIA402_HOMING_ASKED) {
     drive->homing.state = CIA402_HOMING_BEGUN;

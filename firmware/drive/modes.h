@@ -20,6 +20,7 @@ struct cia402_mode {
   uint8_t controls_force;
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
+  uint8_t shaped;        /* 1: what `lead` moves is shaped for the axis */
   uint8_t window;        /* CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive,
                   const axis_t *axis);     /* whether the target is; NULL: never shown */
@@ -45,6 +46,10 @@ int8_t cia402_operation_of(uint8_t native_mode);
 /* With first_motion_test: one tick of the test before the first motion, or of refusing a mode that
  * needs a position_gain which is 0. False: neither, and the mode of operation acts. */
 bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
+
+/* Whether the motion depends on the reading of the force: in force modes, guarded moves and homing
+ * on contact, their approaches included, but not in the test before the first motion. */
+bool cia402_is_guided_by_force(const cia402_t *drive);
 
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
