@@ -129,6 +129,10 @@ def strike(N_s, time_s=1.0):
     return f"[[at]]\ntime_s = {time_s}\nimpulse = {{ body = 'workpiece', N_s = {N_s} }}\n"
 
 
+def sensor(reading, time_s=1.0):
+    return f"[[at]]\ntime_s = {time_s}\nsensor = {{ force = '{reading}' }}\n"
+
+
 NEAR = "approach = '4 mm'"
 
 
@@ -137,6 +141,36 @@ def pressed(more="", strike_N_s=0.0, **settings):
     hit = strike(strike_N_s) if strike_N_s else ""
     return experiment(pressing(more, **settings), ENABLE + hit, sets=NEAR)
 
+
+def failing(more, reading):
+    """Contact in mode 4, then the force sensor fails; and less force is asked for."""
+    less = "[[at]]\ntime_s = 1.2\nfirmware = { target_force = 400 }\n"
+    return experiment(pressing(more), ENABLE + sensor(reading) + less, sets=NEAR)
+
+
+def lone_press(events):
+    """The force law of mode -1, which presses on where it reads no force."""
+    more = "mode = 'force'\nforce_gain = 4.5\nforce_setpoint = 30"
+    bounds = "force_disconnected_code = 100\nforce_disconnected_travel = 16"
+    return experiment(f"{more}\n{bounds}", events, duration_s=3.0, sets=NEAR)
+
+
+def lies_still(columns, code=100, travel=16, ticks=148):
+    """The first tick from which the axis, with this code out, moves so little for so many ticks."""
+    pushes, place = np.abs(columns["dac"]) >= code, columns["encoder"]
+    spans = np.lib.stride_tricks.sliding_window_view(place, ticks)
+    pushed = np.lib.stride_tricks.sliding_window_view(pushes, ticks).all(axis=1)
+    return first(pushed & (np.ptp(spans, axis=1) <= travel))
+
+
+def moves_on(columns):
+    """The first tick in which it has moved by more than force_stuck_travel since the failure."""
+    place = columns["encoder"][FAILS:]
+    way = np.maximum.accumulate(place) - np.minimum.accumulate(place)
+    return FAILS + first(way > 64)
+
+
+FAILS = 1500  # the tick of sensor()
 
 PROTECTIONS = [
     Protection(
@@ -150,6 +184,54 @@ PROTECTIONS = [
         provoked=pressed("force_max = 60", strike_N_s=2.0),
         beside=pressed("force_max = 60", strike_N_s=0.1),
         beside_is="a blow that stays below it",
+    ),
+    Protection(
+        name="force sensor at an end of its range",
+        objects=("force_railed_time",),
+        reaches="fault force_railed",
+        event="the first such reading",
+        since=lambda c: first(c["adc0"] == 255),
+        acts=fault("force_railed"),
+        within=75,
+        provoked=failing("force_railed_time = 50", "high"),
+        beside=pressed("force_railed_time = 50", strike_N_s=20.0),
+        beside_is="a blow that saturates it for 18 ms",
+    ),
+    Protection(
+        name="force sensor that jumps",
+        objects=("force_jump_max",),
+        reaches="fault force_jump",
+        event="the wire breaks in contact",
+        since=lambda c: FAILS,
+        acts=fault("force_jump"),
+        within=1,
+        provoked=failing("force_jump_max = 15", "zero"),
+        beside=pressed("force_jump_max = 15", strike_N_s=2.0),
+        beside_is="a blow that loses contact",
+    ),
+    Protection(
+        name="force sensor that is stuck",
+        objects=("force_stuck_travel", "force_stuck_time"),
+        reaches="fault force_stuck",
+        event="the axis moves on by force_stuck_travel",
+        since=moves_on,
+        acts=fault("force_stuck"),
+        within=150,
+        provoked=failing("force_stuck_travel = 64", "held"),
+        beside=failing("force_stuck_travel = 64", "live"),
+        beside_is="the same set-points with a live sensor",
+    ),
+    Protection(
+        name="force sensor that is disconnected",
+        objects=("force_disconnected_code", "force_disconnected_time"),
+        reaches="fault force_disconnected",
+        event="the axis presses and stands",
+        since=lies_still,
+        acts=fault("force_disconnected"),
+        within=300,
+        provoked=lone_press(sensor("zero")),
+        beside=lone_press(strike(2.0)),
+        beside_is="a blow that loses contact",
     ),
     Protection(
         name="pressing after a lost contact",

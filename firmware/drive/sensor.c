@@ -4,16 +4,16 @@ void sensor_derive(sensor_t *sensor, const drive_params_t *params) {
   sensor->enabled =
       (uint8_t)(params->force_railed_time != 0 || params->force_jump_max != 0 ||
                 params->force_stuck_travel != 0 || params->force_disconnected_code != 0);
+  sensor->active &= sensor->enabled;
 }
 
 void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides) {
-  const uint8_t active = (uint8_t)(guides && sensor->enabled != 0);
-  if (active != 0 && sensor->active == 0) {
+  if (guides && sensor->active == 0) {
     sensor->code = axis->signals.force_raw;
     sensor->railed_tick = 0;
     sensor->window = SENSOR_WINDOW_NONE;
   }
-  sensor->active = active;
+  sensor->active = guides ? 1 : 0;
 }
 
 static bool has_jumped(const sensor_t *sensor, const drive_params_t *params, const axis_t *axis) {

@@ -57,7 +57,8 @@ static inline bool sensor_is_railed(const axis_t *axis) {
 /* Parameters were written. */
 void sensor_derive(sensor_t *sensor, const drive_params_t *params);
 
-/* After a tick: whether the reading guides the axis from now on. */
+/* After a tick, while one of the objects is not 0: whether the reading guides the axis from now on.
+ */
 void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides);
 
 /* After axis_tick(), before its outputs are put out: judges the tick. A finding takes them back. */
