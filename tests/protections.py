@@ -175,9 +175,10 @@ def table(ticks):
         measured = [str(ticks[carrier][row.name]) for carrier in CARRIERS]
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
-    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose outputs
-answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the emulated chip, and so is
-the run beside it, in which the protection must not act. Options that ask for a ramp are off.
+    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose
+outputs answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the
+emulated chip, and so is the run beside it, in which the protection must not act. Options that
+ask for a ramp are off.
 
 """
     return text + "".join(f"| {' | '.join(row)} |\n" for row in rows)
@@ -186,6 +187,6 @@ the run beside it, in which the protection must not act. Options that ask for a 
 def documented(carrier):
     """{name: ticks} of a carrier's column in docs/protections.md."""
     column = 5 + CARRIERS.index(carrier)
-    lines = [line.strip("|\n").split("|") for line in TABLE.read_text().splitlines()[4:]]
+    lines = [line.strip("|\n").split("|") for line in TABLE.read_text().splitlines() if "|" in line]
     cells = [[cell.strip() for cell in line] for line in lines]
     return {row[0]: int(row[column]) for row in cells[2:]}
