@@ -156,8 +156,10 @@ void axis_init(axis_t *axis) {
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
   axis->law.selected = 0;
+  axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+  axis->bumpless_contact = 0;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;
@@ -204,6 +206,11 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
 
 void axis_bank_selected(axis_t *axis, uint8_t number) {
   axis->law.selected = number;
+  axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
+}
+
+void axis_halve_force_gain(axis_t *axis, uint8_t halvings) {
+  axis->law.halvings = halvings;
   axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
 }
 

@@ -26,6 +26,7 @@
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
 #include "firmware/drive/first_motion.h"
+#include "firmware/drive/touch.h"
 #include "firmware/fx/fx.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
@@ -114,6 +115,7 @@ typedef struct {
   int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
+  touch_t touch;
   cia402_homing_t homing;
   first_motion_t first_motion;
   cia402_overridden_t overridden;
