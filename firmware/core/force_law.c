@@ -39,9 +39,8 @@ int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
   for (uint8_t i = 0; i < bank->sections; i++) {
     y = section_step(bank->coefficient_q26[i], &law->sections[i], y);
   }
-  const int32_t gain_q8 = fx_halved(bank->gain_q8, law->halvings);
-  const int32_t proportional_q16 =
-      fx_saturate(fx_floor_shift_wide(fx_mul(gain_q8, y), 8), -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
+  const int32_t proportional_q16 = fx_saturate(fx_floor_shift_wide(fx_mul(bank->gain_q8, y), 8),
+                                               -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
   if ((proportional_q16 > 0) ? tick.up : tick.down) {
     const int64_t sum_q42 = (int64_t)law->integral_q16 * ONE_Q26 + law->integral_remainder_q26 +
                             (int64_t)bank->integral_q26 * proportional_q16;

@@ -63,7 +63,7 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
-  drive->touch = (touch_t){0};
+  touch_start(&drive->touch);
   drive->homing = (cia402_homing_t){0};
   drive->lead_cnt = 0;
   drive->overridden = (cia402_overridden_t){0};
@@ -210,7 +210,7 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   if (drive->touch.finding != AXIS_FAULT_NONE) {
     answer_touch(drive, axis);
   }
-  drive->touch.direction = 0;
+  drive->touch.setpoint = 0;
   drive->limited = 0;
   drive->lead_cnt = 0;
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||

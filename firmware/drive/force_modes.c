@@ -59,7 +59,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   int32_t target = halted ? 0 : wanted_force(drive);
   drive->limited |= (uint8_t)!fx_within(target, limit);
   target = fx_clamp(target, -limit, limit);
-  touch_demand(&drive->touch, target, drive->force_demand_q16);
+  touch_approach(&drive->touch, target, drive->force_demand_q16);
   const bool dwells = dwells_after_loss(drive);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {

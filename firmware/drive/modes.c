@@ -114,7 +114,7 @@ static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
          (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION ||
-          (mode->controls_force != 0 && drive->touch.speed_q16 != 0));
+          (mode->controls_force != 0 && drive->touch.speed_q8 != 0));
 }
 
 /* Modes of the axis itself, with the user's parameters. */
@@ -125,7 +125,7 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   drive->tracking = CIA402_TRACKING_NONE;
   axis->params.mode = mode;
   if (mode == AXIS_MODE_FORCE) {
-    if (drive->touch.speed_q16 != 0) {
+    if (drive->touch.speed_q8 != 0) {
       motion_override(drive, axis);
     }
     touch_press(&drive->touch, &drive->signals, axis, axis->params.force_setpoint);

@@ -19,8 +19,10 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
 
 void motion_rest(cia402_t *drive, axis_t *axis) {
   axis->params.mode = AXIS_MODE_DISABLED;
-  axis->law.halvings = 0;
-  drive->signals.gain_halvings = 0;
+  if (drive->signals.gain_halvings != 0) {
+    drive->signals.gain_halvings = 0;
+    axis_halve_force_gain(axis, 0);
+  }
   drive->tracking = CIA402_TRACKING_NONE;
 }
 

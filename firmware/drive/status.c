@@ -186,11 +186,11 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
     drive->signals.velocity_sensor = cia402_signed_by(
         drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
+  } else {
+    judge(drive, axis);
     if (axis->primed != 0 && drive->controlled != 0) {
       touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
     }
-  } else {
-    judge(drive, axis);
   }
   cia402_show(drive, axis);
 }
