@@ -6,7 +6,7 @@
 enum { JUDGED_TICKS = 4 };
 
 /* How far the bound leads the code put out last, so that it is near when the law asks for more. */
-#define LEAD_Q16 (INT32_C(4) * 65536)
+#define LEAD_Q16 (INT32_C(2) * 65536)
 
 /* The way of two ticks is limited to this, so that it fits in 32 bits. */
 #define WAY_MAX_CNT INT32_C(8192)
@@ -19,6 +19,7 @@ void touch_start(touch_t *touch) {
   touch->demand = 0;
   touch->slot_tick = 0;
   touch->slots = 0;
+  touch->settling_tick = 0;
   touch->steady = 0;
   touch->approaching = 0;
   touch->pressing = 0;
@@ -142,8 +143,10 @@ void touch_judge(touch_t *touch, contact_t *contact, const drive_params_t *param
     return;
   }
   watch_ripple(touch, contact, params, signals, axis->signals.force);
-  if (signals->limit_cycle != 0 &&
-      params->contact_unstable_option != AXIS_CONTACT_UNSTABLE_OPTION_WARN) {
+  if (touch->settling_tick != 0) {
+    touch->settling_tick = (uint16_t)(touch->settling_tick - JUDGED_TICKS);
+  } else if (signals->limit_cycle != 0 &&
+             params->contact_unstable_option != AXIS_CONTACT_UNSTABLE_OPTION_WARN) {
     touch->finding = AXIS_FAULT_CONTACT_UNSTABLE;
   }
 }
@@ -163,5 +166,6 @@ uint8_t touch_answer(touch_t *touch, contact_t *contact, const drive_params_t *p
   signals->limit_cycle = 0;
   touch->slot_tick = 0;
   touch->slots = 0;
+  touch->settling_tick = TOUCH_SETTLING_TICKS;
   return AXIS_FAULT_NONE;
 }

@@ -21,7 +21,7 @@
  *   force_ripple_time    this, in slots of one demand and for so long, is a limit cycle as lost
  *                        contacts are (contact.h).
  *   contact_unstable_option  What a limit cycle leads to. Half the gain is taken over without a
- *                        bump, losses and ripple are counted anew, and the gain is whole again
+ *                        bump and given TOUCH_SETTLING_TICKS to settle; the gain is whole again
  *                        once the axis was disabled. After TOUCH_HALVINGS: contact_unstable.
  *
  * A fault follows fault_reaction_option. Every fourth tick judges travel and approach, another one
@@ -33,7 +33,7 @@
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
 
-enum { TOUCH_SLOT_TICKS = 152, TOUCH_HALVINGS = 3 };
+enum { TOUCH_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, TOUCH_SETTLING_TICKS = 1500 };
 
 typedef struct {
   int32_t speed_q8;       /* touch_velocity_max, count in two ticks */
@@ -48,6 +48,7 @@ typedef struct {
   int32_t low;            /* reading, in the ripple's slot */
   int32_t high;
   int16_t cap_code;
+  uint16_t settling_tick; /* until a limit cycle is judged again */
   uint8_t slot_tick;
   uint8_t slots;      /* of too much ripple, one after the other */
   uint8_t steady;     /* 1: the demand has been the same throughout the slot */

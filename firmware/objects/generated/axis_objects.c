@@ -507,7 +507,7 @@ const axis_object_t axis_objects[AXIS_OBJ_COUNT] = {
         UINT32_C(0x262f788b), (uint16_t)offsetof(drive_params_t, limit_cycle_window), AXIS_BLOCK_DRIVE_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
     [AXIS_OBJ_FORCE_RIPPLE_MAX] = {INT32_C(0), INT32_C(131072), INT32_C(0),
         UINT32_C(0xcb77a3b0), (uint16_t)offsetof(drive_params_t, force_ripple_max), AXIS_BLOCK_DRIVE_PARAMETER, AXIS_TYPE_I32, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
-    [AXIS_OBJ_FORCE_RIPPLE_TIME] = {INT32_C(1), INT32_C(100), INT32_C(5),
+    [AXIS_OBJ_FORCE_RIPPLE_TIME] = {INT32_C(1), INT32_C(100), INT32_C(10),
         UINT32_C(0x6cde8eec), (uint16_t)offsetof(drive_params_t, force_ripple_time), AXIS_BLOCK_DRIVE_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
     [AXIS_OBJ_GAIN_HALVINGS] = {INT32_C(0), INT32_C(255), INT32_C(0),
         UINT32_C(0x00000000), (uint16_t)offsetof(drive_signals_t, gain_halvings), AXIS_BLOCK_DRIVE_SIGNAL, AXIS_TYPE_U8, AXIS_ACCESS_RO, AXIS_WRITABLE_ANY, 0, 0, 1},

@@ -540,7 +540,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {251, 4, "force_ripple_max", "parameter", "drive", "swing of the reading within 100 ms above which an unchanged demand counts as a limit cycle; 0 means off", "i32", "count",
      0.00390625, INT64_C(0), INT64_C(131072), INT64_C(0), "rw", "any", "", 0x221E, 0, 826, 1, "Force ripple max", 0, 0},
     {252, 1, "force_ripple_time", "parameter", "drive", "for how long it must be above", "u8", "ms",
-     100.0, INT64_C(1), INT64_C(100), INT64_C(5), "rw", "any", "", 0x221F, 0, 828, 1, "Force ripple time", 0, 0},
+     100.0, INT64_C(1), INT64_C(100), INT64_C(10), "rw", "any", "", 0x221F, 0, 828, 1, "Force ripple time", 0, 0},
     {253, 1, "gain_halvings", "signal", "drive", "how often the force law's gain was halved since the axis was enabled", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2220, 0, 816, 0, "Gain halvings", 0, 1},
     {254, 4, "force_ripple", "signal", "drive", "swing of the reading in the last 100 ms, while force_ripple_max is not 0", "i32", "count",
