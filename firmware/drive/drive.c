@@ -62,6 +62,8 @@ void cia402_init(cia402_t *drive) {
     drive->velocities[i] = 0;
   }
   drive->velocity_next = 0;
+  shaper_clear(&drive->force_shaper);
+  shaper_clear(&drive->motion_shaper);
   drive->contact = (contact_t){0};
   touch_start(&drive->touch);
   drive->homing = (cia402_homing_t){0};

@@ -20,6 +20,7 @@ struct cia402_mode {
   uint8_t controls_force;
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
+  uint8_t shaped;        /* 1: what `lead` moves is shaped for the axis */
   uint8_t window;        /* CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive,
                   const axis_t *axis);     /* whether the target is; NULL: never shown */

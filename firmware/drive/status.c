@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "firmware/drive/modes.h"
+#include "firmware/drive/motion.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
@@ -115,9 +116,9 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
   drive->velocity_next =
       (uint8_t)((drive->velocity_next + 1 == CIA402_MEAN_TICKS) ? 0 : drive->velocity_next + 1);
   const bool tracked = drive->tracking != CIA402_TRACKING_NONE;
-  const int32_t demand_q16 = tracked ? drive->trajectory.velocity_q16 : 0;
+  const int32_t demand_q16 = tracked ? motion_followed(drive)->velocity_q16 : 0;
   const int32_t demand_cnt = (drive->tracking == CIA402_TRACKING_VIRTUAL)
-                                 ? fx_cnt_from_q32(drive->trajectory.position_q32)
+                                 ? fx_cnt_from_q32(motion_followed(drive)->position_q32)
                                  : fx_diff_wrap(measured->profile_position, drive->lead_cnt);
   signals->position_internal = measured->position;
   signals->position_actual = cia402_user(drive, measured->position);
