@@ -27,7 +27,7 @@ class Protection:
 
     name: str
     objects: tuple[str, ...]
-    reaches: str  # "fault NAME", "limit NAME" or what the outputs do
+    reaches: str  # "fault NAME", "emergency NAME" or what the outputs do
     event: str
     since: Callable
     acts: Callable
@@ -38,10 +38,10 @@ class Protection:
 
     @property
     def code(self):
-        """CiA 402 error code; "" of what is no fault."""
+        """The error code of a fault or an emergency, else ""."""
         kind, _, name = self.reaches.partition(" ")
         codes = {text: f"{value:04X}h" for value, text in BY_NAME["error_code"].values}
-        return codes[name] if kind == "fault" else ""
+        return codes[name] if kind in ("fault", "emergency") else ""
 
     def measure(self, folder, run):
         """Ticks from the event to the answer, 1 in its own tick: (of the provoked run, of the one
@@ -86,6 +86,77 @@ def lost(columns):
     """In each tick, whether contact was lost in it."""
     now = touching(columns)
     return np.append(False, now[:-1] & ~now[1:])
+
+
+def travelled(columns):
+    """Counts from the first contact; before it 0."""
+    begin = first(touching(columns))
+    moved = columns["encoder"] - columns["encoder"][begin or 0]
+    return np.where(np.arange(len(moved)) > (begin or len(moved)), moved, 0)
+
+
+def enabled(columns):
+    return first(columns["out"] != 0)
+
+
+def third_loss(columns):
+    """The third of three losses within 14 slots of 20 ticks (limit_cycle_window of 200 ms)."""
+    ticks = np.flatnonzero(lost(columns))
+    for i, tick in enumerate(ticks[2:]):
+        if tick - ticks[i] < 280:
+            return int(tick)
+    return None
+
+
+def halved(setpoint):
+    """The first tick whose code is not the law's of the gain of the first one, in mode -1."""
+
+    def acts(columns):
+        begin = enabled(columns)
+        gain = columns["dac"][begin] / setpoint
+        law = np.floor(gain * (setpoint - columns["adc0"].astype(int)) + 0.5)
+        return first((columns["out"] != 0) & (columns["dac"] != law))
+
+    return acts
+
+
+def mean_speed(columns):
+    """Counts in each tick and the 15 before it, a tick."""
+    encoder = columns["encoder"].astype(float)
+    return np.append(np.zeros(16), encoder[16:] - encoder[:-16]) / 16
+
+
+def bounded(speed):
+    """The tick that reaches nine tenths of this speed, out of contact, if none passes 1.1 of it by
+    more than a count in 16 ticks; else the last one that does."""
+
+    def acts(columns):
+        begin = at_speed(speed)(columns)
+        fast = out_of_contact(columns) & (mean_speed(columns) > 1.1 * speed + 1 / 16)
+        return begin if not fast.any() else int(np.flatnonzero(fast)[-1]) + 1
+
+    return acts
+
+
+def at_speed(speed):
+    return lambda c: first(out_of_contact(c) & (mean_speed(c) >= 0.9 * speed))
+
+
+def out_of_contact(columns):
+    """Before the first contact."""
+    end = first(touching(columns))
+    return np.arange(len(columns["adc0"])) < (len(columns["adc0"]) if end is None else end)
+
+
+def rippling(count, acts):
+    """The tick from which the reading of 152 ticks swings by more than this, until it acts."""
+
+    def since(columns):
+        windows = np.lib.stride_tricks.sliding_window_view(columns["adc0"].astype(int), 152)
+        swings = np.append(np.zeros(151), windows.max(axis=1) - windows.min(axis=1))
+        return int(np.flatnonzero(swings[: acts(columns)] <= count)[-1]) + 1
+
+    return since
 
 
 # Experiments.
@@ -172,6 +243,51 @@ def moves_on(columns):
 
 FAILS = 1500  # the tick of sensor()
 
+
+TOUCH_MM_S = 20
+TOUCH_COUNT = TOUCH_MM_S * 1e-3 * 157480.315 / 1500  # a tick
+
+
+def native(mode, more, targets, duration_s=1.0, sets=NEAR):
+    """A mode that presses without an approach of its own; targets are written once it is on."""
+    firmware = f"""position_gain = 4.0
+velocity_gain = 20.0
+modes_of_operation = {mode}
+{more}
+"""
+    written = f"[[at]]\ntime_s = 0.04\nfirmware = {{ {targets} }}\n"
+    return experiment(firmware, ENABLE + written, duration_s=duration_s, sets=sets)
+
+
+def speed_row(name, mode, more, fast, slow):
+    bound = f"force_gain = 5.0\ntouch_velocity_max = '{TOUCH_MM_S} mm/s'\n{more}"
+    return Protection(
+        name=f"speed out of contact, {name}",
+        objects=("touch_velocity_max",),
+        reaches="speed <= touch_velocity_max",
+        event="nine tenths of it",
+        since=at_speed(TOUCH_COUNT),
+        acts=bounded(TOUCH_COUNT),
+        within=1,
+        provoked=native(mode, bound, fast),
+        beside=native(mode, bound, slow),
+        beside_is="a law that asks for less",
+    )
+
+
+def cycling(gain, setpoint, more, damped=False):
+    law = f"""modes_of_operation = -1
+force_gain = {gain}
+force_setpoint = {setpoint}
+limit_cycle_window = 200
+{more}"""
+    return experiment(law, ENABLE, sets="approach = '0.5 mm'\nb_w = 363.0" if damped else NEAR)
+
+
+LOSSES = "limit_cycle_losses = 3\ncontact_unstable_option = "
+RIPPLE = "force_ripple_max = 6\nforce_ripple_time = 500\ncontact_unstable_option = "
+FAR = "approach = '20 mm'"
+
 PROTECTIONS = [
     Protection(
         name="force too large",
@@ -245,6 +361,98 @@ PROTECTIONS = [
         beside=pressed(strike_N_s=0.1),
         beside_is="a blow that loses no contact",
     ),
+    speed_row("mode -1", -1, "", "force_setpoint = 30", "force_setpoint = 5"),
+    speed_row(
+        "stiffness",
+        -6,
+        "stiffness = 0.02\ntrajectory_velocity = 100000",
+        "target_position = 4000",
+        "target_position = -500",
+    ),
+    speed_row("damping", -7, "damping = 5", "target_velocity = 40000", "target_velocity = 2000"),
+    speed_row(
+        "impedance",
+        -8,
+        "stiffness = 0.02\ndamping = 1\ntrajectory_velocity = 100000",
+        "target_position = 4000",
+        "target_position = -500",
+    ),
+    Protection(
+        name="travel in contact",
+        objects=("contact_travel_max",),
+        reaches="fault contact_travel",
+        event="500 counts from the first contact",
+        since=lambda c: first(travelled(c) > 500),
+        acts=fault("contact_travel"),
+        within=12,
+        provoked=experiment(
+            pressing("contact_travel_max = 500"), ENABLE, sets=f"{NEAR}\nk_w = 4000.0"
+        ),
+        beside=pressed("contact_travel_max = 500", strike_N_s=0.5),
+        beside_is="the laboratory's workpiece, struck",
+    ),
+    Protection(
+        name="time of an approach",
+        objects=("approach_timeout",),
+        reaches="fault no_contact",
+        event="300 ms after enabling",
+        since=lambda c: enabled(c) + 450,
+        acts=fault("no_contact"),
+        within=10,
+        provoked=experiment(pressing("approach_timeout = 300"), ENABLE, sets=FAR),
+        beside=pressed("approach_timeout = 300"),
+        beside_is="a workpiece that is reached in time",
+    ),
+    Protection(
+        name="way of an approach, mode -1",
+        objects=("approach_travel_max",),
+        reaches="fault no_contact",
+        event="1000 counts from the start",
+        since=lambda c: first(c["encoder"] - c["encoder"][0] > 1000),
+        acts=fault("no_contact"),
+        within=5,
+        provoked=native(
+            -1, "force_gain = 5.0\napproach_travel_max = 1000", "force_setpoint = 15", sets=FAR
+        ),
+        beside=native(-1, "force_gain = 5.0\napproach_travel_max = 1000", "force_setpoint = 15"),
+        beside_is="a workpiece that is nearer",
+    ),
+    Protection(
+        name="contact lost again and again",
+        objects=("limit_cycle_losses", "limit_cycle_window", "contact_unstable_option"),
+        reaches="emergency gain_halved",
+        event="the third loss within 200 ms",
+        since=third_loss,
+        acts=halved(15),
+        within=6,
+        provoked=cycling(10.0, 15, f"{LOSSES}'halve_gain'"),
+        beside=cycling(5.0, 15, f"{LOSSES}'halve_gain'"),
+        beside_is="half the gain",
+    ),
+    Protection(
+        name="the same, option fault",
+        objects=("limit_cycle_losses", "limit_cycle_window", "contact_unstable_option"),
+        reaches="fault contact_unstable",
+        event="the third loss within 200 ms",
+        since=third_loss,
+        acts=fault("contact_unstable"),
+        within=6,
+        provoked=cycling(10.0, 15, f"{LOSSES}'fault'"),
+        beside=cycling(5.0, 15, f"{LOSSES}'fault'"),
+        beside_is="half the gain",
+    ),
+    Protection(
+        name="force that swings in contact",
+        objects=("force_ripple_max", "force_ripple_time", "contact_unstable_option"),
+        reaches="emergency gain_halved",
+        event="a swing of more than 6 counts, 500 ms allowed",
+        since=rippling(6, halved(30)),
+        acts=halved(30),
+        within=7 * 152,
+        provoked=cycling(7.0, 30, f"{RIPPLE}'halve_gain'"),
+        beside=cycling(7.0, 30, f"{RIPPLE}'halve_gain'", damped=True),
+        beside_is="a damped workpiece",
+    ),
 ]
 
 
@@ -257,9 +465,10 @@ def table(ticks):
         measured = [str(ticks[carrier][row.name]) for carrier in CARRIERS]
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
-    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose outputs
-answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the emulated chip, and so is
-the run beside it, in which the protection must not act. Options that ask for a ramp are off.
+    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose
+outputs answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the
+emulated chip, and so is the run beside it, in which the protection must not act. Options that
+ask for a ramp are off.
 
 """
     return text + "".join(f"| {' | '.join(row)} |\n" for row in rows)
@@ -268,6 +477,6 @@ the run beside it, in which the protection must not act. Options that ask for a 
 def documented(carrier):
     """{name: ticks} of a carrier's column in docs/protections.md."""
     column = 5 + CARRIERS.index(carrier)
-    lines = [line.strip("|\n").split("|") for line in TABLE.read_text().splitlines()[4:]]
+    lines = [line.strip("|\n").split("|") for line in TABLE.read_text().splitlines() if "|" in line]
     cells = [[cell.strip() for cell in line] for line in lines]
     return {row[0]: int(row[column]) for row in cells[2:]}
