@@ -31,6 +31,9 @@ void reports_contact(fw_t *fw) {
   if ((risen & REPORTS_LIMIT_CYCLE) != 0) {
     reports_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
+  if ((risen & REPORTS_RESTRICTED) != 0) {
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_LAW_UNCERTIFIED, fw->banks.params.force_bank);
+  }
 }
 
 void reports_store(fw_t *fw) {

@@ -10,14 +10,21 @@
 /* An emergency of those from FW_HELD_FIRST, which could otherwise be repeated in every tick. */
 void reports_limited(fw_t *fw, uint16_t code);
 
-/* State of the contact, to be compared with fw->contact_seen. */
-enum { REPORTS_CONTACT = 1, REPORTS_SATURATED = 2, REPORTS_LIMIT_CYCLE = 4 };
+/* State of the contact, and whether the force law is restricted, to be compared with
+ * fw->contact_seen. */
+enum {
+  REPORTS_CONTACT = 1,
+  REPORTS_SATURATED = 2,
+  REPORTS_LIMIT_CYCLE = 4,
+  REPORTS_RESTRICTED = 8
+};
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
   /* Each of them is 0 or 1. */
   return (uint8_t)(signals->contact * REPORTS_CONTACT +
                    signals->force_saturated * REPORTS_SATURATED +
-                   signals->limit_cycle * REPORTS_LIMIT_CYCLE);
+                   signals->limit_cycle * REPORTS_LIMIT_CYCLE +
+                   fw->drive.restricted * REPORTS_RESTRICTED);
 }
 
 /* Reports changes of that state since the last call. A contact is lost only while force is

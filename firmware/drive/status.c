@@ -85,7 +85,7 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
     word |= CIA402_SW_VOLTAGE;
   }
   if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0 ||
-      drive->unsupervised != 0) {
+      drive->unsupervised != 0 || drive->restricted != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {
