@@ -241,7 +241,6 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     contact_start(&drive->contact, &drive->signals);
   }
   drive->controlled = controlled;
-  drive->restricted = (uint8_t)(controlled & drive->mode->certified & drive->uncertified);
   if (drive->homing.state == CIA402_HOMING_ASKED) {
     drive->homing.state = CIA402_HOMING_BEGUN;
   }

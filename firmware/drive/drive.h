@@ -150,7 +150,7 @@ typedef struct {
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has limited a target */
   uint8_t uncertified;        /* 1: the force law has no certificate; law_force, law_output apply */
-  uint8_t restricted;         /* 1: they applied in the last tick */
+  uint8_t restricted;         /* 1: they apply; judged in every second tick */
   uint8_t unsupervised;       /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;

@@ -58,7 +58,7 @@ index = 0x23F0
     [
         edited("# Recorder.\n\n[[object]]", NEW),
         edited(ADC_BITS, ADC_BITS.replace("max = 16", "max = 15")),
-        edited(ADC_BITS, ADC_BITS.replace("meaning = ", 'title = "Width"\nmeaning = ')),
+        edited(ADC_BITS, ADC_BITS.replace('meaning = "', 'meaning = "width: ')),
     ],
     ids=["an object elsewhere", "a range", "a wording"],
 )
@@ -97,7 +97,7 @@ def held_N(folder, *edits):
     file = folder / "hold.toml"
     file.write_text(text)
     result = forceaxis.run(str(file))
-    assert (result.verdict, result.refused) == ("stable", [])
+    assert (result.fault, result.refused) == ("none", [])
     return np.mean(result.columns()["sensor.force"][-500:])
 
 
