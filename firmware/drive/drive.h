@@ -27,6 +27,7 @@
 #include "firmware/drive/contact.h"
 #include "firmware/drive/first_motion.h"
 #include "firmware/drive/shaper.h"
+#include "firmware/drive/touch.h"
 #include "firmware/fx/fx.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
@@ -132,6 +133,7 @@ typedef struct {
   shaper_t force_shaper;  /* of modes 4 and 10 in per mille, Q16; of mode -1 in 1/256 count */
   shaper_t motion_shaper; /* of the trajectory's speed */
   contact_t contact;
+  touch_t touch;
   cia402_homing_t homing;
   first_motion_t first_motion;
   cia402_overridden_t overridden;

@@ -81,6 +81,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const int32_t wanted = halted ? 0 : wanted_force(drive);
   const int32_t target = bounded_force(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);
+  touch_approach(&drive->touch, target, drive->force_demand_q16);
   const bool dwells = dwells_after_loss(drive);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
@@ -137,10 +138,13 @@ static inline void lead_to_target(cia402_t *drive) {
   motion_shape(drive, before);
 }
 
+static inline int32_t led_to(const cia402_t *drive) {
+  return fx_cnt_from_q32(motion_followed(drive)->position_q32);
+}
+
 /* K (x_d - x) and D (v_d - v), in 1/256 count of the reading. */
 static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
-  const int32_t error =
-      fx_diff_wrap(fx_cnt_from_q32(motion_followed(drive)->position_q32), axis->signals.position);
+  const int32_t error = fx_diff_wrap(led_to(drive), axis->signals.position);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
 }
 static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
@@ -148,16 +152,17 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
 }
 
-/* Presses with this force, within the bounds. */
-static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8) {
+/* Presses with this force, within the bounds. `demand` is what it follows from but the axis. */
+static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));
+  touch_press(&drive->touch, &drive->signals, axis, demand);
 }
 
 void force_stiffness(cia402_t *drive, axis_t *axis) {
   if (track_virtual(drive, axis)) {
     lead_to_target(drive);
-    press_limited(drive, axis, spring(drive, axis));
+    press_limited(drive, axis, spring(drive, axis), led_to(drive));
   }
 }
 
@@ -166,14 +171,14 @@ void force_damping(cia402_t *drive, axis_t *axis) {
     const int32_t before = drive->trajectory.velocity_q16;
     position_follow_velocity(drive, false);
     motion_shape(drive, before);
-    press_limited(drive, axis, damper(drive, axis));
+    press_limited(drive, axis, damper(drive, axis), drive->trajectory.velocity_q16);
   }
 }
 
 void force_impedance(cia402_t *drive, axis_t *axis) {
   if (track_virtual(drive, axis)) {
     lead_to_target(drive);
-    press_limited(drive, axis, spring(drive, axis) + damper(drive, axis));
+    press_limited(drive, axis, spring(drive, axis) + damper(drive, axis), led_to(drive));
   }
 }
 

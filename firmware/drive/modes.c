@@ -120,7 +120,8 @@ int8_t cia402_operation_of(uint8_t native_mode) {
 static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
-         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION);
+         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION ||
+          (mode->controls_force != 0 && drive->touch.speed_q8 != 0));
 }
 
 /* The set-point of the force law of mode -1, from the force that is there. */
@@ -137,8 +138,15 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   }
   drive->tracking = CIA402_TRACKING_NONE;
   axis->params.mode = mode;
-  if (mode == AXIS_MODE_FORCE && shaper_is_on(&drive->force_shaper)) {
-    shape_setpoint(drive, axis);
+  if (mode == AXIS_MODE_FORCE) {
+    const int32_t demand = axis->params.force_setpoint;
+    if (drive->touch.speed_q8 != 0) {
+      motion_override(drive, axis);
+    }
+    if (shaper_is_on(&drive->force_shaper)) {
+      shape_setpoint(drive, axis);
+    }
+    touch_press(&drive->touch, &drive->signals, axis, demand);
   }
 }
 

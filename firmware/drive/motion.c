@@ -13,12 +13,17 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
     axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+    axis->bumpless_contact = 0;
     drive->overridden.active = 0;
   }
 }
 
 void motion_rest(cia402_t *drive, axis_t *axis) {
   axis->params.mode = AXIS_MODE_DISABLED;
+  if (drive->signals.gain_halvings != 0) {
+    drive->signals.gain_halvings = 0;
+    axis_halve_force_gain(axis, 0);
+  }
   drive->tracking = CIA402_TRACKING_NONE;
   shaper_clear(&drive->force_shaper);
   shaper_clear(&drive->motion_shaper);

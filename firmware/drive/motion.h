@@ -30,7 +30,7 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* The axis disabled. */
+/* The axis disabled, and its gain whole again. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
 /* Chooses the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL; a new one begins at the place and speed

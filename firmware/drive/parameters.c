@@ -15,6 +15,7 @@ static void derive_rates(cia402_t *drive) {
   drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
   drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
   drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
+  touch_derive(&drive->touch, params);
 }
 
 static void derive_forces(cia402_t *drive) {
@@ -80,6 +81,7 @@ bool parameters_written(cia402_t *drive, uint16_t object) {
     case AXIS_OBJ_TRAJECTORY_ACCELERATION:
     case AXIS_OBJ_TRAJECTORY_DECELERATION:
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
+    case AXIS_OBJ_TOUCH_VELOCITY_MAX:
       derive_rates(drive);
       return false;
     case AXIS_OBJ_INPUTS_FITTED:

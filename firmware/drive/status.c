@@ -34,6 +34,9 @@ uint16_t cia402_error_code(uint8_t fault) {
       [AXIS_FAULT_RUNAWAY] = AXIS_ERROR_CODE_RUNAWAY,
       [AXIS_FAULT_FORCE_REVERSED] = AXIS_ERROR_CODE_FORCE_REVERSED,
       [AXIS_FAULT_POSITION_GAIN_ZERO] = AXIS_ERROR_CODE_POSITION_GAIN_ZERO,
+      [AXIS_FAULT_CONTACT_TRAVEL] = AXIS_ERROR_CODE_CONTACT_TRAVEL,
+      [AXIS_FAULT_NO_CONTACT] = AXIS_ERROR_CODE_NO_CONTACT,
+      [AXIS_FAULT_CONTACT_UNSTABLE] = AXIS_ERROR_CODE_CONTACT_UNSTABLE,
   };
   return codes[fault];
 }
@@ -84,8 +87,8 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }
-  if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0 ||
-      drive->unsupervised != 0 || drive->restricted != 0) {
+  if (limited || signals->limit_cycle != 0 || signals->gain_halvings != 0 ||
+      signals->force_saturated != 0 || drive->unsupervised != 0 || drive->restricted != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {
@@ -188,6 +191,9 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
     judge(drive, axis);
+    if (axis->primed != 0 && drive->controlled != 0) {
+      touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+    }
   }
   cia402_show(drive, axis);
 }
