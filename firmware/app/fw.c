@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/law.h"
 #include "firmware/app/layers.h"
 #include "firmware/app/ownership.h"
 #include "firmware/app/recording.h"
@@ -48,7 +49,7 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   fw_t *fw = fw_of(objects);
   axis_parameter_written(&fw->axis, object, previous, value);
   if (object == AXIS_OBJ_ADC_BITS) {
-    law_banks_set_adc(&fw->banks, (uint8_t)value);
+    law_adc_written(fw);
   }
   if (value != previous && first_motion_depends_on(object)) {
     first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);
@@ -74,6 +75,9 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
   } else {
     cia402_written(&fw->drive, &fw->axis, object, previous, value);
+    if (object == AXIS_OBJ_FORCE_SCALE) {
+      law_certify(fw);
+    }
   }
 }
 
@@ -92,20 +96,6 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
                          int32_t value) {
   (void)source;
   canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
-}
-
-static int check_law(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
-  (void)source;
-  return law_banks_check(&fw_of_const(objects)->banks, object, value);
-}
-
-static void law_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
-                        int32_t value) {
-  fw_t *fw = fw_of(objects);
-  (void)source;
-  (void)previous;
-  (void)value;
-  law_banks_written(&fw->banks, &fw->axis, object);
 }
 
 /* Objects that a firmware on no bus serves without its drive. */
@@ -207,7 +197,7 @@ static const dictionary_owner_t owner = {
         {
             [AXIS_BLOCK_AXIS_PARAMETER] = {offsetof(fw_t, axis.params), check_axis, axis_written},
             [AXIS_BLOCK_AXIS_SIGNAL] = {offsetof(fw_t, axis.signals), NULL, NULL},
-            [AXIS_BLOCK_LAW_PARAMETER] = {offsetof(fw_t, banks.params), check_law, law_written},
+            [AXIS_BLOCK_LAW_PARAMETER] = {offsetof(fw_t, banks.params), law_check, law_written},
             [AXIS_BLOCK_LAW_SIGNAL] = {offsetof(fw_t, banks.signals), NULL, NULL},
             [AXIS_BLOCK_RECORDER_PARAMETER] = {offsetof(fw_t, recorder.params), recording_check,
                                                NULL},
@@ -254,7 +244,7 @@ static void power_up(fw_t *fw) {
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
   const bool has_id = layers_load(fw);
-  const bool has_law = law_banks_loaded(&fw->banks, &fw->axis);
+  const bool has_law = law_loaded(fw);
   if (!has_id || !has_law) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
   }

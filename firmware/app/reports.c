@@ -34,6 +34,9 @@ void reports_contact(fw_t *fw) {
   if ((risen & REPORTS_EXPIRED) != 0) {
     canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_CALIBRATION_EXPIRED, 0);
   }
+  if ((risen & REPORTS_RESTRICTED) != 0) {
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_LAW_UNCERTIFIED, fw->banks.params.force_bank);
+  }
   if ((now & REPORTS_HALVINGS) > (before & REPORTS_HALVINGS)) {
     canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_GAIN_HALVED, fw->drive.signals.gain_halvings);
   }

@@ -10,18 +10,25 @@
 /* An emergency of those from FW_HELD_FIRST, which could otherwise be repeated in every tick. */
 void reports_limited(fw_t *fw, uint16_t code);
 
-/* State of the contact, to be compared with fw->contact_seen. */
-enum { REPORTS_CONTACT = 1, REPORTS_SATURATED = 2, REPORTS_LIMIT_CYCLE = 4, REPORTS_EXPIRED = 128 };
+/* State of the contact, of the force law and of the calibration, to be compared with
+ * fw->contact_seen. */
+enum {
+  REPORTS_CONTACT = 1,
+  REPORTS_SATURATED = 2,
+  REPORTS_LIMIT_CYCLE = 4,
+  REPORTS_RESTRICTED = 64,
+  REPORTS_EXPIRED = 128
+};
 /* And how often the gain was halved, at most TOUCH_HALVINGS. */
 enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
   /* The others are 0 or 1. */
-  return (uint8_t)(signals->contact * REPORTS_CONTACT +
-                   signals->force_saturated * REPORTS_SATURATED +
-                   signals->limit_cycle * REPORTS_LIMIT_CYCLE +
-                   signals->gain_halvings * REPORTS_HALVED +
-                   signals->calibration_expired * REPORTS_EXPIRED);
+  return (
+      uint8_t)(signals->contact * REPORTS_CONTACT + signals->force_saturated * REPORTS_SATURATED +
+               signals->limit_cycle * REPORTS_LIMIT_CYCLE +
+               signals->gain_halvings * REPORTS_HALVED + fw->drive.restricted * REPORTS_RESTRICTED +
+               signals->calibration_expired * REPORTS_EXPIRED);
 }
 
 /* Reports changes of that state since the last call. A contact is lost only while force is

@@ -16,6 +16,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* To be raised by every change after which a bank does not give the same codes. */
+enum { FORCE_LAW_VERSION = 1 };
+
 enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 };
 
 typedef struct {

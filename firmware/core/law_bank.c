@@ -13,22 +13,13 @@ static const int32_t *coefficients_of(const law_params_t *params, uint8_t bank) 
   return &params->bank_coefficient[bank * COEFFICIENTS];
 }
 
-static uint32_t crc_of_word(uint32_t crc, uint32_t word) {
-  uint8_t bytes[4];
-  fx_store_le(bytes, word, 4);
-  for (uint8_t i = 0; i < 4; i++) {
-    crc = fx_crc32(crc, bytes[i]);
-  }
-  return crc;
-}
-
 uint32_t law_bank_crc(const law_params_t *params, uint8_t bank) {
-  uint32_t crc = crc_of_word(UINT32_MAX, params->bank_sections[bank]);
-  crc = crc_of_word(crc, params->bank_gain[bank]);
-  crc = crc_of_word(crc, params->bank_velocity_gain[bank]);
-  crc = crc_of_word(crc, params->bank_integral[bank]);
+  uint32_t crc = fx_crc32_word(UINT32_MAX, params->bank_sections[bank]);
+  crc = fx_crc32_word(crc, params->bank_gain[bank]);
+  crc = fx_crc32_word(crc, params->bank_velocity_gain[bank]);
+  crc = fx_crc32_word(crc, params->bank_integral[bank]);
   for (uint8_t i = 0; i < COEFFICIENTS; i++) {
-    crc = crc_of_word(crc, (uint32_t)coefficients_of(params, bank)[i]);
+    crc = fx_crc32_word(crc, (uint32_t)coefficients_of(params, bank)[i]);
   }
   return ~crc;
 }
@@ -90,7 +81,7 @@ uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bit
   return is_too_steep(params, bank, adc_bits) ? AXIS_BANK_STATE_HF_GAIN : AXIS_BANK_STATE_VALID;
 }
 
-/* The bank (0..3) that an object (AXIS_OBJ_BANK_) is of, or -1. */
+/* The bank (0..3) that an object is a value of, or -1. */
 static int bank_of(uint16_t object) {
   enum { SCALARS = 5 };
   static const uint16_t first[SCALARS] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
@@ -113,7 +104,8 @@ int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value) {
   if (object == AXIS_OBJ_FORCE_BANK) {
     fits = value == 0 || banks->signals.bank_state[value - 1] == AXIS_BANK_STATE_VALID;
   } else {
-    fits = bank_of(object) != selected - 1;
+    const int bank = bank_of(object);
+    fits = bank < 0 || bank != selected - 1;
   }
   return fits ? FW_OK : FW_ERROR_STATE;
 }
@@ -165,8 +157,10 @@ void law_banks_written(law_banks_t *banks, axis_t *axis, uint16_t object) {
     put_in_force(banks, axis, true);
     return;
   }
-  const uint8_t bank = (uint8_t)bank_of(object);
-  banks->signals.bank_state[bank] = law_bank_state(&banks->params, bank, adc_bits);
+  const int bank = bank_of(object);
+  if (bank >= 0) {
+    banks->signals.bank_state[bank] = law_bank_state(&banks->params, (uint8_t)bank, adc_bits);
+  }
 }
 
 bool law_banks_loaded(law_banks_t *banks, axis_t *axis) {

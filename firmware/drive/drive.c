@@ -79,6 +79,7 @@ void cia402_init(cia402_t *drive) {
   drive->fault = AXIS_FAULT_NONE;
   drive->controlled = 0;
   drive->limited = 0;
+  drive->restricted = 0;
   drive->unsupervised = 0;
   drive->position_written = 0;
   drive->velocity_written = 0;
@@ -89,6 +90,7 @@ void cia402_init(cia402_t *drive) {
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
   first_motion_forget(&drive->first_motion, &drive->signals);
+  cia402_release_law(drive);
   parameters_derive(drive);
 }
 

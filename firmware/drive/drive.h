@@ -75,7 +75,8 @@ typedef struct {
   uint8_t scaled;            /* 0: the user's unit is the count */
 } cia402_units_t;
 
-/* Of the demanded force: force_limit, or the smaller limit of that direction. */
+/* Of the demanded force: force_limit, or the smaller limit of that direction; of a target force
+ * also what is permitted to a law without a certificate. */
 typedef struct {
   int32_t least;    /* per mille, -32767..0 */
   int32_t most;     /* 0..32767 */
@@ -88,6 +89,7 @@ typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
   int16_t open_loop_code;
+  uint16_t output_limit;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
   uint8_t active; /* 1: they are overridden */
@@ -117,7 +119,9 @@ typedef struct {
   fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
   fx_ratio_t force_of_reading; /* and back */
   cia402_force_bounds_t force_bounds;
-  int32_t force_ramp_q16;           /* per mille, Q16 */
+  uint16_t law_force;     /* part of force_limit that the law may be asked for in modes 4 and 10 */
+  uint16_t law_output;    /* largest code that it may put out there */
+  int32_t force_ramp_q16; /* per mille, Q16 */
   int32_t force_demand_q16;         /* the same, shaped */
   cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
   cia402_setpoint_t buffered;       /* the one after it */
@@ -151,6 +155,8 @@ typedef struct {
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has limited a target */
+  uint8_t uncertified;        /* 1: the force law has no certificate; law_force, law_output apply */
+  uint8_t restricted;         /* 1: they apply; judged in every second tick */
   uint8_t unsupervised;       /* 1: enabled for an owner whose end nobody would notice */
   uint8_t position_written;   /* 1: the target was written for what uses it; and so on */
   uint8_t velocity_written;
@@ -200,6 +206,13 @@ bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t pre
 
 /* The warning that nobody would notice the end of the owner, while the axis is enabled. */
 void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised);
+
+/* The force law has no certificate: in modes 4 and 10 the target force is bounded to `force` per
+ * mille of force_limit and the output of the law to a code of +-`output`, with a warning. And: it
+ * has one.
+ */
+void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);
+void cia402_release_law(cia402_t *drive);
 
 /* The native `mode` was written (by the port itself): the state follows. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);

@@ -105,6 +105,9 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   demand(drive, target, cyclic, halted);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
+  if (axis->params.output_limit > drive->law_output) {
+    axis->params.output_limit = drive->law_output;
+  }
   if (dwells || drive->params.contact_loss_dwell != 0) {
     axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
   }

@@ -22,6 +22,7 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
     drive->overridden = (cia402_overridden_t){.position_setpoint = params->position_setpoint,
                                               .force_setpoint = params->force_setpoint,
                                               .open_loop_code = params->open_loop_code,
+                                              .output_limit = params->output_limit,
                                               .profile_enable = params->profile_enable,
                                               .bump_decay_shift = params->bump_decay_shift,
                                               .active = 1};

@@ -7,6 +7,9 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
+/* Of per mille, and the code that is no limit. */
+enum { WHOLE = 1000, OUTPUT_MAX = 2048 };
+
 static void derive_rates(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   drive->speed_max = units_speed_q16(drive, params->velocity_max);
@@ -24,12 +27,27 @@ static void derive_forces(cia402_t *drive) {
   const int32_t limit = params->force_limit;
   const int32_t most = fx_clamp(params->force_limit_positive, 0, limit);
   const int32_t least = -fx_clamp(params->force_limit_negative, 0, limit);
+  const int32_t permitted =
+      (int32_t)fx_quotient((uint32_t)params->force_limit * drive->law_force, WHOLE);
   drive->force_bounds =
-      (cia402_force_bounds_t){.least = least,
-                              .most = most,
+      (cia402_force_bounds_t){.least = fx_clamp(least, -permitted, 0),
+                              .most = fx_clamp(most, 0, permitted),
                               .least_q8 = fx_ratio_apply(least, drive->reading_of_force, 0),
                               .most_q8 = fx_ratio_apply(most, drive->reading_of_force, 0)};
 }
+
+static void permit(cia402_t *drive, bool certified, uint16_t force, uint16_t output) {
+  drive->uncertified = certified ? 0 : 1;
+  drive->law_force = force;
+  drive->law_output = output;
+  derive_forces(drive);
+}
+
+void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output) {
+  permit(drive, false, force, output);
+}
+
+void cia402_release_law(cia402_t *drive) { permit(drive, true, WHOLE, OUTPUT_MAX); }
 
 static void derive_shapers(cia402_t *drive) {
   const drive_params_t *params = &drive->params;

@@ -92,8 +92,8 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
     word |= CIA402_SW_VOLTAGE;
   }
   if (limited || signals->limit_cycle != 0 || signals->gain_halvings != 0 ||
-      signals->force_saturated != 0 || drive->unsupervised != 0 ||
-      signals->calibration_expired != 0) {
+      signals->force_saturated != 0 || signals->calibration_expired != 0 ||
+      drive->unsupervised != 0 || drive->restricted != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {
@@ -121,9 +121,10 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
   drive->velocity_next =
       (uint8_t)((drive->velocity_next + 1 == CIA402_MEAN_TICKS) ? 0 : drive->velocity_next + 1);
   const bool tracked = drive->tracking != CIA402_TRACKING_NONE;
-  const int32_t demand_q16 = tracked ? motion_followed(drive)->velocity_q16 : 0;
+  const profile_t *followed = motion_followed(drive);
+  const int32_t demand_q16 = tracked ? followed->velocity_q16 : 0;
   const int32_t demand_cnt = (drive->tracking == CIA402_TRACKING_VIRTUAL)
-                                 ? fx_cnt_from_q32(motion_followed(drive)->position_q32)
+                                 ? fx_cnt_from_q32(followed->position_q32)
                                  : fx_diff_wrap(measured->profile_position, drive->lead_cnt);
   signals->position_internal = measured->position;
   signals->position_actual = cia402_user(drive, measured->position);
@@ -177,6 +178,7 @@ static void judge(cia402_t *drive, const axis_t *axis) {
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
+  drive->restricted = (uint8_t)(drive->controlled & drive->mode->certified & drive->uncertified);
   drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive, axis));
   drive->standing_tick = lasting(drive->standing_tick, slow);
 }

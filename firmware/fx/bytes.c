@@ -57,6 +57,15 @@ uint32_t fx_crc32(uint32_t crc, uint8_t byte) {
   return (crc >> 4) ^ crc32_of_nibble[crc & 15u];
 }
 
+uint32_t fx_crc32_word(uint32_t crc, uint32_t word) {
+  uint8_t bytes[4];
+  fx_store_le(bytes, word, 4);
+  for (uint8_t i = 0; i < 4; i++) {
+    crc = fx_crc32(crc, bytes[i]);
+  }
+  return crc;
+}
+
 void fx_store_be16(uint8_t *to, uint16_t value) {
   to[0] = (uint8_t)((uint32_t)value >> 8);
   to[1] = (uint8_t)(value & 0xFFu);

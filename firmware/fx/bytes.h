@@ -79,6 +79,9 @@ uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte);
  * complement of the last. */
 uint32_t fx_crc32(uint32_t crc, uint8_t byte);
 
+/* The same of 4 bytes, the word's lowest one first. */
+uint32_t fx_crc32_word(uint32_t crc, uint32_t word);
+
 /* 16 bits, most significant byte first. */
 void fx_store_be16(uint8_t *to, uint16_t value);
 uint16_t fx_load_be16(const uint8_t *from);

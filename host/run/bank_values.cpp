@@ -53,8 +53,8 @@ std::optional<std::uint8_t> bank_of_key(std::string_view key) {
   return static_cast<std::uint8_t>(digit - '1');
 }
 
-std::vector<ObjectWrite> read_bank(sim::Section &section, std::uint8_t bank) {
-  section.only({"gain", "integral_rad_per_s", "velocity_gain", "sections"});
+BankValues read_bank(sim::Section &section, std::uint8_t bank) {
+  section.only({"gain", "integral_rad_per_s", "velocity_gain", "sections", "certificate"});
   law_params_t values{};
   values.bank_gain[bank] = to_gain(section.within("gain", Dimension::ratio, 0.0, kGainMax));
   values.bank_velocity_gain[bank] = to_gain(
@@ -89,9 +89,18 @@ std::vector<ObjectWrite> read_bank(sim::Section &section, std::uint8_t bank) {
     writes.push_back({static_cast<std::uint16_t>(AXIS_OBJ_BANK_COEFFICIENT_1 + bank * kInBank + i),
                       coefficients[i]});
   }
-  writes.push_back(
-      {at(AXIS_OBJ_BANK_CRC_1), static_cast<std::int32_t>(law_bank_crc(&values, bank))});
-  return writes;
+  const std::uint32_t crc = law_bank_crc(&values, bank);
+  writes.push_back({at(AXIS_OBJ_BANK_CRC_1), static_cast<std::int32_t>(crc)});
+  return {bank, section.flag("certificate", true), crc, writes};
+}
+
+std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,
+                                             std::int32_t force_scale) {
+  const certificate_t certificate = certificate_of(bank.crc, static_cast<std::uint8_t>(adc_bits),
+                                                   static_cast<std::uint32_t>(force_scale));
+  const auto at = [&bank](int first) { return static_cast<std::uint16_t>(first + bank.bank); };
+  return {{at(AXIS_OBJ_CERTIFICATE_HASH_1), static_cast<std::int32_t>(certificate.hash)},
+          {at(AXIS_OBJ_CERTIFICATE_PARTS_1), static_cast<std::int32_t>(certificate.parts)}};
 }
 
 }  // namespace forceaxis::host

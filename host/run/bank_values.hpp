@@ -6,6 +6,7 @@
 //   integral_rad_per_s = 8.0    # absent: no integral
 //   velocity_gain = 0.0         # DAC codes per encoder count a tick
 //   sections = [[b0, b1, b2, a1, a2]]   # up to three, a0 = 1
+//   certificate = false         # absent: with a certificate for this experiment's sensor
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -19,7 +20,19 @@ namespace forceaxis::host {
 // The number (0..3) of a key bank_1 to bank_4; nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
 
-// All values of that bank, the CRC of what was rounded included. Throws sim::InputError.
-std::vector<ObjectWrite> read_bank(sim::Section &section, std::uint8_t bank);
+struct BankValues {
+  std::uint8_t bank;  // 0..3
+  bool certified;
+  std::uint32_t crc;
+  std::vector<ObjectWrite> writes;
+};
+
+// All values of that bank, the CRC of what was rounded included, but its certificate. Throws
+// sim::InputError.
+BankValues read_bank(sim::Section &section, std::uint8_t bank);
+
+// Its certificate for a firmware whose sensor is `adc_bits` wide and has this force_scale, uN.
+std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,
+                                             std::int32_t force_scale);
 
 }  // namespace forceaxis::host

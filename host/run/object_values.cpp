@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 #include <variant>
 
+#include "firmware/objects/generated/axis_objects.h"
 #include "host/run/bank_values.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/shaper_values.hpp"
@@ -210,17 +212,32 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                       written("polarity") != 0.0 || written("home_offset") != 0.0);
   std::vector<ObjectWrite> writes;
+  std::vector<BankValues> banks;
+  const auto add = [&writes](const std::vector<ObjectWrite> &more) {
+    writes.insert(writes.end(), more.begin(), more.end());
+  };
   for (const auto &[key, node] : section.table()) {
     if (!is_table_of_objects(key.str(), node)) continue;
-    section.one(key.str(), [&writes, &key = key](sim::Section &values) {
-      const auto bank = bank_of_key(key.str());
-      const std::vector<ObjectWrite> more =
-          bank ? read_bank(values, *bank) : read_shaper(values, *shaper_of_key(key.str()));
-      writes.insert(writes.end(), more.begin(), more.end());
+    section.one(key.str(), [&, &key = key](sim::Section &values) {
+      if (const auto bank = bank_of_key(key.str())) {
+        banks.push_back(read_bank(values, *bank));
+        add(banks.back().writes);
+      } else {
+        add(read_shaper(values, *shaper_of_key(key.str())));
+      }
     });
   }
   for (const std::string &name : names)
     writes.push_back(read_object(section, name, *section.find(name), scales));
+  const auto raw = [&](std::uint16_t object) -> std::int32_t {
+    for (const std::vector<ObjectWrite> *list : {&std::as_const(writes), &before})
+      for (const ObjectWrite &w : *list)
+        if (w.object == object) return w.raw;
+    return static_cast<std::int32_t>(object_meta(object).initial);
+  };
+  for (const BankValues &bank : banks)
+    if (bank.certified)
+      add(certificate_of_bank(bank, raw(AXIS_OBJ_ADC_BITS), raw(AXIS_OBJ_FORCE_SCALE)));
   const auto stage = [](const ObjectWrite &w) {
     const axis_object_meta_t &meta = object_meta(w.object);
     return std::string_view(meta.name) == "mode" ? 2 : std::string_view(meta.kind) == "command";

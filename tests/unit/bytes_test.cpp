@@ -94,6 +94,9 @@ TEST(FxBytes, CheckSums) {
   EXPECT_EQ(modbus(nine), 0x4B37);
   EXPECT_EQ(ethernet(nine), 0xCBF43926u);
   EXPECT_EQ(ethernet({}), 0u);
+  uint32_t crc = fx_crc32_word(UINT32_MAX, 0x34333231);  // "1234", "5678"
+  crc = fx_crc32_word(crc, 0x38373635);
+  EXPECT_EQ(~fx_crc32(crc, '9'), 0xCBF43926u);
   EXPECT_EQ(modbus(Closed(nine)), 0) << "over a frame with its CRC";
   for (unsigned byte = 0; byte <= 255; ++byte) {
     const Bytes one{static_cast<uint8_t>(byte)};

@@ -84,6 +84,26 @@ TEST_F(Fw, ATareIsTakenOverTheBusAndRefusedWithItsCode) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CALIBRATE, 1), 0x08000022u);
 }
 
+// A law without a certificate is named whenever a mode that it restricts is enabled.
+TEST_F(Fw, ALawWithoutACertificateIsReportedAtEnabling) {
+  for (const bool required : {true, false}) {
+    Set(AXIS_OBJ_CERTIFICATE_REQUIRED, required ? 1 : 0);
+    for (int i = 0; i < 2; ++i) {
+      for (const int mode : {AXIS_MODES_OF_OPERATION_FORCE, AXIS_MODES_OF_OPERATION_FORCE_COUNTS}) {
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, mode), 0u);
+        Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+        Tick(50);
+        const bool named = required && mode == AXIS_MODES_OF_OPERATION_FORCE;
+        EXPECT_EQ(CountEmergencies(0xFF13), named ? 1 : 0) << mode;
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x00), 0u);
+        Tick(50);
+      }
+    }
+  }
+}
+
 TEST_F(Fw, ALostContactIsReportedWhileForceIsControlled) {
   inputs_.adc_code[0] = 30;
   Tick(2);

@@ -193,7 +193,7 @@ TEST(Store, ASetThatIsDamagedMeanwhileIsNotLoadedAgain) {
   constexpr uint16_t kTime = AXIS_OBJ_PRODUCER_HEARTBEAT_TIME;
   ASSERT_EQ(fw_object_write(&fw, FW_SOURCE_LOCAL, kTime, 77), FW_OK);
   ASSERT_EQ(fw_object_write(&fw, FW_SOURCE_LOCAL, AXIS_OBJ_STORE_PARAMETERS, 1), FW_OK);
-  tick(500);
+  tick(1000);
   ASSERT_EQ(read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVED);
   const can_frame_t reset{0, 2, 0, {0x82, 0}};
   fw_can_receive(&fw, &reset);

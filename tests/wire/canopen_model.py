@@ -1085,7 +1085,7 @@ class Node:
                     self.unwatched[i] = True
 
     def watch_contact(self, seen):
-        contact, self.contact = self.contact, seen & ~8
+        contact, self.contact = self.contact, seen & 0x37
         risen, fallen = self.contact & ~contact, contact & ~self.contact
         edges = (fallen & 1 and seen & 8, 0xFF01), (risen & 2, 0xFF02), (risen & 4, 0xFF03)
         for edge, code in edges:
@@ -1094,6 +1094,8 @@ class Node:
                 self.emergency(code)
         if risen & 16:
             self.emergency(0xFF1C)
+        if risen & 32:
+            self.emergency(0xFF13, self.od[0x2400, 0])
 
     def tick(self, contact, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24

@@ -1,6 +1,6 @@
 """C: the object dictionary of the firmware and its host metadata."""
 
-from objects.meaning import signature
+from objects.meaning import law_signature, signature
 from objects.table import (
     PARTS,
     TYPES,
@@ -119,7 +119,10 @@ def generate_header(table):
         " * Defaults and wording are no part of it. */\n"
         f"#define AXIS_OBJECTS_HASH32 UINT32_C(0x{digest[:8]})\n"
         f'#define AXIS_OBJECTS_HASH_TEXT "{digest[:8]}"\n'
-        "/* That of version 0.1.0, as its parameter sets carry it. */\n"
+        "/* CRC-32 of name, type, unit and scale of each object that the force law computes "
+        "with. */\n"
+        f"#define AXIS_LAW_SIGNATURE UINT32_C(0x{law_signature(entries):08x})\n"
+        "/* The table's hash of version 0.1.0, as its parameter sets carry it. */\n"
         f"#define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x{table.release.digest})\n\n"
     )
     out.append("enum {")

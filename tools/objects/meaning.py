@@ -28,6 +28,14 @@ def signature(o):
     return zlib.crc32(signature_text(o).encode())
 
 
+def law_signature(entries):
+    """CRC-32 of what the force law computes with: name, type, unit and scale of those objects."""
+    facts = (
+        (o["name"], o["type"], o["unit"], repr(float(o["scale"]))) for o in entries if o["law"]
+    )
+    return zlib.crc32("\n".join(sorted(map("|".join, facts))).encode())
+
+
 def digest(objects, specials, coils, discretes):
     """SHA-256 of a table's meaning. objects: (index, sub-index, name, register, entry) of each."""
     rows = [

@@ -48,6 +48,7 @@ KEYS = {
     "index_step": int,
     "per_index": int,
     "node_id": bool,
+    "law": bool,
     "modbus": int,
     "stored": bool,
 }
@@ -134,6 +135,7 @@ def check_object(raw, position, known):
     o.setdefault("index_step", 0)
     o.setdefault("per_index", o["count"])
     o.setdefault("node_id", False)
+    o.setdefault("law", False)
     o.setdefault("modbus", None)
     o.setdefault("stored", o["kind"] == "parameter")
     for key, values in (

@@ -14,6 +14,7 @@ extern "C" {
 #include "firmware/canopen/lss.h"
 #include "firmware/canopen/node.h"
 #include "firmware/core/axis.h"
+#include "firmware/core/certificate.h"
 #include "firmware/core/faults.h"
 #include "firmware/core/laws.h"
 #include "firmware/core/limits.h"

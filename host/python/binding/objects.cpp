@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "firmware/objects/generated/axis_objects_meta.h"
+#include "firmware/port/host/firmware.hpp"
 #include "host/python/binding/parts.hpp"
 
 namespace py = pybind11;
@@ -56,11 +57,20 @@ py::list bits(const axis_bit_meta_t (&table)[Count]) {
   return found;
 }
 
+py::dict certificate(std::uint32_t bank_crc, std::uint8_t adc_bits, std::uint32_t force_scale) {
+  using namespace py::literals;
+  const certificate_t certificate = certificate_of(bank_crc, adc_bits, force_scale);
+  return py::dict("certificate_hash"_a = certificate.hash,
+                  "certificate_parts"_a = certificate.parts);
+}
+
 }  // namespace
 
 void add_objects(py::module_ &m) {
   m.attr("OBJECTS_HASH") = AXIS_OBJECTS_HASH;
   m.def("objects", &objects, "The object table: a dictionary per object, in the order of numbers.");
+  m.def("certificate", &certificate, py::arg("bank_crc"), py::arg("adc_bits"),
+        py::arg("force_scale"), "The values of a bank's certificate.");
   m.def(
       "coils", [] { return bits(axis_coils_meta); }, "Modbus's coils: address, name, meaning.");
   m.def(

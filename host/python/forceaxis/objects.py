@@ -45,3 +45,9 @@ OBJECTS = tuple(AxisObject(**o) for o in _core.objects())
 BY_NAME = {o.name: o for o in OBJECTS}
 COILS = tuple(AxisBit(**bit) for bit in _core.coils())
 DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
+
+
+def certificate(bank_crc, adc_bits, force_scale):
+    """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
+    bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
+    return _core.certificate(bank_crc, adc_bits, force_scale)
