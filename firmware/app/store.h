@@ -41,7 +41,7 @@
 
 enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
-  STORE_SECTOR_MIN = 4096, /* holds a set, with room for more parameters */
+  STORE_SECTOR_MIN = 8192, /* holds a set, with room for more parameters */
   STORE_CHANGES = 8        /* that are reported by address */
 };
 
