@@ -6,9 +6,10 @@
 /* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
 static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
   const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
-  const int32_t setpoint = axis->params.force_setpoint;
-  return fx_clamp(code_q16, (setpoint > 0) ? LAW_MIN_Q16 : -cap_q16,
-                  (setpoint < 0) ? LAW_MAX_Q16 : cap_q16);
+  if (axis->params.force_setpoint < 0) {
+    return (code_q16 < -cap_q16) ? -cap_q16 : code_q16;
+  }
+  return (code_q16 > cap_q16) ? cap_q16 : code_q16;
 }
 
 static int32_t evaluate_bank(axis_t *axis, bool touching) {

@@ -48,7 +48,7 @@ static void move_bound(touch_t *touch, const axis_t *axis) {
   const int32_t code = along(axis->signals.dac_code, negative);
   touch->cap_q16 =
       fx_clamp(touch->cap_q16 + change_q16, 0, fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
-  /* What is left of a bump adds to the law. */
+  /* The remaining bump bias adds to the code of the law. */
   const int32_t bias_q16 = along(axis->signals.bump_bias, negative);
   touch->cap_code =
       (int16_t)fx_clamp(fx_round_q16(touch->cap_q16 - bias_q16), 0, AXIS_PRESS_CAP_NONE - 1);
@@ -65,8 +65,8 @@ void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis) {
 
 static bool exceeds(uint32_t value, uint32_t limit) { return limit != 0 && value > limit; }
 
-static bool has_given_way(touch_t *touch, const drive_params_t *params,
-                          const drive_signals_t *signals, const axis_t *axis) {
+static bool exceeds_travel(touch_t *touch, const drive_params_t *params,
+                           const drive_signals_t *signals, const axis_t *axis) {
   const int32_t position = axis->signals.position;
   if (touch->pressing == 0) {
     if (signals->contact != 0) {
@@ -135,7 +135,7 @@ static void watch_ripple(touch_t *touch, contact_t *contact, const drive_params_
 void touch_judge(touch_t *touch, contact_t *contact, const drive_params_t *params,
                  drive_signals_t *signals, const axis_t *axis) {
   if ((axis->signals.tick_count & 2) != 0) {
-    if (has_given_way(touch, params, signals, axis)) {
+    if (exceeds_travel(touch, params, signals, axis)) {
       touch->finding = AXIS_FAULT_CONTACT_TRAVEL;
     } else if (is_overdue(touch, params, signals, axis)) {
       touch->finding = AXIS_FAULT_NO_CONTACT;

@@ -578,6 +578,14 @@ TEST(FirstMotion, ModesThatNeedAPositionGain) {
     bench.ExpectFinding(FOUND(POSITION_GAIN_ZERO), 0xFF12, "mode " + std::to_string(mode));
     EXPECT_EQ(bench.Largest(), 0);
   }
+  for (const int mode : {-1, -6, -7, -8}) {
+    Bench bench("laboratory.toml");
+    bench.Set(AXIS_OBJ_POSITION_GAIN, 0);
+    bench.Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    bench.Enable(mode);
+    bench.Tick();
+    bench.ExpectFinding(FOUND(POSITION_GAIN_ZERO), 0xFF12, "bounded " + std::to_string(mode));
+  }
   for (const int mode : without) {
     Bench bench("laboratory.toml");
     bench.Set(AXIS_OBJ_POSITION_GAIN, 0);

@@ -285,6 +285,9 @@ TEST_F(Unstable, LossesWithinTheWindowHalveTheGain) {
     EXPECT_EQ(outputs_.dac_code, (halvings == 1) ? 50 : (halvings == 2) ? 25 : 13);
     EXPECT_NE(Status() & 0x80, 0);
     EXPECT_EQ(Read(AXIS_OBJ_FORCE_GAIN), 5 * 256) << "it is still what was written";
+    Lose(250);  // 1000 of the 1500 ticks that it is given to settle
+    EXPECT_EQ(Halvings(), halvings);
+    At(0, 10, 600);
   }
   Lose(3);
   At(0, kContact, kJudged);

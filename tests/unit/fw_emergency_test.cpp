@@ -137,6 +137,23 @@ TEST_F(Fw, ALostContactIsReportedWhileForceIsControlled) {
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE);
 }
 
+TEST_F(Fw, EachHalvingOfTheGainIsReportedAndThenTheFault) {
+  Set(AXIS_OBJ_CONTACT_UNSTABLE_OPTION, AXIS_CONTACT_UNSTABLE_OPTION_HALVE_GAIN);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_FORCE_COUNTS), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  std::vector<int> reported;
+  for (int i = 0; i < 4 * 1530; ++i) {
+    inputs_.adc_code[0] = (i & 1) != 0 ? 0 : 30;
+    Tick();
+    for (const int emergency : Emergencies()) {
+      if ((emergency & 0xFFFF) >= 0xFF14) reported.push_back(emergency);
+    }
+  }
+  EXPECT_EQ(reported, (std::vector<int>{0xFF17 | 1 << 16, 0xFF17 | 2 << 16, 0xFF17 | 3 << 16,
+                                        0xFF16 | AXIS_FAULT_CONTACT_UNSTABLE << 16}));
+}
+
 TEST_F(Fw, ASaturatedSensorIsReported) {
   inputs_.adc_code[0] = 254;
   Tick(3);

@@ -290,6 +290,11 @@ TEST(Fx, QuotientsAndHalves) {
     ASSERT_EQ(Wide{fx_quotient(a, b)}, FloorDivide(a, b)) << a << " " << b;
   }
   for (uint32_t n = 0; n <= 131071; ++n) ASSERT_EQ(fx_half(n), n / 2);
+  for (uint32_t x = 0; x <= 65535; ++x) {
+    for (uint32_t n = 0, by = 1; n <= 15; ++n, by *= 2) {
+      ASSERT_EQ(fx_halved(static_cast<uint16_t>(x), static_cast<uint8_t>(n)), x / by);
+    }
+  }
 }
 
 }  // namespace

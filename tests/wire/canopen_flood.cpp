@@ -9,8 +9,9 @@
 // The log is one record of 16 bytes each, little-endian: kind u8, a u8, b u16, c u32, d u64.
 //   1 frame in     a length (bit 7: remote), b identifier, d data
 //   2 tick done    a contact 1, force saturated 2, limit cycle 4, force is controlled 8,
-//                  calibration expired 16, the force law is restricted 32; c error code, fault
-//                  (also one that is to be latched) in bits 16 to 23, active mode in 24 to 31
+//                  calibration expired 16, the force law is restricted 32, gain halvings from bit 6
+//                  on; c error code, fault (also one that is to be latched) in bits 16 to 23,
+//                  active mode in 24 to 31
 //   3 frame out    as 1
 //   4 no more frames out (not repeated while nothing has changed)
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
@@ -205,7 +206,8 @@ class Flood {
     Log(kTick,
         static_cast<uint8_t>(Read(AXIS_OBJ_CONTACT) | Read(AXIS_OBJ_FORCE_SATURATED) << 1 |
                              Read(AXIS_OBJ_LIMIT_CYCLE) << 2 | fw_.drive.controlled << 3 |
-                             Read(AXIS_OBJ_CALIBRATION_EXPIRED) << 4 | fw_.drive.restricted << 5),
+                             Read(AXIS_OBJ_CALIBRATION_EXPIRED) << 4 | fw_.drive.restricted << 5 |
+                             Read(AXIS_OBJ_GAIN_HALVINGS) << 6),
         0,
         static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) |
                               (fault != AXIS_FAULT_NONE ? fault : fw_.drive.fault) << 16) |

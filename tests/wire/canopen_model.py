@@ -172,6 +172,7 @@ class Node:
         self.silence = 0
         self.watchdog = AT[0x2302, 0].default
         self.contact = 0
+        self.halvings = 0
         self.held_until = {}  # end of the inhibit time per emergency
         self.silence_ticks = []  # remaining ones of the two silences of a change of the bit rate
         self.lss_store = False  # to be answered in the coming tick
@@ -1096,6 +1097,9 @@ class Node:
             self.emergency(0xFF1C)
         if risen & 32:
             self.emergency(0xFF13, self.od[0x2400, 0])
+        halvings, self.halvings = self.halvings, seen >> 6
+        if self.halvings > halvings:
+            self.emergency(0xFF17, self.halvings)
 
     def tick(self, contact, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
