@@ -84,6 +84,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * Faults set code 0, amplifier and brake off, counted from the event, 1 being the next tick:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
  *   findings of the test before the first motion (drive/first_motion.h)    1
+ *   findings of the force sensor's supervision (drive/sensor.h)            1
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
@@ -95,7 +96,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   heartbeat missing (owner on CAN), N ticks of its time                  N + 2
  *   RPDO missing (owner canopen), N ticks of its time                      N + 2
  * N is rounded up: ceil(1.5 ms). Where fault_reaction_option selects a ramp it comes first, of
- * at most CIA402_STOPPING_TICKS, but for the first three lines, a second node of this id and a
+ * at most CIA402_STOPPING_TICKS, but for the first four lines, a second node of this id and a
  * reset of the node; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis
  * enabled. Canopen is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set. On
  * CAN is every owner but a Modbus that acquired the axis over the serial line.

@@ -199,10 +199,6 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     touch_start(&drive->touch);
   }
   drive->controlled = controlled;
-  if (drive->sensor.enabled != 0) {
-    sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
-  }
-  tare_tick(&drive->tare, &drive->params, &drive->signals, axis);
   if (drive->homing.state == CIA402_HOMING_ASKED) {
     drive->homing.state = CIA402_HOMING_BEGUN;
   }
