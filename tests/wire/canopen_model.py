@@ -1092,8 +1092,8 @@ class Node:
             if edge and self.ticks >= self.held_until.get(code, 0):
                 self.held_until[code] = self.ticks + 1500
                 self.emergency(code)
-        if risen & 16:
-            self.emergency(0xFF13, self.od[0x2400, 0])
+        if risen & 16:  # of bank 0: no CRC of a bank fits by chance
+            self.emergency(0xFF13, 0)
 
     def tick(self, contact, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
