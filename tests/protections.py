@@ -120,6 +120,19 @@ def halved(setpoint):
     return acts
 
 
+# A reading at which the law of UNCERTIFIED, at half the force, asks for more than -20 codes.
+HARD_COUNT = 32
+
+
+def hard(columns):
+    return columns["adc0"] >= HARD_COUNT
+
+
+def restricted(columns):
+    """The first such reading, if the code is -20 at all of them."""
+    return first(hard(columns)) if (columns["dac"][hard(columns)] == -20).all() else None
+
+
 def mean_speed(columns):
     """Counts in each tick and the 15 before it, a tick."""
     encoder = columns["encoder"].astype(float)
@@ -244,6 +257,7 @@ def moves_on(columns):
 FAILS = 1500  # the tick of sensor()
 
 
+UNCERTIFIED = "force_bank = 1\nuncertified_output = 20\n[firmware.bank_1]\ngain = 2.25\n"
 TOUCH_MM_S = 20
 TOUCH_COUNT = TOUCH_MM_S * 1e-3 * 157480.315 / 1500  # a tick
 
@@ -416,6 +430,18 @@ PROTECTIONS = [
         ),
         beside=native(-1, "force_gain = 5.0\napproach_travel_max = 1000", "force_setpoint = 15"),
         beside_is="a workpiece that is nearer",
+    ),
+    Protection(
+        name="bank without a certificate",
+        objects=("certificate_hash_1", "uncertified_output"),
+        reaches="emergency law_uncertified",
+        event="a blow of the workpiece",
+        since=lambda columns: first(hard(columns)),
+        acts=restricted,
+        within=1,
+        provoked=pressed(f"{UNCERTIFIED}certificate = false", strike_N_s=1.0),
+        beside=pressed(UNCERTIFIED, strike_N_s=1.0),
+        beside_is="the same bank with a certificate",
     ),
     Protection(
         name="contact lost again and again",

@@ -119,9 +119,9 @@ typedef struct {
   fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
   fx_ratio_t force_of_reading; /* and back */
   cia402_force_bounds_t force_bounds;
-  uint16_t law_force;     /* part of force_limit that the law may be asked for in modes 4 and 10 */
-  uint16_t law_output;    /* largest code that it may put out there */
-  int32_t force_ramp_q16; /* per mille, Q16 */
+  uint16_t law_force;  /* bound of the target force in modes 4 and 10, per mille of force_limit */
+  uint16_t law_output; /* bound of the code that the law puts out there */
+  int32_t force_ramp_q16;           /* per mille, Q16 */
   int32_t force_demand_q16;         /* the same, shaped */
   cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
   cia402_setpoint_t buffered;       /* the one after it */

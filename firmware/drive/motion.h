@@ -73,8 +73,8 @@ static inline void motion_shape(cia402_t *drive, int32_t before) {
   }
 }
 
-/* The trajectory goes on, unshaped, from the place and speed at which the axis is commanded: for
- * stops, and at the exit from a mode. */
+/* The trajectory continues unshaped, from the commanded place and speed of the axis: for stops, and
+ * at the exit from a mode. */
 void motion_unshape(cia402_t *drive);
 
 /* Whether what the axis follows has come to the trajectory's place, or speed. */

@@ -1095,8 +1095,8 @@ class Node:
                 self.emergency(code)
         if risen & 16:
             self.emergency(0xFF1C)
-        if risen & 32:
-            self.emergency(0xFF13, self.od[0x2400, 0])
+        if risen & 32:  # of bank 0: no CRC of a bank fits by chance
+            self.emergency(0xFF13, 0)
         halvings, self.halvings = self.halvings, seen >> 6
         if self.halvings > halvings:
             self.emergency(0xFF17, self.halvings)
