@@ -54,6 +54,8 @@ typedef struct {
   profile_t profile;
   excitation_t excitation;
   force_law_t law;
+  int32_t excitation_q16; /* added to the command of a force law; the owner keeps it within +-2048
+                             codes */
   int16_t press_cap_code; /* out of contact a force law presses with at most this code */
   uint8_t primed;         /* signals.position is the count of the last tick */
   uint8_t rebase;         /* the next code continues from the one put out before it */

@@ -36,6 +36,6 @@ int32_t force_control_step(axis_t *axis) {
   const int32_t code_q16 = (axis->law.selected == 0)
                                ? law_force(params->force_gain, params->force_setpoint, force_q8)
                                : evaluate_bank(axis, touching);
-  return (touching || axis->press_cap_code == AXIS_PRESS_CAP_NONE) ? code_q16
+  return (touching || axis->press_cap_code == AXIS_PRESS_CAP_NONE) ? code_q16 + axis->excitation_q16
                                                                    : cap_pressing(axis, code_q16);
 }

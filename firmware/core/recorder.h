@@ -10,7 +10,11 @@
  * The first sample is taken in the first tick after arming and then every `decimation` ticks,
  * without regard to the trigger. The trigger is watched in every tick, so none is missed; the first
  * sample at or after it has the index recorder_trigger_index. A trigger that comes before
- * `pretrigger` samples were taken is accepted and leaves fewer of them. */
+ * `pretrigger` samples were taken is accepted and leaves fewer of them.
+ *
+ * The edge excitation_start is that of excitation_state, handed to recorder_arm() as the trigger:
+ * of every sample from recorder_trigger_index on, the age of the waveform is its distance from
+ * there times the decimation, if the recorder is armed before the excitation is started. */
 
 #include <stdint.h>
 

@@ -63,6 +63,7 @@ void cia402_init(cia402_t *drive) {
   }
   drive->velocity_next = 0;
   drive->contact = (contact_t){0};
+  drive->excitation = (contact_excitation_t){0};
   drive->homing = (cia402_homing_t){0};
   drive->lead_cnt = 0;
   drive->overridden = (cia402_overridden_t){0};
@@ -224,9 +225,15 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
       motion_rest(drive, axis);
       break;
   }
+  if (contact_excitation_is_active(&drive->signals)) {
+    cia402_prepare_excitation(drive, axis);
+  }
 }
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    contact_excitation_remove(&drive->excitation, &drive->params, &drive->signals, axis);
+  }
   const uint8_t controlled =
       state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
@@ -451,6 +458,7 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
 
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
+  contact_excitation_end(&drive->excitation, &drive->signals, AXIS_EXCITATION_STATE_ENDED_OWNER);
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       drive->params.abort_connection_option != ABORT_NOTHING) {
     cia402_forget_targets(drive);

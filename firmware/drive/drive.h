@@ -25,6 +25,7 @@
 
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
+#include "firmware/drive/contact_excitation.h"
 #include "firmware/drive/first_motion.h"
 #include "firmware/fx/fx.h"
 
@@ -114,6 +115,7 @@ typedef struct {
   int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
   contact_t contact;
+  contact_excitation_t excitation;
   cia402_homing_t homing;
   first_motion_t first_motion;
   cia402_overridden_t overridden;
@@ -144,8 +146,13 @@ void cia402_init(cia402_t *drive);
  * before the first tick of the drive. */
 void cia402_wake(cia402_t *drive, const axis_t *axis);
 
-/* Before and after axis_tick(). */
+/* Before axis_tick(): the targets of the tick; then what depends on its inputs; and after it. */
 void cia402_before(cia402_t *drive, axis_t *axis);
+static inline void cia402_with_inputs(cia402_t *drive, axis_t *axis, const axis_inputs_t *inputs) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    contact_excitation_add(&drive->excitation, &drive->params, &drive->signals, axis, inputs);
+  }
+}
 void cia402_after(cia402_t *drive, axis_t *axis);
 
 /* Whether a value within its range may be written to an object of the drive: FW_OK or
@@ -155,6 +162,9 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 /* An object of the drive was `previous` and now is `value`; a controlword is carried out here. */
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value);
+
+/* excitation_run was written: FW_OK or FW_ERROR_STATE. */
+int cia402_excite(cia402_t *drive, const axis_t *axis, bool start);
 
 /* Somebody who may only stop the axis wrote a controlword: of what it asks for, halt and the way to
  * a lower state are carried out; the controlword in force stays, but for the halt bit. False: the

@@ -49,6 +49,9 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
+/* The value of an active excitation for the coming tick, whose mode is set. */
+void cia402_prepare_excitation(cia402_t *drive, axis_t *axis);
+
 /* Resets the state of a mode that is exited, or whose axis was disabled. */
 void cia402_leave_mode(cia402_t *drive);
 

@@ -248,183 +248,193 @@ enum {
   AXIS_OBJ_CONTACT_LOSSES = 238,
   AXIS_OBJ_CONTACT_LOSS_DWELL = 239,
   AXIS_OBJ_CONTACT_LOSS_CAP = 240,
-  AXIS_OBJ_LIMIT_CYCLE_LOSSES = 241,
-  AXIS_OBJ_LIMIT_CYCLE = 242,
-  AXIS_OBJ_FORCE_SATURATED = 243,
-  AXIS_OBJ_FORCE_PEAK = 244,
-  AXIS_OBJ_FIRST_MOTION_TEST = 245,
-  AXIS_OBJ_FIRST_MOTION_CODE = 246,
-  AXIS_OBJ_FIRST_MOTION_COUNTS = 247,
-  AXIS_OBJ_FIRST_MOTION_SPEED = 248,
-  AXIS_OBJ_FIRST_MOTION_RESULT = 249,
-  AXIS_OBJ_FIRST_MOTION_MOVED = 250,
-  AXIS_OBJ_FIRST_MOTION_CODE_REACHED = 251,
-  AXIS_OBJ_FIRST_MOTION_FORCE = 252,
-  AXIS_OBJ_OBJECT_TABLE_HASH = 253,
-  AXIS_OBJ_COMMAND_SOURCE = 254,
-  AXIS_OBJ_WATCHDOG = 255,
-  AXIS_OBJ_UNSUPERVISED_OWNER = 256,
-  AXIS_OBJ_STORE_PARAMETERS = 257,
-  AXIS_OBJ_RESTORE_DEFAULTS = 258,
-  AXIS_OBJ_STORE_STATE = 259,
-  AXIS_OBJ_STORE_CHANGE_COUNT = 260,
-  AXIS_OBJ_STORE_CHANGE_1 = 261,
-  AXIS_OBJ_STORE_CHANGE_2 = 262,
-  AXIS_OBJ_STORE_CHANGE_3 = 263,
-  AXIS_OBJ_STORE_CHANGE_4 = 264,
-  AXIS_OBJ_STORE_CHANGE_5 = 265,
-  AXIS_OBJ_STORE_CHANGE_6 = 266,
-  AXIS_OBJ_STORE_CHANGE_7 = 267,
-  AXIS_OBJ_STORE_CHANGE_8 = 268,
-  AXIS_OBJ_MODBUS_WORD_ORDER = 269,
-  AXIS_OBJ_OVERRUNS = 270,
-  AXIS_OBJ_NODE_ID = 271,
-  AXIS_OBJ_STORED_NODE_ID = 272,
-  AXIS_OBJ_STORED_BIT_RATE = 273,
-  AXIS_OBJ_BIT_RATE = 274,
-  AXIS_OBJ_CAN_LOST = 275,
-  AXIS_OBJ_DEVICE_TYPE = 276,
-  AXIS_OBJ_ERROR_REGISTER = 277,
-  AXIS_OBJ_ERROR_HISTORY_COUNT = 278,
-  AXIS_OBJ_ERROR_HISTORY_1 = 279,
-  AXIS_OBJ_ERROR_HISTORY_2 = 280,
-  AXIS_OBJ_ERROR_HISTORY_3 = 281,
-  AXIS_OBJ_ERROR_HISTORY_4 = 282,
-  AXIS_OBJ_ERROR_HISTORY_5 = 283,
-  AXIS_OBJ_ERROR_HISTORY_6 = 284,
-  AXIS_OBJ_ERROR_HISTORY_7 = 285,
-  AXIS_OBJ_ERROR_HISTORY_8 = 286,
-  AXIS_OBJ_SYNC_COB_ID = 287,
-  AXIS_OBJ_STORE_ALL = 288,
-  AXIS_OBJ_RESTORE_ALL = 289,
-  AXIS_OBJ_EMCY_COB_ID = 290,
-  AXIS_OBJ_EMCY_INHIBIT_TIME = 291,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 292,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 293,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 294,
-  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 295,
-  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 296,
-  AXIS_OBJ_VENDOR_ID = 297,
-  AXIS_OBJ_PRODUCT_CODE = 298,
-  AXIS_OBJ_REVISION_NUMBER = 299,
-  AXIS_OBJ_SERIAL_NUMBER = 300,
-  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 301,
-  AXIS_OBJ_CONFIGURATION_DATE = 302,
-  AXIS_OBJ_CONFIGURATION_TIME = 303,
-  AXIS_OBJ_ERROR_BEHAVIOUR = 304,
-  AXIS_OBJ_SDO_SERVER_RECEIVE = 305,
-  AXIS_OBJ_SDO_SERVER_TRANSMIT = 306,
-  AXIS_OBJ_SDO_MODBUS_RECEIVE = 307,
-  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 308,
-  AXIS_OBJ_SDO_LCM_RECEIVE = 309,
-  AXIS_OBJ_SDO_LCM_TRANSMIT = 310,
-  AXIS_OBJ_RPDO_COB_ID_1 = 311,
-  AXIS_OBJ_RPDO_COB_ID_2 = 312,
-  AXIS_OBJ_RPDO_COB_ID_3 = 313,
-  AXIS_OBJ_RPDO_COB_ID_4 = 314,
-  AXIS_OBJ_RPDO_TRANSMISSION_1 = 315,
-  AXIS_OBJ_RPDO_TRANSMISSION_2 = 316,
-  AXIS_OBJ_RPDO_TRANSMISSION_3 = 317,
-  AXIS_OBJ_RPDO_TRANSMISSION_4 = 318,
-  AXIS_OBJ_RPDO_TIMEOUT_1 = 319,
-  AXIS_OBJ_RPDO_TIMEOUT_2 = 320,
-  AXIS_OBJ_RPDO_TIMEOUT_3 = 321,
-  AXIS_OBJ_RPDO_TIMEOUT_4 = 322,
-  AXIS_OBJ_RPDO_MAPPED_1 = 323,
-  AXIS_OBJ_RPDO_MAPPED_2 = 324,
-  AXIS_OBJ_RPDO_MAPPED_3 = 325,
-  AXIS_OBJ_RPDO_MAPPED_4 = 326,
-  AXIS_OBJ_RPDO_MAPPING_1 = 327,
-  AXIS_OBJ_RPDO_MAPPING_2 = 328,
-  AXIS_OBJ_RPDO_MAPPING_3 = 329,
-  AXIS_OBJ_RPDO_MAPPING_4 = 330,
-  AXIS_OBJ_RPDO_MAPPING_5 = 331,
-  AXIS_OBJ_RPDO_MAPPING_6 = 332,
-  AXIS_OBJ_RPDO_MAPPING_7 = 333,
-  AXIS_OBJ_RPDO_MAPPING_8 = 334,
-  AXIS_OBJ_RPDO_MAPPING_9 = 335,
-  AXIS_OBJ_RPDO_MAPPING_10 = 336,
-  AXIS_OBJ_RPDO_MAPPING_11 = 337,
-  AXIS_OBJ_RPDO_MAPPING_12 = 338,
-  AXIS_OBJ_RPDO_MAPPING_13 = 339,
-  AXIS_OBJ_RPDO_MAPPING_14 = 340,
-  AXIS_OBJ_RPDO_MAPPING_15 = 341,
-  AXIS_OBJ_RPDO_MAPPING_16 = 342,
-  AXIS_OBJ_RPDO_MAPPING_17 = 343,
-  AXIS_OBJ_RPDO_MAPPING_18 = 344,
-  AXIS_OBJ_RPDO_MAPPING_19 = 345,
-  AXIS_OBJ_RPDO_MAPPING_20 = 346,
-  AXIS_OBJ_RPDO_MAPPING_21 = 347,
-  AXIS_OBJ_RPDO_MAPPING_22 = 348,
-  AXIS_OBJ_RPDO_MAPPING_23 = 349,
-  AXIS_OBJ_RPDO_MAPPING_24 = 350,
-  AXIS_OBJ_RPDO_MAPPING_25 = 351,
-  AXIS_OBJ_RPDO_MAPPING_26 = 352,
-  AXIS_OBJ_RPDO_MAPPING_27 = 353,
-  AXIS_OBJ_RPDO_MAPPING_28 = 354,
-  AXIS_OBJ_RPDO_MAPPING_29 = 355,
-  AXIS_OBJ_RPDO_MAPPING_30 = 356,
-  AXIS_OBJ_RPDO_MAPPING_31 = 357,
-  AXIS_OBJ_RPDO_MAPPING_32 = 358,
-  AXIS_OBJ_TPDO_COB_ID_1 = 359,
-  AXIS_OBJ_TPDO_COB_ID_2 = 360,
-  AXIS_OBJ_TPDO_COB_ID_3 = 361,
-  AXIS_OBJ_TPDO_COB_ID_4 = 362,
-  AXIS_OBJ_TPDO_TRANSMISSION_1 = 363,
-  AXIS_OBJ_TPDO_TRANSMISSION_2 = 364,
-  AXIS_OBJ_TPDO_TRANSMISSION_3 = 365,
-  AXIS_OBJ_TPDO_TRANSMISSION_4 = 366,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 367,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 368,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 369,
-  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 370,
-  AXIS_OBJ_TPDO_EVENT_TIME_1 = 371,
-  AXIS_OBJ_TPDO_EVENT_TIME_2 = 372,
-  AXIS_OBJ_TPDO_EVENT_TIME_3 = 373,
-  AXIS_OBJ_TPDO_EVENT_TIME_4 = 374,
-  AXIS_OBJ_TPDO_SYNC_START_1 = 375,
-  AXIS_OBJ_TPDO_SYNC_START_2 = 376,
-  AXIS_OBJ_TPDO_SYNC_START_3 = 377,
-  AXIS_OBJ_TPDO_SYNC_START_4 = 378,
-  AXIS_OBJ_TPDO_MAPPED_1 = 379,
-  AXIS_OBJ_TPDO_MAPPED_2 = 380,
-  AXIS_OBJ_TPDO_MAPPED_3 = 381,
-  AXIS_OBJ_TPDO_MAPPED_4 = 382,
-  AXIS_OBJ_TPDO_MAPPING_1 = 383,
-  AXIS_OBJ_TPDO_MAPPING_2 = 384,
-  AXIS_OBJ_TPDO_MAPPING_3 = 385,
-  AXIS_OBJ_TPDO_MAPPING_4 = 386,
-  AXIS_OBJ_TPDO_MAPPING_5 = 387,
-  AXIS_OBJ_TPDO_MAPPING_6 = 388,
-  AXIS_OBJ_TPDO_MAPPING_7 = 389,
-  AXIS_OBJ_TPDO_MAPPING_8 = 390,
-  AXIS_OBJ_TPDO_MAPPING_9 = 391,
-  AXIS_OBJ_TPDO_MAPPING_10 = 392,
-  AXIS_OBJ_TPDO_MAPPING_11 = 393,
-  AXIS_OBJ_TPDO_MAPPING_12 = 394,
-  AXIS_OBJ_TPDO_MAPPING_13 = 395,
-  AXIS_OBJ_TPDO_MAPPING_14 = 396,
-  AXIS_OBJ_TPDO_MAPPING_15 = 397,
-  AXIS_OBJ_TPDO_MAPPING_16 = 398,
-  AXIS_OBJ_TPDO_MAPPING_17 = 399,
-  AXIS_OBJ_TPDO_MAPPING_18 = 400,
-  AXIS_OBJ_TPDO_MAPPING_19 = 401,
-  AXIS_OBJ_TPDO_MAPPING_20 = 402,
-  AXIS_OBJ_TPDO_MAPPING_21 = 403,
-  AXIS_OBJ_TPDO_MAPPING_22 = 404,
-  AXIS_OBJ_TPDO_MAPPING_23 = 405,
-  AXIS_OBJ_TPDO_MAPPING_24 = 406,
-  AXIS_OBJ_TPDO_MAPPING_25 = 407,
-  AXIS_OBJ_TPDO_MAPPING_26 = 408,
-  AXIS_OBJ_TPDO_MAPPING_27 = 409,
-  AXIS_OBJ_TPDO_MAPPING_28 = 410,
-  AXIS_OBJ_TPDO_MAPPING_29 = 411,
-  AXIS_OBJ_TPDO_MAPPING_30 = 412,
-  AXIS_OBJ_TPDO_MAPPING_31 = 413,
-  AXIS_OBJ_TPDO_MAPPING_32 = 414,
-  AXIS_OBJ_NMT_STATE = 415,
-  AXIS_OBJ_SYNC_COUNT = 416,
-  AXIS_OBJ_COUNT = 417 /* one past the last number */
+  AXIS_OBJ_EXCITATION_RUN = 241,
+  AXIS_OBJ_EXCITATION_POINT = 242,
+  AXIS_OBJ_EXCITATION_CODE = 243,
+  AXIS_OBJ_EXCITATION_FORCE = 244,
+  AXIS_OBJ_EXCITATION_RAMP = 245,
+  AXIS_OBJ_EXCITATION_FORCE_MAX = 246,
+  AXIS_OBJ_EXCITATION_FORCE_MIN = 247,
+  AXIS_OBJ_EXCITATION_TRAVEL = 248,
+  AXIS_OBJ_EXCITATION_STATE = 249,
+  AXIS_OBJ_EXCITATION_VALUE = 250,
+  AXIS_OBJ_LIMIT_CYCLE_LOSSES = 251,
+  AXIS_OBJ_LIMIT_CYCLE = 252,
+  AXIS_OBJ_FORCE_SATURATED = 253,
+  AXIS_OBJ_FORCE_PEAK = 254,
+  AXIS_OBJ_FIRST_MOTION_TEST = 255,
+  AXIS_OBJ_FIRST_MOTION_CODE = 256,
+  AXIS_OBJ_FIRST_MOTION_COUNTS = 257,
+  AXIS_OBJ_FIRST_MOTION_SPEED = 258,
+  AXIS_OBJ_FIRST_MOTION_RESULT = 259,
+  AXIS_OBJ_FIRST_MOTION_MOVED = 260,
+  AXIS_OBJ_FIRST_MOTION_CODE_REACHED = 261,
+  AXIS_OBJ_FIRST_MOTION_FORCE = 262,
+  AXIS_OBJ_OBJECT_TABLE_HASH = 263,
+  AXIS_OBJ_COMMAND_SOURCE = 264,
+  AXIS_OBJ_WATCHDOG = 265,
+  AXIS_OBJ_UNSUPERVISED_OWNER = 266,
+  AXIS_OBJ_STORE_PARAMETERS = 267,
+  AXIS_OBJ_RESTORE_DEFAULTS = 268,
+  AXIS_OBJ_STORE_STATE = 269,
+  AXIS_OBJ_STORE_CHANGE_COUNT = 270,
+  AXIS_OBJ_STORE_CHANGE_1 = 271,
+  AXIS_OBJ_STORE_CHANGE_2 = 272,
+  AXIS_OBJ_STORE_CHANGE_3 = 273,
+  AXIS_OBJ_STORE_CHANGE_4 = 274,
+  AXIS_OBJ_STORE_CHANGE_5 = 275,
+  AXIS_OBJ_STORE_CHANGE_6 = 276,
+  AXIS_OBJ_STORE_CHANGE_7 = 277,
+  AXIS_OBJ_STORE_CHANGE_8 = 278,
+  AXIS_OBJ_MODBUS_WORD_ORDER = 279,
+  AXIS_OBJ_OVERRUNS = 280,
+  AXIS_OBJ_NODE_ID = 281,
+  AXIS_OBJ_STORED_NODE_ID = 282,
+  AXIS_OBJ_STORED_BIT_RATE = 283,
+  AXIS_OBJ_BIT_RATE = 284,
+  AXIS_OBJ_CAN_LOST = 285,
+  AXIS_OBJ_DEVICE_TYPE = 286,
+  AXIS_OBJ_ERROR_REGISTER = 287,
+  AXIS_OBJ_ERROR_HISTORY_COUNT = 288,
+  AXIS_OBJ_ERROR_HISTORY_1 = 289,
+  AXIS_OBJ_ERROR_HISTORY_2 = 290,
+  AXIS_OBJ_ERROR_HISTORY_3 = 291,
+  AXIS_OBJ_ERROR_HISTORY_4 = 292,
+  AXIS_OBJ_ERROR_HISTORY_5 = 293,
+  AXIS_OBJ_ERROR_HISTORY_6 = 294,
+  AXIS_OBJ_ERROR_HISTORY_7 = 295,
+  AXIS_OBJ_ERROR_HISTORY_8 = 296,
+  AXIS_OBJ_SYNC_COB_ID = 297,
+  AXIS_OBJ_STORE_ALL = 298,
+  AXIS_OBJ_RESTORE_ALL = 299,
+  AXIS_OBJ_EMCY_COB_ID = 300,
+  AXIS_OBJ_EMCY_INHIBIT_TIME = 301,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_1 = 302,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_2 = 303,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_3 = 304,
+  AXIS_OBJ_CONSUMER_HEARTBEAT_4 = 305,
+  AXIS_OBJ_PRODUCER_HEARTBEAT_TIME = 306,
+  AXIS_OBJ_VENDOR_ID = 307,
+  AXIS_OBJ_PRODUCT_CODE = 308,
+  AXIS_OBJ_REVISION_NUMBER = 309,
+  AXIS_OBJ_SERIAL_NUMBER = 310,
+  AXIS_OBJ_SYNC_COUNTER_OVERFLOW = 311,
+  AXIS_OBJ_CONFIGURATION_DATE = 312,
+  AXIS_OBJ_CONFIGURATION_TIME = 313,
+  AXIS_OBJ_ERROR_BEHAVIOUR = 314,
+  AXIS_OBJ_SDO_SERVER_RECEIVE = 315,
+  AXIS_OBJ_SDO_SERVER_TRANSMIT = 316,
+  AXIS_OBJ_SDO_MODBUS_RECEIVE = 317,
+  AXIS_OBJ_SDO_MODBUS_TRANSMIT = 318,
+  AXIS_OBJ_SDO_LCM_RECEIVE = 319,
+  AXIS_OBJ_SDO_LCM_TRANSMIT = 320,
+  AXIS_OBJ_RPDO_COB_ID_1 = 321,
+  AXIS_OBJ_RPDO_COB_ID_2 = 322,
+  AXIS_OBJ_RPDO_COB_ID_3 = 323,
+  AXIS_OBJ_RPDO_COB_ID_4 = 324,
+  AXIS_OBJ_RPDO_TRANSMISSION_1 = 325,
+  AXIS_OBJ_RPDO_TRANSMISSION_2 = 326,
+  AXIS_OBJ_RPDO_TRANSMISSION_3 = 327,
+  AXIS_OBJ_RPDO_TRANSMISSION_4 = 328,
+  AXIS_OBJ_RPDO_TIMEOUT_1 = 329,
+  AXIS_OBJ_RPDO_TIMEOUT_2 = 330,
+  AXIS_OBJ_RPDO_TIMEOUT_3 = 331,
+  AXIS_OBJ_RPDO_TIMEOUT_4 = 332,
+  AXIS_OBJ_RPDO_MAPPED_1 = 333,
+  AXIS_OBJ_RPDO_MAPPED_2 = 334,
+  AXIS_OBJ_RPDO_MAPPED_3 = 335,
+  AXIS_OBJ_RPDO_MAPPED_4 = 336,
+  AXIS_OBJ_RPDO_MAPPING_1 = 337,
+  AXIS_OBJ_RPDO_MAPPING_2 = 338,
+  AXIS_OBJ_RPDO_MAPPING_3 = 339,
+  AXIS_OBJ_RPDO_MAPPING_4 = 340,
+  AXIS_OBJ_RPDO_MAPPING_5 = 341,
+  AXIS_OBJ_RPDO_MAPPING_6 = 342,
+  AXIS_OBJ_RPDO_MAPPING_7 = 343,
+  AXIS_OBJ_RPDO_MAPPING_8 = 344,
+  AXIS_OBJ_RPDO_MAPPING_9 = 345,
+  AXIS_OBJ_RPDO_MAPPING_10 = 346,
+  AXIS_OBJ_RPDO_MAPPING_11 = 347,
+  AXIS_OBJ_RPDO_MAPPING_12 = 348,
+  AXIS_OBJ_RPDO_MAPPING_13 = 349,
+  AXIS_OBJ_RPDO_MAPPING_14 = 350,
+  AXIS_OBJ_RPDO_MAPPING_15 = 351,
+  AXIS_OBJ_RPDO_MAPPING_16 = 352,
+  AXIS_OBJ_RPDO_MAPPING_17 = 353,
+  AXIS_OBJ_RPDO_MAPPING_18 = 354,
+  AXIS_OBJ_RPDO_MAPPING_19 = 355,
+  AXIS_OBJ_RPDO_MAPPING_20 = 356,
+  AXIS_OBJ_RPDO_MAPPING_21 = 357,
+  AXIS_OBJ_RPDO_MAPPING_22 = 358,
+  AXIS_OBJ_RPDO_MAPPING_23 = 359,
+  AXIS_OBJ_RPDO_MAPPING_24 = 360,
+  AXIS_OBJ_RPDO_MAPPING_25 = 361,
+  AXIS_OBJ_RPDO_MAPPING_26 = 362,
+  AXIS_OBJ_RPDO_MAPPING_27 = 363,
+  AXIS_OBJ_RPDO_MAPPING_28 = 364,
+  AXIS_OBJ_RPDO_MAPPING_29 = 365,
+  AXIS_OBJ_RPDO_MAPPING_30 = 366,
+  AXIS_OBJ_RPDO_MAPPING_31 = 367,
+  AXIS_OBJ_RPDO_MAPPING_32 = 368,
+  AXIS_OBJ_TPDO_COB_ID_1 = 369,
+  AXIS_OBJ_TPDO_COB_ID_2 = 370,
+  AXIS_OBJ_TPDO_COB_ID_3 = 371,
+  AXIS_OBJ_TPDO_COB_ID_4 = 372,
+  AXIS_OBJ_TPDO_TRANSMISSION_1 = 373,
+  AXIS_OBJ_TPDO_TRANSMISSION_2 = 374,
+  AXIS_OBJ_TPDO_TRANSMISSION_3 = 375,
+  AXIS_OBJ_TPDO_TRANSMISSION_4 = 376,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_1 = 377,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_2 = 378,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_3 = 379,
+  AXIS_OBJ_TPDO_INHIBIT_TIME_4 = 380,
+  AXIS_OBJ_TPDO_EVENT_TIME_1 = 381,
+  AXIS_OBJ_TPDO_EVENT_TIME_2 = 382,
+  AXIS_OBJ_TPDO_EVENT_TIME_3 = 383,
+  AXIS_OBJ_TPDO_EVENT_TIME_4 = 384,
+  AXIS_OBJ_TPDO_SYNC_START_1 = 385,
+  AXIS_OBJ_TPDO_SYNC_START_2 = 386,
+  AXIS_OBJ_TPDO_SYNC_START_3 = 387,
+  AXIS_OBJ_TPDO_SYNC_START_4 = 388,
+  AXIS_OBJ_TPDO_MAPPED_1 = 389,
+  AXIS_OBJ_TPDO_MAPPED_2 = 390,
+  AXIS_OBJ_TPDO_MAPPED_3 = 391,
+  AXIS_OBJ_TPDO_MAPPED_4 = 392,
+  AXIS_OBJ_TPDO_MAPPING_1 = 393,
+  AXIS_OBJ_TPDO_MAPPING_2 = 394,
+  AXIS_OBJ_TPDO_MAPPING_3 = 395,
+  AXIS_OBJ_TPDO_MAPPING_4 = 396,
+  AXIS_OBJ_TPDO_MAPPING_5 = 397,
+  AXIS_OBJ_TPDO_MAPPING_6 = 398,
+  AXIS_OBJ_TPDO_MAPPING_7 = 399,
+  AXIS_OBJ_TPDO_MAPPING_8 = 400,
+  AXIS_OBJ_TPDO_MAPPING_9 = 401,
+  AXIS_OBJ_TPDO_MAPPING_10 = 402,
+  AXIS_OBJ_TPDO_MAPPING_11 = 403,
+  AXIS_OBJ_TPDO_MAPPING_12 = 404,
+  AXIS_OBJ_TPDO_MAPPING_13 = 405,
+  AXIS_OBJ_TPDO_MAPPING_14 = 406,
+  AXIS_OBJ_TPDO_MAPPING_15 = 407,
+  AXIS_OBJ_TPDO_MAPPING_16 = 408,
+  AXIS_OBJ_TPDO_MAPPING_17 = 409,
+  AXIS_OBJ_TPDO_MAPPING_18 = 410,
+  AXIS_OBJ_TPDO_MAPPING_19 = 411,
+  AXIS_OBJ_TPDO_MAPPING_20 = 412,
+  AXIS_OBJ_TPDO_MAPPING_21 = 413,
+  AXIS_OBJ_TPDO_MAPPING_22 = 414,
+  AXIS_OBJ_TPDO_MAPPING_23 = 415,
+  AXIS_OBJ_TPDO_MAPPING_24 = 416,
+  AXIS_OBJ_TPDO_MAPPING_25 = 417,
+  AXIS_OBJ_TPDO_MAPPING_26 = 418,
+  AXIS_OBJ_TPDO_MAPPING_27 = 419,
+  AXIS_OBJ_TPDO_MAPPING_28 = 420,
+  AXIS_OBJ_TPDO_MAPPING_29 = 421,
+  AXIS_OBJ_TPDO_MAPPING_30 = 422,
+  AXIS_OBJ_TPDO_MAPPING_31 = 423,
+  AXIS_OBJ_TPDO_MAPPING_32 = 424,
+  AXIS_OBJ_NMT_STATE = 425,
+  AXIS_OBJ_SYNC_COUNT = 426,
+  AXIS_OBJ_COUNT = 427 /* one past the last number */
 };
 
 enum {
@@ -501,7 +511,8 @@ enum {
   AXIS_RECORDER_TRIGGER_EDGE_RISING = 1,
   AXIS_RECORDER_TRIGGER_EDGE_FALLING = 2,
   AXIS_RECORDER_TRIGGER_EDGE_EITHER = 3,
-  AXIS_RECORDER_TRIGGER_EDGE_COUNT = 4
+  AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START = 4,
+  AXIS_RECORDER_TRIGGER_EDGE_COUNT = 5
 };
 
 enum {
@@ -590,6 +601,34 @@ enum {
   AXIS_STOPPED_BY_LCM = 3,
   AXIS_STOPPED_BY_PORT = 4,
   AXIS_STOPPED_BY_COUNT = 5
+};
+
+enum {
+  AXIS_EXCITATION_RUN_STOP = 0,
+  AXIS_EXCITATION_RUN_START = 1,
+  AXIS_EXCITATION_RUN_COUNT = 2
+};
+
+enum {
+  AXIS_EXCITATION_POINT_OUTPUT = 0,
+  AXIS_EXCITATION_POINT_SETPOINT = 1,
+  AXIS_EXCITATION_POINT_COUNT = 2
+};
+
+enum {
+  AXIS_EXCITATION_STATE_IDLE = 0,
+  AXIS_EXCITATION_STATE_DONE = 1,
+  AXIS_EXCITATION_STATE_ENDED_FORCE = 2,
+  AXIS_EXCITATION_STATE_ENDED_TRAVEL = 3,
+  AXIS_EXCITATION_STATE_ENDED_CONTACT = 4,
+  AXIS_EXCITATION_STATE_ENDED_MODE = 5,
+  AXIS_EXCITATION_STATE_ENDED_OWNER = 6,
+  AXIS_EXCITATION_STATE_REFUSED_MODE = 7,
+  AXIS_EXCITATION_STATE_REFUSED_CONTACT = 8,
+  AXIS_EXCITATION_STATE_RAMPING_DOWN = 9,
+  AXIS_EXCITATION_STATE_RAMPING_UP = 10,
+  AXIS_EXCITATION_STATE_RUNNING = 11,
+  AXIS_EXCITATION_STATE_COUNT = 12
 };
 
 enum {
@@ -765,7 +804,7 @@ typedef struct {
   uint16_t recorder_decimation; /* ticks from one sample to the next [tick] */
   uint16_t recorder_pretrigger; /* samples kept from before the trigger [1] */
   uint16_t recorder_length; /* samples of a recording; 0 means as many as the buffer holds [1] */
-  uint8_t recorder_trigger_edge; /* how the source must pass the level from one tick to the next [enum] */
+  uint8_t recorder_trigger_edge; /* how the source must pass the level from one tick to the next; excitation_start needs neither: the tick in which the first value of the excitation acts [enum] */
 } recorder_params_t;
 
 typedef struct {
@@ -809,6 +848,9 @@ typedef struct {
   uint32_t homing_speed[2]; /* speeds of homing: toward the switch, and slow, for the place [count/s] */
   uint32_t homing_acceleration; /* acceleration of homing [count/s^2] */
   int32_t interpolation_setpoint; /* target_position under its other address: writing one writes both [count] */
+  int32_t excitation_force_max; /* a reading above this ends the excitation in the same tick [1/256 count] */
+  int32_t excitation_force_min; /* a reading below this ends the excitation in the same tick [1/256 count] */
+  uint32_t excitation_travel; /* a position further than this from where the excitation started ends it in the same tick; 0 is without bound [count] */
   uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
   int16_t abort_connection_option; /* when the owner of the axis is lost: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop [1] */
   int16_t quick_stop_option; /* 0 disable at once, 1 slow down then disable, 2 quick-stop ramp then disable, 5 and 6 the same ramps but stay in quick stop [1] */
@@ -827,6 +869,9 @@ typedef struct {
   uint16_t force_limit; /* bound of the target force [per mille] */
   uint16_t contact_loss_dwell; /* time for which the force modes 4 and 10 go on with the force law after contact was lost, before the axis approaches again [ms] */
   uint16_t contact_loss_cap; /* largest code that presses meanwhile; 2048 is without a cap [code] */
+  uint16_t excitation_code; /* amplitude at the output of the force law [code] */
+  uint16_t excitation_force; /* amplitude at the set-point of the force law [1/256 count] */
+  uint16_t excitation_ramp; /* time in which the amplitude rises from 0 at the start, and falls to 0 at the stop [ms] */
   uint16_t limit_cycle_losses; /* contacts lost within one second that count as a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the code that the test puts out [code] */
   uint16_t first_motion_counts; /* counts by which the encoder must move; the test ends with the fault runaway at eight times as many [count] */
@@ -837,6 +882,7 @@ typedef struct {
   int8_t homing_method; /* -1: on contact; 17, 18: limit switch; 19 to 22: home switch; 33, 34: index; 35, 37: where the axis stands [1] */
   uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
   int8_t interpolation_exponent; /* power of ten of the period, in s [1] */
+  uint8_t excitation_point; /* where the waveform is added: at the output of the force law, or at its set-point [enum] */
   uint8_t first_motion_test; /* whether the first enabling since power-up begins with a test of sensors, amplifier and signs by a small motion; switched on at power-up where the parameter store holds no set [enum] */
 } drive_params_t;
 
@@ -850,6 +896,7 @@ typedef struct {
   int32_t velocity_demand; /* velocity the trajectory asks for [count/s] */
   int32_t velocity_actual; /* velocity, mean of the last 16 ticks [count/s] */
   uint32_t drive_inputs; /* bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain [1] */
+  int32_t excitation_value; /* what was added in this tick: codes at the output, counts of the reading at the set-point [1/256 1] */
   int32_t force_peak; /* largest reading since force control was switched on [1/256 count] */
   int32_t first_motion_moved; /* counts moved at first_motion_code_reached, from the place where the axis stood [count] */
   int32_t first_motion_force; /* change of the force reading by the motion out [1/256 count] */
@@ -865,6 +912,7 @@ typedef struct {
   uint8_t stopped_by; /* who else than its owner stopped the axis: it is not enabled again until the owner has sent a controlword that does not enable [enum] */
   int8_t homing_methods[11]; /* homing methods that inputs_fitted allows; 0 for none [1] */
   uint8_t contact; /* 1 while the magnitude of the reading is above contact_force [1] */
+  uint8_t excitation_state; /* what the excitation in a force mode does, or why it ended or was refused [enum] */
   uint8_t limit_cycle; /* 1 while contact is lost that often [1] */
   uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
   uint8_t first_motion_result; /* what the test before the first motion has found [enum] */
@@ -936,8 +984,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x1e293fac)
-#define AXIS_OBJECTS_HASH_TEXT "1e293fac"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xe3a9b7ab)
+#define AXIS_OBJECTS_HASH_TEXT "e3a9b7ab"
 /* That of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
@@ -1012,9 +1060,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 276,
-  AXIS_ADDRESSES_COUNT = 454,
-  AXIS_HOLDING_COUNT = 106,
-  AXIS_INPUT_COUNT = 59
+  AXIS_ADDRESSES_COUNT = 464,
+  AXIS_HOLDING_COUNT = 114,
+  AXIS_INPUT_COUNT = 61
 };
 
 /* By index, then sub-index. */
