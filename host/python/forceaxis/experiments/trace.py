@@ -8,7 +8,7 @@ import numpy as np
 
 def figure(done):
     """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position and force
-    where the experiment names no rows."""
+    where the experiment names no rows. Objects that a link did not trace are left out."""
     from forceaxis.experiments import plots
 
     time_s = done.columns["time_s"]
@@ -17,10 +17,17 @@ def figure(done):
     if not shown.any():  # an override made the run shorter than the plot
         shown[:] = True
     rows = [
-        {name: done.columns[name][shown] for name in names}
+        {name: done.columns[name][shown] for name in names if name in done.columns}
         for names in done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
     ]
-    return plots.trace(time_s[shown], rows, done.title)
+    held = done.summary["metrics"]["held_force"]
+    return plots.trace(
+        time_s[shown],
+        [row for row in rows if row],
+        done.title,
+        units=done.units,
+        setpoint_N=held and held["setpoint_N"],
+    )
 
 
 def write(done, out):
