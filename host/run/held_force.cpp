@@ -70,10 +70,14 @@ std::optional<ForceTask> force_task(const Experiment &experiment) {
   if (scale == 0.0) return std::nullopt;
   task.setpoint_N = setpoint_of(written, scale);
   for (const Action &action : experiment.actions) {
-    for (const ObjectWrite &w : action.writes) written.add(w);
+    bool disturbs = !action.impulses.empty();
+    for (const ObjectWrite &w : action.writes) {
+      written.add(w);
+      disturbs = disturbs || w.object == AXIS_OBJ_EXCITATION_RUN;
+    }
     const double before = task.setpoint_N;
     task.setpoint_N = setpoint_of(written, scale);
-    if (task.setpoint_N != before || !action.impulses.empty()) task.from_tick = action.tick;
+    if (task.setpoint_N != before || disturbs) task.from_tick = action.tick;
   }
   if (task.setpoint_N == 0.0) return std::nullopt;
   task.signal = experiment.model->adc[0]->signal;

@@ -18,7 +18,7 @@ struct Experiment;
 // of an enabled drive.
 struct ForceTask {
   double setpoint_N = 0.0;
-  std::int64_t from_tick = 0;  // of the last set-point or impulse
+  std::int64_t from_tick = 0;  // of the last set-point, impulse, or start or end of an excitation
   std::string signal;          // of the model, read by ADC 0
 };
 
@@ -33,7 +33,7 @@ struct HeldForce {
   double error_N = 0.0;          // set-point minus held
   double error_percent = 0.0;    // of the set-point, without sign
   double overshoot_percent = 0;  // the signal's largest excess over the set-point since from_s
-  double from_s = 0.0;           // last set-point or impulse, or the first touch after it
+  double from_s = 0.0;           // ForceTask::from_tick, or the first touch after it
   // From from_s until the signal stays within kSettledPart of the force held; infinite where it
   // does not before the window.
   double settle_s = std::numeric_limits<double>::infinity();

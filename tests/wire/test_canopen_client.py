@@ -211,6 +211,7 @@ def test_a_start_of_the_excitation_triggers_the_recorder(node):
     wanted = [(100 * 256 * value >> 15, 11) for value in noise(9, len(samples) - at)]
     assert samples[at:] == wanted
     sdo[0x6040].raw = 0x10F  # halt
+    time.sleep(0.05)
     assert (sdo[0x2038].raw, sdo[0x2039].raw) == (5, 0)
 
 

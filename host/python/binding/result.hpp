@@ -68,6 +68,21 @@ struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
 
+  // The values of a traced object in its unit.
+  template <class T>
+  pybind11::array_t<T> object_column(std::size_t place, const axis_object_meta_t &meta) const {
+    const std::size_t rows = run.records.size();
+    pybind11::array_t<T> values(static_cast<pybind11::ssize_t>(rows));
+    T *out = values.mutable_data();
+    for (std::size_t k = 0; k < rows; ++k) {
+      const std::int32_t bits = run.objects[k * experiment.traced.size() + place];
+      const std::int64_t raw =
+          meta.min < 0 ? std::int64_t{bits} : std::int64_t{static_cast<std::uint32_t>(bits)};
+      out[k] = static_cast<T>(static_cast<double>(raw) * meta.scale);
+    }
+    return values;
+  }
+
   pybind11::dict columns() const {
     pybind11::dict d;
     const auto &records = run.records;
@@ -80,17 +95,10 @@ struct Result {
     d["fault"] = column<std::uint8_t>(run.firmware, [](const auto &r) { return r.fault; });
     d["limit_reason"] =
         column<std::uint8_t>(run.firmware, [](const auto &r) { return r.limit_reason; });
-    const std::size_t objects = run.objects.empty() ? 0 : experiment.traced.size();
-    for (std::size_t j = 0; j < objects; ++j) {
+    for (std::size_t j = 0; !run.objects.empty() && j < experiment.traced.size(); ++j) {
       const auto &meta = forceaxis::host::object_meta(experiment.traced[j]);
-      pybind11::array_t<double> values(static_cast<pybind11::ssize_t>(records.size()));
-      double *out = values.mutable_data();
-      for (std::size_t k = 0; k < records.size(); ++k) {
-        const std::int32_t raw = run.objects[k * objects + j];
-        out[k] = meta.scale * (meta.min < 0 ? static_cast<double>(raw)
-                                            : static_cast<double>(static_cast<std::uint32_t>(raw)));
-      }
-      d[meta.name] = values;
+      d[meta.name] = meta.scale == 1.0 ? pybind11::object(object_column<std::int64_t>(j, meta))
+                                       : pybind11::object(object_column<double>(j, meta));
     }
     const std::size_t width = run.signal_names.size();
     for (std::size_t j = 0; j < width; ++j) {

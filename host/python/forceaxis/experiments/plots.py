@@ -32,10 +32,12 @@ def unit_of(name, units=None):
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
-def trace(time_s, rows, title, width=7.2, units=None, setpoint_N=None):
+def trace(time_s, rows, title, width=7.2, units=None, names=None, setpoint_N=None):
     """Figure of rows of signals over time; rows: [{name: values}], in the units of the trace.
 
-    units: of columns that are objects. setpoint_N: a line in each row of forces of the model."""
+    units: of columns that are objects; names: of their values, for a row of its own. setpoint_N: a
+    line in each row of forces of the model.
+    """
     figure, axes = plt.subplots(
         len(rows), 1, sharex=True, figsize=(width, 0.55 + 1.45 * len(rows)), squeeze=False
     )
@@ -43,6 +45,9 @@ def trace(time_s, rows, title, width=7.2, units=None, setpoint_N=None):
         style(ax)
         for name, values in row.items():
             unit, factor = unit_of(name, units)
+            if len(row) == 1 and (known := (names or {}).get(name)):
+                met, values = np.unique(values, return_inverse=True)
+                ax.set_yticks(range(len(met)), [known.get(int(v), str(v)) for v in met])
             stepped = {"drawstyle": "steps-post"} if (values * factor).dtype.kind in "iu" else {}
             ax.plot(time_s, values * factor, label=name, **THIN, **stepped)
         if setpoint_N is not None and unit == "N":

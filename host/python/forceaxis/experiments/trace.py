@@ -5,6 +5,8 @@ import json
 
 import numpy as np
 
+from forceaxis import objects
+
 
 def figure(done):
     """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position and force
@@ -26,8 +28,15 @@ def figure(done):
         [row for row in rows if row],
         done.title,
         units=done.units,
+        names={name: value_names(name) for name in done.units},
         setpoint_N=held and held["setpoint_N"],
     )
+
+
+def value_names(name):
+    """The names of an object's values: those of an enum, or of single values."""
+    known = objects.BY_NAME[name]
+    return dict(enumerate(known.enum)) or dict(known.values)
 
 
 def write(done, out):
