@@ -3,8 +3,8 @@
 
 /* Recorder: up to 8 values of a structure, sampled at a decimation into a buffer of the caller.
  *
- * idle -> armed (samples go round, waiting for the trigger) -> recording (the rest is filled) ->
- * done. Values are packed one after the other, least significant byte first, each as wide as its
+ * idle -> armed (samples go round, waiting for the trigger) -> recording (the remainder is filled)
+ * -> done. Values are packed one after the other, least significant byte first, each as wide as its
  * type, so 32 KiB hold 16384 samples of one 16-bit code or 2048 of four 32-bit ones.
  *
  * The first sample is taken in the first tick after arming and then every `decimation` ticks,

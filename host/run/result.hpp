@@ -62,7 +62,7 @@ struct RunResult {
   sim::EnergyAudit energy;
   double edge_margin = 0;     // LSB, see sim::Plant::edge_margin()
   std::string trace_hash;     // 64 hexadecimal digits, the plant's side
-  std::string firmware_hash;  // the firmware's side, if RunOptions asks for it
+  std::string firmware_hash;  // the firmware's side, if RunOptions requests it
   Metrics metrics;
   std::string fault;  // name of the first fault of the run, "none"
   std::vector<Refusal> refused;

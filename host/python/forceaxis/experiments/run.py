@@ -128,13 +128,13 @@ def force_reasons(criterion, held):
     """Every limit of [verdict] that the force held, see metrics.held_force, exceeds, in words."""
     if held is None:
         return []
-    asked = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held"
+    kept = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held"
     found = []
     limit = criterion["held_force_error_max_N"]
     if limit is not None and abs(held["error_N"]) > limit:
-        found.append(f"{asked}, error {abs(held['error_N']):.3g} above {limit:.3g} N")
+        found.append(f"{kept}, error {abs(held['error_N']):.3g} above {limit:.3g} N")
     for what, limit_key, words in (
-        ("error_percent", "held_force_error_max_percent", f"{asked}, error"),
+        ("error_percent", "held_force_error_max_percent", f"{kept}, error"),
         ("overshoot_percent", "overshoot_max_percent", "overshoot"),
     ):
         limit = criterion[limit_key]
