@@ -31,6 +31,9 @@ void reports_contact(fw_t *fw) {
   if ((risen & REPORTS_LIMIT_CYCLE) != 0) {
     reports_limited(fw, AXIS_ERROR_CODE_LIMIT_CYCLE);
   }
+  if ((now & REPORTS_HALVINGS) > (before & REPORTS_HALVINGS)) {
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_GAIN_HALVED, fw->drive.signals.gain_halvings);
+  }
 }
 
 void reports_store(fw_t *fw) {

@@ -12,12 +12,15 @@ void reports_limited(fw_t *fw, uint16_t code);
 
 /* State of the contact, to be compared with fw->contact_seen. */
 enum { REPORTS_CONTACT = 1, REPORTS_SATURATED = 2, REPORTS_LIMIT_CYCLE = 4 };
+/* And how often the gain was halved, at most TOUCH_HALVINGS. */
+enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
-  /* Each of them is 0 or 1. */
+  /* The others are 0 or 1. */
   return (uint8_t)(signals->contact * REPORTS_CONTACT +
                    signals->force_saturated * REPORTS_SATURATED +
-                   signals->limit_cycle * REPORTS_LIMIT_CYCLE);
+                   signals->limit_cycle * REPORTS_LIMIT_CYCLE +
+                   signals->gain_halvings * REPORTS_HALVED);
 }
 
 /* Reports changes of that state since the last call. A contact is lost only while force is

@@ -157,9 +157,11 @@ void axis_init(axis_t *axis) {
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
   axis->law.selected = 0;
+  axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->excitation_q16 = 0;
   axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+  axis->bumpless_contact = 0;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;
@@ -204,8 +206,24 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   }
 }
 
+/* A bank's gain is halved where it lies, so that its tick costs nothing. */
+static void halve_bank(force_law_t *law, uint8_t halvings) {
+  law->halvings = halvings;
+  law->bank.gain_q8 = fx_halved(law->whole_gain_q8, halvings);
+}
+
 void axis_bank_selected(axis_t *axis, uint8_t number) {
   axis->law.selected = number;
+  axis->law.whole_gain_q8 = axis->law.bank.gain_q8;
+  halve_bank(&axis->law, axis->law.halvings);
+  axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
+}
+
+void axis_halve_force_gain(axis_t *axis, uint8_t halvings) {
+  if (axis->law.halvings == 0) {
+    axis->law.whole_gain_q8 = axis->law.bank.gain_q8;
+  }
+  halve_bank(&axis->law, halvings);
   axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
 }
 

@@ -54,13 +54,13 @@ typedef struct {
   profile_t profile;
   excitation_t excitation;
   force_law_t law;
-  int32_t excitation_q16; /* added to the command of a force law; the owner keeps it within +-2048
-                             codes */
-  int16_t press_cap_code; /* out of contact a force law presses with at most this code */
-  uint8_t primed;         /* signals.position is the count of the last tick */
-  uint8_t rebase;         /* the next code continues from the one put out before it */
-  uint8_t bias_shift;     /* bump_decay_shift at the change that set signals.bump_bias */
-  uint8_t setpoint_new;   /* position_setpoint was written for a coming position mode */
+  int32_t excitation_q16;   /* added to the command of a force law, within +-2048 codes */
+  int16_t press_cap_code;   /* out of contact a force law presses with at most this code */
+  uint8_t bumpless_contact; /* with it: the code continues from the one before the contact */
+  uint8_t primed;           /* signals.position is the count of the last tick */
+  uint8_t rebase;           /* the next code continues from the one put out before it */
+  uint8_t bias_shift;       /* bump_decay_shift at the change that set signals.bump_bias */
+  uint8_t setpoint_new;     /* position_setpoint was written for a coming position mode */
 } axis_t;
 
 /* Power-up: disabled, code 0, no fault, parameters at their defaults. */
@@ -103,6 +103,10 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
  * Taken over without a bump in force mode, as another gain is; the integral goes on if the new law
  * has one. */
 void axis_bank_selected(axis_t *axis, uint8_t number);
+
+/* The gain of the force law, of force_gain and of banks alike, is halved so often (0..15) from the
+ * coming tick on. Taken over without a bump. */
+void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
  * disabled in the next tick. */

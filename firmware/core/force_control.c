@@ -34,8 +34,15 @@ int32_t force_control_step(axis_t *axis) {
   const int32_t force_q8 = axis->signals.force;
   const bool touching = !fx_within(force_q8, params->contact_force);
   const int32_t code_q16 = (axis->law.selected == 0)
-                               ? law_force(params->force_gain, params->force_setpoint, force_q8)
+                               ? law_force(fx_halved(params->force_gain, axis->law.halvings),
+                                           params->force_setpoint, force_q8)
                                : evaluate_bank(axis, touching);
-  return (touching || axis->press_cap_code == AXIS_PRESS_CAP_NONE) ? code_q16 + axis->excitation_q16
-                                                                   : cap_pressing(axis, code_q16);
+  if (axis->press_cap_code == AXIS_PRESS_CAP_NONE) {
+    return code_q16 + axis->excitation_q16;
+  }
+  if (touching) {
+    axis->rebase |= axis->bumpless_contact;
+    return code_q16 + axis->excitation_q16;
+  }
+  return cap_pressing(axis, code_q16);
 }

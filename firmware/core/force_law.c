@@ -23,10 +23,30 @@ static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS
   return y;
 }
 
+/* As if x had been the input for ever. */
+static void settle(force_section_t *section, int32_t x) {
+  section->x[0] = x;
+  section->x[1] = x;
+  section->y[0] = x;
+  section->y[1] = x;
+  section->remainder_q26 = 0;
+}
+
 static void begin(force_law_t *law, int32_t x) {
+  /*@ loop invariant 0 <= i <= law->bank.sections && legal_sections(law);
+      loop assigns i, law->sections[0 .. 2]; */
   for (uint8_t i = 0; i < law->bank.sections; i++) {
-    law->sections[i] = (force_section_t){.x = {x, x}, .y = {x, x}, .remainder_q26 = 0};
+    settle(&law->sections[i], x);
   }
+}
+
+static void integrate(force_law_t *law, int32_t proportional_q16) {
+  const int64_t sum_q42 = (int64_t)law->integral_q16 * ONE_Q26 + law->integral_remainder_q26 +
+                          (int64_t)law->bank.integral_q26 * proportional_q16;
+  const int64_t floor_q16 = fx_floor_shift_wide(sum_q42, 26);
+  const int32_t limited_q16 = fx_saturate(floor_q16, LAW_MIN_Q16, LAW_MAX_Q16);
+  law->integral_q16 = limited_q16;
+  law->integral_remainder_q26 = (limited_q16 == floor_q16) ? fx_field((uint32_t)sum_q42, 0, 26) : 0;
 }
 
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
@@ -36,18 +56,15 @@ int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
   if (tick.begins) {
     begin(law, y);
   }
+  /*@ loop invariant 0 <= i <= bank->sections && legal_sections(law) && bounded(y);
+      loop assigns i, y, law->sections[0 .. 2]; */
   for (uint8_t i = 0; i < bank->sections; i++) {
     y = section_step(bank->coefficient_q26[i], &law->sections[i], y);
   }
   const int32_t proportional_q16 = fx_saturate(fx_floor_shift_wide(fx_mul(bank->gain_q8, y), 8),
                                                -SIGNAL_MAX_Q16, SIGNAL_MAX_Q16);
   if ((proportional_q16 > 0) ? tick.up : tick.down) {
-    const int64_t sum_q42 = (int64_t)law->integral_q16 * ONE_Q26 + law->integral_remainder_q26 +
-                            (int64_t)bank->integral_q26 * proportional_q16;
-    const int64_t floor_q16 = fx_floor_shift_wide(sum_q42, 26);
-    law->integral_q16 = fx_saturate(floor_q16, LAW_MIN_Q16, LAW_MAX_Q16);
-    law->integral_remainder_q26 =
-        (law->integral_q16 == floor_q16) ? fx_field((uint32_t)sum_q42, 0, 26) : 0;
+    integrate(law, proportional_q16);
   }
   const int64_t damping_q16 = fx_mul(bank->velocity_gain_q8, velocity_cnt) * 256;
   return fx_saturate((int64_t)proportional_q16 + law->integral_q16 - damping_q16, LAW_MIN_Q16,

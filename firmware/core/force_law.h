@@ -38,6 +38,8 @@ typedef struct {
   int32_t integral_q16;            /* code */
   uint32_t integral_remainder_q26; /* what its rounding dropped, in 1/65536 code */
   uint8_t selected;                /* number of the bank, 0: law_force() with force_gain */
+  uint8_t halvings;                /* of the gain in force, rounded down */
+  uint16_t whole_gain_q8;          /* of the bank, while it is halved */
 } force_law_t;
 
 /* What a tick is to the law. `begins`: the error has been this one for ever, so a section whose

@@ -2,8 +2,10 @@
 
 #include "firmware/fx/fx.h"
 
+void contact_forget_losses(contact_t *contact) { *contact = (contact_t){0}; }
+
 void contact_start(contact_t *contact, drive_signals_t *signals) {
-  *contact = (contact_t){0};
+  contact_forget_losses(contact);
   signals->contact_losses = 0;
   signals->limit_cycle = 0;
   signals->force_peak = 0;
@@ -37,7 +39,7 @@ void contact_tick(contact_t *contact, const drive_params_t *params, drive_signal
     signals->force_peak = force;
   }
   contact->slot_tick = (uint8_t)(contact->slot_tick + 1);
-  if (contact->slot_tick == CONTACT_SLOT_TICKS) {
+  if (contact->slot_tick >= params->limit_cycle_window) {
     next_slot(contact);
   }
   if (lost) {
@@ -48,5 +50,6 @@ void contact_tick(contact_t *contact, const drive_params_t *params, drive_signal
     }
   }
   const uint16_t many = params->limit_cycle_losses;
-  signals->limit_cycle = (many != 0 && contact->recent >= many) ? 1 : 0;
+  const bool loses = many != 0 && contact->recent >= many;
+  signals->limit_cycle = (loses || contact->rippling != 0) ? 1 : 0;
 }

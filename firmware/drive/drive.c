@@ -62,8 +62,11 @@ void cia402_init(cia402_t *drive) {
     drive->velocities[i] = 0;
   }
   drive->velocity_next = 0;
+  shaper_clear(&drive->force_shaper);
+  shaper_clear(&drive->motion_shaper);
   drive->contact = (contact_t){0};
   drive->excitation = (contact_excitation_t){0};
+  touch_start(&drive->touch);
   drive->homing = (cia402_homing_t){0};
   drive->lead_cnt = 0;
   drive->overridden = (cia402_overridden_t){0};
@@ -198,7 +201,19 @@ static void react(cia402_t *drive, axis_t *axis) {
   }
 }
 
+static void answer_touch(cia402_t *drive, axis_t *axis) {
+  const uint8_t fault =
+      touch_answer(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+  if (fault != AXIS_FAULT_NONE && state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
+    raise_fault(drive, axis, fault);
+  }
+}
+
 void cia402_before(cia402_t *drive, axis_t *axis) {
+  if (drive->touch.finding != AXIS_FAULT_NONE) {
+    answer_touch(drive, axis);
+  }
+  drive->touch.setpoint = 0;
   drive->limited = 0;
   drive->lead_cnt = 0;
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
@@ -225,15 +240,11 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
       motion_rest(drive, axis);
       break;
   }
-  if (contact_excitation_is_active(&drive->signals)) {
-    cia402_prepare_excitation(drive, axis);
-  }
+  cia402_excite_before(drive, axis);
 }
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
-  if (contact_excitation_is_active(&drive->signals)) {
-    contact_excitation_remove(&drive->excitation, &drive->params, &drive->signals, axis);
-  }
+  cia402_excite_after(drive, axis);
   const uint8_t controlled =
       state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
@@ -242,6 +253,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   }
   if (controlled != 0 && drive->controlled == 0) {
     contact_start(&drive->contact, &drive->signals);
+    touch_start(&drive->touch);
   }
   drive->controlled = controlled;
   if (drive->homing.state == CIA402_HOMING_ASKED) {

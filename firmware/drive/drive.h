@@ -27,6 +27,8 @@
 #include "firmware/drive/contact.h"
 #include "firmware/drive/contact_excitation.h"
 #include "firmware/drive/first_motion.h"
+#include "firmware/drive/shaper.h"
+#include "firmware/drive/touch.h"
 #include "firmware/fx/fx.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
@@ -72,6 +74,14 @@ typedef struct {
   uint8_t scaled;            /* 0: the user's unit is the count */
 } cia402_units_t;
 
+/* Of the demanded force: force_limit, or the smaller limit of that direction. */
+typedef struct {
+  int32_t least;    /* per mille, -32767..0 */
+  int32_t most;     /* 0..32767 */
+  int32_t least_q8; /* the same as a reading, 1/256 count */
+  int32_t most_q8;
+} cia402_force_bounds_t;
+
 /* The axis' parameters that are overridden for the tick, as they are stored. */
 typedef struct {
   int32_t position_setpoint;
@@ -93,6 +103,7 @@ typedef struct {
   drive_signals_t signals;
   const cia402_mode_t *mode; /* the row of modes_of_operation_display */
   profile_t trajectory;      /* in encoder counts; holds unless tracking is none */
+  profile_t shaped;          /* the same, shaped, once motion_shaper has begun */
   int32_t origin_cnt;        /* count of the user's position minus encoder count, before
                                 polarity */
   int32_t lead_cnt;          /* of the axis before its trajectory, for velocity_offset */
@@ -102,9 +113,11 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  fx_ratio_t reading_of_force;      /* 1/256 count of the reading per per mille */
-  fx_ratio_t force_of_reading;      /* and back */
-  int32_t force_demand_q16;         /* per mille, Q16 */
+  fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
+  fx_ratio_t force_of_reading; /* and back */
+  cia402_force_bounds_t force_bounds;
+  int32_t force_ramp_q16;           /* per mille, Q16 */
+  int32_t force_demand_q16;         /* the same, shaped */
   cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
   cia402_setpoint_t buffered;       /* the one after it */
   uint32_t dwell_remaining;         /* ticks that the force law goes on without contact */
@@ -114,8 +127,11 @@ typedef struct {
   uint32_t standing_tick;           /* ticks that the axis has stood */
   int32_t velocity_sum;             /* counts in the last CIA402_MEAN_TICKS ticks, modulo 2^32 */
   int32_t velocities[CIA402_MEAN_TICKS];
+  shaper_t force_shaper;  /* of modes 4 and 10 in per mille, Q16; of mode -1 in 1/256 count */
+  shaper_t motion_shaper; /* of the trajectory's speed */
   contact_t contact;
   contact_excitation_t excitation;
+  touch_t touch;
   cia402_homing_t homing;
   first_motion_t first_motion;
   cia402_overridden_t overridden;

@@ -33,9 +33,13 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
   motion_follow(drive, axis);
 }
 
-/* Without the limit. */
+/* Without the bounds. */
 static int32_t wanted_force(const cia402_t *drive) {
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
+}
+
+static int32_t bounded_force(const cia402_t *drive, int32_t force) {
+  return fx_clamp(force, drive->force_bounds.least, drive->force_bounds.most);
 }
 
 /* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
@@ -52,13 +56,32 @@ static bool dwells_after_loss(cia402_t *drive) {
   return true;
 }
 
+/* One tick of the demanded force toward the target. A halt bypasses the shaper, from the force that
+ * is demanded. */
+static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
+  if (halted) {
+    drive->force_ramp_q16 = drive->force_demand_q16;
+    shaper_clear(&drive->force_shaper);
+  }
+  const int32_t before_q16 = drive->force_ramp_q16;
+  const int32_t wanted_q16 = fx_scale(target, 16);
+  const int32_t step = fx_q16_from_per_s(drive->params.force_slope);
+  const int64_t change = (int64_t)wanted_q16 - before_q16;
+  drive->force_ramp_q16 =
+      (at_once && !halted) ? wanted_q16 : before_q16 + fx_saturate(change, -step, step);
+  drive->force_demand_q16 =
+      (halted || !shaper_is_on(&drive->force_shaper))
+          ? drive->force_ramp_q16
+          : shaper_step(&drive->force_shaper, drive->force_ramp_q16, before_q16);
+}
+
 /* Force of a standard client: per mille of rated force; a profile ramps its demand. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
-  const int32_t limit = drive->params.force_limit;
-  int32_t target = halted ? 0 : wanted_force(drive);
-  drive->limited |= (uint8_t)!fx_within(target, limit);
-  target = fx_clamp(target, -limit, limit);
+  const int32_t wanted = halted ? 0 : wanted_force(drive);
+  const int32_t target = bounded_force(drive, wanted);
+  drive->limited |= (uint8_t)(target != wanted);
+  touch_approach(&drive->touch, target, drive->force_demand_q16);
   const bool dwells = dwells_after_loss(drive);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
@@ -74,14 +97,12 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   if (drive->pressing == 0) {
     /* Go on from the force that is there. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
-    drive->force_demand_q16 = fx_scale(fx_clamp(reading, -limit, limit), 16);
+    drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
+    drive->force_demand_q16 = drive->force_ramp_q16;
+    shaper_clear(&drive->force_shaper);
     drive->pressing = 1;
   }
-  const int32_t wanted_q16 = fx_scale(target, 16);
-  const int32_t step = fx_q16_from_per_s(drive->params.force_slope);
-  const int64_t change = (int64_t)wanted_q16 - drive->force_demand_q16;
-  drive->force_demand_q16 =
-      (cyclic && !halted) ? wanted_q16 : drive->force_demand_q16 + fx_saturate(change, -step, step);
+  demand(drive, target, cyclic, halted);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
   if (dwells || drive->params.contact_loss_dwell != 0) {
@@ -102,6 +123,7 @@ static inline bool track_virtual(cia402_t *drive, axis_t *axis) {
 
 /* One tick of the virtual trajectory toward the target position, or to a stand without one. */
 static inline void lead_to_target(cia402_t *drive) {
+  const int32_t before = drive->trajectory.velocity_q16;
   const drive_params_t *params = &drive->params;
   const trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, params->trajectory_velocity));
@@ -110,49 +132,55 @@ static inline void lead_to_target(cia402_t *drive) {
   } else {
     trajectory_ramp(&drive->trajectory, 0, &limits);
   }
+  motion_shape(drive, before);
+}
+
+static inline int32_t led_to(const cia402_t *drive) {
+  return fx_cnt_from_q32(motion_followed(drive)->position_q32);
 }
 
 /* K (x_d - x) and D (v_d - v), in 1/256 count of the reading. */
 static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
-  const int32_t error =
-      fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
+  const int32_t error = fx_diff_wrap(led_to(drive), axis->signals.position);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
 }
 static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
-  const int32_t error_q16 = drive->trajectory.velocity_q16 - motion_axis_speed(axis);
+  const int32_t error_q16 = motion_followed(drive)->velocity_q16 - motion_axis_speed(axis);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
 }
 
-/* Presses with this force, within force_limit. */
-static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8) {
-  const int32_t limit = fx_ratio_apply(drive->params.force_limit, drive->reading_of_force, 0);
-  press(drive, axis, fx_saturate(force_q8, -limit, limit));
+/* Presses with this force, within the bounds. `demand` is what it follows from but the axis. */
+static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
+  press(drive, axis,
+        fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));
+  touch_press(&drive->touch, &drive->signals, axis, demand);
 }
 
 void force_stiffness(cia402_t *drive, axis_t *axis) {
   if (track_virtual(drive, axis)) {
     lead_to_target(drive);
-    press_limited(drive, axis, spring(drive, axis));
+    press_limited(drive, axis, spring(drive, axis), led_to(drive));
   }
 }
 
 void force_damping(cia402_t *drive, axis_t *axis) {
   if (track_virtual(drive, axis)) {
+    const int32_t before = drive->trajectory.velocity_q16;
     position_follow_velocity(drive, false);
-    press_limited(drive, axis, damper(drive, axis));
+    motion_shape(drive, before);
+    press_limited(drive, axis, damper(drive, axis), drive->trajectory.velocity_q16);
   }
 }
 
 void force_impedance(cia402_t *drive, axis_t *axis) {
   if (track_virtual(drive, axis)) {
     lead_to_target(drive);
-    press_limited(drive, axis, spring(drive, axis) + damper(drive, axis));
+    press_limited(drive, axis, spring(drive, axis) + damper(drive, axis), led_to(drive));
   }
 }
 
 bool force_target_reached(const cia402_t *drive, const axis_t *axis) {
-  const int32_t limit = drive->params.force_limit;
-  const int32_t wanted = fx_clamp(wanted_force(drive), -limit, limit);
+  const int32_t wanted = bounded_force(drive, wanted_force(drive));
   if (drive->pressing == 0) {
     return wanted == 0;
   }

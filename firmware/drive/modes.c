@@ -46,10 +46,12 @@ static uint16_t position_bits(const cia402_t *drive) {
 
 const cia402_mode_t cia402_modes[CIA402_MODES] = {
     ROW(PROFILE_POSITION) = {.lead = position_profile,
+                             .shaped = 1,
                              .window = CIA402_WINDOW_POSITION,
                              .reached = position_setpoint_reached,
                              .bits = setpoint_bits},
     ROW(PROFILE_VELOCITY) = {.lead = position_profile_velocity,
+                             .shaped = 1,
                              .window = CIA402_WINDOW_VELOCITY,
                              .reached = position_velocity_reached,
                              .bits = standing_bits},
@@ -60,10 +62,12 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
     ROW(HOMING) = {.lead = homing_run, .bits = homing_bits},
     ROW(CYCLIC_POSITION) = {.lead = position_cyclic,
                             .uses_position = 1,
+                            .shaped = 1,
                             .window = CIA402_WINDOW_POSITION,
                             .reached = position_target_reached,
                             .bits = position_bits},
     ROW(CYCLIC_VELOCITY) = {.lead = position_cyclic_velocity,
+                            .shaped = 1,
                             .window = CIA402_WINDOW_VELOCITY,
                             .reached = position_velocity_reached,
                             .bits = cyclic_bits},
@@ -78,6 +82,7 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
     ROW(EXCITATION) = {.native = AXIS_MODE_EXCITATION},
     ROW(NATIVE_POSITION) = {.native = AXIS_MODE_POSITION},
     ROW(GUARDED_MOVE) = {.lead = position_guarded_move,
+                         .shaped = 1,
                          .window = CIA402_WINDOW_POSITION,
                          .reached = position_setpoint_reached,
                          .bits = setpoint_bits},
@@ -113,7 +118,15 @@ int8_t cia402_operation_of(uint8_t native_mode) {
 static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
-         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION);
+         (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION ||
+          (mode->controls_force != 0 && drive->touch.speed_q8 != 0));
+}
+
+/* The set-point of the force law of mode -1, from the force that is there. */
+static void shape_setpoint(cia402_t *drive, axis_t *axis) {
+  motion_override(drive, axis);
+  axis->params.force_setpoint =
+      shaper_step(&drive->force_shaper, axis->params.force_setpoint, axis->signals.force);
 }
 
 /* Modes of the axis itself, with the user's parameters. */
@@ -123,6 +136,16 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   }
   drive->tracking = CIA402_TRACKING_NONE;
   axis->params.mode = mode;
+  if (mode == AXIS_MODE_FORCE) {
+    const int32_t demand = axis->params.force_setpoint;
+    if (drive->touch.speed_q8 != 0) {
+      motion_override(drive, axis);
+    }
+    if (shaper_is_on(&drive->force_shaper)) {
+      shape_setpoint(drive, axis);
+    }
+    touch_press(&drive->touch, &drive->signals, axis, demand);
+  }
 }
 
 static void halt(cia402_t *drive, axis_t *axis) {
@@ -138,7 +161,11 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
   } else if (mode->lead != NULL) {
     drive->settling_tick = 0;
     if (motion_track_axis(drive, axis)) {
+      const int32_t before = drive->trajectory.velocity_q16;
       mode->lead(drive, axis);
+      if (mode->shaped != 0) {
+        motion_shape(drive, before);
+      }
       motion_follow(drive, axis);
     }
   } else if (mode->run != NULL) {
@@ -187,6 +214,8 @@ void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
 }
 
 void cia402_leave_mode(cia402_t *drive) {
+  motion_unshape(drive);
+  shaper_clear(&drive->force_shaper);
   if (drive->mode->uses_position != 0) {
     drive->position_written = 0;
   }

@@ -20,6 +20,7 @@ struct cia402_mode {
   uint8_t controls_force;
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
+  uint8_t shaped;        /* 1: what `lead` moves is shaped for the axis */
   uint8_t window;        /* CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive,
                   const axis_t *axis);     /* whether the target is; NULL: never shown */
@@ -49,8 +50,19 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* The value of an active excitation for the coming tick, whose mode is set. */
+/* An active excitation: its value for the coming tick, whose mode is set; its end after the tick.
+ */
 void cia402_prepare_excitation(cia402_t *drive, axis_t *axis);
+static inline void cia402_excite_before(cia402_t *drive, axis_t *axis) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    cia402_prepare_excitation(drive, axis);
+  }
+}
+static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    contact_excitation_remove(&drive->excitation, &drive->params, &drive->signals, axis);
+  }
+}
 
 /* Resets the state of a mode that is exited, or whose axis was disabled. */
 void cia402_leave_mode(cia402_t *drive);

@@ -12,19 +12,44 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
     axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+    axis->bumpless_contact = 0;
     drive->overridden.active = 0;
   }
 }
 
 void motion_rest(cia402_t *drive, axis_t *axis) {
   axis->params.mode = AXIS_MODE_DISABLED;
+  if (drive->signals.gain_halvings != 0) {
+    drive->signals.gain_halvings = 0;
+    axis_halve_force_gain(axis, 0);
+  }
   drive->tracking = CIA402_TRACKING_NONE;
+  shaper_clear(&drive->force_shaper);
+  shaper_clear(&drive->motion_shaper);
+}
+
+void motion_shape_step(cia402_t *drive, int32_t before) {
+  const int32_t speed = drive->trajectory.velocity_q16;
+  if (!shaper_has_begun(&drive->motion_shaper)) {
+    if (before != 0) {
+      return;
+    }
+    drive->shaped.position_q32 = fx_q32_advance(drive->trajectory.position_q32, -speed);
+  }
+  trajectory_step(&drive->shaped, shaper_step(&drive->motion_shaper, speed, 0));
+}
+
+void motion_unshape(cia402_t *drive) {
+  if (shaper_has_begun(&drive->motion_shaper)) {
+    drive->trajectory = drive->shaped;
+    shaper_clear(&drive->motion_shaper);
+  }
 }
 
 void motion_follow(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
   const int32_t setpoint =
-      fx_sum_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), drive->lead_cnt);
+      fx_sum_wrap(fx_cnt_from_q32(motion_followed(drive)->position_q32), drive->lead_cnt);
   axis->params.profile_enable = AXIS_PROFILE_ENABLE_RAW_STEP;
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
@@ -41,6 +66,8 @@ bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
   }
   if (drive->tracking != tracking) {
     drive->settling_tick = 0;
+    shaper_clear(&drive->force_shaper);
+    shaper_clear(&drive->motion_shaper);
     profile_set(&drive->trajectory, axis->signals.position);
     drive->trajectory.velocity_q16 = fx_clamp(motion_axis_speed(axis), -most, most);
     drive->tracking = tracking;
@@ -52,6 +79,7 @@ bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate) {
   if (!motion_track_axis(drive, axis)) {
     return true;
   }
+  motion_unshape(drive);
   const trajectory_limits_t limits = {.deceleration = rate};
   trajectory_ramp(&drive->trajectory, 0, &limits);
   motion_follow(drive, axis);
@@ -67,11 +95,11 @@ bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate) {
 
 bool motion_stands(const cia402_t *drive) {
   return drive->tracking == CIA402_TRACKING_AXIS && drive->trajectory.velocity_q16 == 0 &&
+         motion_followed(drive)->velocity_q16 == 0 &&
          fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
 }
 
-motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
-  const uint64_t position_q32 = drive->trajectory.position_q32;
+motion_way_t motion_way_from(const cia402_t *drive, uint64_t position_q32, int32_t user) {
   const int32_t at = fx_sum_wrap(fx_cnt_from_q32(position_q32), drive->origin_cnt);
   const int32_t to = cia402_count(drive, user);
   motion_way_t way;

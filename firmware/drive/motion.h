@@ -29,7 +29,7 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* The axis disabled. */
+/* The axis disabled, and its gain whole again. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
 /* Chooses the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL; a new one begins at the place and speed
@@ -58,6 +58,32 @@ bool motion_stands(const cia402_t *drive);
 /* Fastest axis that a trajectory may begin with, count a tick. */
 enum { MOTION_SPEED_MAX_CNT = 2048 };
 
+/* The trajectory as the axis is commanded along it: shaped, once the motion shaper has begun. */
+static inline const profile_t *motion_followed(const cia402_t *drive) {
+  return shaper_has_begun(&drive->motion_shaper) ? &drive->shaped : &drive->trajectory;
+}
+
+/* After a step of the trajectory, whose speed was `before`: the same step, shaped. The shaper
+ * begins while the trajectory stands; a trajectory that begins in motion is not shaped before. */
+void motion_shape_step(cia402_t *drive, int32_t before);
+static inline void motion_shape(cia402_t *drive, int32_t before) {
+  if (shaper_is_on(&drive->motion_shaper)) {
+    motion_shape_step(drive, before);
+  }
+}
+
+/* The trajectory goes on, unshaped, from the place and speed at which the axis is commanded: for
+ * stops, and at the exit from a mode. */
+void motion_unshape(cia402_t *drive);
+
+/* Whether what the axis follows has come to the trajectory's place, or speed. */
+static inline bool motion_has_place(const cia402_t *drive) {
+  return motion_followed(drive)->position_q32 == drive->trajectory.position_q32;
+}
+static inline bool motion_has_speed(const cia402_t *drive) {
+  return motion_followed(drive)->velocity_q16 == drive->trajectory.velocity_q16;
+}
+
 /* Speed of the axis, at most that. */
 static inline int32_t motion_axis_speed(const axis_t *axis) {
   return fx_scale(fx_clamp(axis->signals.velocity, -MOTION_SPEED_MAX_CNT, MOTION_SPEED_MAX_CNT),
@@ -77,13 +103,16 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
   return bounded;
 }
 
-/* From the trajectory to a position: the shorter way round, but with position limits the one that
- * does not cross them. */
+/* From a place, Q32, or from the trajectory's, to a position: the shorter way round, but with
+ * position limits the one that does not cross them. */
 typedef struct {
   uint64_t distance_q16;
   bool negative;
 } motion_way_t;
-motion_way_t motion_way_to(const cia402_t *drive, int32_t user);
+motion_way_t motion_way_from(const cia402_t *drive, uint64_t position_q32, int32_t user);
+static inline motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
+  return motion_way_from(drive, drive->trajectory.position_q32, user);
+}
 
 /* One tick of the trajectory toward a position. */
 static inline void motion_move_to(cia402_t *drive, int32_t user,

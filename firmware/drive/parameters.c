@@ -12,6 +12,7 @@ static void derive_rates(cia402_t *drive) {
   drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
   drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
   drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
+  touch_derive(&drive->touch, params);
 }
 
 static void derive_forces(cia402_t *drive) {
@@ -19,12 +20,31 @@ static void derive_forces(cia402_t *drive) {
   /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
+  const int32_t limit = params->force_limit;
+  const int32_t most = fx_clamp(params->force_limit_positive, 0, limit);
+  const int32_t least = -fx_clamp(params->force_limit_negative, 0, limit);
+  drive->force_bounds =
+      (cia402_force_bounds_t){.least = least,
+                              .most = most,
+                              .least_q8 = fx_ratio_apply(least, drive->reading_of_force, 0),
+                              .most_q8 = fx_ratio_apply(most, drive->reading_of_force, 0)};
+}
+
+static void derive_shapers(cia402_t *drive) {
+  const drive_params_t *params = &drive->params;
+  drive->signals.force_shaper_state =
+      shaper_set(&drive->force_shaper, params->force_shaper_impulses,
+                 params->force_shaper_amplitude, params->force_shaper_delay);
+  drive->signals.motion_shaper_state =
+      shaper_set(&drive->motion_shaper, params->motion_shaper_impulses,
+                 params->motion_shaper_amplitude, params->motion_shaper_delay);
 }
 
 void parameters_derive(cia402_t *drive) {
   units_derive(drive);
   derive_rates(drive);
   derive_forces(drive);
+  derive_shapers(drive);
   homing_list(drive);
 }
 
@@ -34,18 +54,26 @@ bool parameters_written(cia402_t *drive, uint16_t object) {
       return true;
     case AXIS_OBJ_RATED_FORCE:
     case AXIS_OBJ_FORCE_SCALE:
+    case AXIS_OBJ_FORCE_LIMIT:
+    case AXIS_OBJ_FORCE_LIMIT_POSITIVE:
+    case AXIS_OBJ_FORCE_LIMIT_NEGATIVE:
       derive_forces(drive);
       return false;
     case AXIS_OBJ_VELOCITY_MAX:
     case AXIS_OBJ_TRAJECTORY_ACCELERATION:
     case AXIS_OBJ_TRAJECTORY_DECELERATION:
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
+    case AXIS_OBJ_TOUCH_VELOCITY_MAX:
       derive_rates(drive);
       return false;
     case AXIS_OBJ_INPUTS_FITTED:
       homing_list(drive);
       return false;
     default:
+      if (object >= AXIS_OBJ_FORCE_SHAPER_IMPULSES && object <= AXIS_OBJ_MOTION_SHAPER_DELAY_3) {
+        derive_shapers(drive);
+        return false;
+      }
       if (!units_depend_on(object)) {
         return false;
       }

@@ -82,14 +82,15 @@ static void pursue_setpoint(cia402_t *drive) {
 
 /* Contact in the direction of the way: stop where the axis is, without the trajectory's lead. */
 static void guard_move(cia402_t *drive, const axis_t *axis) {
-  if (drive->setpoint_active == 0 || drive->signals.contact == 0) {
+  if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
     return;
   }
-  const motion_way_t way =
-      motion_way_to(drive, motion_within_limits(drive, drive->setpoint.position));
+  const motion_way_t way = motion_way_from(drive, motion_followed(drive)->position_q32,
+                                           motion_within_limits(drive, drive->setpoint.position));
   const bool pressing = way.negative == (axis->signals.force < 0);
   if (pressing && way.distance_q16 != 0) {
     profile_set(&drive->trajectory, axis->signals.position);
+    shaper_clear(&drive->motion_shaper);
     drive->setpoint_active = 0;
     drive->setpoint_buffered = 0;
     drive->stopped_by_contact = 1;
@@ -182,18 +183,19 @@ static bool is_in_position_window(const cia402_t *drive, int32_t target) {
 
 bool position_velocity_reached(const cia402_t *drive, const axis_t *axis) {
   (void)axis;
-  return fx_magnitude(fx_diff_wrap(wanted_velocity(drive), drive->signals.velocity_actual)) <=
-         drive->params.velocity_window;
+  return motion_has_speed(drive) &&
+         fx_magnitude(fx_diff_wrap(wanted_velocity(drive), drive->signals.velocity_actual)) <=
+             drive->params.velocity_window;
 }
 
 bool position_setpoint_reached(const cia402_t *drive, const axis_t *axis) {
   (void)axis;
-  return drive->setpoint_active == 0 &&
+  return drive->setpoint_active == 0 && motion_has_place(drive) &&
          (drive->stopped_by_contact != 0 || is_in_position_window(drive, drive->setpoint.position));
 }
 
 bool position_target_reached(const cia402_t *drive, const axis_t *axis) {
   (void)axis;
   return drive->position_written == 0 ||
-         is_in_position_window(drive, drive->params.target_position);
+         (motion_has_place(drive) && is_in_position_window(drive, drive->params.target_position));
 }

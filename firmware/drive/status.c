@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "firmware/drive/modes.h"
+#include "firmware/drive/motion.h"
 #include "firmware/drive/state.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
@@ -33,6 +34,9 @@ uint16_t cia402_error_code(uint8_t fault) {
       [AXIS_FAULT_RUNAWAY] = AXIS_ERROR_CODE_RUNAWAY,
       [AXIS_FAULT_FORCE_REVERSED] = AXIS_ERROR_CODE_FORCE_REVERSED,
       [AXIS_FAULT_POSITION_GAIN_ZERO] = AXIS_ERROR_CODE_POSITION_GAIN_ZERO,
+      [AXIS_FAULT_CONTACT_TRAVEL] = AXIS_ERROR_CODE_CONTACT_TRAVEL,
+      [AXIS_FAULT_NO_CONTACT] = AXIS_ERROR_CODE_NO_CONTACT,
+      [AXIS_FAULT_CONTACT_UNSTABLE] = AXIS_ERROR_CODE_CONTACT_UNSTABLE,
   };
   return codes[fault];
 }
@@ -83,8 +87,8 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
   }
-  if (limited || signals->limit_cycle != 0 || signals->force_saturated != 0 ||
-      drive->unsupervised != 0) {
+  if (limited || signals->limit_cycle != 0 || signals->gain_halvings != 0 ||
+      signals->force_saturated != 0 || drive->unsupervised != 0) {
     word |= CIA402_SW_WARNING;
   }
   if (limited) {
@@ -112,9 +116,9 @@ static void measure_motion(cia402_t *drive, const axis_t *axis) {
   drive->velocity_next =
       (uint8_t)((drive->velocity_next + 1 == CIA402_MEAN_TICKS) ? 0 : drive->velocity_next + 1);
   const bool tracked = drive->tracking != CIA402_TRACKING_NONE;
-  const int32_t demand_q16 = tracked ? drive->trajectory.velocity_q16 : 0;
+  const int32_t demand_q16 = tracked ? motion_followed(drive)->velocity_q16 : 0;
   const int32_t demand_cnt = (drive->tracking == CIA402_TRACKING_VIRTUAL)
-                                 ? fx_cnt_from_q32(drive->trajectory.position_q32)
+                                 ? fx_cnt_from_q32(motion_followed(drive)->position_q32)
                                  : fx_diff_wrap(measured->profile_position, drive->lead_cnt);
   signals->position_internal = measured->position;
   signals->position_actual = cia402_user(drive, measured->position);
@@ -185,6 +189,9 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
     judge(drive, axis);
+    if (axis->primed != 0 && drive->controlled != 0) {
+      touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+    }
   }
   cia402_show(drive, axis);
 }

@@ -278,6 +278,9 @@ static inline uint16_t fx_highest_code(uint8_t bits) {
 /* floor(n / 2). */
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 
+/* floor(x / 2^n), n 0..15. */
+static inline uint16_t fx_halved(uint16_t x, uint8_t n) { return (uint16_t)(x >> n); }
+
 /* floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
 

@@ -52,9 +52,7 @@ double setpoint_of(const Written &written, double newton_per_count) {
     return static_cast<double>(written[AXIS_OBJ_FORCE_SETPOINT]) *
            object_meta(AXIS_OBJ_FORCE_SETPOINT).scale * newton_per_count;
   if (!enabled || !drive_mode) return 0.0;
-  const std::int64_t limit = written[AXIS_OBJ_FORCE_LIMIT];
-  const std::int64_t target =
-      std::clamp(written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET], -limit, limit);
+  const std::int64_t target = written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET];
   // Per mille of a rated force in mN; its sign in the model is that of the sensor.
   return std::copysign(1e-6, newton_per_count) * static_cast<double>(target) *
          static_cast<double>(written[AXIS_OBJ_RATED_FORCE]);

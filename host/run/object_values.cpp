@@ -9,6 +9,7 @@
 
 #include "host/run/bank_values.hpp"
 #include "host/run/objects.hpp"
+#include "host/run/shaper_values.hpp"
 #include "sim/hybrid/mode.hpp"
 
 namespace forceaxis::host {
@@ -170,12 +171,16 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
           static_cast<std::int32_t>(static_cast<std::uint32_t>(static_cast<std::int64_t>(raw)))};
 }
 
-// The keys of the table that are objects, as all but those of banks must be.
+bool is_table_of_objects(std::string_view key, const toml::node &node) {
+  return node.is_table() && (bank_of_key(key) || shaper_of_key(key));
+}
+
+// The keys of the table that are objects, as all but those of banks and shapers must be.
 std::vector<std::string> object_names(const sim::Section &section) {
   std::vector<std::string> names;
   std::vector<std::string> unknown;
   for (const auto &[key, node] : section.table()) {
-    if (bank_of_key(key.str()) && node.is_table()) continue;
+    if (is_table_of_objects(key.str(), node)) continue;
     names.emplace_back(key.str());
     if (!find_object(names.back())) unknown.push_back(names.back());
   }
@@ -206,10 +211,11 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
                       written("polarity") != 0.0 || written("home_offset") != 0.0);
   std::vector<ObjectWrite> writes;
   for (const auto &[key, node] : section.table()) {
-    const auto bank = bank_of_key(key.str());
-    if (!bank || !node.is_table()) continue;
-    section.one(key.str(), [&writes, &bank](sim::Section &values) {
-      const std::vector<ObjectWrite> more = read_bank(values, *bank);
+    if (!is_table_of_objects(key.str(), node)) continue;
+    section.one(key.str(), [&writes, &key = key](sim::Section &values) {
+      const auto bank = bank_of_key(key.str());
+      const std::vector<ObjectWrite> more =
+          bank ? read_bank(values, *bank) : read_shaper(values, *shaper_of_key(key.str()));
       writes.insert(writes.end(), more.begin(), more.end());
     });
   }

@@ -12,7 +12,8 @@
 // * ticks, ms, us, mN, uN, Hz by themselves.
 // Refused by name: an object that measures nothing of that kind (per mille, increments of the
 // motor's encoder), and positions and velocities of the drive under a `polarity` or `home_offset`.
-// A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp).
+// A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp), shaper_force or
+// shaper_motion a command shaper (shaper_values.hpp).
 #include <cstdint>
 #include <vector>
 

@@ -226,6 +226,73 @@ TEST_F(Drive, TheForceLimitBoundsTheTarget) {
   EXPECT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 500, 26);
 }
 
+// Limits of each direction beside force_limit: the smaller one counts, in every mode that presses.
+class ForceLimits : public Drive {
+ protected:
+  // A reading at an end of its range, so that contact is there whatever the axis does.
+  void Begin(int mode, int sign) {
+    PowerUp();
+    stuck_ = true;
+    if (sign > 0) {
+      wall_ = -1000;
+    } else {
+      wall_ = 1e12;
+      Set(AXIS_OBJ_FORCE_ZERO_CODE, 255);
+    }
+    Set(AXIS_OBJ_FORCE_SLOPE, 1000000);
+    Set(AXIS_OBJ_STIFFNESS, 32768);
+    Set(AXIS_OBJ_DAMPING, 256 * 256);
+    Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, 300);
+    Set(AXIS_OBJ_FORCE_LIMIT_NEGATIVE, 600);
+    Enable(mode);
+  }
+  void Press(int sign, int force) {
+    Set(AXIS_OBJ_TARGET_FORCE, sign * force);
+    Set(AXIS_OBJ_TARGET_POSITION, sign * 5000);
+    Set(AXIS_OBJ_TARGET_VELOCITY, sign * 6000);
+    Tick(3000);
+  }
+};
+
+TEST_F(ForceLimits, EachDirectionHasItsOwnInEveryModeThatPresses) {
+  for (const int mode : {kTq, kCst, -6, -7, -8}) {
+    for (const int sign : {1, -1}) {
+      Begin(mode, sign);
+      Press(sign, 900);
+      EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), sign > 0 ? 300 : -600) << mode;
+      Set(AXIS_OBJ_FORCE_LIMIT, 200);
+      Tick(300);
+      EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), sign * 200) << mode;
+      Set(AXIS_OBJ_FORCE_LIMIT, 1000);
+      Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, 65535);
+      Set(AXIS_OBJ_FORCE_LIMIT_NEGATIVE, 65535);
+      Tick(300);
+      EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), sign * (mode > 0 ? 900 : 1000)) << mode;
+    }
+  }
+}
+
+TEST_F(ForceLimits, ATargetWithinThemIsNotLimited) {
+  for (const int mode : {kTq, kCst}) {
+    for (const int sign : {1, -1}) {
+      Begin(mode, sign);
+      Press(sign, sign > 0 ? 300 : 600);
+      EXPECT_EQ(Status() & kLimit, 0) << mode;
+      Press(sign, sign > 0 ? 301 : 601);
+      EXPECT_EQ(Status() & kLimit, kLimit) << mode;
+    }
+  }
+}
+
+TEST_F(ForceLimits, ADirectionOfZeroIsNotPressedIn) {
+  Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, 0);
+  wall_ = 400;
+  Enable(kTq);
+  Press(1, 750);
+  EXPECT_EQ(place_, 0.0) << "not even an approach";
+  EXPECT_EQ(Status() & kReached, kReached);
+}
+
 TEST_F(Drive, TheGuardedMoveStopsAtTheWorkpiece) {
   wall_ = 1000;
   Enable(-5);

@@ -473,7 +473,8 @@ ERROR_CODES = {
     "duplicate_node": 0xFF0A, "no_motion": 0x7121, "force_sensor_failed": 0xFF0B,
     "current_sensor_failed": 0xFF0C, "not_standing": 0xFF0D, "amplifier_offset": 0xFF0E,
     "encoder_reversed": 0xFF0F, "runaway": 0xFF10, "force_reversed": 0xFF11,
-    "position_gain_zero": 0xFF12,
+    "position_gain_zero": 0xFF12, "contact_travel": 0xFF14, "no_contact": 0xFF15,
+    "contact_unstable": 0xFF16, "gain_halved": 0xFF17,
 }  # fmt: skip
 
 

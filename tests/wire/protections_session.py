@@ -1,0 +1,27 @@
+"""The runs of test_protections_can.py on real CAN: under tools/vcan, with a folder to write to."""
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from forceaxis.experiments import link
+from protections import PROTECTIONS
+
+
+def main():
+    folder = Path(sys.argv[1])
+    with link.AxisNode(link.Link("socketcan")) as node:
+
+        def run(file):
+            result, report = link.run_with(node, file, [])
+            link.expect_same(report)
+            return result.columns()
+
+        found = {row.name: row.measure(folder, run) for row in PROTECTIONS}
+    (folder / "found.json").write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
