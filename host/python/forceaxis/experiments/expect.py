@@ -251,7 +251,7 @@ def measure(done, expect, contacts):
         fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
     if "peak_force_N" in expect.wanted and not contacts:
         fail("peak_force_N", "expected a model with a contact, this one has none; remove the key")
-    held = done.summary["metrics"]["held_force"] or {}
+    held = done.summary["metrics"].get("held_force") or {}
     if wanted := HELD.keys() & expect.wanted.keys() if not held else ():
         fail(
             min(wanted), "expected an experiment that controls force, this one does not; remove it"
