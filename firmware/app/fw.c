@@ -98,38 +98,12 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
 }
 
-/* Objects that a firmware on no bus serves without its drive. */
-static bool in_axis_or_recorder(uint16_t object) {
-  const uint8_t block = axis_objects[object].block;
-  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
-         block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
-         block == AXIS_BLOCK_LAW_PARAMETER || block == AXIS_BLOCK_LAW_SIGNAL ||
-         block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
-}
-
+/* A recording of what the drive has needs the drive. */
 static int arm_recorder(fw_t *fw) {
-  const recorder_params_t *params = &fw->recorder.params;
-  recorder_channel_t channels[RECORDER_CHANNELS];
-  uint8_t count = 0;
-  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-    const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
-    if (object != AXIS_OBJ_NONE) {
-      channels[count] = recording_channel(fw, object);
-      count++;
-      if (fw->live == 0 && !in_axis_or_recorder(object)) {
-        wake(fw);
-      }
-    }
+  if (fw->live == 0 && recording_needs_drive(fw)) {
+    wake(fw);
   }
-  recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
-  if (params->recorder_trigger_edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
-    const uint16_t source = dictionary_object_at(params->recorder_trigger_source);
-    if (source == AXIS_OBJ_NONE) {
-      return FW_ERROR_RANGE;
-    }
-    trigger = recording_channel(fw, source);
-  }
-  return (recorder_arm(&fw->recorder, channels, count, trigger) == 0) ? FW_OK : FW_ERROR_RANGE;
+  return recording_arm(fw);
 }
 
 /* store_state shows at once that the store is at work. */
@@ -156,6 +130,8 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_TARE:
     case AXIS_OBJ_CALIBRATE:
       return sensing_command(fw, object);
+    case AXIS_OBJ_EXCITATION_RUN:
+      return cia402_excite(&fw->drive, &fw->axis, value == AXIS_EXCITATION_RUN_START);
     default:
       break;
   }
@@ -384,6 +360,7 @@ void fw_prepare(fw_t *fw) {
 }
 
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs) {
+  cia402_with_inputs(&fw->drive, &fw->axis, inputs);
   axis_tick(&fw->axis, inputs, outputs);
   if (fw->live != 0) {
     cia402_control(&fw->drive, &fw->axis, outputs);
@@ -478,7 +455,7 @@ int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value) {
 }
 
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value) {
-  if (fw->live == 0 && object < AXIS_OBJ_COUNT && !in_axis_or_recorder(object)) {
+  if (fw->live == 0 && object < AXIS_OBJ_COUNT && !recording_is_without_drive(object)) {
     wake(fw);
   }
   return dictionary_write(&fw->objects, source, object, value);

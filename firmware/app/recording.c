@@ -18,6 +18,57 @@ recorder_channel_t recording_channel(const fw_t *fw, uint16_t object) {
                               .type = axis_objects[object].type};
 }
 
+bool recording_is_without_drive(uint16_t object) {
+  const uint8_t block = axis_objects[object].block;
+  return object == AXIS_OBJ_FAULT_RESET || object == AXIS_OBJ_RECORDER_ARM ||
+         block == AXIS_BLOCK_AXIS_PARAMETER || block == AXIS_BLOCK_AXIS_SIGNAL ||
+         block == AXIS_BLOCK_LAW_PARAMETER || block == AXIS_BLOCK_LAW_SIGNAL ||
+         block == AXIS_BLOCK_RECORDER_PARAMETER || block == AXIS_BLOCK_RECORDER_SIGNAL;
+}
+
+bool recording_needs_drive(const fw_t *fw) {
+  const recorder_params_t *params = &fw->recorder.params;
+  bool needed = params->recorder_trigger_edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
+  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
+    const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
+    needed = needed || (object != AXIS_OBJ_NONE && !recording_is_without_drive(object));
+  }
+  return needed;
+}
+
+int recording_arm(fw_t *fw) {
+  const recorder_params_t *params = &fw->recorder.params;
+  const uint8_t edge = params->recorder_trigger_edge;
+  recorder_channel_t channels[RECORDER_CHANNELS];
+  uint8_t count = 0;
+  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
+    const uint16_t object = dictionary_object_at(params->recorder_signal[i]);
+    if (object != AXIS_OBJ_NONE) {
+      channels[count] = recording_channel(fw, object);
+      count++;
+    }
+  }
+  recorder_channel_t trigger = {.offset = 0, .type = AXIS_TYPE_U8};
+  const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
+  if (edge != AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
+    const uint16_t source = starts ? (uint16_t)AXIS_OBJ_EXCITATION_STATE
+                                   : dictionary_object_at(params->recorder_trigger_source);
+    if (source == AXIS_OBJ_NONE) {
+      return FW_ERROR_RANGE;
+    }
+    trigger = recording_channel(fw, source);
+  }
+  if (recorder_arm(&fw->recorder, channels, count, trigger) != 0) {
+    return FW_ERROR_RANGE;
+  }
+  if (starts) {
+    /* A start before the first tick counts. */
+    fw->recorder.trigger_previous = fw->drive.signals.excitation_state;
+    fw->recorder.trigger_primed = 1;
+  }
+  return FW_OK;
+}
+
 uint32_t recording_size(const dictionary_t *objects) {
   const recorder_t *recorder = &fw_of_const(objects)->recorder;
   const bool is_done = recorder->signals.recorder_state == AXIS_RECORDER_STATE_DONE;

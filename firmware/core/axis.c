@@ -139,7 +139,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* Unlimited, so that a late code still shows its saturation: |law| < 2050, |bias| < 4098. */
+  /* Unlimited, so that a late code still shows its saturation: |law| < 4098 with an excitation,
+   * |bias| < 6146. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
     signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
@@ -158,6 +159,7 @@ void axis_init(axis_t *axis) {
   axis->law.selected = 0;
   axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
+  axis->excitation_q16 = 0;
   axis->press_cap_code = AXIS_PRESS_CAP_NONE;
   axis->bumpless_contact = 0;
   axis->primed = 0;

@@ -54,6 +54,7 @@ typedef struct {
   profile_t profile;
   excitation_t excitation;
   force_law_t law;
+  int32_t excitation_q16;   /* added to the command of a force law, within +-2048 codes */
   int16_t press_cap_code;   /* out of contact a force law presses with at most this code */
   uint8_t bumpless_contact; /* with it: the code continues from the one before the contact */
   uint8_t primed;           /* signals.position is the count of the last tick */

@@ -39,11 +39,11 @@ int32_t force_control_step(axis_t *axis) {
                                            params->force_setpoint, force_q8)
                                : evaluate_bank(axis, touching);
   if (axis->press_cap_code == AXIS_PRESS_CAP_NONE) {
-    return code_q16;
+    return code_q16 + axis->excitation_q16;
   }
   if (touching) {
     axis->rebase |= axis->bumpless_contact;
-    return code_q16;
+    return code_q16 + axis->excitation_q16;
   }
   return cap_pressing(axis, code_q16);
 }

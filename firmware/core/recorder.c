@@ -61,7 +61,9 @@ static bool triggered(recorder_t *recorder, const void *base) {
   if (edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
     return true;
   }
-  const int32_t level = recorder->params.recorder_trigger_level;
+  const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
+  const int32_t level =
+      starts ? AXIS_EXCITATION_STATE_RAMPING_UP : recorder->params.recorder_trigger_level;
   const int32_t before = recorder->trigger_previous;
   const uint8_t type = recorder->trigger.type;
   const int32_t now = value_load(base, recorder->trigger.offset, type);
@@ -71,7 +73,7 @@ static bool triggered(recorder_t *recorder, const void *base) {
   const bool rising = is_below(before, level, type) && !is_below(now, level, type);
   const bool falling = is_below(level, before, type) && !is_below(level, now, type);
   return primed && ((rising && edge != AXIS_RECORDER_TRIGGER_EDGE_FALLING) ||
-                    (falling && edge != AXIS_RECORDER_TRIGGER_EDGE_RISING));
+                    (falling && edge != AXIS_RECORDER_TRIGGER_EDGE_RISING && !starts));
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {

@@ -3,14 +3,18 @@
 
 /* Recorder: up to 8 values of a structure, sampled at a decimation into a buffer of the caller.
  *
- * idle -> armed (samples go round, waiting for the trigger) -> recording (the rest is filled) ->
- * done. Values are packed one after the other, least significant byte first, each as wide as its
+ * idle -> armed (samples go round, waiting for the trigger) -> recording (the remainder is filled)
+ * -> done. Values are packed one after the other, least significant byte first, each as wide as its
  * type, so 32 KiB hold 16384 samples of one 16-bit code or 2048 of four 32-bit ones.
  *
  * The first sample is taken in the first tick after arming and then every `decimation` ticks,
  * without regard to the trigger. The trigger is watched in every tick, so none is missed; the first
  * sample at or after it has the index recorder_trigger_index. A trigger that comes before
- * `pretrigger` samples were taken is accepted and leaves fewer of them. */
+ * `pretrigger` samples were taken is accepted and leaves fewer of them.
+ *
+ * The edge excitation_start is that of excitation_state, handed to recorder_arm() as the trigger:
+ * of every sample from recorder_trigger_index on, the age of the waveform is its distance from
+ * there times the decimation, if the recorder is armed before the excitation is started. */
 
 #include <stdint.h>
 

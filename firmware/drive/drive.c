@@ -185,9 +185,11 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
       motion_rest(drive, axis);
       break;
   }
+  cia402_excite_before(drive, axis);
 }
 
 void cia402_after(cia402_t *drive, axis_t *axis) {
+  cia402_excite_after(drive, axis);
   const uint8_t controlled =
       state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->mode->controls_force != 0;
   if (axis->signals.fault != AXIS_FAULT_NONE && state_of(drive) != AXIS_DRIVE_STATE_FAULT) {
@@ -413,6 +415,7 @@ void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
 
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
+  contact_excitation_end(&drive->excitation, &drive->signals, AXIS_EXCITATION_STATE_ENDED_OWNER);
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       drive->params.abort_connection_option != ABORT_NOTHING) {
     cia402_forget_targets(drive);

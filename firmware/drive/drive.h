@@ -25,6 +25,7 @@
 
 #include "firmware/core/axis.h"
 #include "firmware/drive/contact.h"
+#include "firmware/drive/contact_excitation.h"
 #include "firmware/drive/first_motion.h"
 #include "firmware/drive/sensor.h"
 #include "firmware/drive/shaper.h"
@@ -135,6 +136,7 @@ typedef struct {
   shaper_t force_shaper;  /* of modes 4 and 10 in per mille, Q16; of mode -1 in 1/256 count */
   shaper_t motion_shaper; /* of the trajectory's speed */
   contact_t contact;
+  contact_excitation_t excitation;
   touch_t touch;
   cia402_homing_t homing;
   first_motion_t first_motion;
@@ -170,8 +172,13 @@ void cia402_init(cia402_t *drive);
  * before the first tick of the drive. */
 void cia402_wake(cia402_t *drive, const axis_t *axis);
 
-/* Before and after axis_tick(). */
+/* Before axis_tick(): the targets of the tick; then what depends on its inputs; and after it. */
 void cia402_before(cia402_t *drive, axis_t *axis);
+static inline void cia402_with_inputs(cia402_t *drive, axis_t *axis, const axis_inputs_t *inputs) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    contact_excitation_add(&drive->excitation, &drive->params, &drive->signals, axis, inputs);
+  }
+}
 void cia402_after(cia402_t *drive, axis_t *axis);
 
 /* After axis_tick(), before its outputs are put out: takes them back where a reading of this tick
@@ -188,6 +195,9 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 /* An object of the drive was `previous` and now is `value`; a controlword is carried out here. */
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value);
+
+/* excitation_run was written: FW_OK or FW_ERROR_STATE. */
+int cia402_excite(cia402_t *drive, const axis_t *axis, bool start);
 
 /* Somebody who may only stop the axis wrote a controlword: of what it asks for, halt and the way to
  * a lower state are carried out; the controlword in force stays, but for the halt bit. False: the

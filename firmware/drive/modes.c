@@ -204,6 +204,25 @@ bool cia402_is_guided_by_force(const cia402_t *drive) {
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
 
+/* A force mode that may be excited is in force, and neither halted nor left. */
+static bool may_be_excited(const cia402_t *drive) {
+  const int8_t mode = drive->signals.modes_of_operation_display;
+  return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
+         follows_command(drive) &&
+         (mode == AXIS_MODES_OF_OPERATION_FORCE || mode == AXIS_MODES_OF_OPERATION_CYCLIC_FORCE ||
+          mode == AXIS_MODES_OF_OPERATION_FORCE_COUNTS);
+}
+
+int cia402_excite(cia402_t *drive, const axis_t *axis, bool start) {
+  return contact_excitation_command(&drive->excitation, &drive->params, &drive->signals, axis,
+                                    start, may_be_excited(drive));
+}
+
+void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
+  contact_excitation_prepare(&drive->excitation, &drive->params, &drive->signals, axis,
+                             may_be_excited(drive));
+}
+
 void cia402_leave_mode(cia402_t *drive) {
   motion_unshape(drive);
   shaper_clear(&drive->force_shaper);

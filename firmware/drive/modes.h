@@ -55,6 +55,20 @@ bool cia402_is_guided_by_force(const cia402_t *drive);
 /* One tick of the mode of operation in force. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
+/* An active excitation: its value for the coming tick, whose mode is set; its end after the tick.
+ */
+void cia402_prepare_excitation(cia402_t *drive, axis_t *axis);
+static inline void cia402_excite_before(cia402_t *drive, axis_t *axis) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    cia402_prepare_excitation(drive, axis);
+  }
+}
+static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
+  if (contact_excitation_is_active(&drive->signals)) {
+    contact_excitation_remove(&drive->excitation, &drive->params, &drive->signals, axis);
+  }
+}
+
 /* Resets the state of a mode that is exited, or whose axis was disabled. */
 void cia402_leave_mode(cia402_t *drive);
 

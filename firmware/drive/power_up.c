@@ -19,6 +19,7 @@ void cia402_init(cia402_t *drive) {
   shaper_clear(&drive->force_shaper);
   shaper_clear(&drive->motion_shaper);
   drive->contact = (contact_t){0};
+  drive->excitation = (contact_excitation_t){0};
   touch_start(&drive->touch);
   drive->homing = (cia402_homing_t){0};
   drive->sensor = (sensor_t){0};

@@ -13,6 +13,7 @@
 #include <set>
 #include <sstream>
 
+#include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/sha256.hpp"
 #include "sim/model/section.hpp"
@@ -113,7 +114,9 @@ void read_contact_held(Section &section, const sim::Model &model, Criterion &cri
 }
 
 Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
-  section.only({"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held"});
+  section.only({"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held",
+                "held_force_error_max_N", "held_force_error_max_percent", "overshoot_max_percent",
+                "settle_max_s"});
   Criterion criterion;
   criterion.window_s =
       section
@@ -128,15 +131,53 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
   criterion.position_ripple_max_count =
       section.optional_within("position_ripple_max_count", sim::Dimension::count, 0, 1e12);
   read_contact_held(section, model, criterion);
+  criterion.held_force_error_max_N =
+      section.optional_within("held_force_error_max_N", sim::Dimension::force, 0, 1e9);
+  criterion.held_force_error_max_percent =
+      section.optional_within("held_force_error_max_percent", sim::Dimension::ratio, 0, 1e9);
+  criterion.overshoot_max_percent =
+      section.optional_within("overshoot_max_percent", sim::Dimension::ratio, 0, 1e9);
+  criterion.settle_max_s =
+      section.optional_within("settle_max_s", sim::Dimension::time, 0, kLongestRun_s);
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.position_ripple_max_count)
+      !criterion.position_ripple_max_count && !criterion.judges_force())
     section.fail("contact_held",
                  "expected at least one limit, got none; add contact_held = true, "
                  "force_ripple_max_count or position_ripple_max_count");
   return criterion;
 }
 
-Plot read_plot(Section &section, const sim::Model &model) {
+std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model) {
+  section.only({"objects"});
+  const toml::node *node = section.find("objects");
+  const toml::array *names = node != nullptr ? node->as_array() : nullptr;
+  if (names == nullptr || names->empty())
+    section.fail("objects", "expected a list of firmware objects, got " +
+                                (node != nullptr ? sim::kind_of(*node) : "nothing") +
+                                "; write [\"statusword\", \"force_demand\"]");
+  const std::vector<std::string> columns = trace_columns(model);
+  std::vector<std::uint16_t> traced;
+  for (const toml::node &entry : *names) {
+    const std::string name = entry.value_exact<std::string>().value_or("");
+    const auto object = find_object(name);
+    std::vector<std::string> known;
+    for (const axis_object_meta_t &meta : axis_objects_meta)
+      if (std::string_view(meta.kind) != "command") known.emplace_back(meta.name);
+    if (!object || std::find(known.begin(), known.end(), name) == known.end())
+      section.fail("objects", "expected firmware objects with a value, got " + sim::kind_of(entry) +
+                                  sim::suggestion(name, known) +
+                                  "; `forceaxis objects` lists them");
+    if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
+        std::find(traced.begin(), traced.end(), *object) != traced.end())
+      section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
+                                  ", which the trace has already; remove it");
+    traced.push_back(*object);
+  }
+  return traced;
+}
+
+Plot read_plot(Section &section, const sim::Model &model,
+               const std::vector<std::uint16_t> &traced) {
   section.only({"rows", "from_s", "to_s"});
   Plot plot;
   constexpr double kLatest_s = 1e6;
@@ -155,7 +196,8 @@ Plot read_plot(Section &section, const sim::Model &model) {
   const toml::array *rows = node->as_array();
   if (rows == nullptr) refuse(sim::kind_of(*node));
   if (rows->empty()) refuse("an empty list");
-  const std::vector<std::string> columns = trace_columns(model);
+  std::vector<std::string> columns = trace_columns(model);
+  for (const std::uint16_t object : traced) columns.emplace_back(object_meta(object).name);
   for (const toml::node &row : *rows) {
     if (!row.is_array() || row.as_array()->empty()) refuse("a row without columns");
     auto &names = plot.rows.emplace_back();
@@ -332,7 +374,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   if (table.contains("output") && !table.contains("duration_s"))
     root.fail("output", "expected an experiment, got a measurement; use `forceaxis measure`");
   root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
-             "verdict", "plot", "expect"});
+             "verdict", "plot", "trace", "expect"});
   Experiment experiment;
   experiment.file = contents_->file;
   experiment.title = words(root, "title");
@@ -376,9 +418,16 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
   root.one("verdict", [&](Section &section) {
     experiment.criterion = read_criterion(section, *experiment.model, duration_s);
+    if (experiment.criterion->judges_force() && !force_task(experiment))
+      section.fail("held_force_error_max_percent",
+                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
+                   "reads a force; remove the limits of force, overshoot and settling");
   });
-  root.one("plot",
-           [&](Section &section) { experiment.plot = read_plot(section, *experiment.model); });
+  root.one("trace",
+           [&](Section &section) { experiment.traced = read_traced(section, *experiment.model); });
+  root.one("plot", [&](Section &section) {
+    experiment.plot = read_plot(section, *experiment.model, experiment.traced);
+  });
   if (const toml::node *expect = root.find("expect")) {
     if (!expect->is_table())
       root.fail("expect", "expected a table, got " + sim::kind_of(*expect) + "; write [expect]");

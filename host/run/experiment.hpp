@@ -18,6 +18,8 @@
 //              sensor   = { force = "held" }      from then on ADC 0 reads that; see ForceSensor
 //   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
 //   [plot]     see Plot
+//   [trace]    objects = ["statusword", "force_demand"]   objects of the firmware that become
+//              columns of the trace, in their units, as they are after each tick; not over a link
 //   [expect]   for `forceaxis test`; not interpreted here: forceaxis.experiments.expect checks it
 // clang-format on
 //
@@ -70,6 +72,16 @@ struct Criterion {
   // `contact_held = true`, every one of the model; then `contacts` is empty.
   bool contact_held = false;
   std::vector<std::string> contacts = {};
+  // Of an experiment that controls force, see HeldForce; errors are magnitudes.
+  std::optional<double> held_force_error_max_N;
+  std::optional<double> held_force_error_max_percent;
+  std::optional<double> overshoot_max_percent;
+  std::optional<double> settle_max_s;
+
+  bool judges_force() const {
+    return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||
+           settle_max_s;
+  }
 };
 
 // What the plot of a run shows.
@@ -93,6 +105,7 @@ struct Experiment {
   std::vector<Action> actions;  // by tick
   std::optional<Criterion> criterion;
   Plot plot;
+  std::vector<std::uint16_t> traced;          // objects of [trace]
   std::shared_ptr<const toml::table> expect;  // [expect], or nullptr
   std::vector<std::string> unused;            // parameters that [set] overrides and nothing uses
 };
@@ -123,7 +136,8 @@ class ExperimentFile {
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {});
 
-// The columns of a run's trace: codes and states, then the signals of the model.
+// The columns of a run's trace: codes and states, then the signals of the model; those of [trace]
+// come in addition.
 std::vector<std::string> trace_columns(const sim::Model &model);
 
 // Takes duration and verdict away: the run lasts until it is ended. Its actions stay. The tick in

@@ -20,20 +20,20 @@ const char *refusal_text(int error) {
 }  // namespace
 
 void ExperimentWrites::write_initial(const Write &write) const {
-  std::vector<ObjectWrite> left = experiment_->initial;
-  while (!left.empty()) {
+  std::vector<ObjectWrite> remaining = experiment_->initial;
+  while (!remaining.empty()) {
     std::vector<ObjectWrite> refused;
-    for (const ObjectWrite &w : left) {
+    for (const ObjectWrite &w : remaining) {
       if (write(0, w) != FW_OK) refused.push_back(w);
     }
-    if (refused.size() == left.size()) {
+    if (refused.size() == remaining.size()) {
       const ObjectWrite &w = refused.front();
       throw sim::InputError(
           experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
           "expected a value that the firmware takes beside the others, it refused " +
               std::to_string(w.raw) + " (raw): " + refusal_text(write(0, w)));
     }
-    left = refused;
+    remaining = refused;
   }
 }
 

@@ -7,10 +7,16 @@ namespace forceaxis::host {
 
 FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &options)
     : options_(options),
+      experiment_(&experiment),
       axis_(options.config ? axis_host_create_with(options.config) : axis_host_create()),
       writes_(experiment) {
   if (!axis_) throw std::bad_alloc();
   signals_ = &axis_->axis.signals;
+  // What is traced of the drive is only there while it runs, as it does after a write; its outputs
+  // stay the same.
+  if (!experiment.traced.empty())
+    fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
+                    read(AXIS_OBJ_VELOCITY_THRESHOLD));
   writes_.write_initial(writer());
 }
 

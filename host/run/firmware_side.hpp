@@ -53,6 +53,11 @@ class FirmwareSide {
     return run_tick(inputs, next_tick_, axis);
   }
 
+  // Appends the raw values of the experiment's traced objects.
+  void trace(std::vector<std::int32_t> &objects) const {
+    for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
+  }
+
   // Fetches and drops what the firmware transmits on its buses.
   void discard_output();
 
@@ -81,6 +86,7 @@ class FirmwareSide {
   }
 
   FirmwareOptions options_;
+  const Experiment *experiment_;
   const axis_signals_t *signals_;
   std::unique_ptr<fw_t, Deleter> axis_;
   ExperimentWrites writes_;

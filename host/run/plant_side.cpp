@@ -46,6 +46,12 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
     held_.push_back(contact.name);
     held_forces_.push_back(place);
   }
+  if (experiment.ticks < kEndlessTicks) force_task_ = force_task(experiment);
+  if (force_task_) {
+    task_place_ = static_cast<std::size_t>(
+        std::find(names.begin(), names.end(), force_task_->signal) - names.begin());
+    task_force_.reserve(static_cast<std::size_t>(experiment.ticks) + 1);
+  }
   window_start_ = std::max<std::int64_t>(
       0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
 }
@@ -99,6 +105,7 @@ RunResult PlantSide::finish() {
                                     [this](std::size_t i) { return plant_.signal_at(i) > 0; });
   if (!contact_forces_.empty()) metrics_.final_force_N = plant_.signal_at(contact_forces_.front());
 
+  if (force_task_) metrics_.held_force = held_force(*force_task_, task_force_, window_start_);
   result_.fault = enum_text(AXIS_OBJ_FAULT, first_fault_);
   result_.metrics = metrics_;
   result_.events = plant_.events();

@@ -7,6 +7,7 @@
 //   RunResult result = plant.finish();
 #include <algorithm>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "host/run/experiment.hpp"
@@ -59,6 +60,7 @@ class PlantSide {
       position_.add(record.encoder_cnt);
       metrics_.saturated_ticks += record.dac_code == 2047 || record.dac_code == -2048;
     }
+    if (force_task_) task_force_.push_back(plant_.signal_at(task_place_));
     if (options_.trace) keep(record, out);
     if (tick_ < experiment_->ticks) plant_.step(out.dac_code, (out.out & 1) != 0);
     ++tick_;
@@ -112,6 +114,9 @@ class PlantSide {
   ForceSensor force_sensor_ = ForceSensor::live;
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
+  std::optional<ForceTask> force_task_;
+  std::size_t task_place_ = 0;      // of its signal
+  std::vector<double> task_force_;  // at each tick
   Ripple<int> force_;
   Ripple<std::int64_t> position_;
   Metrics metrics_;

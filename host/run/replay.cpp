@@ -89,16 +89,19 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   config.modbus_baud = journal.modbus_baud;
   if (journal.has_store) config.memory = store.memory();
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
-  PlantSide plant(silent, options);
+  PlantSide plant(experiment, options);
+  std::vector<std::int32_t> objects;
   auto entry = journal.entries.begin();
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
       apply(*entry, firmware);
     }
     plant.act(firmware.tick(plant.sense()));
+    if (options.trace) firmware.trace(objects);
     firmware.discard_output();
   }
   RunResult result = plant.finish();
+  result.objects = std::move(objects);
   result.firmware_hash = firmware.hash();
   return result;
 }

@@ -9,8 +9,13 @@ namespace forceaxis::host {
 [[gnu::flatten]] RunResult run(const Experiment &experiment, const RunOptions &options) {
   PlantSide plant(experiment, options);
   FirmwareSide firmware(experiment, {.hash = options.firmware_hash});
-  while (plant.running()) plant.act(firmware.tick(plant.sense()));
+  std::vector<std::int32_t> objects;
+  while (plant.running()) {
+    plant.act(firmware.tick(plant.sense()));
+    if (options.trace) firmware.trace(objects);
+  }
   RunResult result = plant.finish();
+  result.objects = std::move(objects);
   result.refused = firmware.refused();
   if (options.firmware_hash) result.firmware_hash = firmware.hash();
   return result;

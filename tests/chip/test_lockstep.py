@@ -31,6 +31,7 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
         ("strike.toml", []),
         ("hold_biquad.toml", []),
         ("hold_biquad_12bit.toml", []),
+        ("excite_in_contact.toml", []),
     ],
 )
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):

@@ -141,6 +141,16 @@ FIRST_MOTION = {
     "contact_force": [512],
     "position_gain": [0, 256, 256, 256, 256, 256, 1280, 1280],
 }
+EXCITED_MODES = (4, 10, -1)
+EXCITATION = {
+    "excitation_point": [0, 1],
+    "excitation_code": [0, 100, 2048],
+    "excitation_force": [0, 1024, 65535],
+    "excitation_ramp": [0, 10, 100],
+    "excitation_force_max": [33554432, 33554432, 25600],
+    "excitation_force_min": [-33554432, -33554432, 2560],
+    "excitation_travel": [0, 20, 2147483647],
+}
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 
 
@@ -163,6 +173,7 @@ class Fuzz:
         self.tick_number = 0
         self.scenario_end = 0
         self.calm_rng = random.Random(seed + 1)
+        self.excite_rng = random.Random(seed + 2)
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1
         self.din = 1
@@ -209,6 +220,8 @@ class Fuzz:
         self.quiet = rng.random() < 0.3
         self.mode = rng.choice(MODES)
         self.set(side, "modes_of_operation", self.mode)
+        for name, values in EXCITATION.items():
+            self.set(side, name, self.excite_rng.choice(values))
         self.start_first_motion(side)
         for word in (0x06, 0x0F):
             self.set(side, "controlword", word)
@@ -437,4 +450,6 @@ class Fuzz:
             self.accidents(side)
         elif self.calm_rng.random() < 0.003:
             self.set(side, "modes_of_operation", self.calm_rng.choice(MODES))
+        if self.mode in EXCITED_MODES and self.excite_rng.random() < 0.2:
+            self.set(side, "excitation_run", int(self.excite_rng.random() < 0.9))
         self.sense(side.outputs, inputs)

@@ -174,11 +174,16 @@ class Profile:
         self.resets, self.axis, self.banked = Worst(), Worst(), Worst()
         self.control = 0
         axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
+        # In a force mode the drive makes the waveform, not axis_tick().
+        drive = chip.code.names.index("contact_excitation_prepare")
+        waveform = chip.code.names.index("excitation_step")
+        excited = [n for n in axis if n != waveform]
         law = chip.code.names.index("force_law_step")
         for _ in range(self.ticks):
             fuzz.step(side, inputs)
             chip.interrupt(bytes(inputs))
-            (self.banked if chip.shares_of[law + 1] else self.axis).take(chip, axis)
+            worst = self.banked if chip.shares_of[law + 1] else self.axis
+            worst.take(chip, excited if chip.shares_of[drive + 1] else axis)
             self.control = max(self.control, chip.control_count)
             mode = chip.byte(display)
             mode = mode - 256 if mode > 127 else mode

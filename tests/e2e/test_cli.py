@@ -210,8 +210,9 @@ WHOLE_LINES = [
     (
         ["verdict.windw_s=1"],
         f"{CONTACT}: verdict.windw_s: expected one of the keys window_s, force_ripple_max_count, "
-        'position_ripple_max_count, contact_held, got "windw_s"; did you mean window_s?; remove or '
-        "rename this key",
+        "position_ripple_max_count, contact_held, held_force_error_max_N, "
+        'held_force_error_max_percent, overshoot_max_percent, settle_max_s, got "windw_s"; did you '
+        "mean window_s?; remove or rename this key",
     ),
 ]
 

@@ -2,6 +2,7 @@
 workpieces and of gains."""
 
 import random
+import re
 from pathlib import Path
 
 import forceaxis
@@ -117,3 +118,26 @@ def test_without_the_dwell_the_same_strike_is_too_much(tmp_path):
         file.read_text().replace("[firmware]\n", "[firmware]\ncontact_loss_dwell = 0\n")
     )
     assert verdicts([str(file)], NOMINAL) == ["unstable"]
+
+
+STRIKES_N_S = (0.4, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4, 2.8, 4.0, 5.0)
+LARGEST_N_S = {"strike_p": 1.6, "strike_biquad": 2.8, "strike_biquad_12bit": 5.0}
+
+
+def struck(folder, name, strikes_N_s):
+    """Verdicts of an experiment under other strikes, 6 s after them: P needs up to 4 to settle."""
+    text = (ROOT / f"sim/experiments/{name}.toml").read_text()
+    text = text.replace('"../models', f'"{ROOT}/sim/models')
+    files = []
+    for N_s in strikes_N_s:
+        file = folder / f"{name}_{N_s}.toml"
+        file.write_text(re.sub(r"N_s = [0-9.]+", f"N_s = {N_s}", text))
+        files.append(str(file))
+    jobs = [(file, ["experiment.duration_s=8"]) for file in files]
+    return [r["verdict"] for r in forceaxis.run_many(jobs, threads=2)]
+
+
+@pytest.mark.parametrize("name", LARGEST_N_S)
+def test_every_strike_up_to_the_promised_one_is_survived_at_75_N(tmp_path, name):
+    strikes = [s for s in STRIKES_N_S if s <= LARGEST_N_S[name]]
+    assert struck(tmp_path, name, strikes) == ["stable"] * len(strikes)

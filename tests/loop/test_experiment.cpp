@@ -417,10 +417,11 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
       "firmware.a: expected the name of a firmware object, got \"a\", \"force_gian\", "
       "\"force_setpiont\"; did you mean force_gain, force_setpoint?; `forceaxis objects` lists "
       "them");
-  EXPECT_EQ(message(with("title", "figur = \"1\"\ntitel")),
-            "figur: expected one of the keys title, figure, shows, model, duration_s, seed, set, "
-            "firmware, at, verdict, plot, expect, got \"figur\", \"titel\"; did you mean figure, "
-            "title?; remove or rename these keys");
+  EXPECT_EQ(
+      message(with("title", "figur = \"1\"\ntitel")),
+      "figur: expected one of the keys title, figure, shows, model, duration_s, seed, set, "
+      "firmware, at, verdict, plot, trace, expect, got \"figur\", \"titel\"; did you mean figure, "
+      "title?; remove or rename these keys");
   EXPECT_EQ(message(with("\"force\"", "\"forse\"")),
             "firmware.mode: expected one of disabled,open_loop,position,force,excitation, got "
             "\"forse\"; did you mean force?; choose one of them");

@@ -216,13 +216,16 @@ class Flood {
   }
 
   // What the model cannot know is not touched from the bus: a count that moves after the TPDOs of
-  // its tick, and the recorder, which this program runs itself.
+  // its tick, the recorder, which this program runs itself, and the start of an excitation, which
+  // takes contact.
   static bool IsHidden(const can_frame_t &frame) {
     const uint32_t word = frame.data[4] | frame.data[5] << 8 | frame.data[6] << 16 |
                           static_cast<uint32_t>(frame.data[7]) << 24;
     const bool request = frame.id >= 0x600 && frame.length == 8;
-    const bool arms = frame.data[1] == 0x07 && frame.data[2] == 0x21;
-    return request && (arms || (word >> 16) == 0x2309 || (word >> 16) == 0x2107);
+    const uint16_t index = static_cast<uint16_t>(frame.data[1] | frame.data[2] << 8);
+    const uint32_t mapped = word >> 16;
+    return request && (index == 0x2107 || index == 0x2030 || mapped == 0x2309 || mapped == 0x2107 ||
+                       mapped == 0x2030);
   }
 
   void Send(can_frame_t frame) {

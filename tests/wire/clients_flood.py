@@ -1,7 +1,8 @@
 """Item 6 of the clients' session: the axis under a flood of frames, and the 402 client after it.
 
 The flood excludes identifiers that the node itself sends, so that each recorded frame has a known
-sender, and COB-IDs, the recorder and the count of lost frames, as in canopen_flood.cpp.
+sender, and COB-IDs, the recorder, the start of an excitation and the count of lost frames, as in
+canopen_flood.cpp.
 """
 
 import random
@@ -22,7 +23,7 @@ SECONDS = 6
 FOREIGN = "2AA"  # no node's
 BURST = 30_000
 OWN = {0x081, 0x181, 0x281, 0x381, 0x481, 0x581, 0x5C1, 0x5E1, 0x701}
-HIDDEN = {0x1005, 0x1014, 0x2107, 0x2309, *range(0x1400, 0x1404), *range(0x1800, 0x1804)}
+HIDDEN = {0x1005, 0x1014, 0x2030, 0x2107, 0x2309, *range(0x1400, 0x1404), *range(0x1800, 0x1804)}
 # Frequent indices of requests; other indices are rare.
 INDICES = [
     0x1000, 0x1001, 0x1003, 0x1008, 0x100A, 0x1010, 0x1011, 0x1015, 0x1016, 0x1017, 0x1018, 0x1029,

@@ -3,6 +3,7 @@
 import ctypes
 import itertools
 import queue
+import struct
 import threading
 import time
 from pathlib import Path
@@ -171,6 +172,47 @@ def test_the_recording_comes_in_one_piece(node):
     data = node.sdo.upload(0x2120, 0)
     ticks = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
     assert ticks == list(range(ticks[0], ticks[0] + 1000))
+
+
+def noise(seed, count):
+    """The values of the excitation's noise, Q15: the upper half of Knuth's generator."""
+    state = seed * 2654435769
+    for _ in range(count):
+        state = (state * 1664525 + 1013904223) % (1 << 32)
+        yield (state >> 16) - (1 << 16 if state >> 31 else 0)
+
+
+def test_a_start_of_the_excitation_triggers_the_recorder(node):
+    """Pressed at 30 counts: the sample at the trigger is the waveform's first value."""
+    sdo, before = node.sdo, 7
+    sdo[0x200E].raw = -30 * 256  # a tare that makes no reading one in contact
+    sdo[0x2005].raw = 9  # seed
+    sdo[0x2032].raw, sdo[0x2034].raw = 100, 0  # codes; no ramp
+    sdo[0x6060].raw = -1
+    for word in (6, 7, 15):
+        sdo[0x6040].raw = word
+    sdo[0x2100][1].raw, sdo[0x2100][2].raw = 0x203900, 0x203800
+    sdo[0x2103].raw, sdo[0x2105].raw, sdo[0x2106].raw = 4, before, 200
+    sdo[0x2107].raw = 1
+    time.sleep(0.05)
+    assert sdo[0x2108].raw == 1
+    sdo[0x2030].raw = 1
+    with pytest.raises(canopen.SdoAbortedError) as refusal:
+        sdo[0x2030].raw = 1  # it runs already
+    assert refusal.value.code == 0x08000022
+    for _ in range(200):
+        if sdo[0x2108].raw == 3:
+            break
+        time.sleep(0.01)
+    data, at = sdo.upload(0x2120, 0), sdo[0x210B].raw
+    assert at == before
+    samples = [struct.unpack_from("<iB", data, 5 * i) for i in range(len(data) // 5)]
+    assert samples[:at] == [(0, 0)] * at
+    wanted = [(100 * 256 * value >> 15, 11) for value in noise(9, len(samples) - at)]
+    assert samples[at:] == wanted
+    sdo[0x6040].raw = 0x10F  # halt
+    time.sleep(0.05)
+    assert (sdo[0x2038].raw, sdo[0x2039].raw) == (5, 0)
 
 
 def record_everything(node):

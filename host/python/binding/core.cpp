@@ -36,6 +36,13 @@ Criterion criterion_from(const py::dict &d) {
   c.window_s = d["window_s"].cast<double>();
   c.force_ripple_max_count = d["force_ripple_max_count"].cast<std::optional<double>>();
   c.position_ripple_max_count = d["position_ripple_max_count"].cast<std::optional<double>>();
+  const auto limit = [&d](const char *key) {
+    return d.contains(key) ? d[key].cast<std::optional<double>>() : std::nullopt;
+  };
+  c.held_force_error_max_N = limit("held_force_error_max_N");
+  c.held_force_error_max_percent = limit("held_force_error_max_percent");
+  c.overshoot_max_percent = limit("overshoot_max_percent");
+  c.settle_max_s = limit("settle_max_s");
   c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // or names
   return c;
 }
@@ -46,6 +53,15 @@ Metrics metrics_from(const py::dict &d) {
   m.position_ripple_count = d["position_ripple_count"].cast<double>();
   m.contact_losses = d["contact_losses"].cast<std::int64_t>();
   m.in_contact = d["in_contact"].cast<bool>();
+  if (!d.contains("held_force") || d["held_force"].is_none()) return m;
+  const py::dict force = d["held_force"];
+  forceaxis::host::HeldForce &held = m.held_force.emplace();
+  held.setpoint_N = force["setpoint_N"].cast<double>();
+  held.held_N = force["held_N"].cast<double>();
+  held.error_N = force["error_N"].cast<double>();
+  held.error_percent = force["error_percent"].cast<double>();
+  held.overshoot_percent = force["overshoot_percent"].cast<double>();
+  held.settle_s = force["settle_s"].cast<std::optional<double>>().value_or(held.settle_s);
   return m;
 }
 
@@ -281,6 +297,7 @@ PYBIND11_MODULE(_core, m) {
                                return column<std::uint32_t>(r.run.records,
                                                             [](const auto &x) { return x.tick; });
                              })
+      .def_property_readonly("objects", &Result::objects, "objects of [trace] -> unit")
       .def("columns", &Result::columns,
            "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
 

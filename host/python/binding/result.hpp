@@ -4,12 +4,14 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "host/run/experiment.hpp"
+#include "host/run/objects.hpp"
 #include "host/run/result.hpp"
 
 template <class T, class Rows, class Get>
@@ -18,6 +20,19 @@ pybind11::array_t<T> column(const Rows &rows, Get get) {
   T *out = values.mutable_data();
   for (const auto &row : rows) *out++ = static_cast<T>(get(row));
   return values;
+}
+
+// settle_s is None where the force does not settle.
+inline pybind11::dict to_dict(const forceaxis::host::HeldForce &f) {
+  pybind11::dict d;
+  d["setpoint_N"] = f.setpoint_N;
+  d["held_N"] = f.held_N;
+  d["error_N"] = f.error_N;
+  d["error_percent"] = f.error_percent;
+  d["overshoot_percent"] = f.overshoot_percent;
+  d["from_s"] = f.from_s;
+  d["settle_s"] = std::isfinite(f.settle_s) ? std::optional(f.settle_s) : std::nullopt;
+  return d;
 }
 
 inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
@@ -30,6 +45,7 @@ inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
   d["final_force_N"] = m.final_force_N;
   d["saturated_ticks"] = m.saturated_ticks;
   d["last_adc_change_tick"] = m.last_adc_change_tick;
+  d["held_force"] = m.held_force ? pybind11::object(to_dict(*m.held_force)) : pybind11::none();
   return d;
 }
 
@@ -39,6 +55,10 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   d["window_s"] = c->window_s;
   d["force_ripple_max_count"] = c->force_ripple_max_count;
   d["position_ripple_max_count"] = c->position_ripple_max_count;
+  d["held_force_error_max_N"] = c->held_force_error_max_N;
+  d["held_force_error_max_percent"] = c->held_force_error_max_percent;
+  d["overshoot_max_percent"] = c->overshoot_max_percent;
+  d["settle_max_s"] = c->settle_max_s;
   d["contact_held"] = c->contacts.empty() ? pybind11::object(pybind11::bool_(c->contact_held))
                                           : pybind11::cast(c->contacts);
   return d;
@@ -47,6 +67,21 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
 struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
+
+  // The values of a traced object in its unit.
+  template <class T>
+  pybind11::array_t<T> object_column(std::size_t place, const axis_object_meta_t &meta) const {
+    const std::size_t rows = run.records.size();
+    pybind11::array_t<T> values(static_cast<pybind11::ssize_t>(rows));
+    T *out = values.mutable_data();
+    for (std::size_t k = 0; k < rows; ++k) {
+      const std::int32_t bits = run.objects[k * experiment.traced.size() + place];
+      const std::int64_t raw =
+          meta.min < 0 ? std::int64_t{bits} : std::int64_t{static_cast<std::uint32_t>(bits)};
+      out[k] = static_cast<T>(static_cast<double>(raw) * meta.scale);
+    }
+    return values;
+  }
 
   pybind11::dict columns() const {
     pybind11::dict d;
@@ -60,12 +95,27 @@ struct Result {
     d["fault"] = column<std::uint8_t>(run.firmware, [](const auto &r) { return r.fault; });
     d["limit_reason"] =
         column<std::uint8_t>(run.firmware, [](const auto &r) { return r.limit_reason; });
+    for (std::size_t j = 0; !run.objects.empty() && j < experiment.traced.size(); ++j) {
+      const auto &meta = forceaxis::host::object_meta(experiment.traced[j]);
+      d[meta.name] = meta.scale == 1.0 ? pybind11::object(object_column<std::int64_t>(j, meta))
+                                       : pybind11::object(object_column<double>(j, meta));
+    }
     const std::size_t width = run.signal_names.size();
     for (std::size_t j = 0; j < width; ++j) {
       pybind11::array_t<double> values(static_cast<pybind11::ssize_t>(records.size()));
       double *out = values.mutable_data();
       for (std::size_t k = 0; k < records.size(); ++k) out[k] = run.signals[k * width + j];
       d[pybind11::str(run.signal_names[j])] = values;
+    }
+    return d;
+  }
+
+  // The objects of [trace] and their units.
+  pybind11::dict objects() const {
+    pybind11::dict d;
+    for (const std::uint16_t object : experiment.traced) {
+      const auto &meta = forceaxis::host::object_meta(object);
+      d[meta.name] = std::string_view(meta.unit) == "1" ? "" : meta.unit;
     }
     return d;
   }

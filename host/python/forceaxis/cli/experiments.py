@@ -222,6 +222,8 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     fault = "none"
     peak_force_N = 69.7       # largest contact force of the run
     final_value = 30.2        # mean of `signal` over its last final_s
+    held_force_N = 74.7       # mean over the window, and its error:
+    held_force_error_percent = 0.4
     settle_s = 0.81           # until it stays within +-band; or "never"
     overshoot = 0.12          # beyond final_value, fraction of the step
     trace_hash = "08b6..."    # every code of every tick

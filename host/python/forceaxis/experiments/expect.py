@@ -8,6 +8,8 @@
     final_value = 30.2       mean of `signal` over its last final_s
     settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
                              after the last one outside); "never" if outside in the last final_s
+    held_force_N = 74.7      mean of the force read by ADC 0 over the window of [verdict]
+    held_force_error_percent = 0.4   of the set-point at the end of the run
     overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
                              from its value at from_s; "undefined" when there is no step
 
@@ -40,7 +42,12 @@ TOLERANCES = {
     "final_value": {"relative": 0.01},
     "settle_s": {"tolerance": 0.01},
     "overshoot": {"tolerance": 0.01},
+    "held_force_N": {"relative": 0.01},
+    "held_force_error_percent": {"tolerance": 0.1},
 }
+
+
+HELD = {"held_force_N": "held_N", "held_force_error_percent": "error_percent"}
 
 
 NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number exists
@@ -153,7 +160,7 @@ class Reader:
 
     def wanted(self, key, value):
         """The expectation of a number: a Number, or the word for a missing one."""
-        low = -LARGEST if key == "final_value" else 0.0
+        low = -LARGEST if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in NOTHING:
             if value != NOTHING[key]:
                 self.fail(key, f'expected a number or "{NOTHING[key]}", got "{value}"')
@@ -244,6 +251,11 @@ def measure(done, expect, contacts):
         fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
     if "peak_force_N" in expect.wanted and not contacts:
         fail("peak_force_N", "expected a model with a contact, this one has none; remove the key")
+    held = done.summary["metrics"].get("held_force") or {}
+    if wanted := HELD.keys() & expect.wanted.keys() if not held else ():
+        fail(
+            min(wanted), "expected an experiment that controls force, this one does not; remove it"
+        )
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)
     if len(values) < 2:
@@ -268,6 +280,7 @@ def measure(done, expect, contacts):
         "fault": done.summary["fault"],
         "peak_force_N": done.summary["metrics"]["peak_force_N"] if contacts else None,
         "final_value": final,
+        **{key: held.get(name) for key, name in HELD.items()},
         "settle_s": (last + 1) / rate if settled else NOTHING["settle_s"],
         "overshoot": max(0.0, beyond) / abs(step) if abs(step) > rounding else "undefined",
         "trace_hash": done.summary["trace_hash"],

@@ -25,22 +25,37 @@ UNITS = {
 }
 
 
-def unit_of(name):
-    """(unit, factor) that a column is shown in."""
+def unit_of(name, units=None):
+    """(unit, factor) that a column is shown in; units: those of traced objects."""
+    if units and name in units:
+        return units[name], 1
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
-def trace(time_s, rows, title, width=7.2):
-    """Figure of rows of signals over time; rows: [{name: values}], in the units of the trace."""
+def trace(time_s, rows, title, width=7.2, units=None, names=None, setpoint_N=None):
+    """Figure of rows of signals over time; rows: [{name: values}], in the units of the trace.
+
+    units: of columns that are objects; names: of their values, for a row of its own. setpoint_N: a
+    line in each row of forces of the model.
+    """
     figure, axes = plt.subplots(
         len(rows), 1, sharex=True, figsize=(width, 0.55 + 1.45 * len(rows)), squeeze=False
     )
     for ax, row in zip(axes[:, 0], rows, strict=True):
         style(ax)
         for name, values in row.items():
-            unit, factor = unit_of(name)
+            unit, factor = unit_of(name, units)
+            if len(row) == 1 and (known := (names or {}).get(name)):
+                met, values = np.unique(values, return_inverse=True)
+                ax.set_yticks(range(len(met)), [known.get(int(v), str(v)) for v in met])
             stepped = {"drawstyle": "steps-post"} if (values * factor).dtype.kind in "iu" else {}
             ax.plot(time_s, values * factor, label=name, **THIN, **stepped)
+        if setpoint_N is not None and unit == "N":
+            ax.axhline(setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, zorder=1)
+            ax.annotate(
+                "set-point", (1, setpoint_N), (2, 0), xycoords=("axes fraction", "data"),
+                textcoords="offset points", fontsize=6, color=WANTED, va="center",
+            )  # fmt: skip
         ax.set_ylabel(unit if len(row) > 1 else f"{next(iter(row))}\n{unit}", fontsize=8)
         if len(row) > 1:
             where = {"loc": "lower right", "bbox_to_anchor": (1, 0.95), "ncols": len(row)}

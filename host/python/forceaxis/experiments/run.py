@@ -20,6 +20,7 @@ class Run:
     events: list  # (time_s, element, from, to)
     plot: dict  # the experiment's [plot] table
     shows: str  # the expected behaviour, from the file
+    units: dict  # object of [trace] -> its unit
 
     @property
     def title(self):
@@ -83,6 +84,7 @@ def finished(experiment, result, report, command):
         "events": result.event_count,
         "energy": result.energy,
         "metrics": result.metrics,
+        "objects": result.objects,
         "inputs_hash": result.inputs_hash,
         "firmware_hash": _core.FIRMWARE_HASH,
         "objects_hash": objects.OBJECTS_HASH,
@@ -92,7 +94,16 @@ def finished(experiment, result, report, command):
     if report:
         summary["link"] = {k: v for k, v in report.items() if k != "refused"}
     model = Path(result.model).resolve()
-    return Run(experiment, model, summary, columns, result.events, result.plot, result.shows)
+    return Run(
+        experiment,
+        model,
+        summary,
+        columns,
+        result.events,
+        result.plot,
+        result.shows,
+        result.objects,
+    )
 
 
 def reasons(criterion, metrics, fault):
@@ -105,11 +116,53 @@ def reasons(criterion, metrics, fault):
             found.append(f"contact lost {metrics['contact_losses']} times in the window")
         elif not metrics["in_contact"]:
             found.append("not in contact at the end")
+    found += force_reasons(criterion, metrics["held_force"])
     for what in ("force", "position"):
         ripple, limit = metrics[f"{what}_ripple_count"], criterion[f"{what}_ripple_max_count"]
         if limit is not None and ripple > limit:
             found.append(f"{what} ripple {ripple:.3g} above {limit:.3g} counts")
     return found
+
+
+def force_reasons(criterion, held):
+    """Every limit of [verdict] that the force held, see metrics.held_force, exceeds, in words."""
+    if held is None:
+        return []
+    kept = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held"
+    found = []
+    limit = criterion["held_force_error_max_N"]
+    if limit is not None and abs(held["error_N"]) > limit:
+        found.append(f"{kept}, error {abs(held['error_N']):.3g} above {limit:.3g} N")
+    for what, limit_key, words in (
+        ("error_percent", "held_force_error_max_percent", f"{kept}, error"),
+        ("overshoot_percent", "overshoot_max_percent", "overshoot"),
+    ):
+        limit = criterion[limit_key]
+        if limit is not None and held[what] > limit:
+            found.append(f"{words} {held[what]:.3g} above {limit:.3g} %")
+    limit = criterion["settle_max_s"]
+    if limit is not None and held["settle_s"] is None:
+        found.append("force not settled before the window")
+    elif limit is not None and held["settle_s"] > limit:
+        found.append(f"settled after {held['settle_s']:.3g} s, above {limit:.3g} s")
+    return found
+
+
+def describe_force(held):
+    """Set-point and force held, one line."""
+    settled = "not settled" if held["settle_s"] is None else f"settled in {held['settle_s']:.3g} s"
+    return (
+        f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N, error {held['error_N']:.3g} N "
+        f"({held['error_percent']:.3g} %), overshoot {held['overshoot_percent']:.3g} %, {settled} "
+        f"from {held['from_s']:.3g} s on"
+    )
+
+
+def not_traced(summary):
+    """The line that objects of [trace] have no columns, over a link."""
+    if "link" not in summary or not summary["objects"]:
+        return []
+    return [("not traced", f"{', '.join(summary['objects'])}: objects are read in process only")]
 
 
 def describe(summary):
@@ -121,6 +174,7 @@ def describe(summary):
         ("verdict", ": ".join([verdict, *([", ".join(because)] if because else [])])),
         ("fault", summary["fault"]),
         ("force", f"peak {metrics['peak_force_N']:.4g} N, end {metrics['final_force_N']:.4g} N"),
+        *([("held", describe_force(held))] if (held := metrics["held_force"]) else []),
         (
             "window",
             f"force ripple {metrics['force_ripple_count']:.3g} counts, position ripple "
@@ -132,6 +186,7 @@ def describe(summary):
             "energy",
             f"supplied {energy['supplied_J']:.6g} J, residual {energy['residual_J']:.2g} J",
         ),
+        *not_traced(summary),
         ("edge margin", "nothing converted" if margin is None else f"{margin:.3g} LSB"),
         ("trace hash", summary["trace_hash"]),
         *(link.describe(summary["link"]) if "link" in summary else []),

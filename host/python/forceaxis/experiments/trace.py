@@ -5,10 +5,12 @@ import json
 
 import numpy as np
 
+from forceaxis import objects
+
 
 def figure(done):
     """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position and force
-    where the experiment names no rows."""
+    where the experiment names no rows. Objects that a link did not trace are left out."""
     from forceaxis.experiments import plots
 
     time_s = done.columns["time_s"]
@@ -17,10 +19,24 @@ def figure(done):
     if not shown.any():  # an override made the run shorter than the plot
         shown[:] = True
     rows = [
-        {name: done.columns[name][shown] for name in names}
+        {name: done.columns[name][shown] for name in names if name in done.columns}
         for names in done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
     ]
-    return plots.trace(time_s[shown], rows, done.title)
+    held = done.summary["metrics"]["held_force"]
+    return plots.trace(
+        time_s[shown],
+        [row for row in rows if row],
+        done.title,
+        units=done.units,
+        names={name: value_names(name) for name in done.units},
+        setpoint_N=held and held["setpoint_N"],
+    )
+
+
+def value_names(name):
+    """The names of an object's values: those of an enum, or of single values."""
+    known = objects.BY_NAME[name]
+    return dict(enumerate(known.enum)) or dict(known.values)
 
 
 def write(done, out):

@@ -1,0 +1,113 @@
+#include "host/run/held_force.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+#include "firmware/objects/generated/axis_objects.h"
+#include "host/run/experiment.hpp"
+#include "host/run/objects.hpp"
+#include "sim/hybrid/mode.hpp"
+
+namespace forceaxis::host {
+namespace {
+
+constexpr int kEnabling = 0x0F;  // the bits of a controlword that enables
+constexpr int kHalt = 0x100;
+
+// The objects of an experiment as they were last written.
+class Written {
+ public:
+  void add(const ObjectWrite &w) { values_[w.object] = w.raw; }
+  std::int64_t operator[](std::uint16_t object) const {
+    const auto found = values_.find(object);
+    return found != values_.end() ? found->second : object_meta(object).initial;
+  }
+
+ private:
+  std::map<std::uint16_t, std::int64_t> values_;
+};
+
+// Newton in a count of the firmware's reading, 0 if ADC 0 reads no force.
+double newton_per_count(const sim::Model &model, std::int64_t force_sign) {
+  const auto &adc = model.adc[0];
+  if (!adc) return 0.0;
+  for (const sim::SignalInfo &signal : model.signal_list()) {
+    if (signal.name == adc->signal && signal.dimension == sim::Dimension::force)
+      return adc->per_count * (1 << (adc->bits - 8)) * static_cast<double>(force_sign);
+  }
+  return 0.0;
+}
+
+double setpoint_of(const Written &written, double newton_per_count) {
+  const std::int64_t mode = written[AXIS_OBJ_MODES_OF_OPERATION];
+  const std::int64_t word = written[AXIS_OBJ_CONTROLWORD];
+  const bool enabled = (word & (kEnabling | kHalt)) == kEnabling;
+  const bool drive_mode =
+      mode == AXIS_MODES_OF_OPERATION_FORCE || mode == AXIS_MODES_OF_OPERATION_CYCLIC_FORCE;
+  const bool counts = written[AXIS_OBJ_MODE] == AXIS_MODE_FORCE ||
+                      (enabled && mode == AXIS_MODES_OF_OPERATION_FORCE_COUNTS);
+  if (counts)
+    return static_cast<double>(written[AXIS_OBJ_FORCE_SETPOINT]) *
+           object_meta(AXIS_OBJ_FORCE_SETPOINT).scale * newton_per_count;
+  if (!enabled || !drive_mode) return 0.0;
+  const std::int64_t target = written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET];
+  // Per mille of a rated force in mN; its sign in the model is that of the sensor.
+  return std::copysign(1e-6, newton_per_count) * static_cast<double>(target) *
+         static_cast<double>(written[AXIS_OBJ_RATED_FORCE]);
+}
+
+}  // namespace
+
+std::optional<ForceTask> force_task(const Experiment &experiment) {
+  Written written;
+  for (const ObjectWrite &w : experiment.initial) written.add(w);
+  ForceTask task;
+  const double scale = newton_per_count(*experiment.model, written[AXIS_OBJ_FORCE_SIGN]);
+  if (scale == 0.0) return std::nullopt;
+  task.setpoint_N = setpoint_of(written, scale);
+  for (const Action &action : experiment.actions) {
+    bool disturbs = !action.impulses.empty();
+    for (const ObjectWrite &w : action.writes) {
+      written.add(w);
+      disturbs = disturbs || w.object == AXIS_OBJ_EXCITATION_RUN;
+    }
+    const double before = task.setpoint_N;
+    task.setpoint_N = setpoint_of(written, scale);
+    if (task.setpoint_N != before || disturbs) task.from_tick = action.tick;
+  }
+  if (task.setpoint_N == 0.0) return std::nullopt;
+  task.signal = experiment.model->adc[0]->signal;
+  return task;
+}
+
+HeldForce held_force(const ForceTask &task, const std::vector<double> &values,
+                     std::int64_t window_start) {
+  const auto ticks = static_cast<std::int64_t>(values.size());
+  HeldForce held{.setpoint_N = task.setpoint_N};
+  if (ticks == 0) return held;
+  const auto at = [&values](std::int64_t tick) { return values.begin() + tick; };
+  const std::int64_t window = std::min(window_start, ticks - 1);
+  held.held_N =
+      std::accumulate(at(window), values.end(), 0.0) / static_cast<double>(ticks - window);
+  held.error_N = held.setpoint_N - held.held_N;
+  held.error_percent = 100.0 * std::fabs(held.error_N / held.setpoint_N);
+
+  const auto begin = std::find_if(at(std::min(task.from_tick, ticks - 1)), values.end(),
+                                  [](double force_N) { return force_N != 0.0; });
+  if (begin == values.end()) return held;
+  const auto from = begin - values.begin();
+  held.from_s = static_cast<double>(from) / sim::kTickRateHz;
+  double ratio = 1.0;  // the largest part of the set-point that the force was
+  for (auto force = begin; force != values.end(); ++force)
+    ratio = std::max(ratio, *force / held.setpoint_N);
+  held.overshoot_percent = 100.0 * (ratio - 1.0);
+  const double band = kSettledPart * std::fabs(held.held_N);
+  std::int64_t settled = ticks;
+  while (settled > from && std::fabs(*at(settled - 1) - held.held_N) <= band) --settled;
+  if (settled <= window) held.settle_s = static_cast<double>(settled - from) / sim::kTickRateHz;
+  return held;
+}
+
+}  // namespace forceaxis::host
