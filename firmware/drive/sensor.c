@@ -31,7 +31,7 @@ static bool stays_railed(sensor_t *sensor, const drive_params_t *params, const a
   return sensor->railed_tick >= fx_ticks_from_ms(params->force_railed_time);
 }
 
-/* In every second tick: which condition the tick fulfils, if it may last. */
+/* In every fourth tick: which condition the tick fulfils, if it may last. */
 static uint8_t window_of(const sensor_t *sensor, const drive_params_t *params, const axis_t *axis) {
   if (!fx_within(axis->signals.force, axis->params.contact_force)) {
     return (params->force_stuck_travel != 0 && sensor->changed == 0) ? SENSOR_WINDOW_STUCK
@@ -55,7 +55,7 @@ static uint8_t judge_window(sensor_t *sensor, const drive_params_t *params, cons
     open_window(sensor, axis, window);
     return AXIS_FAULT_NONE;
   }
-  sensor->window_tick = (uint16_t)(sensor->window_tick + 2);
+  sensor->window_tick = (uint16_t)(sensor->window_tick + 4);
   const int32_t moved = fx_diff_wrap(axis->signals.position, sensor->start_cnt);
   if (window == SENSOR_WINDOW_STUCK) {
     if (!fx_within(moved, params->force_stuck_travel)) {
@@ -77,7 +77,8 @@ static uint8_t judge_window(sensor_t *sensor, const drive_params_t *params, cons
 
 void sensor_judge(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
                   axis_outputs_t *outputs) {
-  if (axis->signals.fault != AXIS_FAULT_NONE) {
+  if (axis->signals.active_mode == AXIS_MODE_DISABLED) {
+    sensor->code = axis->signals.force_raw;
     return;
   }
   uint8_t fault = AXIS_FAULT_NONE;
@@ -88,7 +89,7 @@ void sensor_judge(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
   }
   sensor->changed |= (uint8_t)(axis->signals.force_raw != sensor->code);
   sensor->code = axis->signals.force_raw;
-  if (fault == AXIS_FAULT_NONE && (axis->signals.tick_count & 1) != 0) {
+  if (fault == AXIS_FAULT_NONE && (axis->signals.tick_count & 3) == 2) {
     fault = judge_window(sensor, params, axis);
   }
   if (fault != AXIS_FAULT_NONE) {

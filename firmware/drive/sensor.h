@@ -19,7 +19,8 @@
  *                       sensor does not show, or an end stop.
  *
  * Times are in ticks of at least that length, the first tick of the condition included; stuck and
- * disconnected are judged in every second tick, so at most one tick later.
+ * disconnected are judged in every fourth tick, so up to five ticks later. An axis that was just
+ * enabled is supervised from its third tick on at the latest.
  *
  * What it cannot detect: a reading that is stuck or at the code of no force while the axis stands
  * with a small code (a held force has a constant reading); one that is stuck and still flickers; a
@@ -57,8 +58,8 @@ static inline bool sensor_is_railed(const axis_t *axis) {
 /* Parameters were written. */
 void sensor_derive(sensor_t *sensor, const drive_params_t *params);
 
-/* After a tick, while one of the objects is not 0: whether the reading guides the axis from now on.
- */
+/* After every second tick, while one of the objects is not 0: whether the reading guides the axis
+ * from now on. */
 void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides);
 
 /* After axis_tick(), before its outputs are put out: judges the tick. A finding takes them back. */

@@ -185,9 +185,6 @@ static void judge(cia402_t *drive, const axis_t *axis) {
 
 void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
-  if (drive->sensor.enabled != 0) {
-    sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
-  }
   tare_tick(&drive->tare, &drive->params, &drive->signals, axis);
   if (axis->primed != 0) {
     contact_tick(&drive->contact, &drive->params, &drive->signals, axis, drive->controlled != 0);
@@ -200,6 +197,9 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
     judge(drive, axis);
+    if (drive->sensor.enabled != 0) {
+      sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
+    }
     if (axis->primed != 0 && drive->controlled != 0) {
       touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
     }
