@@ -1,5 +1,6 @@
 #include "firmware/drive/touch.h"
 
+#include "firmware/drive/contact_excitation.h"
 #include "firmware/fx/fx.h"
 
 /* From one judgement to the next. */
@@ -115,7 +116,7 @@ static void watch_ripple(touch_t *touch, contact_t *contact, const drive_params_
   }
   touch->low = (force < touch->low) ? force : touch->low;
   touch->high = (force > touch->high) ? force : touch->high;
-  if (touch->demand != touch->steady_demand) {
+  if (touch->demand != touch->steady_demand || contact_excitation_is_active(signals)) {
     touch->steady = 0;
   }
   touch->slot_tick = (uint8_t)(touch->slot_tick + JUDGED_TICKS);
