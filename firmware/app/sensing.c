@@ -1,10 +1,20 @@
 #include "firmware/app/sensing.h"
 
+#include "firmware/app/law.h"
 #include "firmware/drive/calibration.h"
 
-/* As the port itself, so that what depends on the object follows. */
-static int write(fw_t *fw, uint16_t object, int32_t value) {
-  return dictionary_write(&fw->objects, FW_SOURCE_LOCAL, object, value);
+/* Puts the result in force, and what depends on it: a command cannot write objects itself. */
+static void adopt(fw_t *fw, uint32_t force_scale) {
+  drive_params_t *params = &fw->drive.params;
+  const int32_t scale_before = (int32_t)params->force_scale;
+  const int32_t date_before = params->calibration_date;
+  params->force_scale = force_scale;
+  params->calibration_date = params->date;
+  cia402_written(&fw->drive, &fw->axis, AXIS_OBJ_FORCE_SCALE, scale_before, (int32_t)force_scale);
+  cia402_written(&fw->drive, &fw->axis, AXIS_OBJ_CALIBRATION_DATE, date_before, params->date);
+  law_certify(fw);
+  fw->canopen.params.configuration_date = 0; /* 1020h: not the verified configuration any more */
+  fw->canopen.params.configuration_time = 0;
 }
 
 static int calibrate(fw_t *fw) {
@@ -19,8 +29,8 @@ static int calibrate(fw_t *fw) {
   if (signals->calibration_state != AXIS_CALIBRATION_STATE_DONE) {
     return FW_ERROR_RANGE;
   }
-  const int refusal = write(fw, AXIS_OBJ_FORCE_SCALE, (int32_t)force_scale);
-  return (refusal != FW_OK) ? refusal : write(fw, AXIS_OBJ_CALIBRATION_DATE, fw->drive.params.date);
+  adopt(fw, force_scale);
+  return FW_OK;
 }
 
 int sensing_command(fw_t *fw, uint16_t object) {

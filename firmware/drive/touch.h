@@ -18,10 +18,11 @@
  *                        no_contact. They start again at each contact, without a demand and
  *                        when its sign changes.
  *   force_ripple_max     The largest less the smallest reading in TOUCH_SLOT_TICKS. More than
- *   force_ripple_time    this, in slots of one demand, not excited, and for so long, is a limit
- * cycle as lost contacts are (contact.h). contact_unstable_option  What a limit cycle leads to.
- * Half the gain is taken over without a bump and given TOUCH_SETTLING_TICKS to settle; the gain is
- * whole again once the axis was disabled. After TOUCH_HALVINGS: contact_unstable.
+ *   force_ripple_time    this, for so long, in slots of one demand and without excitation, is a
+ *                        limit cycle as lost contacts are (contact.h).
+ *   contact_unstable_option  What a limit cycle leads to. Half the gain is taken over without a
+ *                        bump and given TOUCH_SETTLING_TICKS to settle; the gain is whole again
+ *                        once the axis was disabled. After TOUCH_HALVINGS: contact_unstable.
  *
  * A fault follows fault_reaction_option. Every fourth tick judges travel and approach, another one
  * the limit cycle; the answer is the tick after it. */
