@@ -16,7 +16,7 @@
 #include "firmware/app/fw.h"
 
 /* Frames received, and frames sent, in one round of the main loop. */
-enum { PORT_CAN_AT_ONCE = 8 };
+enum { PORT_CAN_AT_ONCE = 7 };
 
 /* Safe outputs first: the DAC at mid-scale, which is 0 V, then amplifier off and brake on; then
  * clocks and peripherals. The tick does not run yet. */

@@ -18,6 +18,7 @@ SESSION = Path(__file__).parent / "lcm_closed_session.py"
 DONE, REFUSED = 1, 2  # EVENT_ of axis_event_t
 CANOPEN, LCM = 0, 2  # command_source
 ENABLED = 0x27  # operation enabled, of the statusword's bits 0 to 3, 5 and 6
+SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON = 0x40, 0x21, 0x23
 # The flood's datagrams and bytes; 10_000_000 datagrams take the better part of an hour.
 FLOOD = int(os.environ.get("FORCEAXIS_LCM_DATAGRAMS", "60000"))
 TCP_BYTES = int(os.environ.get("FORCEAXIS_TCP_BYTES", "100000"))
@@ -130,7 +131,8 @@ def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory()
     assert got["lost"] < got["home"][0] / 100  # the gateway read this machine's
     assert got["tcp"]["bytes"] == TCP_BYTES and got["tcp"]["answered"] > TCP_BYTES // 100
     assert got["frames"] > 100
-    assert got["states"] == [0x40]  # switch on disabled
+    # The power stage was never on; a mutated write may be a valid controlword of a lower state.
+    assert set(got["states"]) <= {SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON}
     assert len(got["positions"]) == 1
     assert got["reads"] >= 0  # a command is answered as before
     # It is flat, at the gateway and at the axis: what is kept of answers and fragments has limits.
