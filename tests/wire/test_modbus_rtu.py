@@ -165,7 +165,14 @@ VALUES = {
     "modbus_word_order": [0, 0],
     **{f"recorder_signal_{i}": [0x202300 + 256 * i, 0x202500] for i in range(1, 9)},
 }
-COMMANDS = {"command_source", "store_parameters", "restore_defaults", "excitation_run"}
+COMMANDS = {
+    "command_source",
+    "store_parameters",
+    "restore_defaults",
+    "excitation_run",
+    "tare",
+    "calibrate",
+}
 
 
 def test_what_one_client_writes_the_other_reads(line, pymodbus):
