@@ -216,16 +216,18 @@ class Flood {
   }
 
   // What the model cannot know is not touched from the bus: a count that moves after the TPDOs of
-  // its tick, the recorder, which this program runs itself, and the start of an excitation, which
-  // takes contact.
+  // its tick, as does what a tare finds, the recorder, which this program runs itself, the start of
+  // an excitation, which takes contact, and a calibration.
   static bool IsHidden(const can_frame_t &frame) {
     const uint32_t word = frame.data[4] | frame.data[5] << 8 | frame.data[6] << 16 |
                           static_cast<uint32_t>(frame.data[7]) << 24;
     const bool request = frame.id >= 0x600 && frame.length == 8;
     const uint16_t index = static_cast<uint16_t>(frame.data[1] | frame.data[2] << 8);
     const uint32_t mapped = word >> 16;
-    return request && (index == 0x2107 || index == 0x2030 || mapped == 0x2309 || mapped == 0x2107 ||
-                       mapped == 0x2030);
+    const auto is_command = [](int at) {
+      return at == 0x2107 || at == 0x2030 || at == 0x2231 || at == 0x2237;
+    };
+    return request && (is_command(index) || is_command(mapped) || mapped == 0x2309);
   }
 
   void Send(can_frame_t frame) {
