@@ -174,6 +174,7 @@ class Fuzz:
         self.scenario_end = 0
         self.calm_rng = random.Random(seed + 1)
         self.excite_rng = random.Random(seed + 2)
+        self.tare_rng = random.Random(seed + 3)
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1
         self.din = 1
@@ -223,6 +224,10 @@ class Fuzz:
         for name, values in EXCITATION.items():
             self.set(side, name, self.excite_rng.choice(values))
         self.start_first_motion(side)
+        if self.tare_rng.random() < 0.05:
+            self.set(side, "tare_averaging", self.tare_rng.choice([1, 3, 6]))
+            self.set(side, "tare", 1)  # the axis stays disabled for it
+            return
         for word in (0x06, 0x0F):
             self.set(side, "controlword", word)
 
