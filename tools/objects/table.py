@@ -160,7 +160,10 @@ def check_object(raw, position, known):
     check_range(label, o, raw)
     check_addresses(label, o)
     # A PDO may carry objects that change from tick to tick, not set-up parameters.
-    o["mappable"] = o["part"] != "canopen" and o["writable"] == "any" and not o["stored"]
+    # A command has no value that a TPDO could send.
+    answers = o["kind"] == "command" and o["access"] != "wo"
+    free = o["writable"] == "any" and not o["stored"]
+    o["mappable"] = o["part"] != "canopen" and free and not answers
     return o
 
 

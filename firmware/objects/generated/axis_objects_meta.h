@@ -32,7 +32,7 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "c143dfc0f941578a9a7d2c61c64198308d8b283b8b9d1db5aa4c0382e41af92d"
+#define AXIS_OBJECTS_HASH "feb44aedfd1389390c0e1c2210bcfbe917b22a3f291b0e62939590f669de0c32"
 #define AXIS_OBJECTS_META_COUNT 522
 
 /* Entry i describes object number i + 1. */
@@ -584,7 +584,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {273, 2, "contact_loss_cap", "parameter", "drive", "largest code that presses meanwhile; 2048 is without a cap", "u16", "code",
      1.0, INT64_C(0), INT64_C(2048), INT64_C(0), "rw", "any", "", 0x2207, 0, 785, 1, "Contact loss cap", 0, 0},
     {274, 1, "excitation_run", "command", "drive", "starts the waveform of 2003h to 2009h in force mode 4, 10 or -1 while in contact, or ends it by its ramp; a refusal is named by excitation_state", "u8", "1",
-     1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "stop,start", 0x2030, 0, 880, 0, "Excitation run", 0, 1},
+     1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "stop,start", 0x2030, 0, 880, 0, "Excitation run", 0, 0},
     {275, 1, "excitation_point", "parameter", "drive", "where the waveform is added: at the output of the force law, or at its set-point", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "output,setpoint", 0x2031, 0, 881, 0, "Excitation point", 0, 1},
     {276, 2, "excitation_code", "parameter", "drive", "amplitude at the output of the force law", "u16", "code",
