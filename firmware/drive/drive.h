@@ -219,8 +219,7 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
 
 /* The force law has no certificate: in modes 4 and 10 the target force is bounded to `force` per
  * mille of force_limit and the output of the law to a code of +-`output`, with a warning. And: it
- * has one.
- */
+ * has one. */
 void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);
 void cia402_release_law(cia402_t *drive);
 
