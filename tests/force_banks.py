@@ -5,11 +5,12 @@ import zlib
 
 ONE = 1 << 26
 # b0, b1, b2, a1, a2.
+LOUD = (15 * ONE, 0, 0, 0, 0)  # runs into the ends of the signal
 SECTIONS = [
     (93575093, -182443590, 91431145, -116878093, 52331006),  # a lead for 8 bits
     (388570733, -759775498, 381287265, -104435743, 47406946),  # and for 12
     (ONE // 2, ONE // 2, 0, 0, 0),
-    (15 * ONE, 0, 0, 0, 0),  # runs into the ends of the signal
+    LOUD,
     (ONE // 10, 0, 0, -ONE + ONE // 10, 0),
 ]
 
@@ -19,7 +20,8 @@ def random_bank(rng):
     refuses the selection where the ADC does not bear it."""
     bank = rng.randint(1, 4)
     count = rng.choice([0, 1, 2, 3, 3, 3])
-    coefficients = [c for _ in range(count) for c in rng.choice(SECTIONS)]
+    among = [LOUD] if rng.random() < 0.25 else SECTIONS
+    coefficients = [c for _ in range(count) for c in rng.choice(among)]
     coefficients += [0] * (15 - len(coefficients))
     gain, damping = rng.choice([20, 256, 1119, 65535]), rng.choice([0, 0, 300, 65535])
     values = [count, gain, damping, rng.choice([0, 357914, ONE]), *coefficients]

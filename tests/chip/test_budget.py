@@ -18,7 +18,7 @@ from tick_fuzz import Fuzz
 from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
 
 AXIS = 250  # axis_tick() and what it calls, with the laws of the thesis
-BANKED = 450  # the same with a bank of the force law
+BANKED = 470  # the same with a bank of the force law
 BETWEEN = 1700  # what follows it in most ticks; resets and the store are apart
 COVERAGE = 0.95
 SAME_TICKS = 15_000

@@ -142,6 +142,8 @@ FIRST_MOTION = {
     "position_gain": [0, 256, 256, 256, 256, 256, 1280, 1280],
 }
 EXCITED_MODES = (4, 10, -1)
+NATIVE_POSITION = -4
+PROFILE = ("profile_velocity_max", "profile_acceleration_max")
 EXCITATION = {
     "excitation_point": [0, 1],
     "excitation_code": [0, 100, 2048],
@@ -175,6 +177,7 @@ class Fuzz:
         self.calm_rng = random.Random(seed + 1)
         self.excite_rng = random.Random(seed + 2)
         self.tare_rng = random.Random(seed + 3)
+        self.profile_rng = random.Random(seed + 4)
         self.calm = False  # the first motion is tested, by a plant that lets it begin
         self.encoder_sign = 1
         self.din = 1
@@ -350,6 +353,16 @@ class Fuzz:
             for place, name in enumerate(names):
                 self.set(side, name, 0x680 + place)
 
+    def redirect_profile(self, side):
+        """A new end of the profile and new limits, in the middle of its way."""
+        rng = self.profile_rng
+        self.set(side, "profile_enable", 1)
+        for name in PROFILE:
+            self.set(side, name, rng.choice(VALUES[name]))
+        if rng.random() < 0.5:
+            near = rng.choice([0, 300, 50_000, 50_000, 50_000_000])
+            self.set(side, "position_setpoint", int(self.position) + rng.randint(-near, near))
+
     def frames(self, side):
         """Up to a few frames of every kind."""
         rng = self.rng
@@ -455,6 +468,8 @@ class Fuzz:
             self.accidents(side)
         elif self.calm_rng.random() < 0.003:
             self.set(side, "modes_of_operation", self.calm_rng.choice(MODES))
+        if self.mode == NATIVE_POSITION and self.profile_rng.random() < 0.1:
+            self.redirect_profile(side)
         if self.mode in EXCITED_MODES and self.excite_rng.random() < 0.2:
             self.set(side, "excitation_run", int(self.excite_rng.random() < 0.9))
         self.sense(side.outputs, inputs)
