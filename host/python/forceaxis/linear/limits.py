@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from forceaxis import _core, paths
-from forceaxis.linear import loops, settings
+from forceaxis.linear import loops, over, settings
 from forceaxis.linear import system as linear
 
 # The command line's options, {option: parameter}: click writes names in lower case.
@@ -122,9 +122,10 @@ def limit_summary(loop, gain=None):
         summary["at"] = {
             "gain": gain,
             "firmware_gain": loop.firmware_gain(gain) if reading else None,
-            "stable": loop.stable(gain),
             **margins,
+            **asdict(over.figures(loop, gain)),
         }
+        summary["at"] |= {name: margins[name] for name in ("gain_margin", "phase_margin_deg")}
     return summary
 
 
@@ -173,7 +174,20 @@ def describe_limit(summary):
                 else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
             )
         )
+        if at["stable"]:
+            lines += figures_text(at)
     return "\n".join(lines)
+
+
+def figures_text(at):
+    """Lines about |S| and |T| of a loop, or of the worst of some."""
+    text = {None: "nowhere", 0.0: "at 0 Hz"}
+    rows = []
+    for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
+        rows.append(f"{name:12} {text.get(at[key]) or _hz_text(at[key])}")
+    sag = ", |T| sags below -3 dB before" if at["sag"] else ""
+    rows[1] += sag
+    return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 
 
 def _figures(time_s, value, final, duration_s):
