@@ -68,6 +68,17 @@ class _Response:
         self.poles = linalg.eigvals(self.A)
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
+    @classmethod
+    def of(cls, system):
+        """That of a System, sampled ones mapped onto the plane as in stability.Loop."""
+        system = _minimal(system)
+        A, B, C, D, dt = system.A, system.B, system.C, system.D, system.dt
+        if dt is not None and len(A):
+            inverse = np.linalg.inv(A + np.eye(len(A)))
+            A, D = (2 / dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
+            B, C = (4 / dt) * inverse @ B, C @ inverse
+        return cls(A, B, C, D)
+
     def size(self, w):
         """|H| at frequencies w of the plane, array like w."""
         return np.abs(self.system.at(1j * np.asarray(w, float)))
@@ -135,37 +146,11 @@ class _Response:
         return max(float(sizes[i]), -top.fun)
 
 
-def _closed_response(loop, A, B, C, D):
-    """The _Response of a closed loop's part, in the plane of the loop."""
-    system = _minimal(linear.System(A, B, C, D, tuple(map(str, range(len(A)))), ("",), ("",)))
-    A, B, C, D = system.A, system.B, system.C, system.D
-    if loop.dt is not None and len(A):
-        inverse = np.linalg.inv(A + np.eye(len(A)))
-        A, D = (2 / loop.dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
-        B, C = (4 / loop.dt) * inverse @ B, C @ inverse
-    return _Response(A, B, C, D)
-
-
-def sensitivity(loop, gain):
-    """S of a loop closed at a gain, as a _Response."""
-    A, B, C, D = loop._minimal.A, loop._minimal.B, loop._minimal.C, loop._minimal.D
-    share = gain / (1 + gain * D[0, 0])
-    return _closed_response(
-        loop, A - share * B @ C, share * B, -C / (1 + gain * D), 1 / (1 + gain * D)
-    )
-
-
-def complementary(loop, gain):
-    """T, from set-point to the controlled signal, as a _Response."""
-    closed = loop.closed(gain)
-    return _closed_response(loop, closed.A, closed.B, closed.C, closed.D)
-
-
 def figures(loop: Loop, gain):
     """The Figures of a loop at a gain (k, V/N)."""
     if not loop.stable(gain):
         return Figures(False)
-    S, T = sensitivity(loop, gain), complementary(loop, gain)
+    S, T = _Response.of(loop.sensitivity(gain)), _Response.of(loop.closed(gain))
     rising = [w for w, _ in S.crossings(HALF_POWER)]
     fS = 0.0 if S.ends()[0] >= HALF_POWER else loop._hz(rising[0]) if rising else None
     through = T.crossings(HALF_POWER)
@@ -272,8 +257,9 @@ def gain_at(loop, gain, force_gain, arguments):
 def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments):
     """The Worst of a PlantSet over its modes and `timings`; loop_arguments as PlantSet.loop.
 
-    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners, seeded random members, then a pattern
-    search around the worst of each figure: some hundred loops of 5 to 10 ms.
+    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
+    seeded random members, then a pattern search around the worst of each figure: some hundred loops
+    of 5 to 10 ms.
     """
 
     def analyse(loop):
@@ -337,15 +323,18 @@ def _distinct(model, overrides, candidates):
     return tuple(sorted(found, key=len))
 
 
-def _pressed(known, modes):
-    """Whether a contact, of a model that has some, is pressed."""
+def _lasts(known, modes):
+    """Whether a law can be in this mode for long: pressed, if the model has contacts, and nothing
+    saturated. (A saturated feedback inside the drive leaves a loop that no gain holds.)"""
+    if any(state.endswith(" limit") for state in modes.values()):
+        return False
     names = [contact["name"] for contact in known["contacts"]]
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
 def modes_visited(experiment, overrides=()):
-    """The modes, {element: state}, in contact, that one run of an experiment (a path; overrides:
-    texts NAME=VALUE) visits and in which its force loop has a path; at least the default, {}."""
+    """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
+    NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least {}."""
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events
     own = _core.inputs(path, texts)
@@ -359,7 +348,7 @@ def modes_visited(experiment, overrides=()):
         state[element] = after
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
-    inside = [modes for modes in unique if _pressed(known, modes)]
+    inside = [modes for modes in unique if _lasts(known, modes)]
     return _distinct(own["model"], values, inside) or ({},)
 
 
