@@ -84,7 +84,8 @@ def rlocus(model, out, as_json, **given):
 
     x: open-loop poles, o: zeros; in Hz, the upper half-plane; of a sampled loop log(z) / T. A
     filled diamond is the critical gain, as `forceaxis limit` gives it; --gain or --firmware-gain
-    mark the poles there, as does an experiment's. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
+    mark the poles there, as does an experiment's gain. JSON: loci, each with gains, branches,
+    poles, zeros in 1/s, crossings.
     """
     from forceaxis.linear import locus
 

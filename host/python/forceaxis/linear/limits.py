@@ -186,7 +186,7 @@ def figures_text(at):
     rows = []
     for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
         rows.append(f"{name:12} {text.get(at[key]) or hz_text(at[key])}")
-    sag = ", |T| sags below -3 dB before" if at["sag"] else ""
+    sag = ", and is below it also below fS" if at["sag"] else ""
     rows[1] += sag
     return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 

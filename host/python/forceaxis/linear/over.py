@@ -43,7 +43,7 @@ class Figures:
     Ms: float | None = None  # largest |S|, up to half the tick rate
     gain_margin: float | None = None  # factor up to the next crossing; None: none
     phase_margin_deg: float | None = None  # smallest in size; None: |L| is nowhere 1
-    sag: bool = False  # |T| is below -3 dB somewhere below fT
+    sag: bool = False  # |T| is below -3 dB somewhere below fS
 
     def badness(self, name):
         """A number that grows as figure `name` gets worse; inf of an unstable loop."""
@@ -151,15 +151,11 @@ def figures(loop: Loop, gain):
     if not loop.stable(gain):
         return Figures(False)
     S, T = _Response.of(loop.sensitivity(gain)), _Response.of(loop.closed(gain))
-    rising = [w for w, _ in S.crossings(HALF_POWER)]
-    fS = 0.0 if S.ends()[0] >= HALF_POWER else loop._hz(rising[0]) if rising else None
-    through = T.crossings(HALF_POWER)
-    if T.ends()[1] >= HALF_POWER:
-        fT, sag = None, bool(through) or T.ends()[0] < HALF_POWER
-    else:
-        falls = [w for w, rises in through if not rises]
-        fT = loop._hz(falls[-1]) if falls else 0.0
-        sag = any(rises for _, rises in through)
+    rises = [loop._hz(w) for w, up in S.crossings(HALF_POWER) if up]
+    falls = [loop._hz(w) for w, up in T.crossings(HALF_POWER) if not up]
+    fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
+    fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
+    sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
     margins = loop.margins(gain)
     return Figures(True, fS, fT, S.peak(), margins.gain_margin, margins.phase_margin_deg, sag)
 
@@ -363,4 +359,4 @@ def modes_all(model, overrides=None):
         )
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    return _distinct(model, overrides, [{}, *(modes for modes in every if _pressed(known, modes))])
+    return _distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])
