@@ -10,6 +10,7 @@ A law is u = k e - K_v v, in volts, with e the set-point less the feedback, in n
     stiffness   k (K_fs (x_d - x) - f)                  Fig 1.5
     damping     k (K_fd (v_d - v) - f)                  Fig 1.6
     impedance   k (K_fs (x_d - x) + K_fd (v_d - v) + f_d - f)   Fig 1.7
+    bank        k (integral and sections) (f_d - f), the firmware's general law, see `bank`
 
 f is the signal of ADC 0, x and v are the encoder's (the drive's body against its reaction). K_v is
 the inner damping of Figs 1.3 and 1.5, optional. With zoh and zoh+1 the law runs once a tick: the
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from forceaxis import _core
+from forceaxis.linear.bank import series
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 
@@ -39,18 +41,12 @@ LAWS = {
     "stiffness": ("stiffness_N_per_m",),
     "damping": ("damping_Ns_per_m",),
     "impedance": ("stiffness_N_per_m", "damping_Ns_per_m"),
+    "bank": (),
 }
 MOTION = ("stiffness", "damping", "impedance")  # laws that feed back motion besides force
 INNER = "velocity_gain_Vs_per_m"
 FIRMWARE_STEP = 1 / 256  # DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 / 256
-
-
-def _series(front, back):
-    """`back` fed by `front`, both (A, B, C, D) with one input."""
-    (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
-    A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
-    return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
 def _first_order(a, b, c, d):
@@ -75,7 +71,13 @@ def option(name):
     return "--" + name.replace("_", "-").lower()
 
 
-def _check(law, timing, given):
+def _check(law, timing, given, bank):
+    if law == "bank" and bank is None:
+        raise _core.InputError("--law: expected bank with an experiment that selects one")
+    if bank is not None and law not in ("bank", *MOTION):
+        raise _core.InputError(f"law: expected bank or one of motion with a bank, got {law}")
+    if bank is not None and timing == "continuous":
+        raise _core.InputError("timing: expected zoh or zoh+1 with law bank, it is sampled")
     if law not in LAWS:
         raise _core.InputError(f"law: expected one of {', '.join(LAWS)}, got {law}")
     if timing not in TIMINGS:
@@ -120,6 +122,13 @@ def _controlled(known, where, law, output):
     if unit != "N" and law in MOTION:
         raise _core.InputError(f"output: expected a force with law {law}, {signal} is in {unit}")
     return signal, unit
+
+
+def _encoder_scale(known, where):
+    """Counts per metre of the encoder."""
+    if known["encoder"] is None:
+        raise _core.InputError(f"{where}: encoder: expected one with a velocity gain")
+    return known["encoder"]["scale"]
 
 
 def _force_rate(known, signal, unit):
@@ -214,6 +223,14 @@ def _sampled(system, law, timing, tick_s, moves):
     return _Plant(A, B, f, rate, x, v, none, none, states)
 
 
+def _late_motion(plant):
+    """The _Plant with x and v of the tick before."""
+    A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
+    A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
+    states = (*plant.states, "x late", "v late")
+    return plant._replace(A=A, B=B, f=f, rate=rate, x=x, v=v, states=states)
+
+
 def force_loop(
     model,
     law="p",
@@ -223,6 +240,8 @@ def force_loop(
     output="reading",
     free=False,
     tick_s=TICK_S,
+    bank=None,
+    late_motion=False,
     **parameters,
 ):
     """The loop of a law around a model.
@@ -231,15 +250,19 @@ def force_loop(
     of the force (default: what ADC 0 converts); `tick_s`: sampling period of zoh and zoh+1.
     parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
     damping_Ns_per_m as the law needs, velocity_gain_Vs_per_m (V s/m) with any law that has
-    inner damping. Raises InputError.
+    inner damping. bank: the bank.Bank of law "bank", or before a law of motion; k takes the place
+    of its gain. late_motion: a law of motion gets x and v of the tick before, as the drive's modes
+    do. Raises InputError.
     """
     given = {name: float(value) for name, value in parameters.items() if value is not None}
-    _check(law, timing, given)
+    _check(law, timing, given, bank)
     known = facts(model, overrides)
     where = str(find_model(model))
     signal, unit = _controlled(known, where, law, output)
     names = [output, _force_rate(known, signal, unit)] if law == "derivative" else [output]
     inner = given.get(INNER, 0.0)
+    if bank is not None and bank.velocity_gain:
+        inner = bank.velocity_gain * known["volts_per_code"] * _encoder_scale(known, where) * TICK_S
     moves = bool(law in MOTION or inner)
 
     def read(outputs):
@@ -250,11 +273,13 @@ def force_loop(
         plant, dt = _continuous(system, law, where), None
     else:
         plant, dt = _sampled(system, law, timing, tick_s, moves), tick_s
-    A, B, states, f, rate = plant.A, plant.B, plant.states, plant.f, plant.rate
     if inner:
-        A = A - inner * B @ plant.v
+        plant = plant._replace(A=plant.A - inner * plant.B @ plant.v)
         if law == "pd" and timing == "continuous":
-            rate = f @ A
+            plant = plant._replace(rate=plant.f @ plant.A)
+    if late_motion and law in MOTION and dt is not None:
+        plant = _late_motion(plant)
+    A, B, states, f, rate = plant.A, plant.B, plant.states, plant.f, plant.rate
     fed, fed_direct = f.copy(), plant.direct.copy()
     if law in ("pd", "derivative"):
         share = given["derivative_s"]
@@ -265,8 +290,12 @@ def force_loop(
         fed = fed + given["damping_Ns_per_m"] * plant.v
     C, D = np.vstack([fed, f]), np.vstack([fed_direct, plant.direct])
     if law in ("pi", "lead"):
-        A, B, C, D = _series(_compensator(law, given, dt), (A, B, C, D))
+        A, B, C, D = series(_compensator(law, given, dt), (A, B, C, D))
         states = (law, *states)
+    if bank is not None:
+        front = bank.compensator()
+        A, B, C, D = series(front, (A, B, C, D))
+        states = (*(f"law {i}" for i in range(len(front[0]))), *states)
     whole = System(A, B, C, D, states, ("error",), ("feedback", output), dt)
     per_count = known["reading"]["per_count"] if output == "reading" else None
     return Loop(
@@ -278,6 +307,7 @@ def force_loop(
         unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
         codes_per_gain=None if per_count is None else abs(per_count) / known["volts_per_code"],
         parameters=given,
+        bank=bank,
     )
 
 

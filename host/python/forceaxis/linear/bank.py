@@ -1,0 +1,113 @@
+"""The firmware's general force law, a bank of coefficients (firmware/core/force_law.h), as a law.
+
+    u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
+
+with e = f_d - f in 8-bit counts, v the encoder's in counts per tick, u in DAC codes, and sections
+H(z) = (b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2). The integral is a sum with the present
+error in it. Analysis takes the coefficients as the firmware holds them: `quantised`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from forceaxis import _core
+
+GAIN_STEP = 1 / 256  # of force_gain and velocity_gain
+COEFFICIENT_STEP = 2.0**-26
+COEFFICIENT_MAX = 16.0
+SECTIONS_MAX = 3
+HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
+TICK_S = 1 / _core.TICKS_PER_SECOND
+
+
+def _rounded(value, step):
+    return math.floor(value / step + 0.5) * step
+
+
+@dataclass(frozen=True)
+class Bank:
+    """One bank. force_gain: DAC codes per 8-bit count; integral_rad_per_s >= 0; velocity_gain: DAC
+    codes per count/tick; sections: up to three of (b0, b1, b2, a1, a2)."""
+
+    force_gain: float
+    integral_rad_per_s: float = 0.0
+    velocity_gain: float = 0.0
+    sections: tuple = ()
+
+    def quantised(self):
+        """The bank of the values that the firmware's objects hold."""
+        return replace(
+            self,
+            force_gain=_rounded(self.force_gain, GAIN_STEP),
+            integral_rad_per_s=_rounded(self.integral_rad_per_s * TICK_S, COEFFICIENT_STEP)
+            / TICK_S,
+            velocity_gain=_rounded(self.velocity_gain, GAIN_STEP),
+            sections=tuple(
+                tuple(_rounded(c, COEFFICIENT_STEP) for c in section) for section in self.sections
+            ),
+        )
+
+    def response(self, z):
+        """I H_1 .. H_n at points z: the law without its gain g. Like z in shape."""
+        z = np.asarray(z, complex)
+        back = 1 / z
+        value = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
+        for b0, b1, b2, a1, a2 in self.sections:
+            value = value * (b0 + back * (b1 + back * b2)) / (1 + back * (a1 + back * a2))
+        return value
+
+    def compensator(self):
+        """The same as (A, B, C, D), states: two of each section, the integral."""
+        system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
+        for b0, b1, b2, a1, a2 in self.sections:
+            A = np.array([[-a1, -a2], [1.0, 0.0]])
+            C = np.array([[b1 - a1 * b0, b2 - a2 * b0]])
+            system = series(system, (A, np.array([[1.0], [0.0]]), C, np.array([[b0]])))
+        share = self.integral_rad_per_s * TICK_S
+        if share:
+            integral = (np.eye(1), np.array([[share]]), np.eye(1), np.array([[1 + share]]))
+            system = series(system, integral)
+        return system
+
+    def hf_gain(self):
+        """DAC codes for one 8-bit count at high frequency, as law_bank_state() takes it."""
+        direct = math.prod(section[0] for section in self.sections)
+        highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
+        return self.force_gain * max(abs(direct), abs(highest))
+
+    def keys(self):
+        """The keys of [firmware.bank_N] in an experiment."""
+        keys = {"gain": self.force_gain}
+        if self.integral_rad_per_s:
+            keys["integral_rad_per_s"] = self.integral_rad_per_s
+        if self.velocity_gain:
+            keys["velocity_gain"] = self.velocity_gain
+        if self.sections:
+            keys["sections"] = [list(section) for section in self.sections]
+        return keys
+
+
+def series(front, back):
+    """`back` fed by `front`, both (A, B, C, D) with one input."""
+    (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
+    A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
+    return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
+
+
+def of_settings(settings):
+    """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select, or
+    None: the laws of the thesis."""
+    number = int(settings.get("force_bank", 0))
+    if not number:
+        return None
+    count = int(settings[f"bank_sections_{number}"])
+    first = 15 * (number - 1) + 1
+    values = [settings[f"bank_coefficient_{first + i}"] for i in range(5 * count)]
+    return Bank(
+        settings[f"bank_gain_{number}"],
+        settings[f"bank_integral_{number}"],
+        settings[f"bank_velocity_gain_{number}"],
+        tuple(tuple(values[5 * i : 5 * i + 5]) for i in range(count)),
+    )

@@ -1,0 +1,110 @@
+"""A set of plants: ranges of a model's parameters, and the modes that a run visits.
+
+`--over k_w=30%,m_w=200..500` names ranges about the model's own values. A Member is one choice of
+values in one mode; a loop around each, for one delay or several, is what margins are taken over.
+"""
+
+import itertools
+import math
+import random
+from dataclasses import dataclass, field
+
+from forceaxis import _core
+from forceaxis.linear import loops
+from forceaxis.linear import system as linear
+
+RANGES_MAX = 8  # 256 corners
+
+
+@dataclass(frozen=True)
+class Member:
+    """values: {parameter: SI value} within the ranges; modes: {element: state}."""
+
+    values: dict = field(default_factory=dict)
+    modes: dict = field(default_factory=dict)
+
+    def label(self):
+        """For people: "k_w = 288890, drive.amplifier = high outer"; "nominal"."""
+        parts = [f"{n} = {v:.6g}" for n, v in self.values.items()]
+        parts += [f"{n} = {state}" for n, state in self.modes.items()]
+        return ", ".join(parts) or "nominal"
+
+
+@dataclass(frozen=True)
+class PlantSet:
+    """model: a path or stem; overrides: {parameter: value} of all members; ranges: {parameter:
+    (nominal, low, high)}, SI; modes: the modes each choice of values is taken in."""
+
+    model: str
+    overrides: dict = field(default_factory=dict)
+    ranges: dict = field(default_factory=dict)
+    modes: tuple = ({},)
+
+    def nominal(self):
+        return self._in_modes({name: r[0] for name, r in self.ranges.items()})
+
+    def corners(self):
+        ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
+        if not ends:
+            return []
+        return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
+
+    def random(self, count, seed=1988):
+        """Members of `count` choices of values, uniform within the ranges."""
+        rng = random.Random(seed)
+        chosen = [
+            {name: rng.uniform(r[1], r[2]) for name, r in self.ranges.items()} for _ in range(count)
+        ]
+        return [member for values in chosen for member in self._in_modes(values)]
+
+    def _in_modes(self, values):
+        return [Member(values, dict(modes)) for modes in self.modes]
+
+    def loop(self, member, timing="zoh", law="p", **arguments):
+        """loops.force_loop around a member."""
+        overrides = self.overrides | member.values
+        return loops.force_loop(
+            self.model, law, timing, overrides, member.modes or None, **arguments
+        )
+
+
+def ranges_of(model, over, overrides=None):
+    """{parameter: (nominal, low, high)} of texts NAME=PERCENT% or NAME=LOW..HIGH, each perhaps
+    several with commas between. Raises InputError."""
+    known = linear.facts(model, overrides)["parameters"]
+    ranges = {}
+    for text in (part for given in over for part in given.split(",")):
+        name, _, span = text.partition("=")
+        if name not in known:
+            raise _core.InputError(
+                f"--over: {text}: expected a parameter of the model, one of "
+                f"{', '.join(sorted(known))}"
+            )
+        if name in ranges:
+            raise _core.InputError(f"--over: {name}: expected each parameter once")
+        nominal = known[name][0]
+        ranges[name] = (nominal, *_span(text, span, nominal))
+    if len(ranges) > RANGES_MAX:
+        raise _core.InputError(
+            f"--over: expected at most {RANGES_MAX} parameters, got {len(ranges)}"
+        )
+    return ranges
+
+
+def _span(text, span, nominal):
+    low, dots, high = span.partition("..")
+    try:
+        if span.endswith("%"):
+            share = float(span[:-1]) / 100
+            ends = sorted((nominal * (1 - share), nominal * (1 + share)))
+            fits = 0 < share < 1 and nominal != 0
+        else:
+            ends = [float(low), float(high)]
+            fits = bool(dots) and ends[0] < ends[1]
+    except ValueError:
+        fits = False
+    if not (fits and all(map(math.isfinite, ends))):
+        raise _core.InputError(
+            f"--over: {text}: expected NAME=PERCENT% above 0 and below 100, or NAME=LOW..HIGH"
+        )
+    return ends
