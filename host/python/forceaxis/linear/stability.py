@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.system import System
 
 
@@ -98,6 +99,8 @@ class Loop:
     unit: str
     codes_per_gain: float | None
     parameters: dict = field(default_factory=dict)
+    bank: Bank | None = None
+    own_gain: float | None = None  # k of the experiment that the loop is of
 
     @cached_property
     def open(self):
@@ -131,6 +134,12 @@ class Loop:
             inputs=("set-point",),
             outputs=self.whole.outputs[1:],
         )
+
+    def sensitivity(self, gain):
+        """S = 1 / (1 + k L), from the set-point to the error, of a loop closed at a gain."""
+        A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
+        share = gain / D[0, 0]
+        return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
     def closed_poles(self, gain):
         """Closed-loop poles, 1/s (of a sampled loop log(z) / T)."""
