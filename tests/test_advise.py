@@ -9,7 +9,8 @@ import pytest
 from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
-from forceaxis.linear import advise, loops
+from forceaxis.design import advise
+from forceaxis.linear import loops
 from scipy import optimize
 
 

@@ -28,9 +28,9 @@ import numpy as np
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError
+from forceaxis.design.changes import FACTOR, Design, changes
 from forceaxis.linear import loops, modes
 from forceaxis.linear import system as linear
-from forceaxis.linear.design import FACTOR, Design, changes
 
 GAIN_MARGIN = 2.0
 LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
