@@ -5,15 +5,15 @@ import sys
 
 import click
 
-from forceaxis import new
 from forceaxis._core import InputError
 from forceaxis.cli.common import Folder, Verb, as_json
+from forceaxis.design import data_sheet, new
 
 
 def options(command):
     """One command-line option per field."""
-    for field in reversed(new.FIELDS):
-        default = field.why if callable(field.default) else new.shown(field, field.default)
+    for field in reversed(data_sheet.FIELDS):
+        default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
         command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
             command
@@ -24,7 +24,7 @@ def options(command):
 def prompt(field, default):
     """Ask for one value on the terminal until it is one; None: the default was taken."""
     click.echo(f"\n{field.part}: {field.ask}")
-    proposed = new.shown(field, default)
+    proposed = data_sheet.shown(field, default)
     while True:
         text = click.prompt(f"  {field.option[2:]}", default=proposed)
         if text == proposed:
@@ -57,7 +57,7 @@ def new_(name, yes, force, as_json, **given):
     """
     new.refuse_existing(name, force)
     talk = not (yes or as_json) and sys.stdin.isatty()
-    done = new.write(name, *new.collect(given, prompt if talk else None), force)
+    done = new.write(name, *data_sheet.collect(given, prompt if talk else None), force)
     click.echo(json.dumps(done) if as_json else new.describe(done))
 
 

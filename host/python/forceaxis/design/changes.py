@@ -11,8 +11,8 @@ import tomlkit
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
 from forceaxis.linear import loops
-from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 from forceaxis.linear import system as linear
+from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 
 FACTOR = 2.0
 
