@@ -1,0 +1,53 @@
+"""A linear contact: what a law does with a set-point that rises as a ramp.
+
+An integral that is slower than the loop leaves a tail, a faster one an overshoot; neither shows in
+the bandwidth. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
+"""
+
+import numpy as np
+
+from forceaxis.linear.bank import TICK_S
+
+PERIOD = 30.0  # ramps
+HARMONICS = 256
+POINTS = 2048
+OVERSHOOT_MAX = 0.06  # of the set-point
+SHORT_MAX = 0.025  # below the set-point, from
+SETTLED = 1.25  # ramps on
+
+
+class Ramp:
+    """loops: around the plants, law p; delays: ticks; ramp_s: how long the set-point rises."""
+
+    def __init__(self, loops, delays, ramp_s):
+        period = PERIOD * ramp_s
+        k = np.arange(1, 2 * HARMONICS, 2)
+        k = k[k / period < 0.49 / TICK_S]
+        hz = k / period
+        share = np.arange(POINTS) / POINTS * PERIOD  # of time in ramps
+        shape = np.clip(share, 0, 1) - np.clip(share - PERIOD / 2, 0, 1) - 0.5
+        self._harmonics = k
+        self._setpoint = np.fft.rfft(shape)[k]
+        rows = [loop.open.response(hz) / loop.codes_per_gain for loop in loops]
+        self.plant = np.array(rows)
+        angle = np.broadcast_to(2 * np.pi * hz * TICK_S, self.plant.shape)
+        self.z = np.exp(1j * angle)
+        self.warped = 2 / TICK_S * np.tan(angle / 2)
+        self.warped_squared = self.warped**2
+        self.integral = TICK_S / (1 - 1 / self.z)
+        self._lag = [self.z**-delay for delay in delays]
+        self._held = share[: POINTS // 2] > SETTLED
+
+    def excess(self, law):
+        """How far the response leaves the band about the set-point, a share of it, 0 within. law:
+        gain and all, at z."""
+        worst = 0.0
+        for lag in self._lag:
+            L = self.plant * law * lag
+            spectrum = np.zeros((len(L), POINTS // 2 + 1), complex)
+            spectrum[:, self._harmonics] = self._setpoint * L / (1 + L)
+            value = np.fft.irfft(spectrum, axis=1)[:, : POINTS // 2] - 0.5
+            worst = max(
+                worst, value.max() - OVERSHOOT_MAX, (-value[:, self._held]).max() - SHORT_MAX
+            )
+        return float(worst)

@@ -1,0 +1,235 @@
+"""The responses of a set of plants on a grid of frequencies, on which a law is judged at once.
+
+Everything is vectorised over members and frequencies: a law costs less than a millisecond. Each
+member has its own grid, dense about its own poles and zeros, because a resonance is narrower than
+any common grid can follow. That |1 + g L| stays above a bound, or |T| below one, is quadratic in
+the gain g at each frequency, so the largest gain that margins allow needs no iteration; a loop that
+is stable at small gains is stable up to there, as no gain on the way touches -1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis import _core
+from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
+
+LOWEST_HZ = 0.02
+HALF_RATE_HZ = 0.5 / TICK_S
+PER_DECADE = 40
+# Distances from a resonance, in half-widths of it.
+AROUND = np.array([-24, -12, -6, -3, -1.7, -1, -0.6, -0.3, 0, 0.3, 0.6, 1, 1.7, 3, 6, 12, 24])
+DELAYS = {"zoh": 0, "zoh+1": 1}
+HALF_POWER = 0.5
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a loop must keep. ms: peak of |S| for each timing; mt: peak of |T|; gain_margin: factor;
+    phase_margin_deg: perhaps None; hf_gain: DAC codes per 8-bit count."""
+
+    ms: tuple
+    mt: float | None
+    gain_margin: float
+    phase_margin_deg: float | None
+    hf_gain: float
+
+
+def hf_most(adc_bits):
+    """The gain at high frequency, codes per 8-bit count, that the firmware lets an ADC have."""
+    return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
+
+
+def _frequencies(loop):
+    """A member's grid, rising, up to half the tick rate."""
+    decades = math.log10(HALF_RATE_HZ / LOWEST_HZ)
+    parts = [np.geomspace(LOWEST_HZ, HALF_RATE_HZ, round(PER_DECADE * decades))]
+    roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
+    roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
+    for root in roots[np.abs(root_damping(roots)) < 0.3]:
+        width = max(abs(root.real), 1e-5 * root.imag)
+        parts.append(root.imag + width * AROUND)
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid >= LOWEST_HZ) & (grid <= HALF_RATE_HZ)]
+
+
+def root_damping(roots):
+    return -roots.real / np.abs(roots)
+
+
+class Grid:
+    """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
+    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS."""
+
+    def __init__(self, plants, members, timings):
+        self.timings = tuple(timings)
+        self.members, self.open_loops, grids, refused = [], [], [], None
+        for member in members:
+            try:
+                loop = plants.loop(member, "zoh")
+            except _core.InputError as error:
+                if "expected a path" not in str(error):
+                    raise
+                refused = error  # no loop in this mode, so that every law bears it
+                continue
+            if loop.codes_per_gain is None:
+                raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
+            self.members.append(member)
+            self.open_loops.append(loop)
+            grids.append(_frequencies(loop))
+        if not self.members:
+            raise refused
+        longest = max(map(len, grids))
+        # Padding repeats the last frequency.
+        self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
+        self.plant = np.array(
+            [
+                loop.open.response(f) / loop.codes_per_gain
+                for loop, f in zip(self.open_loops, self.frequency_hz, strict=True)
+            ]
+        )
+        angle = 2 * np.pi * self.frequency_hz * TICK_S
+        self.z = np.exp(1j * angle)
+        with np.errstate(over="ignore"):
+            self.warped = 2 / TICK_S * np.tan(np.minimum(angle / 2, np.pi / 2 - 1e-9))
+        self.warped_squared = self.warped**2
+        self.integral = TICK_S / (1 - 1 / self.z)  # of 1 rad/s
+        self.lag = [self.z ** -DELAYS[t] for t in self.timings]
+        self.log_f = np.log(self.frequency_hz)
+
+    def stable_open(self):
+        """Whether all plants are stable, or but for one integrator, without a law."""
+        poles = [loop._minimal.poles() for loop in self.open_loops]
+        return all(np.all(np.abs(p) < 1 + 1e-9) for p in poles)
+
+    def static_positive(self):
+        """Whether the plants' responses at frequency 0 have the sign that a small gain needs."""
+        return bool(np.all(self.plant[:, 0].real > 0) or np.all(np.abs(self.plant[:, 0].imag) > 0))
+
+    def loops(self, law):
+        """(Re L, |L|^2) of each timing, L for the gain 1; law (m, n): its response without gain."""
+        whole = self.plant * law
+        squared = whole.real**2 + whole.imag**2
+        return [((whole * lag), squared) for lag in self.lag]
+
+    def largest_gain(self, law, hf_gain, bounds):
+        """The largest g up to which all bounds hold, and which of them ends it: (g, name, member
+        index, timing index, frequency_hz). hf_gain: of the law for g = 1."""
+        best = (bounds.hf_gain / hf_gain, "hf", None, None, None)
+        for t, (L, q) in enumerate(self.loops(law)):
+            for name, found in self._ends(L, q, bounds, t):
+                gain, at = found
+                if gain < best[0]:
+                    best = (gain, name, at[0], t, float(self.frequency_hz[at]))
+        return best
+
+    def _ends(self, L, q, bounds, t):
+        a = L.real
+        ahead = np.maximum(-a, 0.0)
+        share = 1 - 1 / bounds.ms[t] ** 2
+        yield "ms", _first_root(ahead, share * q, share)
+        if bounds.mt is not None:
+            share = 1 - 1 / bounds.mt**2
+            yield "mt", _first_root(ahead, share * q, 1.0)
+        # Crossings of the negative real axis, Re L there between its neighbours'.
+        im = L.imag
+        left, right = im[:, :-1], im[:, 1:]
+        rows, columns = np.nonzero((left * right < 0) & (a[:, :-1] < 0) & (a[:, 1:] < 0))
+        if len(rows):
+            i, j = im[rows, columns], im[rows, columns + 1]
+            real = a[rows, columns] + (a[rows, columns + 1] - a[rows, columns]) * i / (i - j)
+            k = int(np.argmin(real))
+            yield "gm", (1 / (-real[k] * bounds.gain_margin), (rows[k], columns[k]))
+        k = int(np.argmax(ahead[:, -1]))
+        if ahead[k, -1] > 0:
+            yield "gm", (1 / (ahead[k, -1] * bounds.gain_margin), (k, -1))
+        if bounds.phase_margin_deg:
+            size = np.sqrt(q)
+            close = np.where(
+                ahead > math.cos(math.radians(bounds.phase_margin_deg)) * size, size, 0.0
+            )
+            at = np.unravel_index(int(np.argmax(close)), close.shape)
+            if close[at] > 0:
+                yield "pm", (1 / close[at], at)
+
+    def bandwidths(self, law, gain):
+        """(fS, first fT, last fT) in Hz of each timing and member, (t, m): where |S| first reaches
+        -3 dB, where |T| first and last falls through it."""
+        first, falls, last = [], [], []
+        for L, q in self.loops(law):
+            apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
+            first.append(self._where(1 / apart, 1))
+            T = gain**2 * q / apart
+            falls.append(self._where(T, -1))
+            last.append(self._last(T))
+        return np.array(first), np.array(falls), np.array(last)
+
+    def _where(self, power, sign):
+        """The first frequency of each row at which log power passes -3 dB, rising or falling."""
+        level = sign * np.log(power / HALF_POWER)
+        past = level >= 0
+        j = np.argmax(past, axis=1)
+        rows = np.arange(len(j))
+        j = np.where(past[rows, j], j, power.shape[1] - 1)
+        i = np.maximum(j - 1, 0)
+        return self._between(level, rows, i, j)
+
+    def _last(self, power):
+        level = np.log(power / HALF_POWER)
+        above = level[:, ::-1] >= 0
+        i = power.shape[1] - 1 - np.argmax(above, axis=1)
+        rows = np.arange(len(i))
+        i = np.where(level[rows, i] >= 0, i, 0)
+        return self._between(level, rows, i, np.minimum(i + 1, power.shape[1] - 1))
+
+    def _between(self, level, rows, i, j):
+        low, high = level[rows, i], level[rows, j]
+        span = np.where(high == low, 1.0, high - low)
+        share = np.clip(-low / span, 0, 1)
+        return np.exp(self.log_f[rows, i] + share * (self.log_f[rows, j] - self.log_f[rows, i]))
+
+    def peaks(self, law, gain):
+        """(peak |S|, peak |T|) of each timing and member, (t, m), on the grid."""
+        s, t = [], []
+        for L, q in self.loops(law):
+            apart = 1 + 2 * gain * L.real + gain**2 * q
+            s.append(1 / np.sqrt(apart.min(axis=1)))
+            t.append(np.sqrt((gain**2 * q / apart).max(axis=1)))
+        return np.array(s), np.array(t)
+
+    def margins(self, law, gain):
+        """{gain_margin, phase_margin_deg}: the smallest of all members and timings, None: none."""
+        factor, phase = math.inf, math.inf
+        for L, q in self.loops(law):
+            value = gain * L
+            im, re = value.imag, value.real
+            rows, columns = np.nonzero((im[:, :-1] * im[:, 1:] < 0) & (re[:, :-1] < 0))
+            i, j = im[rows, columns], im[rows, columns + 1]
+            at = re[rows, columns] + (re[rows, columns + 1] - re[rows, columns]) * i / (i - j)
+            at = np.concatenate([at, re[:, -1]])
+            at = at[(at < 0) & (at > -1)]
+            factor = min(factor, np.min(-1 / at, initial=math.inf))
+            size = np.log(gain**2 * q)
+            rows, columns = np.nonzero(size[:, :-1] * size[:, 1:] < 0)
+            i, j = size[rows, columns], size[rows, columns + 1]
+            share = i / (i - j)
+            turned = -value  # its angle is the phase margin
+            near = turned[rows, columns] * (1 - share) + turned[rows, columns + 1] * share
+            phase = min(phase, np.min(np.abs(np.angle(near)), initial=math.inf))
+        return {
+            "gain_margin": float(factor) if math.isfinite(factor) else None,
+            "phase_margin_deg": math.degrees(phase) if math.isfinite(phase) else None,
+        }
+
+
+def _first_root(ahead, share_q, constant):
+    """The smallest g > 0 of constant - 2 g ahead + g^2 q' = 0 over all points, q' = share_q scaled
+    so that the constant is `constant`: (gain, index)."""
+    root = ahead**2 - share_q
+    real = (root >= 0) & (ahead > 0)
+    if not real.any():
+        return math.inf, (0, 0)
+    value = np.where(real, ahead + np.sqrt(np.maximum(root, 0)), 0.0)
+    at = np.unravel_index(int(np.argmax(value)), value.shape)
+    return constant / value[at], at

@@ -1,0 +1,348 @@
+"""The force law with the most bandwidth that a set of plants bears at stated margins.
+
+For each structure the shape that lets the worst member's |S| stay below -3 dB longest is sought by
+differential evolution and a simplex; the gain follows from the shape (`grid`). The corners of a set
+are not always its worst, so members drawn at random that the law would break join the set.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from forceaxis._core import InputError
+from forceaxis.design import structures
+from forceaxis.design.contact import Ramp
+from forceaxis.design.grid import DELAYS, Bounds, Grid, hf_most
+from forceaxis.linear.bank import GAIN_STEP, Bank
+from forceaxis.linear.plant_set import Member
+
+PAYS = 1.1  # a larger structure is taken for this much more bandwidth
+RANDOM = 1000  # choices of values that the result is checked on
+PROBE = 60  # of them in the rounds of the search
+ROUNDS = 3
+CORNERS_MAX = 32
+SEED = 1988
+RAMP = 0.25  # of the period of a PI law's bandwidth
+STATIC_ERROR_MAX = 0.01  # of the set-point, that a law without an integral may leave
+# Codes per 8-bit count: the reading's noise, in N, does not shrink with the ADC's code.
+HF_DEFAULT = 80.0
+HF_SHARE = 0.99  # of a bound, for the rounding of the coefficients
+
+
+@dataclass(frozen=True)
+class Goal:
+    """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
+    gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the reading; hf_gain: DAC
+    codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: the set-point's
+    rise in which the force has to follow, None: chosen."""
+
+    ms: float = 2.0
+    ms_late: float = 2.2
+    mt: float | None = None
+    gain_margin: float = 2.3
+    phase_margin_deg: float | None = None
+    adc_bits: int = 8
+    hf_gain: float | None = None
+    timings: tuple = ("zoh", "zoh+1")
+    ramp_s: float | None = None
+
+    def bounds(self):
+        limits = {"zoh": self.ms, "zoh+1": self.ms_late}
+        most = hf_most(self.adc_bits)
+        return Bounds(
+            tuple(limits[timing] for timing in self.timings),
+            self.mt,
+            self.gain_margin,
+            self.phase_margin_deg,
+            HF_SHARE * min(most, self.hf_gain or max(HF_DEFAULT, hf_most(8))),
+        )
+
+
+@dataclass(frozen=True)
+class Found:
+    """bank: quantised; worst: fS_Hz, fT_Hz, Ms, Ms_late, gain_margin, phase_margin_deg, member;
+    p: the same for P, with force_gain; structures: [{name, bank, worst}] in order of size;
+    limited_by: one sentence; chosen: a structure's name."""
+
+    bank: Bank
+    worst: dict
+    p: dict
+    structures: list
+    limited_by: str
+    chosen: str
+
+
+class _Problem:
+    """One set of members, and how good a law is for it."""
+
+    def __init__(self, plants, members, goal, ramp):
+        self.bounds = goal.bounds()
+        self.grid = Grid(plants, members, goal.timings)
+        self.ramp = ramp
+
+    def law(self, numbers):
+        """(law, its HF gain) for the gain 1, or None where no firmware could hold it."""
+        bank = structures.bank(numbers, 1.0)
+        if not structures.is_legal(bank.sections):
+            return None
+        law = structures.response(numbers, self.grid)
+        return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
+
+    def judge(self, numbers):
+        """(bandwidth in Hz less what the bounds take, gain)."""
+        found = self.law(numbers)
+        if found is None:
+            return 0.0, 0.0
+        law, steep = found
+        gain = self.grid.largest_gain(law, steep, self.bounds)[0]
+        first, falls, last = self.grid.bandwidths(law, gain)
+        value = float(first.min())
+        if len(numbers):
+            value = min(value, float(falls.min()))
+            value *= float((falls / last).min())  # a second band of |T|, beyond a sag
+            if self.ramp:
+                excess = self.ramp.excess(gain * structures.response(numbers, self.ramp))
+                value /= 1 + 30 * excess
+        return value, gain
+
+
+def _noise(law, numbers, grid):
+    """The law's largest gain, its integral aside."""
+    if not len(numbers):
+        return 1.0
+    return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
+
+
+def _starts(name, plants_zeros, best, rng, count):
+    """The first population: zeros on the plant's antiresonances with a pole above, the smaller
+    structure's result with a section that does nothing, and the whole space."""
+    limits = structures.bounds(name)
+    low, high = limits.T
+    rows = low + (high - low) * rng.random((count, len(limits)))
+    sections = structures.STRUCTURES[name]
+    row = 0
+    for zero in plants_zeros:
+        for pole in (1.3, 2.5):
+            if sections and row < count // 3:
+                rows[row, 1:5] = np.log([zero, 0.07, zero * pole, 0.6])
+                rows[row, 0] = best[0]
+                row += 1
+    if sections and len(best) == 1 + 4 * (sections - 1):
+        for extra in range(count // 4):
+            rows[row + extra, : len(best)] = best
+            rows[row + extra, len(best) + 2 :] = rows[row + extra, len(best) : len(best) + 2]
+    return np.clip(rows, low, high)
+
+
+def _search(problem, name, zeros, best, seed):
+    """The numbers of a structure's best law."""
+    limits = structures.bounds(name)
+    low, high = limits.T
+
+    def cost(numbers):
+        return -problem.judge(np.clip(numbers, low, high))[0]
+
+    rng = np.random.default_rng(seed)
+    found = optimize.differential_evolution(
+        cost,
+        limits,
+        init=_starts(name, zeros, best, rng, max(8 * len(limits), 12)),
+        seed=seed,
+        maxiter=60 if len(limits) < 9 else 90,
+        tol=1e-4,
+        polish=False,
+    )
+    return _polished(cost, found.x, low, high)
+
+
+def _polished(cost, numbers, low, high):
+    for _ in range(2):  # a simplex that has collapsed goes on from a new one
+        found = optimize.minimize(
+            cost, numbers, method="Nelder-Mead",
+            options={"maxfev": 120 * len(low), "xatol": 1e-4, "fatol": 1e-4},
+        )  # fmt: skip
+        numbers = np.clip(found.x, low, high)
+    return numbers
+
+
+def _members(plants):
+    """Nominal first, then corners."""
+    corners = plants.corners()
+    if len(corners) > CORNERS_MAX * len(plants.modes):
+        step = len(corners) / (CORNERS_MAX * len(plants.modes))
+        corners = [corners[int(i * step)] for i in range(CORNERS_MAX * len(plants.modes))]
+    return plants.nominal() + corners
+
+
+def search(plants, goal=None, progress=None):
+    """The design for a PlantSet: Found. Raises InputError, in one line, where there is none."""
+    goal = goal or Goal()
+    say = progress or (lambda text: None)
+    _check(goal)
+    members = _members(plants)
+    problem = _Problem(plants, members, goal, None)
+    _check_plants(problem)
+    zeros = _antiresonances(problem.grid)
+    best = {"P": np.zeros(0), "PI": _search(problem, "PI", zeros, None, SEED)}
+    fS = problem.judge(best["PI"])[0]
+    ramp_s = goal.ramp_s or RAMP / fS
+    nominal = [problem.grid.open_loops[i] for i in _nominal(problem.grid, plants)]
+    ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
+    problem.ramp = ramp
+    before = best["PI"]
+    for name in list(structures.STRUCTURES)[1:]:
+        say(f"{name}: searching")
+        best[name] = before = _search(problem, name, zeros, before, SEED)
+        say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
+    say("random members")
+    probe = Grid(plants, plants.random(PROBE, SEED), goal.timings)
+    for _ in range(ROUNDS):
+        joined = [m for name in best for m in _violators(problem, probe, best[name])]
+        joined = [m for m in joined if m not in members]
+        if not joined:
+            break
+        members = members + list({m.label(): m for m in joined}.values())
+        problem = _Problem(plants, members, goal, ramp)
+        for name in list(best)[1:]:
+            limits = structures.bounds(name)
+
+            def cost(numbers, limits=limits, problem=problem):
+                return -problem.judge(np.clip(numbers, *limits.T))[0]
+
+            best[name] = _polished(cost, best[name], *limits.T)
+    return _result(plants, goal, problem, best, say)
+
+
+def _nominal(grid, plants):
+    nominal = plants.nominal()
+    return [i for i, m in enumerate(grid.members) if m in nominal] or [0]
+
+
+def _antiresonances(grid):
+    """Hz of the plants' lightly damped zeros, each once."""
+    found = []
+    for loop in grid.open_loops:
+        zeros = loop.open.zeros_s()
+        zeros = zeros[np.isfinite(zeros) & (zeros.imag > 0)]
+        light = zeros[np.abs(zeros.real) < 0.2 * np.abs(zeros)]
+        hz = light.imag / (2 * math.pi)
+        for value in hz[(hz > 2) & (hz < 250)]:
+            if all(abs(math.log(value / old)) > 0.1 for old in found):
+                found.append(float(value))
+    return sorted(found)[:8]
+
+
+def _violators(problem, probe, numbers):
+    """The random members, at most two, for which the law's gain would have to be lower."""
+    gain = problem.judge(numbers)[1]
+    law = structures.response(numbers, probe)
+    limit = probe.largest_gain(law, 1e-9, problem.bounds)
+    return [probe.members[limit[2]]] if limit[0] < 0.999 * gain else []
+
+
+def _check(goal):
+    for timing in goal.timings:
+        if timing not in DELAYS:
+            raise InputError(
+                f"timing: expected zoh or zoh+1, a bank's law is designed for a delay of 0 or 1 "
+                f"tick, got {timing}"
+            )
+    for name in ("ms", "ms_late", "gain_margin"):
+        if not getattr(goal, name) > 1:
+            raise InputError(f"--{name.replace('_', '-')}: expected a number above 1")
+
+
+def _check_plants(problem):
+    for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
+        if loop.limit().gain == 0:
+            raise InputError(
+                f"{loop.model}: {member.label()}: expected a plant that a small gain keeps stable, "
+                f"it is {loop.limit().reason}; add damping or narrow the set"
+            )
+
+
+def _result(plants, goal, problem, best, say):
+    rows = []
+    checked = Grid(plants, problem.grid.members + plants.random(RANDOM, SEED + 1), goal.timings)
+    bounds = problem.bounds
+    for name, numbers in best.items():
+        unit = structures.bank(numbers, 1.0).quantised()
+        law = unit.response(checked.z)
+        end = checked.largest_gain(law, problem.law(numbers)[1], bounds)
+        steps = math.floor(end[0] / GAIN_STEP)
+        bank = replace(unit, force_gain=steps * GAIN_STEP)
+        worst = _worst(checked, bank, goal) if steps else None
+        say(f"{name}: {worst['fS_Hz'] if worst else 0:.2f} Hz over {len(checked.members)} members")
+        rows.append({"name": name, "bank": bank, "worst": worst, "end": end})
+    if not any(row["worst"] for row in rows):
+        raise InputError("--ms: expected margins that some gain meets; narrow --over or relax them")
+    p = rows[0]
+    chosen = None
+    for row in rows:
+        if row["worst"] is None:
+            continue
+        if (
+            chosen is None
+            or row["worst"]["fS_Hz"] >= PAYS * chosen["worst"]["fS_Hz"]
+            or (chosen["name"] == "P" and chosen["worst"]["static_error"] > STATIC_ERROR_MAX)
+        ):
+            chosen = row
+    sentence = _sentence(checked, chosen, bounds)
+    for row in rows:
+        row.pop("end")
+    return Found(
+        chosen["bank"],
+        chosen["worst"],
+        (p["worst"] or {}) | {"force_gain": p["bank"].force_gain},
+        rows,
+        sentence,
+        chosen["name"],
+    )
+
+
+def _worst(grid, bank, goal):
+    law, gain = bank.response(grid.z), bank.force_gain
+    first, _, last = grid.bandwidths(law, gain)
+    s, _ = grid.peaks(law, gain)
+    at = np.unravel_index(int(np.argmin(first)), first.shape)
+    margins = grid.margins(law, gain)
+    ms = {"Ms": None, "Ms_late": None}
+    for timing, peak in zip(goal.timings, s.max(axis=1), strict=True):
+        ms["Ms" if timing == "zoh" else "Ms_late"] = float(peak)
+    static = (
+        0.0 if bank.integral_rad_per_s else float(np.abs(1 / (1 + gain * grid.plant[:, 0])).max())
+    )
+    member: Member = grid.members[at[1]]
+    return {
+        "fS_Hz": float(first.min()),
+        "fT_Hz": float(last.min()),
+        **ms,
+        **margins,
+        "static_error": static,
+        "member": {**member.values, **member.modes, "timing": goal.timings[at[0]]},
+    }
+
+
+CONSTRAINTS = {
+    "ms": ("the peak of |S|", "accept a larger --ms or damp what resonates there"),
+    "mt": ("the peak of |T|", "accept a larger peak of |T|"),
+    "gm": ("the gain margin", "accept a smaller gain margin or damp what resonates there"),
+    "pm": ("the phase margin", "accept a smaller phase margin"),
+}
+
+
+def _sentence(grid, row, bounds):
+    _, name, member, timing, hz = row["end"]
+    if name == "hf":
+        return (
+            f"The gain at high frequency, {bounds.hf_gain:.3g} codes per 8-bit count, is the bound: "
+            "an ADC of more bits would let it rise."
+        )
+    what, change = CONSTRAINTS[name]
+    late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
+    return (
+        f"{what[0].upper()}{what[1:]} at {hz:.3g} Hz ends it, with {grid.members[member].label()}"
+        f"{late}: {change}, or narrow the set."
+    )

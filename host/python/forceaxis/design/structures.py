@@ -1,0 +1,77 @@
+"""Shapes of the firmware's force law: which numbers a search moves, and the bank that they make.
+
+A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly with
+its zeros and poles kept at their frequencies, of gain 1 at frequency 0. Numbers are logarithms:
+of the integral's rad/s, then for each section of zero Hz, zero damping, pole Hz, pole damping.
+"""
+
+import math
+
+import numpy as np
+
+from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
+
+INTEGRAL = (0.1, 100.0)  # rad/s
+FREQUENCY = (2.0, 600.0)  # Hz
+ZERO_DAMPING = (0.02, 2.0)
+POLE_DAMPING = (0.25, 2.0)  # less amplifies the quantisation of the reading at one frequency
+SECTION = (FREQUENCY, ZERO_DAMPING, FREQUENCY, POLE_DAMPING)
+# Name -> number of sections; None: neither integral nor section.
+STRUCTURES = {"P": None, "PI": 0, "PI and one biquad": 1, "PI and two biquads": 2}
+
+
+def bounds(name):
+    """(lowest, highest) of each number, as logarithms, (n, 2)."""
+    sections = STRUCTURES[name]
+    ranges = [] if sections is None else [INTEGRAL, *SECTION * sections]
+    return np.log(np.array(ranges).reshape(-1, 2))
+
+
+def _warped(hz):
+    return 2 / TICK_S * math.tan(math.pi * hz * TICK_S)
+
+
+def section(zero_hz, zero_damping, pole_hz, pole_damping):
+    """(b0, b1, b2, a1, a2)."""
+    k = 2 / TICK_S
+    wz, wp = _warped(zero_hz), _warped(pole_hz)
+    over = k * k + 2 * pole_damping * wp * k + wp * wp
+    scale = (wp / wz) ** 2 / over
+    return (
+        scale * (k * k + 2 * zero_damping * wz * k + wz * wz),
+        scale * 2 * (wz * wz - k * k),
+        scale * (k * k - 2 * zero_damping * wz * k + wz * wz),
+        2 * (wp * wp - k * k) / over,
+        (k * k - 2 * pole_damping * wp * k + wp * wp) / over,
+    )
+
+
+def _sections(numbers):
+    values = np.exp(numbers)
+    return [tuple(float(v) for v in values[i : i + 4]) for i in range(1, len(values), 4)]
+
+
+def bank(numbers, gain):
+    """The Bank of these numbers."""
+    if not len(numbers):
+        return Bank(gain)
+    rate = float(np.exp(numbers[0]))
+    return Bank(gain, rate, 0.0, tuple(section(*s) for s in _sections(numbers)))
+
+
+def response(numbers, grid):
+    """The law without its gain on a Grid."""
+    if not len(numbers):
+        return np.ones_like(grid.plant)
+    law = 1 + math.exp(numbers[0]) * grid.integral
+    w, square = grid.warped, grid.warped_squared
+    for zero_hz, zero_damping, pole_hz, pole_damping in _sections(numbers):
+        wz, wp = _warped(zero_hz), _warped(pole_hz)
+        upper = (wp / wz) ** 2 * ((wz * wz - square) + (2j * zero_damping * wz) * w)
+        law *= upper / ((wp * wp - square) + (2j * pole_damping * wp) * w)
+    return law
+
+
+def is_legal(sections):
+    """Whether the firmware's coefficients hold all values."""
+    return all(abs(c) <= COEFFICIENT_MAX for values in sections for c in values)
