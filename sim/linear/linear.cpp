@@ -139,6 +139,13 @@ std::optional<RowVector> output_row(const Model &model, const Network &network,
 
 }  // namespace
 
+std::vector<SwitchStates> switches_of(const Model &model) {
+  std::vector<SwitchStates> list;
+  const Network network(model);
+  for (const auto &s : network.switches()) list.push_back({s.element, s.state_names});
+  return list;
+}
+
 Linear linearise(const Model &given, const LinearMode &mode, std::span<const string> inputs,
                  std::span<const string> outputs) {
   const Model model = mode.drive ? given : without_drive(given);

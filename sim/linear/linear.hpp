@@ -29,6 +29,13 @@ struct LinearMode {
   bool drive = true;  ///< false: the drive is removed; input drive.force acts in its place
 };
 
+/// An element that switches and its states, as in Event.
+struct SwitchStates {
+  std::string element;
+  std::vector<std::string> states;
+};
+std::vector<SwitchStates> switches_of(const Model &model);
+
 /// Inputs: drive.command V | drive.tach V, added to a DC motor's tachometer | drive.force N, on the
 /// drive's body and against its reaction, in addition to the drive's own | BODY.force N, external.
 /// Outputs: any signal of the model | reading, what ADC 0 converts, in its signal's unit | adc0,

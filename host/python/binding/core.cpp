@@ -114,7 +114,8 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   py::dict firmware;
   for (const auto &w : e.initial) {
     const auto &meta = forceaxis::host::object_meta(w.object);
-    const double raw = meta.min < 0 ? w.raw : static_cast<std::uint32_t>(w.raw);
+    const double raw = meta.min < 0 ? static_cast<double>(w.raw)
+                                    : static_cast<double>(static_cast<std::uint32_t>(w.raw));
     firmware[py::str(meta.name)] = raw * meta.scale;
   }
   d["title"] = e.title;

@@ -80,6 +80,10 @@ py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
         py::dict(py::arg("name") = contact.name,
                  py::arg("between") = py::make_tuple(name(contact.ends.a), name(contact.ends.b))));
   d["contacts"] = contacts;
+  py::dict switches;
+  for (const auto &s : forceaxis::sim::switches_of(model))
+    switches[py::str(s.element)] = py::tuple(py::cast(s.states));
+  d["switches"] = switches;
   d["drive"] = py::none();
   if (model.drive) {
     static const char *const kTypes[] = {"dc_motor", "first_order", "perfect"};
@@ -125,7 +129,7 @@ void add_linear(py::module_ &m) {
         "A, B, C, D and the names of the states in one mode: forceaxis.linear.linearise");
   m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
         "masses, signals with units, used parameters (value, unit), contacts (name, between), "
-        "drive (values: its numbers by key), reading (per_count: its "
+        "switches (states by element), drive (values: its numbers by key), reading (per_count: its "
         "unit per 8-bit count), encoder, volts_per_code of a model");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");

@@ -1,0 +1,375 @@
+"""Figures of a loop, and their worst over a set of plants, its modes and the delays.
+
+The frequencies are of the loop from set-point to reading, S = 1 / (1 + k L): the bandwidth fS is
+the lowest frequency at which |S| reaches -3 dB (half the power), fT the one at which |T| last falls
+through it. Where |S| or |T| takes a value is an eigenvalue problem, as in stability.Loop.margins:
+nothing falls between the points of a grid.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg, optimize
+
+from forceaxis import _core
+from forceaxis.linear import system as linear
+from forceaxis.linear.plant_set import Member
+from forceaxis.linear.stability import Loop, _minimal
+
+HALF_POWER = math.sqrt(0.5)
+RANDOM = 24  # members of the first look, besides nominal and corners
+REFINED = 2  # members in whose neighbourhood the worst of each figure is sought
+STEPS_MIN = 1 / 64  # of the half-width of a range, where that search ends
+COMBINATIONS_MAX = 20000
+# Figure -> whether its worst is the largest.
+FIGURES = {
+    "fS_Hz": False,
+    "fT_Hz": False,
+    "Ms": True,
+    "gain_margin": False,
+    "phase_margin_deg": False,
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one loop at one gain; of an unstable loop only `stable`, the others are None, False."""
+
+    stable: bool
+    fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: it starts above
+    fT_Hz: float | None = None  # None: |T| ends above -3 dB; 0: it never is
+    Ms: float | None = None  # largest |S|, up to half the tick rate
+    gain_margin: float | None = None  # factor up to the next crossing; None: none
+    phase_margin_deg: float | None = None  # smallest in size; None: |L| is nowhere 1
+    sag: bool = False  # |T| is below -3 dB somewhere below fT
+
+    def badness(self, name):
+        """A number that grows as figure `name` gets worse; inf of an unstable loop."""
+        if not self.stable:
+            return math.inf
+        value = getattr(self, name)
+        if value is None:
+            return -math.inf
+        if name == "phase_margin_deg":
+            return -abs(value)
+        return value if FIGURES[name] else -value
+
+
+class _Response:
+    """|H| along the boundary of stability, for a stable H = (A, B, C, D) of a loop's plane."""
+
+    def __init__(self, A, B, C, D):
+        system = linear.System(A, B, C, D, (), ("",), ("",))
+        self.A, self.B, self.C = system.balanced
+        self.D = D[0, 0]
+        self.system = system
+        self.poles = linalg.eigvals(self.A)
+        self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
+
+    def size(self, w):
+        """|H| at frequencies w of the plane, array like w."""
+        return np.abs(self.system.at(1j * np.asarray(w, float)))
+
+    def ends(self):
+        """|H| at frequency 0 and at the end of the axis (z = -1)."""
+        return float(self.size(0.0)), abs(self.D)
+
+    def _level_roots(self, level):
+        """Points s near which |H(jw)| = level: zeros of level^2 - H(s) H(-s)."""
+        A, B, C, D = self.A, self.B, self.C, self.D
+        rest = level**2 - D**2
+        if abs(rest) < 1e-9 * level**2:
+            rest = 1e-9 * level**2  # the end of the axis is on the level: the root is far out
+        matrix = np.block(
+            [
+                [A + B @ C * (D / rest), B @ B.T / rest],
+                [-C.T @ C * (1 + D * D / rest), -(A + B @ C * (D / rest)).T],
+            ]
+        )
+        return linalg.eigvals(matrix)
+
+    def marks(self, level):
+        """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
+        roots = np.concatenate([self._level_roots(level), self.poles])
+        found = np.unique(np.abs(roots.imag))
+        found = found[np.isfinite(found) & (found > 1e-9 * self.widest)]
+        if not len(found):
+            found = np.array([self.widest])
+        middle = np.sqrt(found[:-1] * found[1:])
+        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
+        return np.unique(np.concatenate([[0.0], middle, *around]))
+
+    def crossings(self, level):
+        """[(w, rises)] where |H| = level, in order."""
+        grid = self.marks(level)
+        apart = self.size(grid) - level
+        found = []
+        for i in np.flatnonzero(apart[:-1] * apart[1:] < 0):
+            w = optimize.brentq(
+                lambda w: float(self.size(w)) - level, grid[i], grid[i + 1], xtol=1e-300, rtol=1e-13
+            )
+            found.append((w, bool(apart[i] < 0)))
+        return found
+
+    def peak(self):
+        """Largest |H|: rises from the grid's highest points until no point exceeds the level."""
+        best = max(self.ends())
+        grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
+        for _ in range(20):
+            sizes = self.size(grid)
+            for i in np.argsort(sizes)[:-4:-1]:
+                best = max(best, self._hill(grid, sizes, i))
+            grid = self.marks(best * (1 + 1e-8))
+            if not np.any(self.size(grid) > best * (1 + 1e-8)):
+                break
+        return float(best)
+
+    def _hill(self, grid, sizes, i):
+        low, high = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+        top = optimize.minimize_scalar(
+            lambda w: -float(self.size(w)), bounds=(low, high), method="bounded",
+            options={"xatol": 1e-9 * high},
+        )  # fmt: skip
+        return max(float(sizes[i]), -top.fun)
+
+
+def _closed_response(loop, A, B, C, D):
+    """The _Response of a closed loop's part, in the plane of the loop."""
+    system = _minimal(linear.System(A, B, C, D, tuple(map(str, range(len(A)))), ("",), ("",)))
+    A, B, C, D = system.A, system.B, system.C, system.D
+    if loop.dt is not None and len(A):
+        inverse = np.linalg.inv(A + np.eye(len(A)))
+        A, D = (2 / loop.dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
+        B, C = (4 / loop.dt) * inverse @ B, C @ inverse
+    return _Response(A, B, C, D)
+
+
+def sensitivity(loop, gain):
+    """S of a loop closed at a gain, as a _Response."""
+    A, B, C, D = loop._minimal.A, loop._minimal.B, loop._minimal.C, loop._minimal.D
+    share = gain / (1 + gain * D[0, 0])
+    return _closed_response(
+        loop, A - share * B @ C, share * B, -C / (1 + gain * D), 1 / (1 + gain * D)
+    )
+
+
+def complementary(loop, gain):
+    """T, from set-point to the controlled signal, as a _Response."""
+    closed = loop.closed(gain)
+    return _closed_response(loop, closed.A, closed.B, closed.C, closed.D)
+
+
+def figures(loop: Loop, gain):
+    """The Figures of a loop at a gain (k, V/N)."""
+    if not loop.stable(gain):
+        return Figures(False)
+    S, T = sensitivity(loop, gain), complementary(loop, gain)
+    rising = [w for w, _ in S.crossings(HALF_POWER)]
+    fS = 0.0 if S.ends()[0] >= HALF_POWER else loop._hz(rising[0]) if rising else None
+    through = T.crossings(HALF_POWER)
+    if T.ends()[1] >= HALF_POWER:
+        fT, sag = None, bool(through) or T.ends()[0] < HALF_POWER
+    else:
+        falls = [w for w, rises in through if not rises]
+        fT = loop._hz(falls[-1]) if falls else 0.0
+        sag = any(rises for _, rises in through)
+    margins = loop.margins(gain)
+    return Figures(True, fS, fT, S.peak(), margins.gain_margin, margins.phase_margin_deg, sag)
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst of each figure over a set; None where no member has it, or one is unstable."""
+
+    stable: bool
+    fS_Hz: float | None = None
+    fT_Hz: float | None = None
+    Ms: float | None = None
+    gain_margin: float | None = None
+    phase_margin_deg: float | None = None
+    sag: bool = False
+    member: dict = field(default_factory=dict)  # figure or "stable", "sag" -> (Member, timing)
+    members: int = 0  # loops that were analysed
+
+
+class _Set:
+    """Loops over a PlantSet, each analysed once, and the search for the worst of something."""
+
+    def __init__(self, plants, timings, analyse, arguments):
+        self.plants, self.timings = plants, timings
+        self.analyse, self.arguments = analyse, arguments
+        self.found = {}  # key -> (Member, timing, what analyse gives)
+
+    def at(self, member, timing):
+        """What `analyse` gives for one loop."""
+        key = (*member.values.values(), *sorted(member.modes.items()), timing)
+        if key not in self.found:
+            loop = self.plants.loop(member, timing, **self.arguments)
+            self.found[key] = (member, timing, self.analyse(loop))
+        return self.found[key]
+
+    def look(self, members):
+        """Analyse members with every timing."""
+        for member, timing in itertools.product(members, self.timings):
+            self.at(member, timing)
+
+    def worst(self, badness):
+        """The entry with the largest badness, sought for also around the worst few."""
+        for member, timing, _ in self._few(badness):
+            self._climb(member, timing, badness)
+        return max(self.found.values(), key=lambda entry: badness(entry[2]))
+
+    def _few(self, badness):
+        """The worst entry of each mode and timing, and the worst others."""
+        ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
+        first = {}
+        for member, timing, result in ordered:
+            first.setdefault((*sorted(member.modes.items()), timing), (member, timing, result))
+        leaders = sorted(first.values(), key=lambda entry: -badness(entry[2]))[:REFINED]
+        return leaders + [entry for entry in ordered[:REFINED] if entry not in leaders]
+
+    def _climb(self, member, timing, badness):
+        """Pattern search within the ranges, from one member."""
+        ranges = self.plants.ranges
+        best, step = badness(self.at(member, timing)[2]), 0.5
+        while ranges and step >= STEPS_MIN and best < math.inf:
+            moved = False
+            for name, sign in itertools.product(ranges, (1, -1)):
+                _, low, high = ranges[name]
+                value = member.values[name] + sign * step * (high - low) / 2
+                values = member.values | {name: min(max(value, low), high)}
+                other = Member(values, member.modes)
+                size = badness(self.at(other, timing)[2])
+                if size > best:
+                    best, member, moved = size, other, True
+            step = step if moved else step / 2
+
+
+def _looked_at(plants, timings, analyse, arguments):
+    """A _Set with nominal, corners and random members analysed."""
+    group = _Set(plants, timings, analyse, arguments)
+    group.look(plants.nominal())
+    if plants.ranges:
+        group.look(plants.corners())
+        group.look(plants.random(RANDOM))
+    return group
+
+
+def gain_at(loop, gain, arguments):
+    """k of a loop: `gain`, or that of the bank in the loop's arguments."""
+    if gain is not None:
+        return gain
+    bank = arguments.get("bank")
+    if bank is None:
+        raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
+    return loop.gain_of(bank.force_gain)
+
+
+def worst(plants, timings=("zoh",), gain=None, **loop_arguments):
+    """The Worst of a PlantSet over its modes and `timings`; loop_arguments as PlantSet.loop.
+
+    gain: k, V/N; None: that of the bank. Nominal, corners, seeded random members, then a pattern
+    search around the worst of each figure: some hundred loops of 5 to 10 ms.
+    """
+
+    def analyse(loop):
+        return figures(loop, gain_at(loop, gain, loop_arguments))
+
+    group = _looked_at(plants, timings, analyse, loop_arguments)
+    unstable, found = [], {}
+    for name in FIGURES:
+        found[name] = group.worst(lambda f, name=name: f.badness(name))
+        unstable = [entry for entry in group.found.values() if not entry[2].stable]
+        if unstable:
+            return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
+    values = {name: getattr(entry[2], name) for name, entry in found.items()}
+    member = {n: entry[:2] for n, entry in found.items() if values[n] is not None}
+    sagging = [entry for entry in group.found.values() if entry[2].sag]
+    if sagging:
+        member["sag"] = sagging[0][:2]
+    return Worst(True, **values, sag=bool(sagging), member=member, members=len(group.found))
+
+
+def largest_gain(plants, timings=("zoh",), **loop_arguments):
+    """(k, Member, timing, frequency_hz): the largest gain below which all of a PlantSet are stable,
+    from 0 on, and who loses stability there. k None: every member bears every gain; 0: one bears
+    none."""
+
+    def analyse(loop):
+        limit = loop.limit()
+        return (math.inf if limit.gain is None else limit.gain), limit.frequency_hz
+
+    group = _looked_at(plants, timings, analyse, loop_arguments)
+    member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])
+    if math.isinf(gain):
+        return None, member, timing, None
+    return gain, member, timing, frequency_hz
+
+
+def _equations(model, overrides, modes):
+    """(A, B, C, D) from the command to the reading in a mode; None: without a path."""
+    plant = linear.linearise(model, overrides=overrides, modes=modes)
+    return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
+
+
+def _distinct(model, overrides, candidates):
+    """One of each of the modes that have the same equations, if these have a path; each with as few
+    of its states as say the same."""
+
+    def same(modes, equations):
+        own = _equations(model, overrides, modes)
+        return own is not None and all(map(np.array_equal, own, equations))
+
+    found, seen = [], []
+    for modes in candidates:
+        equations = _equations(model, overrides, modes)
+        if equations is None or any(all(map(np.array_equal, equations, o)) for o in seen):
+            continue
+        seen.append(equations)
+        for name in list(modes):
+            fewer = {n: state for n, state in modes.items() if n != name}
+            modes = fewer if same(fewer, equations) else modes
+        found.append(modes)
+    return tuple(sorted(found, key=len))
+
+
+def _pressed(known, modes):
+    """Whether a contact, of a model that has some, is pressed."""
+    names = [contact["name"] for contact in known["contacts"]]
+    return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
+
+
+def modes_visited(experiment, overrides=()):
+    """The modes, {element: state}, in contact, that one run of an experiment (a path; overrides:
+    texts NAME=VALUE) visits and in which its force loop has a path; at least the default, {}."""
+    path, texts = str(experiment), list(overrides)
+    events = _core.run(path, texts).events
+    own = _core.inputs(path, texts)
+    known = linear.facts(own["model"])
+    values = {n: p["value"] for n, p in own["parameters"].items() if n in known["parameters"]}
+    state = {}
+    for _, element, before, _ in events:
+        state.setdefault(element, before)
+    visited = [dict(state)]
+    for _, element, _, after in events:
+        state[element] = after
+        visited.append(dict(state))
+    unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
+    inside = [modes for modes in unique if _pressed(known, modes)]
+    return _distinct(own["model"], values, inside) or ({},)
+
+
+def modes_all(model, overrides=None):
+    """The same of every state of every element that switches."""
+    known = linear.facts(model, overrides)
+    switches = known["switches"]
+    if math.prod(map(len, switches.values())) > COMBINATIONS_MAX:
+        raise _core.InputError(
+            f"--modes: expected at most {COMBINATIONS_MAX} combinations of the model's states with "
+            "all; choose visited"
+        )
+    states = itertools.product(*(reversed(names) for names in switches.values()))
+    every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
+    return _distinct(model, overrides, [{}, *(modes for modes in every if _pressed(known, modes))])
