@@ -8,7 +8,7 @@ import numpy as np
 
 from forceaxis.design import search, structures
 from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, Grid
+from forceaxis.design.grid import DELAYS
 from forceaxis.linear.bank import GAIN_STEP, Bank
 
 NAME = "PI and one biquad"
@@ -20,9 +20,9 @@ ZEROS = 3  # antiresonances that are tried
 class Problem:
     """A set at the margins of a goal, what P does there, and what a given shape does."""
 
-    def __init__(self, plants, goal):
+    def __init__(self, plants, goal, random=RANDOM):
         self.plants, self.goal = plants, goal
-        members = search._members(plants) + plants.random(RANDOM if plants.ranges else 0)
+        members = search._members(plants) + plants.random(random if plants.ranges else 0)
         self.inner = search._Problem(plants, members, goal, None)
         self.grid = self.inner.grid
         search._check_plants(self.inner)
