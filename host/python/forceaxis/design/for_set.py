@@ -8,7 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from pathlib import Path
 
-from forceaxis import _core, paths
+from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, search, simulate
 from forceaxis.linear import over as sets

@@ -24,6 +24,7 @@ TICK_S = 1.0 / _core.TICKS_PER_SECOND
 DAC_CODES = 2048  # from 0 V to full scale
 SHARE = 1 / 6  # of the linear limit, for the first gains: loss of contact destabilises earlier
 FILES = ("model.toml", "contact.toml", "step.toml")
+HELD = "held.toml"  # with a bank
 
 
 @dataclass
@@ -219,8 +220,11 @@ def render(name, title, axis, sources, first=None):
     return environment.from_string(text).render(context)
 
 
-def write(folder, values, sources, force=False):
-    """Write model and experiments into `folder`; all of them or none. Returns what was written."""
+def write(folder, values, sources, force=False, design=None):
+    """Write model and experiments into `folder`; all of them or none. Returns what was written.
+
+    design: own_axis.design, or None: no bank.
+    """
     folder = Path(folder)
     title = folder.name
     if not title or any(c in title for c in '"\\') or not title.isprintable():
@@ -232,7 +236,14 @@ def write(folder, values, sources, force=False):
         trial = Path(scratch) / model
         trial.write_text(written[model], encoding="utf-8")
         first = first_gains(axis, trial)
-    written |= {name: render(name, title, axis, sources, first) for name in others}
+        written |= {name: render(name, title, axis, sources, first) for name in others}
+        held, bought = None, None
+        if design:
+            for name in others:
+                (Path(scratch) / name).write_text(written[name], encoding="utf-8")
+            held, bought = design(Path(scratch))
+        if held:
+            written[HELD] = held
     refuse_existing(folder, force)
     folder.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{title}.", dir=folder.parent))
@@ -240,8 +251,10 @@ def write(folder, values, sources, force=False):
         for name, text in written.items():
             (part / name).write_text(text, encoding="utf-8")
         if folder.exists():
-            for name in FILES:
+            for name in written:
                 os.replace(part / name, folder / name)
+            if HELD not in written:  # of the model before
+                (folder / HELD).unlink(missing_ok=True)
         else:
             part.chmod(0o777 & ~umask())
             os.replace(part, folder)
@@ -249,7 +262,7 @@ def write(folder, values, sources, force=False):
         shutil.rmtree(part, ignore_errors=True)
     return {
         "folder": paths.display(folder),
-        "files": list(FILES),
+        "files": list(written),
         "total_mass_kg": axis.mass,
         "force_limit_gain": first.limit,
         "force_gain": first.gain,
@@ -257,6 +270,7 @@ def write(folder, values, sources, force=False):
         "setpoint_N": first.setpoint * values["sensor_full_scale_n"] / 128,
         "held_share": first.held,
         "position_gain": first.position_gain,
+        "design": bought,
         "defaults": [n for n, s in sources.items() if s != "given"],
     }
 
@@ -271,7 +285,7 @@ def refuse_existing(folder, force):
     """Files are replaced only with --force, and only those that `new` writes."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
-    there = [name for name in FILES if (folder / name).exists()]
+    there = [name for name in (*FILES, HELD) if (folder / name).exists()]
     if there and not force:
         raise InputError(
             f"{folder}: expected no {', '.join(there)} there; take another name or give --force"
@@ -280,6 +294,11 @@ def refuse_existing(folder, force):
 
 def describe(done):
     """The summary for a terminal."""
+    bought = []
+    if done["design"]:
+        from forceaxis.design import own_axis
+
+        bought = own_axis.describe(done["design"])
     rows = [
         ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
@@ -287,6 +306,7 @@ def describe(done):
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
          f"this gain holds {100 * done['held_share']:.3g} %"),
+        *bought,
         ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
     ]  # fmt: skip
