@@ -30,9 +30,8 @@ from forceaxis.cli.models import (
 @click.option(
     "--timing",
     type=TIMINGS,
-    default="zoh",
-    show_default=True,
-    help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick later.",
+    help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick later. "
+    "Default: the experiment's latency_ticks, else zoh.",
 )
 @click.option(
     "--output", default="reading", help="Feed back this signal. Default: what ADC 0 converts."

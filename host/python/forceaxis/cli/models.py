@@ -60,7 +60,9 @@ def model_options(verb):
     return verb
 
 
-LAWS = click.Choice(["p", "pi", "pd", "lead", "derivative", "stiffness", "damping", "impedance"])
+LAWS = click.Choice(
+    ["p", "pi", "pd", "lead", "derivative", "stiffness", "damping", "impedance", "bank"]
+)
 
 
 TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
@@ -86,9 +88,8 @@ def law_options(verb):
     return click.option(
         "--law",
         type=LAWS,
-        default="p",
-        show_default=True,
-        help="Feedback of force, or of force and motion (thesis 1.1.3, 6.2.1).",
+        help="Feedback of force, or of force and motion (thesis 1.1.3, 6.2.1); bank: the bank that "
+        "an experiment selects. Default: the experiment's, else p.",
     )(verb)
 
 
@@ -116,7 +117,9 @@ outputs_option = click.option(
 drawn = click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
 
 
-loop_timing = click.option("--timing", type=TIMINGS, default="zoh", show_default=True)
+loop_timing = click.option(
+    "--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh."
+)
 
 
 loop_output = click.option(

@@ -167,7 +167,7 @@ def design(order, out=None, progress=None):
             with files.Folder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
                 say("drawing the page")
-                page.write(folder, bench, outcome)
+                page.write(folder, bench, outcome, f"{paths.display(Path(out))}/contact.toml")
                 outcome.written.append("index.html")
             outcome.out = paths.display(Path(out))
         return outcome
@@ -234,10 +234,16 @@ def number(value, digits=3):
     return "-" if value is None else f"{value:.{digits}g}"
 
 
+def shown(value):
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
 def describe(outcome):
     """The outcome for a terminal."""
     bank, worst, p = outcome.bank, outcome.worst, outcome.p
-    ranges = ", ".join(f"{n} {low:.4g} to {high:.4g}" for n, (_, low, high) in outcome.ranges.items())
+    ranges = ", ".join(
+        f"{n} {low:.4g} to {high:.4g}" for n, (_, low, high) in outcome.ranges.items()
+    )
     lines = [
         f"model        {paths.display(Path(outcome.plants.model))}",
         f"set          {ranges}; {len(outcome.plants.modes)} modes",
@@ -297,7 +303,9 @@ def cases(rows):
             *(number(first[k]) for k in
               ("static_error_percent", "peak_N", "settle_ms", "overshoot_percent")),
         ])  # fmt: skip
-    return sorted(lines, key=lambda line: [list(dict.fromkeys(k[0] for k in grouped)).index(line[0]), line[1]])
+    return sorted(
+        lines, key=lambda line: [list(dict.fromkeys(k[0] for k in grouped)).index(line[0]), line[1]]
+    )
 
 
 def columns(table):
@@ -308,6 +316,3 @@ def columns(table):
         .rstrip()
         for r in table
     ]  # fmt: skip
-
-
-__all__ = ["Order", "Outcome", "describe", "design"]

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from forceaxis import _core, paths
-from forceaxis.linear import loops
+from forceaxis.linear import loops, over, settings
 from forceaxis.linear import system as linear
 
 # The command line's options, {option: parameter}: click writes names in lower case.
@@ -16,24 +16,37 @@ OPTIONS = {
 }
 
 
-def _parsed(overrides, modes):
-    """--set and --mode as dicts."""
-    return linear.overrides(overrides), linear.states(modes)
-
-
 def _law_parameters(given):
     return {OPTIONS[name]: value for name, value in given.items() if value is not None}
 
 
 def from_options(model, overrides, modes, law, timing, output, free=False, **given):
-    """The loop that the options of `forceaxis limit` describe."""
-    overrides, modes = _parsed(overrides, modes)
-    given = _law_parameters(given)
-    return loops.force_loop(model, law, timing, overrides, modes, output, free, **given)
+    """The loop that the options of `forceaxis limit` describe; what they leave None is the
+    experiment's."""
+    own = settings.of(model, linear.overrides(overrides))
+    arguments = loop_arguments(own, law, given)
+    loop = loops.force_loop(
+        own.model, timing=timing or own.timing, overrides=own.overrides,
+        modes=linear.states(modes), output=output, free=free, **arguments,
+    )  # fmt: skip
+    if loop.codes_per_gain and own.firmware_gain:
+        codes = own.force_gain if loop.bank is None else own.bank.force_gain
+        loop.own_gain = codes and loop.gain_of(codes)
+    return loop
+
+
+def loop_arguments(own, law, given):
+    """law, bank and parameters of loops.force_loop: the experiment's (`own`, a Settings) where no
+    option says otherwise."""
+    law = law or own.law
+    parameters = (own.parameters if law == own.law else {}) | _law_parameters(given)
+    bank = own.bank if law in ("bank", *loops.MOTION) else None
+    late = own.experiment is not None
+    return {"law": law, "bank": bank, "late_motion": late} | parameters
 
 
 def one_gain(loop, gain, firmware_gain):
-    """k of --gain or --firmware-gain, or None."""
+    """k of --gain or --firmware-gain, or the experiment's; None if there is none."""
     if gain is not None and firmware_gain is not None:
         raise _core.InputError("--gain: expected either --gain or --firmware-gain, got both")
     if firmware_gain is not None:
@@ -43,6 +56,8 @@ def one_gain(loop, gain, firmware_gain):
                 f"got {firmware_gain:g}"
             )
         gain = loop.gain_of(firmware_gain)
+    if gain is None:
+        gain = loop.own_gain
     if gain is not None and not 1e-15 <= gain <= 1e15:
         raise _core.InputError(f"--gain: expected a number from 1e-15 to 1e15, got {gain:g}")
     return gain
@@ -67,7 +82,21 @@ def describe_loop(loop):
         "parameters": loop.parameters,
         "timing": loop.timing,
         "output": loop.signal,
-    }
+    } | ({"bank": loop.bank.keys()} if loop.bank else {})
+
+
+def law_text(summary):
+    """The law with its parameters or its bank, for people."""
+    bank = summary.get("bank")
+    parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
+    if bank:
+        count = len(bank.get("sections", ()))
+        parts.append(f"gain {bank['gain']:.6g}")
+        parts += [
+            f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
+        ]
+        parts.append(f"{count} section{'s' * (count != 1)}")
+    return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
 
 
 def limit_summary(loop, gain=None):
@@ -93,9 +122,10 @@ def limit_summary(loop, gain=None):
         summary["at"] = {
             "gain": gain,
             "firmware_gain": loop.firmware_gain(gain) if reading else None,
-            "stable": loop.stable(gain),
             **margins,
+            **asdict(over.figures(loop, gain)),
         }
+        summary["at"] |= {name: margins[name] for name in ("gain_margin", "phase_margin_deg")}
     return summary
 
 
@@ -106,7 +136,7 @@ def _hz_text(hz):
 def describe_limit(summary):
     """The same for people."""
     unit = summary["unit"]
-    lines = [f"loop         {summary['law']}, {summary['timing']}, {summary['output']}"]
+    lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
     if summary["critical_gain"]:
         hz = _hz_text(summary["frequency_hz"])
         lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
@@ -144,7 +174,20 @@ def describe_limit(summary):
                 else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
             )
         )
+        if at["stable"]:
+            lines += figures_text(at)
     return "\n".join(lines)
+
+
+def figures_text(at):
+    """Lines about |S| and |T| of a loop, or of the worst of some."""
+    text = {None: "nowhere", 0.0: "at 0 Hz"}
+    rows = []
+    for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
+        rows.append(f"{name:12} {text.get(at[key]) or _hz_text(at[key])}")
+    sag = ", |T| sags below -3 dB before" if at["sag"] else ""
+    rows[1] += sag
+    return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 
 
 def _figures(time_s, value, final, duration_s):
@@ -171,7 +214,9 @@ def _figures(time_s, value, final, duration_s):
 def step_summary(loop, gain, duration_s):
     """What `forceaxis step` prints as JSON. Raises InputError."""
     if gain is None:
-        raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
+        raise _core.InputError(
+            "--gain: expected --gain, --firmware-gain or an experiment with a gain, got none"
+        )
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)
@@ -206,7 +251,7 @@ def step_summary(loop, gain, duration_s):
 def describe_step(summary):
     """The same for people."""
     lines = [
-        f"loop         {summary['law']}, {summary['timing']}, {summary['output']}, "
+        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
         f"{summary['gain']:.6g} {summary['unit']}",
         f"stable       {'yes' if summary['stable'] else 'no'}",
     ]
@@ -266,10 +311,11 @@ def poles_of(
     model, gain, firmware_gain, input_, overrides, modes, law, timing, free, output, **given
 ):
     """What `forceaxis poles` shows, from its options."""
-    if gain is None and firmware_gain is None:
-        if law != "p" or _law_parameters(given):
+    own = settings.of(model, linear.overrides(overrides), plant=input_ is not None)
+    if gain is None and firmware_gain is None and (input_ is not None or own.firmware_gain is None):
+        if law not in (None, "p") or _law_parameters(given):
             raise _core.InputError("--law: expected with --gain or --firmware-gain, which close it")
-        overrides, modes = _parsed(overrides, modes)
+        model, overrides, modes = own.model, own.overrides, linear.states(modes)
         output = output or "reading"
         if output == "reading" and linear.facts(model, overrides)["reading"] is None:
             raise loops.no_reading(linear.find_model(model))
@@ -288,12 +334,12 @@ def poles_of(
     if input_ is not None:
         raise _core.InputError("--input: expected without a gain; a loop starts at its set-point")
     loop = from_options(
-        model, overrides, modes, law, timing or "zoh", output or "reading", free=free, **given
+        model, overrides, modes, law, timing, output or "reading", free=free, **given
     )
     gain = one_gain(loop, gain, firmware_gain)
-    own = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
+    codes = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
     described = describe_loop(loop) | {
-        "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": own}
+        "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": codes}
     }
     return poles_summary(loop.closed(gain), described)
 
@@ -316,7 +362,7 @@ def describe_poles(summary):
     head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
     if "closed" in summary:
         closed = summary["closed"]
-        head += f", closed with {summary['law']} at {closed['gain']:.6g} {closed['unit']}"
+        head += f", closed with {law_text(summary)} at {closed['gain']:.6g} {closed['unit']}"
     return "\n".join([head, *lines("poles"), *lines("zeros")])
 
 

@@ -72,10 +72,10 @@ def option(name):
 
 
 def _check(law, timing, given, bank):
-    if (law == "bank") != (bank is not None):
-        raise _core.InputError(
-            "--law: expected bank with an experiment that selects one, and alone"
-        )
+    if law == "bank" and bank is None:
+        raise _core.InputError("--law: expected bank with an experiment that selects one")
+    if bank is not None and law not in ("bank", *MOTION):
+        raise _core.InputError(f"law: expected bank or one of motion with a bank, got {law}")
     if bank is not None and timing == "continuous":
         raise _core.InputError("timing: expected zoh or zoh+1 with law bank, it is sampled")
     if law not in LAWS:
@@ -223,6 +223,14 @@ def _sampled(system, law, timing, tick_s, moves):
     return _Plant(A, B, f, rate, x, v, none, none, states)
 
 
+def _late_motion(plant):
+    """The _Plant with x and v of the tick before."""
+    A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
+    A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
+    states = (*plant.states, "x late", "v late")
+    return plant._replace(A=A, B=B, f=f, rate=rate, x=x, v=v, states=states)
+
+
 def force_loop(
     model,
     law="p",
@@ -233,6 +241,7 @@ def force_loop(
     free=False,
     tick_s=TICK_S,
     bank=None,
+    late_motion=False,
     **parameters,
 ):
     """The loop of a law around a model.
@@ -241,8 +250,9 @@ def force_loop(
     of the force (default: what ADC 0 converts); `tick_s`: sampling period of zoh and zoh+1.
     parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
     damping_Ns_per_m as the law needs, velocity_gain_Vs_per_m (V s/m) with any law that has
-    inner damping. bank: the bank.Bank of law "bank", of which k takes the gain's place. Raises
-    InputError.
+    inner damping. bank: the bank.Bank of law "bank", or before a law of motion; k takes the place
+    of its gain. late_motion: a law of motion gets x and v of the tick before, as the drive's modes
+    do. Raises InputError.
     """
     given = {name: float(value) for name, value in parameters.items() if value is not None}
     _check(law, timing, given, bank)
@@ -263,11 +273,13 @@ def force_loop(
         plant, dt = _continuous(system, law, where), None
     else:
         plant, dt = _sampled(system, law, timing, tick_s, moves), tick_s
-    A, B, states, f, rate = plant.A, plant.B, plant.states, plant.f, plant.rate
     if inner:
-        A = A - inner * B @ plant.v
+        plant = plant._replace(A=plant.A - inner * plant.B @ plant.v)
         if law == "pd" and timing == "continuous":
-            rate = f @ A
+            plant = plant._replace(rate=plant.f @ plant.A)
+    if late_motion and law in MOTION and dt is not None:
+        plant = _late_motion(plant)
+    A, B, states, f, rate = plant.A, plant.B, plant.states, plant.f, plant.rate
     fed, fed_direct = f.copy(), plant.direct.copy()
     if law in ("pd", "derivative"):
         share = given["derivative_s"]
@@ -295,6 +307,7 @@ def force_loop(
         unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
         codes_per_gain=None if per_count is None else abs(per_count) / known["volts_per_code"],
         parameters=given,
+        bank=bank,
     )
 
 

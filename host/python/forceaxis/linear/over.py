@@ -247,35 +247,37 @@ class _Set:
             step = step if moved else step / 2
 
 
+def sample(plants):
+    """Members to look at first: nominal, corners, random ones."""
+    return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
+
+
 def _looked_at(plants, timings, analyse, arguments):
     """A _Set with nominal, corners and random members analysed."""
     group = _Set(plants, timings, analyse, arguments)
-    group.look(plants.nominal())
-    if plants.ranges:
-        group.look(plants.corners())
-        group.look(plants.random(RANDOM))
+    group.look(sample(plants))
     return group
 
 
-def gain_at(loop, gain, arguments):
-    """k of a loop: `gain`, or that of the bank in the loop's arguments."""
+def gain_at(loop, gain, force_gain, arguments):
+    """k of a loop: `gain`, or that of a force_gain, or of the bank in the loop's arguments."""
+    bank = arguments.get("bank")
     if gain is not None:
         return gain
-    bank = arguments.get("bank")
-    if bank is None:
+    if force_gain is None and bank is None:
         raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
-    return loop.gain_of(bank.force_gain)
+    return loop.gain_of(bank.force_gain if force_gain is None else force_gain)
 
 
-def worst(plants, timings=("zoh",), gain=None, **loop_arguments):
+def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments):
     """The Worst of a PlantSet over its modes and `timings`; loop_arguments as PlantSet.loop.
 
-    gain: k, V/N; None: that of the bank. Nominal, corners, seeded random members, then a pattern
+    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners, seeded random members, then a pattern
     search around the worst of each figure: some hundred loops of 5 to 10 ms.
     """
 
     def analyse(loop):
-        return figures(loop, gain_at(loop, gain, loop_arguments))
+        return figures(loop, gain_at(loop, gain, force_gain, loop_arguments))
 
     group = _looked_at(plants, timings, analyse, loop_arguments)
     unstable, found = [], {}

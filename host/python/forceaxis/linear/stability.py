@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.system import System
 
 
@@ -98,6 +99,8 @@ class Loop:
     unit: str
     codes_per_gain: float | None
     parameters: dict = field(default_factory=dict)
+    bank: Bank | None = None
+    own_gain: float | None = None  # k of the experiment that the loop is of
 
     @cached_property
     def open(self):

@@ -1,0 +1,115 @@
+"""MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware closes.
+
+Of an experiment count its model, [set], and the values that [firmware] starts with, as the firmware
+holds them: law, bank, gain, latency. What it writes later ([[at]]) is not looked at.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from forceaxis import _core, paths, toml
+from forceaxis.linear import bank as banks
+from forceaxis.linear import system as linear
+
+NATIVE_FORCE = 3  # of object mode
+# Of modes_of_operation, those that control force.
+FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a loop is closed around, and the firmware's law if an experiment describes one."""
+
+    model: str
+    overrides: dict  # {parameter: SI value, or a text}
+    experiment: str | None = None
+    law: str = "p"
+    timing: str = "zoh"
+    bank: banks.Bank | None = None
+    force_gain: float | None = None  # of the thesis's laws, DAC codes per 8-bit count
+    parameters: dict = field(default_factory=dict)  # of `law`, SI
+    texts: tuple = ()  # the experiment's overrides, NAME=VALUE
+
+    @property
+    def firmware_gain(self):
+        """The gain in use, DAC codes per 8-bit count; None: a model, or no gain is set."""
+        return self.bank.force_gain if self.bank else self.force_gain
+
+
+def find(text):
+    """The path of a model or experiment given as a path or as a stem; a model's goes first."""
+    if Path(text).suffix != ".toml" and Path(text).parent == Path():
+        for folder in (paths.MODELS, paths.EXPERIMENTS):
+            if (folder / f"{text}.toml").exists():
+                return folder / f"{text}.toml"
+    return linear.find_model(text)
+
+
+def of(text, overrides=None, plant=False):
+    """The Settings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
+    firmware.NAME. Raises InputError, also for an experiment that closes no force loop unless its
+    plant alone is wanted."""
+    overrides = dict(overrides or {})
+    path = find(text)
+    if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
+        raise _core.InputError(f"{path}: expected a model or an experiment, got the list of tables")
+    table = toml.read(path)
+    if "model" not in table:
+        return Settings(str(path), overrides)
+    texts = linear.override_texts(overrides)
+    own = _core.inputs(str(path), texts)
+    values = {name: parameter["value"] for name, parameter in own["parameters"].items()}
+    named = {n: values[n] for n in table.get("set", {}) | overrides if n in values}
+    model = str(own["model"])
+    if plant:
+        return Settings(model, named, str(path), texts=tuple(texts))
+    firmware = own["firmware"]
+    law, bank = _law(path, firmware), _bank(path, firmware)
+    return Settings(
+        model, named, str(path), law="bank" if bank and law == "p" else law, bank=bank,
+        force_gain=firmware.get("force_gain") or None,
+        timing="zoh+1" if firmware.get("latency_ticks") == 1 else "zoh",
+        parameters=_parameters(path, law, firmware, linear.facts(model, named)), texts=tuple(texts),
+    )  # fmt: skip
+
+
+def _law(path, firmware):
+    """The law of the mode that the firmware starts in."""
+    drive = int(firmware.get("modes_of_operation", 0))
+    if drive in FORCE_MODES:
+        return FORCE_MODES[drive]
+    native = int(firmware.get("mode", 0))
+    if drive == 0 and native == NATIVE_FORCE:
+        return "p"
+    objects = {meta["name"]: meta for meta in _core.objects()}
+    name = dict(objects["modes_of_operation"]["values"])[drive]
+    raise _core.InputError(
+        f"{path}: firmware: expected a mode that controls force, got "
+        f"{name if drive else objects['mode']['enum'][native]}; give the model instead"
+    )
+
+
+def _bank(path, firmware):
+    """The bank that is selected, or None."""
+    try:
+        return banks.of_settings(firmware)
+    except KeyError:
+        number = int(firmware["force_bank"])
+        raise _core.InputError(
+            f"{path}: firmware: expected bank_{number} with force_bank = {number}"
+        ) from None
+
+
+def _parameters(path, law, firmware, known):
+    """SI parameters of stiffness, damping and impedance."""
+    if law not in ("stiffness", "damping", "impedance"):
+        return {}
+    if known["reading"] is None or known["encoder"] is None:
+        raise _core.InputError(f"{path}: model: expected an ADC 0 and an encoder with law {law}")
+    scale = abs(known["reading"]["per_count"] * known["encoder"]["scale"])
+    found = {}
+    if law != "damping":
+        found["stiffness_N_per_m"] = firmware.get("stiffness", 0.0) * scale
+    if law != "stiffness":
+        found["damping_Ns_per_m"] = firmware.get("damping", 0.0) * scale * linear.TICK_S
+    return found
