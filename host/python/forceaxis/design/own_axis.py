@@ -19,13 +19,25 @@ def design(folder):
     The set: what is pressed on, +-30 %, in every slope of the amplifier; the gain comes down until
     touch-downs and strikes with the firmware are stable. What it buys: {"over", "modes",
     "structure", "bank", "fS_Hz", "p_fS_Hz", "p_force_gain", "p_static_error", "limited_by",
-    "contact_loss"}, or {"refused": why} without a bank.
+    "contact_loss"}; or {"refused": why} without a bank.
     """
     try:
-        with changes.Design(folder / "contact.toml") as plant:
+        with changes.Design(_approach(folder)) as plant:
             return _designed(plant)
     except (_core.InputError, _core.SimulationError) as error:
         return None, {"refused": str(error)}
+
+
+def _approach(folder):
+    """contact.toml with the position gain of step.toml, which mode of operation 4 approaches by."""
+    contact, step = (
+        tomlkit.parse((folder / name).read_text(encoding="utf-8"))
+        for name in ("contact.toml", "step.toml")
+    )
+    contact["firmware"]["position_gain"] = step["firmware"]["position_gain"]
+    path = folder / "approach.toml"
+    path.write_text(tomlkit.dumps(contact), encoding="utf-8")
+    return path
 
 
 def _designed(plant):

@@ -258,7 +258,7 @@ def run(jobs, threads):
 def row(law, case, member, latency, outcome):
     """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
     held = outcome["metrics"]["held_force"] or {}
-    settle = held.get("settle_s", math.inf)
+    settle = held.get("settle_s")
     return {
         "law": law,
         "case": case,
@@ -268,7 +268,7 @@ def row(law, case, member, latency, outcome):
         "fault": outcome["fault"],
         "static_error_percent": held.get("error_percent"),
         "peak_N": outcome["metrics"]["peak_force_N"],
-        "settle_ms": 1e3 * settle if math.isfinite(settle) else None,
+        "settle_ms": 1e3 * settle if settle is not None and math.isfinite(settle) else None,
         "overshoot_percent": held.get("overshoot_percent"),
     }
 
