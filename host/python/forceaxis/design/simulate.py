@@ -53,26 +53,18 @@ class Named(NamedTuple):
     name: str
 
 
-def resolution(design, bits):
-    """The change of a design to an ADC of so many bits over the same range."""
-    old = design.facts["reading"]["bits"]
-    if bits > old:
-        return changes.converter(design, bits)[0]
-    if bits == old:
-        return changes.Change("", "", firmware={"adc_bits": bits})
-    raise InputError(
-        f"--adc-bits: expected {old} to 16, the model's ADC has {old}, got {bits}; leave it out "
-        "or change the model"
-    )
-
-
 class Bench:
     """A model, with an ADC of `bits`, under touch-downs. settle_s: of the slowest law; own: an
     experiment that is a case besides."""
 
     def __init__(self, design, bits, settle_s=1.5, own=None):
         self.design, self.own = design, own
-        self.change = resolution(design, bits)
+        own_bits = design.facts["reading"]["bits"]
+        self.change = (
+            changes.Change("", "", firmware={"adc_bits": bits})
+            if bits == own_bits
+            else changes.resolution(design, bits)
+        )
         self.model = design.changed_model(self.change)
         self.overrides = design.overrides | self.change.overrides
         self.settle_s = min(max(settle_s, 1.5), 10.0)
@@ -258,7 +250,7 @@ def run(jobs, threads):
 def row(law, case, member, latency, outcome):
     """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
     held = outcome["metrics"]["held_force"] or {}
-    settle = held.get("settle_s", math.inf)
+    settle = held.get("settle_s")
     return {
         "law": law,
         "case": case,
@@ -268,7 +260,7 @@ def row(law, case, member, latency, outcome):
         "fault": outcome["fault"],
         "static_error_percent": held.get("error_percent"),
         "peak_N": outcome["metrics"]["peak_force_N"],
-        "settle_ms": 1e3 * settle if math.isfinite(settle) else None,
+        "settle_ms": None if settle is None else 1e3 * settle,
         "overshoot_percent": held.get("overshoot_percent"),
     }
 
