@@ -74,15 +74,15 @@ def design(text, overrides, out, as_json, **given):
      "structures": [...], "chosen": ..., "limited_by": ..., "contact_loss": {...}, ...}
     """
     from forceaxis import linear
-    from forceaxis.design import for_set
+    from forceaxis.design import for_set, outcome
 
-    order = for_set.Order(text, overrides=linear.overrides(overrides), **given)
+    order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
     with progress_on(sys.stderr) as progress:
-        outcome = for_set.design(order, out, progress)
+        found = for_set.design(order, out, progress)
     if as_json:
-        click.echo(json.dumps(for_set.plain(outcome.summary()), allow_nan=False))
+        click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
-        click.echo(for_set.describe(outcome))
+        click.echo(outcome.describe(found))
 
 
 @contextlib.contextmanager

@@ -24,6 +24,7 @@ RAMP_S = 0.2  # of the largest set-point
 STRIKE_S = 0.5 / 150  # a strike, N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02
 WINDOW_S = 0.5
+SETTLE_S = (1.5, 10.0)  # from touch to window, least and most
 RIPPLE_COUNT = 3.0  # 8-bit counts, peak to peak
 LEAST_COUNT = 4  # twice the default contact_force
 # Settings of an experiment that a bench keeps.
@@ -54,10 +55,10 @@ class Named(NamedTuple):
 
 
 class Bench:
-    """A model, with an ADC of `bits`, under touch-downs. settle_s: of the slowest law; own: an
-    experiment that is a case besides."""
+    """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
+    besides."""
 
-    def __init__(self, design, bits, settle_s=1.5, own=None):
+    def __init__(self, design, bits, own=None):
         self.design, self.own = design, own
         own_bits = design.facts["reading"]["bits"]
         self.change = (
@@ -67,7 +68,7 @@ class Bench:
         )
         self.model = design.changed_model(self.change)
         self.overrides = design.overrides | self.change.overrides
-        self.settle_s = min(max(settle_s, 1.5), 10.0)
+        self.settle_s = SETTLE_S[0]
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts["reading"]["per_count"])
         self._given = toml.read(design.experiment)["firmware"] if design.experiment else {}
@@ -75,6 +76,12 @@ class Bench:
         self.settings = self._settings(bits)
         self.cases = self._cases()
         self._files = {}
+
+    def wait_for(self, bank):
+        """Lengthens the cases for a slow integral; before the first of them."""
+        if bank.integral_rad_per_s:
+            low, high = SETTLE_S
+            self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
 
     def _check(self):
         signal = self.facts["reading"]["signal"]
