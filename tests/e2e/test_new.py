@@ -48,8 +48,8 @@ def forceaxis(folder, *arguments):
     return verbs.forceaxis(*arguments, cwd=folder)
 
 
-def made(folder, options):
-    done = forceaxis(folder, "new", "mine", "--json", *options.split())
+def made(folder, options, *more):
+    done = forceaxis(folder, "new", "mine", "--json", *(more or ["--no-design"]), *options.split())
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -171,7 +171,11 @@ def test_a_file_in_the_way_is_one_line_and_stays(tmp_path):
 
 def test_without_a_terminal_nothing_is_asked(tmp_path):
     done = subprocess.run(
-        [FORCEAXIS, "new", "mine"], cwd=tmp_path, input="7\n", capture_output=True, text=True
+        [FORCEAXIS, "new", "mine", "--no-design"],
+        cwd=tmp_path,
+        input="7\n",
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     assert "torque constant" not in done.stdout
@@ -184,7 +188,11 @@ def converse(folder, answers, *arguments):
     """Run `forceaxis new` on a terminal; Enter to every question that `answers` does not name."""
     terminal, inner = pty.openpty()
     process = subprocess.Popen(
-        [FORCEAXIS, "new", "mine", *arguments], cwd=folder, stdin=inner, stdout=inner, stderr=inner
+        [FORCEAXIS, "new", "mine", "--no-design", *arguments],
+        cwd=folder,
+        stdin=inner,
+        stdout=inner,
+        stderr=inner,
     )
     os.close(inner)
     shown, asked, answered = "", [], 0

@@ -14,7 +14,7 @@ from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 INTEGRAL = (0.1, 100.0)  # rad/s
 FREQUENCY = (2.0, 600.0)  # Hz
 ZERO_DAMPING = (0.02, 2.0)
-POLE_DAMPING = (0.25, 2.0)  # less amplifies the quantisation of the reading at one frequency
+POLE_DAMPING = (0.4, 2.0)  # less amplifies the quantisation of the reading at one frequency
 SECTION = (FREQUENCY, ZERO_DAMPING, FREQUENCY, POLE_DAMPING)
 # Name -> number of sections; None: neither integral nor section.
 STRUCTURES = {"P": None, "PI": 0, "PI and one biquad": 1, "PI and two biquads": 2}
