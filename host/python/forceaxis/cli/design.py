@@ -1,5 +1,6 @@
 """The verb that designs a force law for a set of plants."""
 
+import contextlib
 import json
 import sys
 
@@ -11,7 +12,7 @@ from forceaxis.cli.common import Folder, Verb, as_json, threads
 @click.command(
     cls=Verb,
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
-    forceaxis design sim/experiments/hold_biquad_12bit.toml --over k_w=30% --over m_w=5..8 --json""",
+    forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json""",
 )
 @click.argument("text", metavar="MODEL|EXPERIMENT")
 @click.option(
@@ -73,26 +74,32 @@ def design(text, overrides, out, as_json, **given):
      "structures": [...], "chosen": ..., "limited_by": ..., "contact_loss": {...}, ...}
     """
     from forceaxis import linear
-    from forceaxis.design import for_set
+    from forceaxis.design import for_set, outcome
 
-    order = for_set.Order(text, overrides=linear.overrides(overrides), **given)
-    outcome = for_set.design(order, out, progress_on(sys.stderr))
+    order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
+    with progress_on(sys.stderr) as progress:
+        found = for_set.design(order, out, progress)
     if as_json:
-        click.echo(json.dumps(for_set.plain(outcome.summary()), allow_nan=False))
+        click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
-        click.echo(for_set.describe(outcome))
+        click.echo(outcome.describe(found))
 
 
+@contextlib.contextmanager
 def progress_on(stream):
-    """A function that shows one line of progress, if anybody watches."""
+    """A function that shows one line of progress, cleared at the end; None without a terminal."""
     if not stream.isatty():
-        return None
+        yield None
+        return
 
     def show(text):
-        stream.write(f"\r\033[K{text}")
+        stream.write(f"\r\033[K{text[:78]}")
         stream.flush()
 
-    return show
+    try:
+        yield show
+    finally:
+        show("")
 
 
 VERBS = (design,)

@@ -13,6 +13,7 @@ from forceaxis.cli.models import (
     loop_output,
     loop_timing,
     model_options,
+    over_options,
     present,
     vary,
 )
@@ -22,32 +23,39 @@ from forceaxis.cli.models import (
     cls=Verb,
     epilog="""forceaxis limit fig4_19 --set b_m=0.02 --json
     forceaxis limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
-    forceaxis limit laboratory --firmware-gain 10""",
+    forceaxis limit strike_biquad
+    forceaxis limit contact --over k_w=30%,m_w=30% --timing both""",
 )
 @model_options
 @free
 @law_options
-@click.option(
-    "--timing",
-    type=TIMINGS,
-    help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick later. "
-    "Default: the experiment's latency_ticks, else zoh.",
-)
+@over_options
 @click.option(
     "--output", default="reading", help="Feed back this signal. Default: what ADC 0 converts."
 )
 @as_json
-def limit(model, as_json, gain, firmware_gain, **given):
-    """The critical gain of a force loop around MODEL, a path or a stem of sim/models (fig4_19).
+def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
+    """The critical gain of a force loop around MODEL|EXPERIMENT.
 
-    The loop is linear: the model's equations in one mode, in contact. Prints every gain at which
-    a closed-loop pole crosses the stability boundary, the largest setting of the firmware below
-    the first, and with --gain or --firmware-gain the margins there. JSON: critical_gain in `unit`
-    (null: stable for all gains; 0: unstable however small, see reason), frequency_hz, crossings, of
-    which those at gain 0 are undamped poles of the plant.
+    Of an EXPERIMENT, a path or a stem of sim/experiments, counts what its firmware is set to: law,
+    or bank as quantised, gain and latency; options take precedence. The loop is linear: the model's
+    equations in one mode, in contact. Prints every gain at which a closed-loop pole crosses the
+    stability boundary, the largest setting of the firmware below the first, and at a gain the
+    margins and the bandwidth. JSON: critical_gain in `unit` (null: stable for all gains; 0:
+    unstable however small, see reason), frequency_hz, crossings, of which those at gain 0 are
+    undamped poles of the plant, and `at`.
+
+    With --over, --modes or --timing both, over a set: the largest gain that all bear, whose it is
+    (`member`), and at the gain the worst of each figure with its member.
     """
-    from forceaxis.linear import limits
+    from forceaxis.linear import limits, sets
 
+    if sets.wanted(ranges, visit, given["timing"]):
+        found = sets.subject(
+            model, ranges=ranges, visit=visit, gain=gain, firmware_gain=firmware_gain, **given
+        )
+        present(sets.limit_summary(found), as_json, sets.describe)
+        return
     loop = limits.from_options(model, **given)
     summary = limits.limit_summary(loop, limits.one_gain(loop, gain, firmware_gain))
     present(summary, as_json, limits.describe_limit)
@@ -72,11 +80,12 @@ def limit(model, as_json, gain, firmware_gain, **given):
 @drawn
 @as_json
 def rlocus(model, out, as_json, **given):
-    """Root locus of a force loop around MODEL, with its critical gain.
+    """Root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
 
     x: open-loop poles, o: zeros; in Hz, the upper half-plane; of a sampled loop log(z) / T. A
     filled diamond is the critical gain, as `forceaxis limit` gives it; --gain or --firmware-gain
-    mark the poles there. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
+    mark the poles there, as does an experiment's gain. JSON: loci, each with gains, branches,
+    poles, zeros in 1/s, crossings.
     """
     from forceaxis.linear import locus
 
@@ -86,23 +95,34 @@ def rlocus(model, out, as_json, **given):
     present(summary, as_json, locus.describe, out)
 
 
-@click.command(cls=Verb, epilog="forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png")
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png
+    forceaxis nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
+)
 @model_options
 @law_options
 @free
-@loop_timing
+@over_options
 @loop_output
 @drawn
 @as_json
-def nyquist(model, out, as_json, **given):
-    """Nyquist plot of a force loop around MODEL at a gain, by default half the critical one.
+def nyquist(model, out, as_json, ranges, visit, **given):
+    """Nyquist plot of a force loop around MODEL|EXPERIMENT.
 
+    The gain is that of the options, of the experiment, or half the critical one.
     JSON: as `forceaxis limit` with that gain (margins under "at"), and the curve:
-    frequency_hz_of_curve, real, imag, magnitude, phase_deg of the loop gain.
+    frequency_hz_of_curve, real, imag, magnitude, phase_deg of the loop gain. Over a set: the worst
+    under "at", and `curves`, the nominal one first.
     """
-    from forceaxis.linear import curves, limits
+    from forceaxis.linear import curves, limits, sets
 
     check_drawing(out)
+    if sets.wanted(ranges, visit, given["timing"]):
+        found, summary = sets.nyquist_of(sets.subject(model, ranges=ranges, visit=visit, **given))
+        draw(out, lambda plots: plots.nyquist_set_figure(found, summary))
+        present(summary, as_json, sets.describe, out)
+        return
     summary = curves.nyquist_of(model, **given)
     draw(out, lambda plots: plots.nyquist_figure(summary))
     present(summary, as_json, limits.describe_limit, out)
@@ -115,21 +135,30 @@ def nyquist(model, out, as_json, **given):
 )
 @model_options
 @law_options
-@loop_timing
+@over_options
 @loop_output
 @click.option("--duration-s", type=float, default=1.0, show_default=True)
 @drawn
 @as_json
-def step(model, gain, firmware_gain, duration_s, out, as_json, **given):
-    """Step response of the closed loop around MODEL, linear and in contact.
+def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **given):
+    """Step response of the closed loop around MODEL|EXPERIMENT, linear and in contact.
 
     The set-point steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
     90 %), settle_s (2 %), overshoot, final and stable; null where the loop is unstable, the
-    final value 0, or the response needs longer than --duration-s.
+    final value 0, or the response needs longer than --duration-s. Over a set: `members`, the
+    nominal one first, each with these, and the worst.
     """
-    from forceaxis.linear import limits
+    from forceaxis.linear import limits, sets
 
     check_drawing(out)
+    if sets.wanted(ranges, visit, given["timing"]):
+        found = sets.subject(
+            model, ranges=ranges, visit=visit, gain=gain, firmware_gain=firmware_gain, **given
+        )
+        result = sets.step_of(found, duration_s)
+        draw(out, lambda plots: plots.step_set_figure(result))
+        present(result, as_json, sets.describe_step, out)
+        return
     loop = limits.from_options(model, **given)
     gain = limits.one_gain(loop, gain, firmware_gain)
     result = limits.step_summary(loop, gain, duration_s)

@@ -122,6 +122,36 @@ loop_timing = click.option(
 )
 
 
+def over_options(verb):
+    """--over and --modes, and --timing with both delays."""
+    for decorate in (
+        click.option(
+            "--modes",
+            "visit",
+            type=click.Choice(["visited", "all", "nominal"]),
+            help="Modes of amplifier and contact in which all must hold: those that a run of the "
+            "EXPERIMENT visits, all, or the one of --mode; saturated ones left out. Default: "
+            "visited, of a MODEL all.",
+        ),
+        click.option(
+            "--over",
+            "ranges",
+            multiple=True,
+            metavar="NAME=RANGE",
+            help="A parameter's range, k_w=30% or m_w=4..9: corners, random members, and a search "
+            "for the worst. Repeatable, or several with commas between.",
+        ),
+        click.option(
+            "--timing",
+            type=click.Choice([*TIMINGS.choices, "both"]),
+            help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick "
+            "later; both: a set of the two. Default: the experiment's latency_ticks, else zoh.",
+        ),
+    ):
+        verb = decorate(verb)
+    return verb
+
+
 loop_output = click.option(
     "--output", default="reading", show_default=True, help="The signal that is fed back."
 )
@@ -220,45 +250,47 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
 @click.command(
     cls=Verb,
     epilog="""forceaxis bode fig4_19 --vary b_w=8.25,363 --out bode.png
-    forceaxis bode fig2_11 --input drive.force --output robot.position --output tip.position""",
+    forceaxis bode fig2_11 --input drive.force --output robot.position --output tip.position
+    forceaxis bode strike_biquad --of sensitivity --over k_w=30%,m_w=30% --out s.png""",
 )
 @model_options
+@law_options
 @vary
 @free
+@over_options
+@click.option(
+    "--of",
+    "part",
+    type=click.Choice(["plant", "loop", "closed", "sensitivity"]),
+    help="The plant from --input to --output, the loop gain L, T from set-point to signal, or "
+    "S = 1 / (1 + L). Default: plant of a MODEL, loop of an EXPERIMENT or with --law.",
+)
 @click.option(
     "--input",
     "input_",
     default="drive.command",
     show_default=True,
-    help="drive.command (V), drive.force (N) or BODY.force (N).",
+    help="Of the plant: drive.command (V), drive.force (N) or BODY.force (N).",
 )
 @outputs_option
-@click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
-@click.option("--gain", type=float, help="Margins of a force loop with this gain (V/N).")
-@click.option("--firmware-gain", type=float, help="The same as firmware.force_gain.")
 @drawn
 @as_json
-def bode(
-    model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
-    firmware_gain, out, as_json,
-):  # fmt: skip
-    """Open-loop frequency response of MODEL: amplitude and phase, several curves over each other.
+def bode(model, out, as_json, **given):
+    """Frequency response around MODEL|EXPERIMENT: amplitude and phase, curves over each other.
 
-    The phase is unwrapped from 0 at the lowest frequency. JSON: curves, each with output, unit,
+    The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
+    the plant, and the experiment's, else zoh, for the others. JSON: curves, each with output, unit,
     frequency_hz, magnitude, phase_deg and, from drive.command, loop: as `forceaxis limit`, with
-    the margins at --gain under "at".
+    the margins at the gain under "at". Over a set: the worst under "at", the nominal curve first.
     """
-    from forceaxis.linear import curves
+    from forceaxis.linear import curves, sets
 
     check_drawing(out)
-    found, summary = curves.bode_of(
-        model, overrides, vary, modes, free, input_, outputs, timing, from_hz, to_hz, gain,
-        firmware_gain,
-    )  # fmt: skip
+    found, summary = sets.bode(model, **given)
     draw(out, lambda plots: plots.bode_figure(found, summary))
-    present(summary, as_json, curves.describe_bode, out)
+    present(summary, as_json, sets.describe if "over" in summary else curves.describe_bode, out)
 
 
 @click.command(

@@ -342,8 +342,11 @@ def sampling(design):
 
 def converter(design, bits=12):
     """A finer ADC with the same range (6.2.1). The linear limit does not see it."""
-    if design.facts["reading"]["bits"] >= bits:
-        return []
+    return [resolution(design, bits)] if design.facts["reading"]["bits"] < bits else []
+
+
+def resolution(design, bits):
+    """The design with an ADC of so many bits and the same range."""
     shift = 2 ** (bits - design.facts["reading"]["bits"])
     overrides, literal, zero = {}, {}, 0
     for adc in design.table["adc"]:
@@ -364,12 +367,10 @@ def converter(design, bits=12):
                 if channel == adc["channel"]:
                     adc[key] = value
 
-    return [
-        Change(
-            f"ADC of {bits} bits", "converter", overrides, edit,
-            firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
-        )
-    ]  # fmt: skip
+    return Change(
+        f"ADC of {bits} bits", "converter", overrides, edit,
+        firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
+    )  # fmt: skip
 
 
 def amplifier(design):

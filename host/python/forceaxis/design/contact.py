@@ -11,10 +11,10 @@ from forceaxis.linear.bank import TICK_S
 PERIOD = 30.0  # ramps
 HARMONICS = 256
 POINTS = 2048
-OVERSHOOT_MAX = 0.05  # of the set-point
+OVERSHOOT_MAX = 0.055  # of the set-point
 # Below the set-point: (from, share of it), from so many ramps on. What is left of the impact's
 # vibration comes on top at first.
-SHORT_MAX = ((1.25, 0.015), (1.6, 0.025))
+SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 
 class Ramp:

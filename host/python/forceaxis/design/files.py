@@ -164,8 +164,8 @@ def write(folder, bench, outcome, own=None, date=None):
 def bank_text(bench, values):
     document = tomlkit.document()
     document.add(
-        tomlkit.comment(f"The force law designed for {bench.design.model.stem}, as objects")
+        tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")
     )
-    document.add(tomlkit.comment("of an axis in the order in which it takes them."))
+    document.add(tomlkit.comment("axis, in the order in which it takes them."))
     document["firmware"] = values
     return tomlkit.dumps(document)

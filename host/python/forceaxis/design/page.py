@@ -9,7 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from forceaxis import _core, drawing, objects
-from forceaxis.design import files, for_set
+from forceaxis.design import files
+from forceaxis.design import outcome as outcomes
 from forceaxis.drawing import GOT, INK, WANTED, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.system import TICK_S
@@ -36,9 +37,9 @@ def responses(outcome, bank, frequency_hz):
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
     found = []
-    for latency in for_set.LATENCIES[outcome.order.latency]:
+    for latency in outcomes.LATENCIES[outcome.order.latency]:
         for member, nominal in members:
-            loop = plants.loop(member, for_set.TIMINGS[latency], law="bank", bank=bank)
+            loop = plants.loop(member, outcomes.TIMINGS[latency], law="bank", bank=bank)
             gain = loop.gain_of(bank.force_gain)
             found.append((gain * loop.open.response(frequency_hz), nominal))
     return found
@@ -116,15 +117,14 @@ def contact(bench, outcome):
     """Force over time, P and design: the middle set-point, and a strike there."""
     middle, struck = bench.cases[1], bench.cases[-1]
     figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.4))
+    latency = outcomes.LATENCIES[outcome.order.latency][0]
     loss = {name: outcome.loss[name] for name in files.LOSS if name in outcome.loss}
     for ax, case in zip(axes, (middle, struck), strict=True):
         style(ax)
         start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
         for color, (name, bank) in zip((GOT, INK), laws(outcome), strict=True):
             own = loss if bank is outcome.bank else None
-            file, texts = bench.job(
-                case, bank, {}, for_set.LATENCIES[outcome.order.latency][0], own
-            )
+            file, texts = bench.job(case, bank, {}, latency, own)
             done = runs.run(Path(file), texts)
             force = done.columns[bench.facts["contacts"][0]["name"] + ".force"]
             time_s = done.columns["time_s"]
@@ -144,7 +144,7 @@ def contact(bench, outcome):
 
 
 def structure_rows(outcome):
-    number = for_set.number
+    number = outcomes.number
     rows = []
     for s in outcome.structures:
         worst, bank = s["worst"] or {}, s["bank"]
@@ -157,29 +157,31 @@ def structure_rows(outcome):
 
 def write(folder, bench, outcome, run):
     """index.html into a files.Folder. run: the experiment that it names."""
-    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 700)
+    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 3000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = resources.files("forceaxis.design").joinpath("page.html.jinja").read_text("utf-8")
-    number = for_set.number
+    number = outcomes.number
     html = environment.from_string(text).render(
         o=outcome,
         title=bench.design.model.stem,
         ranges=", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g} {outcome.units[n]}"
                          for n, r in outcome.ranges.items()),
-        latencies=" and ".join(map(str, for_set.LATENCIES[outcome.order.latency])),
+        latencies=" and ".join(map(str, outcomes.LATENCIES[outcome.order.latency])),
         figures=[(n, number(outcome.p.get(k)),
                   number(outcome.bank.force_gain if k == "force_gain" else outcome.worst.get(k)))
                  for n, k in ROWS],
-        worst_member=", ".join(f"{n} = {for_set.shown(v)}" for n, v in outcome.worst["member"].items()),
+        worst_member=", ".join(
+            f"{n} = {outcomes.shown(v)}" for n, v in outcome.worst["member"].items()
+        ),
         structures=structure_rows(outcome),
         sensitivity=image(sensitivity(outcome, frequency_hz, loops)),
         nyquist=image(nyquist(outcome, loops)),
         contact=image(contact(bench, outcome)) if outcome.rows else None,
-        case_head=for_set.CASE_HEAD,
-        cases=for_set.cases(outcome.rows),
+        case_head=outcomes.CASE_HEAD,
+        cases=outcomes.cases(outcome.rows),
         unsettled=lambda cell: len(set(cell.split(" of "))) > 1,
-        members=for_set.MEMBERS,
+        members=outcomes.MEMBERS,
         run=run,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,

@@ -16,7 +16,6 @@ from forceaxis.design import structures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS, Bounds, Grid, hf_most
 from forceaxis.linear.bank import GAIN_STEP, Bank
-from forceaxis.linear.plant_set import Member
 
 PAYS = 1.1  # a larger structure is taken for this much more bandwidth
 RANDOM = 1000  # choices of values that the result is checked on
@@ -29,6 +28,9 @@ RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
 RESTARTS = 3
+# Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
+# contact's onset, where they ring.
+SECTIONS_ABOVE = 4.0
 STATIC_ERROR_MAX = 0.01  # of the set-point, that a law without an integral may leave
 # Codes per 8-bit count: the reading's noise, in N, does not shrink with the ADC's code.
 HF_DEFAULT = 80.0
@@ -118,10 +120,9 @@ def _noise(law, numbers, grid):
     return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
 
 
-def _starts(name, plants_zeros, best, rng, count):
+def _starts(name, limits, plants_zeros, best, rng, count):
     """The first population: zeros on the plant's antiresonances with a pole above, the smaller
     structure's result with a section that does nothing, and the whole space."""
-    limits = structures.bounds(name)
     low, high = limits.T
     rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
@@ -139,9 +140,8 @@ def _starts(name, plants_zeros, best, rng, count):
     return np.clip(rows, low, high)
 
 
-def _search(problem, name, zeros, best, seed):
+def _search(problem, name, limits, zeros, best, seed):
     """The numbers of a structure's best law."""
-    limits = structures.bounds(name)
     low, high = limits.T
 
     def cost(numbers):
@@ -153,7 +153,7 @@ def _search(problem, name, zeros, best, seed):
         found = optimize.differential_evolution(
             cost,
             limits,
-            init=_starts(name, zeros, best, rng, max(8 * len(limits), 12)),
+            init=_starts(name, limits, zeros, best, rng, max(8 * len(limits), 12)),
             seed=int(rng.integers(2**31)),
             maxiter=50,
             tol=1e-4,
@@ -191,16 +191,18 @@ def search(plants, goal=None, progress=None):
     problem = _Problem(plants, members, goal, None)
     _check_plants(problem)
     zeros = _antiresonances(problem.grid)
-    best = {"P": np.zeros(0), "PI": _search(problem, "PI", zeros, None, SEED)}
-    fS = problem.judge(best["PI"])[0]
+    own = _search(problem, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
+    best = {"P": np.zeros(0), "PI": own}
+    fS = problem.judge(own)[0]
+    limits = {name: structures.bounds(name, SECTIONS_ABOVE * fS) for name in structures.STRUCTURES}
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in _nominal(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
     problem.ramp = ramp
-    before = best["PI"]
+    before = own
     for name in list(structures.STRUCTURES)[1:]:
         say(f"{name}: searching")
-        best[name] = before = _search(problem, name, zeros, before, SEED)
+        best[name] = before = _search(problem, name, limits[name], zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")
     probe = Grid(plants, plants.random(PROBE, SEED), goal.timings)
@@ -212,12 +214,12 @@ def search(plants, goal=None, progress=None):
         members = members + list({m.label(): m for m in joined}.values())
         problem = _Problem(plants, members, goal, ramp)
         for name in list(best)[1:]:
-            limits = structures.bounds(name)
+            low, high = limits[name].T
 
-            def cost(numbers, limits=limits, problem=problem):
-                return -problem.judge(np.clip(numbers, *limits.T))[0]
+            def cost(numbers, low=low, high=high, problem=problem):
+                return -problem.judge(np.clip(numbers, low, high))[0]
 
-            best[name] = _polished(cost, best[name], *limits.T)
+            best[name] = _polished(cost, best[name], low, high)
     return _result(plants, goal, problem, best, say)
 
 
@@ -287,13 +289,7 @@ def _result(plants, goal, problem, best, say):
     p = rows[0]
     chosen = None
     for row in rows:
-        if row["worst"] is None:
-            continue
-        if (
-            chosen is None
-            or row["worst"]["fS_Hz"] >= PAYS * chosen["worst"]["fS_Hz"]
-            or (chosen["name"] == "P" and chosen["worst"]["static_error"] > STATIC_ERROR_MAX)
-        ):
+        if row["worst"] and (chosen is None or _pays(row["worst"], chosen)):
             chosen = row
     sentence = _sentence(checked, chosen, bounds)
     for row in rows:
@@ -305,6 +301,14 @@ def _result(plants, goal, problem, best, say):
         rows,
         sentence,
         chosen["name"],
+    )
+
+
+def _pays(worst, smaller):
+    """Whether a larger structure is worth it."""
+    before = smaller["worst"]
+    return worst["fS_Hz"] >= PAYS * before["fS_Hz"] or (
+        smaller["name"] == "P" and before["static_error"] > STATIC_ERROR_MAX
     )
 
 
@@ -320,7 +324,7 @@ def _worst(grid, bank, goal):
     static = (
         0.0 if bank.integral_rad_per_s else float(np.abs(1 / (1 + gain * grid.plant[:, 0])).max())
     )
-    member: Member = grid.members[at[1]]
+    member = grid.members[at[1]]
     return {
         "fS_Hz": float(first.min()),
         "fT_Hz": float(last.min()),
@@ -343,8 +347,8 @@ def _sentence(grid, row, bounds):
     _, name, member, timing, hz = row["end"]
     if name == "hf":
         return (
-            f"The gain at high frequency, {bounds.hf_gain:.3g} codes per 8-bit count, is the bound: "
-            "an ADC of more bits would let it rise."
+            f"The gain at high frequency ends it, {bounds.hf_gain:.3g} codes per 8-bit count: an "
+            "ADC of more bits, or a larger bound for it, would let it rise."
         )
     what, change = CONSTRAINTS[name]
     late = ", one tick late" if DELAYS[grid.timings[timing]] else ""

@@ -24,6 +24,7 @@ RAMP_S = 0.2  # of the largest set-point
 STRIKE_S = 0.5 / 150  # a strike, N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02
 WINDOW_S = 0.5
+SETTLE_S = (1.5, 10.0)  # from touch to window, least and most
 RIPPLE_COUNT = 3.0  # 8-bit counts, peak to peak
 LEAST_COUNT = 4  # twice the default contact_force
 # Settings of an experiment that a bench keeps.
@@ -53,29 +54,21 @@ class Named(NamedTuple):
     name: str
 
 
-def resolution(design, bits):
-    """The change of a design to an ADC of so many bits over the same range."""
-    old = design.facts["reading"]["bits"]
-    if bits > old:
-        return changes.converter(design, bits)[0]
-    if bits == old:
-        return changes.Change("", "", firmware={"adc_bits": bits})
-    raise InputError(
-        f"--adc-bits: expected {old} to 16, the model's ADC has {old}, got {bits}; leave it out "
-        "or change the model"
-    )
-
-
 class Bench:
-    """A model, with an ADC of `bits`, under touch-downs. settle_s: of the slowest law; own: an
-    experiment that is a case besides."""
+    """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
+    besides."""
 
-    def __init__(self, design, bits, settle_s=1.5, own=None):
+    def __init__(self, design, bits, own=None):
         self.design, self.own = design, own
-        self.change = resolution(design, bits)
+        own_bits = design.facts["reading"]["bits"]
+        self.change = (
+            changes.Change("", "", firmware={"adc_bits": bits})
+            if bits == own_bits
+            else changes.resolution(design, bits)
+        )
         self.model = design.changed_model(self.change)
         self.overrides = design.overrides | self.change.overrides
-        self.settle_s = min(max(settle_s, 1.5), 10.0)
+        self.settle_s = SETTLE_S[0]
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts["reading"]["per_count"])
         self._given = toml.read(design.experiment)["firmware"] if design.experiment else {}
@@ -83,6 +76,12 @@ class Bench:
         self.settings = self._settings(bits)
         self.cases = self._cases()
         self._files = {}
+
+    def wait_for(self, bank):
+        """Lengthens the cases for a slow integral; before the first of them."""
+        if bank.integral_rad_per_s:
+            low, high = SETTLE_S
+            self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
 
     def _check(self):
         signal = self.facts["reading"]["signal"]
@@ -268,7 +267,7 @@ def row(law, case, member, latency, outcome):
         "fault": outcome["fault"],
         "static_error_percent": held.get("error_percent"),
         "peak_N": outcome["metrics"]["peak_force_N"],
-        "settle_ms": 1e3 * settle if settle is not None and math.isfinite(settle) else None,
+        "settle_ms": None if settle is None else 1e3 * settle,
         "overshoot_percent": held.get("overshoot_percent"),
     }
 

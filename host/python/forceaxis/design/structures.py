@@ -12,18 +12,19 @@ import numpy as np
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
 INTEGRAL = (0.1, 100.0)  # rad/s
-FREQUENCY = (2.0, 600.0)  # Hz
+HIGHEST_HZ = 600.0
 ZERO_DAMPING = (0.02, 2.0)
 POLE_DAMPING = (0.4, 2.0)  # less amplifies the quantisation of the reading at one frequency
-SECTION = (FREQUENCY, ZERO_DAMPING, FREQUENCY, POLE_DAMPING)
 # Name -> number of sections; None: neither integral nor section.
 STRUCTURES = {"P": None, "PI": 0, "PI and one biquad": 1, "PI and two biquads": 2}
 
 
-def bounds(name):
-    """(lowest, highest) of each number, as logarithms, (n, 2)."""
+def bounds(name, lowest_hz):
+    """(lowest, highest) of each number, as logarithms, (n, 2). lowest_hz: of zeros and poles."""
+    frequency = (lowest_hz, HIGHEST_HZ)
+    section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
-    ranges = [] if sections is None else [INTEGRAL, *SECTION * sections]
+    ranges = [] if sections is None else [INTEGRAL, *section * sections]
     return np.log(np.array(ranges).reshape(-1, 2))
 
 

@@ -1,14 +1,27 @@
 """Frequency responses of models as curves, and what `forceaxis bode` and `nyquist` print."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.linear import limits, loops
+from forceaxis.linear import limits, loops, settings
 from forceaxis.linear import system as linear
 
 NYQUIST_HZ = (0.05, 2000.0)
+
+
+def _loop_gain(loop, gain):
+    open_loop = loop.open
+    return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
+
+
+# What of a loop at a gain is drawn -> the System.
+PARTS = {
+    "loop": _loop_gain,
+    "closed": lambda loop, gain: loop.closed(gain),
+    "sensitivity": lambda loop, gain: loop.sensitivity(gain),
+}
 
 
 def phase_deg(frequency_hz, response):
@@ -112,39 +125,66 @@ def unit_of(model, input, output, settings=None):
     return "" if above == below else f"{above}/{below}"
 
 
-def bode_of(
-    model, overrides, vary, modes, free, input, outputs, timing, low_hz, high_hz, gain,
-    firmware_gain,
-):  # fmt: skip
-    """(Curves, summary) of `forceaxis bode`, from its options."""
-    asked = gain is not None or firmware_gain is not None
-    if asked and input != "drive.command":
-        raise InputError("--gain: expected with --input drive.command, a loop acts there")
+def check_span(low_hz, high_hz, timing):
+    """Refuse frequencies that a response has not."""
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
         raise InputError(
             f"--from-hz: expected FROM < TO, from 1e-6 to {highest:g} Hz, got {low_hz:g} and "
             f"{high_hz:g}"
         )
+
+
+def loop_bode_of(
+    model, overrides, vary, modes, free, output, timing, low_hz, high_hz, gain, firmware_gain, part,
+    law, **given
+):  # fmt: skip
+    """(Curves, summary) of `forceaxis bode --of loop` and the like: one curve a value of --vary."""
+    curves, details = [], []
+    for label, values in limits.varied(overrides, vary):
+        loop = limits.loop_of(model, values, modes, law, timing, output, free, given)
+        k = shown_gain(loop, gain, firmware_gain)
+        check_span(low_hz, high_hz, loop.timing)
+        one = curve(PARTS[part](loop, k), label, (low_hz, high_hz))
+        curves.append(one)
+        detail = {"output": part} | one.summary()
+        details.append(detail | {"loop": limits.limit_summary(loop, k)})
+    return curves, limits.describe_loop(loop) | {"of": part, "input": "error", "curves": details}
+
+
+def bode_of(
+    model, overrides, vary, modes, free, input, outputs, timing, low_hz, high_hz, gain,
+    firmware_gain,
+):  # fmt: skip
+    """(Curves, summary) of `forceaxis bode` of a plant, from its options."""
+    asked = gain is not None or firmware_gain is not None
+    if asked and input != "drive.command":
+        raise InputError("--gain: expected with --input drive.command, a loop acts there")
+    check_span(low_hz, high_hz, timing)
     linear.once("--output", outputs)
     states = linear.states(modes)
     curves, details = [], []
-    for label, settings in limits.varied(overrides, vary):
+    for label, given in limits.varied(overrides, vary):
+        own = settings.of(model, given, plant=True)
+        values = own.overrides
         for output in outputs:
             name = ", ".join(filter(None, [label, output if len(outputs) > 1 else ""]))
             span_hz = low_hz, high_hz
             one = model_curve(
-                model, name, output, input, span_hz, settings, timing, free=free, modes=states
+                own.model, name, output, input, span_hz, values, timing, free=free, modes=states
             )
             curves.append(one)
             detail = {"output": output} | one.summary()
             if input == "drive.command":  # where a force loop would act
-                loop = loops.force_loop(model, "p", timing, settings, states, output, free)
+                loop = loops.force_loop(own.model, "p", timing, values, states, output, free)
                 k = limits.one_gain(loop, gain, firmware_gain)
                 detail["loop"] = limits.limit_summary(loop, k)
             details.append(detail)
-    path = linear.find_model(model)
-    return curves, {"model": str(path), "input": input, "timing": timing, "curves": details}
+    about = {"model": own.model, "of": "plant", "input": input, "timing": timing}
+    return curves, about | {"curves": details}
+
+
+AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
 
 
 def describe_bode(summary):
@@ -165,8 +205,14 @@ def describe_bode(summary):
             lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g} {c['unit']}")
         if c.get("loop", {}).get("at"):
             text = limits.describe_limit(c["loop"]).splitlines()
-            lines += [line for line in text if line.startswith(("at ", "gain ", "phase "))]
+            lines += [line for line in text if line.startswith(AT)]
     return "\n".join(lines)
+
+
+def shown_gain(loop, gain, firmware_gain):
+    """The gain of a loop that is drawn; without one half the critical one, or 1."""
+    gain = limits.one_gain(loop, gain, firmware_gain)
+    return (loop.limit().gain or 2.0) / 2 if gain is None else gain
 
 
 def nyquist_of(model, overrides, modes, free, law, timing, output, gain, firmware_gain, **given):
@@ -174,9 +220,7 @@ def nyquist_of(model, overrides, modes, free, law, timing, output, gain, firmwar
     loop = limits.loop_of(
         model, linear.overrides(overrides), modes, law, timing, output, free, given
     )
-    gain = limits.one_gain(loop, gain, firmware_gain)
-    if gain is None:
-        gain = (loop.limit().gain or 2.0) / 2
+    gain = shown_gain(loop, gain, firmware_gain)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)
     return limits.limit_summary(loop, gain) | {
         "frequency_hz_of_curve": c.frequency_hz.tolist(),

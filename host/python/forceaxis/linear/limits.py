@@ -129,7 +129,8 @@ def limit_summary(loop, gain=None):
     return summary
 
 
-def _hz_text(hz):
+def hz_text(hz):
+    """At which frequency, None: an infinite one."""
     return "at infinite frequency" if hz is None else f"at {hz:.4g} Hz"
 
 
@@ -138,7 +139,7 @@ def describe_limit(summary):
     unit = summary["unit"]
     lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
     if summary["critical_gain"]:
-        hz = _hz_text(summary["frequency_hz"])
+        hz = hz_text(summary["frequency_hz"])
         lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
     else:
         none = "none" if summary["critical_gain"] is None else "0"
@@ -153,7 +154,7 @@ def describe_limit(summary):
         what = turns[c["direction"]]
         if c["gain"] == 0:
             what = f"an undamped pole of the plant {undamped[c['direction']]}"
-        lines.append(f"crossing     {c['gain']:.6g} {unit} {_hz_text(c['frequency_hz'])}, {what}")
+        lines.append(f"crossing     {c['gain']:.6g} {unit} {hz_text(c['frequency_hz'])}, {what}")
     at = summary.get("at")
     if at:
         own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
@@ -171,7 +172,7 @@ def describe_limit(summary):
             + (
                 "none, |L| is nowhere 1"
                 if phase is None
-                else f"{phase:.4g} degrees, crossover {_hz_text(at['crossover_hz'])}"
+                else f"{phase:.4g} degrees, crossover {hz_text(at['crossover_hz'])}"
             )
         )
         if at["stable"]:
@@ -184,8 +185,8 @@ def figures_text(at):
     text = {None: "nowhere", 0.0: "at 0 Hz"}
     rows = []
     for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
-        rows.append(f"{name:12} {text.get(at[key]) or _hz_text(at[key])}")
-    sag = ", |T| sags below -3 dB before" if at["sag"] else ""
+        rows.append(f"{name:12} {text.get(at[key]) or hz_text(at[key])}")
+    sag = ", and is below it also below fS" if at["sag"] else ""
     rows[1] += sag
     return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 
@@ -211,12 +212,17 @@ def _figures(time_s, value, final, duration_s):
     )
 
 
+def refuse_no_gain():
+    """Raises InputError."""
+    raise _core.InputError(
+        "--gain: expected --gain, --firmware-gain or an experiment with a gain, got none"
+    )
+
+
 def step_summary(loop, gain, duration_s):
     """What `forceaxis step` prints as JSON. Raises InputError."""
     if gain is None:
-        raise _core.InputError(
-            "--gain: expected --gain, --firmware-gain or an experiment with a gain, got none"
-        )
+        refuse_no_gain()
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)

@@ -43,7 +43,7 @@ class Figures:
     Ms: float | None = None  # largest |S|, up to half the tick rate
     gain_margin: float | None = None  # factor up to the next crossing; None: none
     phase_margin_deg: float | None = None  # smallest in size; None: |L| is nowhere 1
-    sag: bool = False  # |T| is below -3 dB somewhere below fT
+    sag: bool = False  # |T| is below -3 dB somewhere below fS
 
     def badness(self, name):
         """A number that grows as figure `name` gets worse; inf of an unstable loop."""
@@ -67,6 +67,17 @@ class _Response:
         self.system = system
         self.poles = linalg.eigvals(self.A)
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
+
+    @classmethod
+    def of(cls, system):
+        """That of a System, sampled ones mapped onto the plane as in stability.Loop."""
+        system = _minimal(system)
+        A, B, C, D, dt = system.A, system.B, system.C, system.D, system.dt
+        if dt is not None and len(A):
+            inverse = np.linalg.inv(A + np.eye(len(A)))
+            A, D = (2 / dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
+            B, C = (4 / dt) * inverse @ B, C @ inverse
+        return cls(A, B, C, D)
 
     def size(self, w):
         """|H| at frequencies w of the plane, array like w."""
@@ -135,46 +146,16 @@ class _Response:
         return max(float(sizes[i]), -top.fun)
 
 
-def _closed_response(loop, A, B, C, D):
-    """The _Response of a closed loop's part, in the plane of the loop."""
-    system = _minimal(linear.System(A, B, C, D, tuple(map(str, range(len(A)))), ("",), ("",)))
-    A, B, C, D = system.A, system.B, system.C, system.D
-    if loop.dt is not None and len(A):
-        inverse = np.linalg.inv(A + np.eye(len(A)))
-        A, D = (2 / loop.dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
-        B, C = (4 / loop.dt) * inverse @ B, C @ inverse
-    return _Response(A, B, C, D)
-
-
-def sensitivity(loop, gain):
-    """S of a loop closed at a gain, as a _Response."""
-    A, B, C, D = loop._minimal.A, loop._minimal.B, loop._minimal.C, loop._minimal.D
-    share = gain / (1 + gain * D[0, 0])
-    return _closed_response(
-        loop, A - share * B @ C, share * B, -C / (1 + gain * D), 1 / (1 + gain * D)
-    )
-
-
-def complementary(loop, gain):
-    """T, from set-point to the controlled signal, as a _Response."""
-    closed = loop.closed(gain)
-    return _closed_response(loop, closed.A, closed.B, closed.C, closed.D)
-
-
 def figures(loop: Loop, gain):
     """The Figures of a loop at a gain (k, V/N)."""
     if not loop.stable(gain):
         return Figures(False)
-    S, T = sensitivity(loop, gain), complementary(loop, gain)
-    rising = [w for w, _ in S.crossings(HALF_POWER)]
-    fS = 0.0 if S.ends()[0] >= HALF_POWER else loop._hz(rising[0]) if rising else None
-    through = T.crossings(HALF_POWER)
-    if T.ends()[1] >= HALF_POWER:
-        fT, sag = None, bool(through) or T.ends()[0] < HALF_POWER
-    else:
-        falls = [w for w, rises in through if not rises]
-        fT = loop._hz(falls[-1]) if falls else 0.0
-        sag = any(rises for _, rises in through)
+    S, T = _Response.of(loop.sensitivity(gain)), _Response.of(loop.closed(gain))
+    rises = [loop._hz(w) for w, up in S.crossings(HALF_POWER) if up]
+    falls = [loop._hz(w) for w, up in T.crossings(HALF_POWER) if not up]
+    fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
+    fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
+    sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
     margins = loop.margins(gain)
     return Figures(True, fS, fT, S.peak(), margins.gain_margin, margins.phase_margin_deg, sag)
 
@@ -272,8 +253,9 @@ def gain_at(loop, gain, force_gain, arguments):
 def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments):
     """The Worst of a PlantSet over its modes and `timings`; loop_arguments as PlantSet.loop.
 
-    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners, seeded random members, then a pattern
-    search around the worst of each figure: some hundred loops of 5 to 10 ms.
+    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
+    seeded random members, then a pattern search around the worst of each figure: some hundred loops
+    of 5 to 10 ms.
     """
 
     def analyse(loop):
@@ -337,15 +319,18 @@ def _distinct(model, overrides, candidates):
     return tuple(sorted(found, key=len))
 
 
-def _pressed(known, modes):
-    """Whether a contact, of a model that has some, is pressed."""
+def _lasts(known, modes):
+    """Whether a law can be in this mode for long: pressed, if the model has contacts, and nothing
+    saturated. (A saturated feedback inside the drive leaves a loop that no gain holds.)"""
+    if any(state.endswith(" limit") for state in modes.values()):
+        return False
     names = [contact["name"] for contact in known["contacts"]]
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
 def modes_visited(experiment, overrides=()):
-    """The modes, {element: state}, in contact, that one run of an experiment (a path; overrides:
-    texts NAME=VALUE) visits and in which its force loop has a path; at least the default, {}."""
+    """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
+    NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least {}."""
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events
     own = _core.inputs(path, texts)
@@ -359,7 +344,7 @@ def modes_visited(experiment, overrides=()):
         state[element] = after
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
-    inside = [modes for modes in unique if _pressed(known, modes)]
+    inside = [modes for modes in unique if _lasts(known, modes)]
     return _distinct(own["model"], values, inside) or ({},)
 
 
@@ -374,4 +359,4 @@ def modes_all(model, overrides=None):
         )
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    return _distinct(model, overrides, [{}, *(modes for modes in every if _pressed(known, modes))])
+    return _distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])

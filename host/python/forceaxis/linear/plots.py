@@ -4,6 +4,7 @@ The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locu
 verb prints with --json.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -13,11 +14,19 @@ from matplotlib.lines import Line2D
 from forceaxis.drawing import COLORS, DASHES, FAINT, GOT, INK, finish, style
 from forceaxis.linear.locus import Array
 
+MEMBER = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
 
-def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)):
-    """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude."""
+
+def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4), others=()):
+    """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
+
+    others: curves of the other members of a set, thin.
+    """
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
+    for c in others:
+        axes[0, 0].loglog(c.frequency_hz, c.magnitude, **MEMBER)
+        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, **MEMBER)
     for i, c in enumerate(curves):
         look = {"color": COLORS[i % 6], "linestyle": DASHES[i % 6], "linewidth": 1.1}
         if not phase_only:
@@ -56,15 +65,18 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
     return figure
 
 
-def nyquist(frequency_hz, values, title="", size=(4.8, 4.6)):
+def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     """Figure of a loop gain's `values`, both signs of frequency, around the point -1.
 
-    The frame shows the unit circle and as much of the curve as fits within 2.5.
+    The frame shows the unit circle and as much of the curve as fits within 2.5. others: curves of
+    the other members of a set, thin.
     """
     figure, ax = plt.subplots(figsize=size)
     style(ax)
     turn = np.linspace(0, 2 * np.pi, 200)
     ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
+    for c in others:
+        ax.plot(c.response.real, c.response.imag, **MEMBER)
     ax.plot(values.real, values.imag, color=INK, linewidth=1.1, label="f > 0")
     ax.plot(values.real, -values.imag, color=INK, linewidth=0.7, linestyle="--", label="f < 0")
     ax.plot([-1], [0], marker="+", color=GOT, markersize=10, markeredgewidth=1.6)
@@ -357,7 +369,14 @@ def loop_title(summary):
 
 
 def bode_figure(curves, summary):
-    """Figure of what `forceaxis bode --json` prints."""
+    """Figure of what `forceaxis bode --json` prints; over a set the first curve is nominal."""
+    if summary["of"] != "plant":
+        names = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sensitivity"}
+        label = names[summary["of"]]
+        title = f"{loop_title(summary)}: {label}"
+        if "over" not in summary:
+            return bode(curves, title, label)
+        return bode([replace(curves[0], label="")], title, label, others=curves[1:])
     names = list(dict.fromkeys(c["output"] for c in summary["curves"]))
     label = names[0] if len(names) == 1 else "amplitude"
     stem = Path(summary["model"]).stem
@@ -372,6 +391,32 @@ def nyquist_figure(summary):
     title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
     values = np.array(summary["real"]) + 1j * np.array(summary["imag"])
     return nyquist(np.array(summary["frequency_hz_of_curve"]), values, title)
+
+
+def nyquist_set_figure(curves, summary):
+    """Figure of what `forceaxis nyquist --json` prints over a set."""
+    at, first = summary["at"], curves[0]
+    own = f" (k_f = {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
+    title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
+    return nyquist(first.frequency_hz, first.response, title, others=curves[1:])
+
+
+def step_set_figure(summary):
+    """Figure of `sets.step_of()`."""
+    figure, ax = plt.subplots(figsize=(5.6, 3.0))
+    style(ax)
+    first, *others = summary["members"]
+    for one in others:
+        ax.plot(one["time_s"], one["value"], **MEMBER)
+    ax.plot(first["time_s"], first["value"], color=INK, linewidth=1.2)
+    if not summary["stable"]:  # what grows would hide the others
+        shown = [m for m in summary["members"] if m["stable"]] or [first]
+        reach = 1.5 * max(np.abs(m["value"]).max() for m in shown)
+        ax.set_ylim(-reach, reach)
+    ax.set_xlabel("time, s")
+    ax.set_ylabel(f"{summary['output']}\nper unit step")
+    finish(figure, ax, f"{loop_title(summary)}, {summary['gain']:.4g} {summary['unit']}")
+    return figure
 
 
 def poles_figure(summary, span_hz=None):

@@ -135,6 +135,12 @@ class Loop:
             outputs=self.whole.outputs[1:],
         )
 
+    def sensitivity(self, gain):
+        """S = 1 / (1 + k L), from the set-point to the error, of a loop closed at a gain."""
+        A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
+        share = gain / D[0, 0]
+        return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
+
     def closed_poles(self, gain):
         """Closed-loop poles, 1/s (of a sampled loop log(z) / T)."""
         return self.closed(gain).poles_s()
