@@ -10,11 +10,12 @@ from importlib import resources
 import jinja2
 
 from forceaxis import _core, drawing, objects, paths, toml
+from forceaxis.design import advise
 from forceaxis.experiments import run as experiments
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots, trace
 from forceaxis.identify import result as measure_result
-from forceaxis.linear import advise, beam, loops, modes
+from forceaxis.linear import beam, loops, modes
 from forceaxis.linear import plots as linear_plots
 from forceaxis.report import plots
 from forceaxis.thesis import claims as thesis
