@@ -248,7 +248,7 @@ def bode(
     if part is None:
         part = "loop" if laws or wanted(ranges, visit, timing) else None
     if part is None:
-        part = "plant" if "model" not in toml.read(settings.find(model)) else "loop"
+        part = "loop" if settings.is_experiment(toml.read(settings.find(model))) else "plant"
     if part == "plant":
         if wanted(ranges, visit, timing) or laws:
             raise _core.InputError(
