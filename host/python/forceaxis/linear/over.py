@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
+from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.stability import Loop, _minimal
@@ -349,7 +350,7 @@ def modes_visited(experiment, overrides=(), output="reading"):
 
 
 def modes_all(model, overrides=None, output="reading"):
-    """The same of every state of every element that switches. Raises InputError if there is none."""
+    """The same of all states of all elements that switch. Raises InputError if there is none."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)
     if output == "reading" and known["reading"] is None:
