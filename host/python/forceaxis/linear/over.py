@@ -20,7 +20,7 @@ from forceaxis.linear.plant_set import Member
 from forceaxis.linear.stability import Loop, _minimal
 
 HALF_POWER = math.sqrt(0.5)
-RANDOM = 24  # members of the first look, besides nominal and corners
+RANDOM = 24  # members analysed before the search, besides nominal and corners
 REFINED = 2  # members in whose neighbourhood the worst of each figure is sought
 STEPS_MIN = 1 / 64  # of the half-width of a range, where that search ends
 COMBINATIONS_MAX = 20000
@@ -192,7 +192,7 @@ class _Set:
             self.found[key] = (member, timing, self.analyse(loop))
         return self.found[key]
 
-    def look(self, members):
+    def cover(self, members):
         """Analyse members with every timing."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
@@ -230,14 +230,14 @@ class _Set:
 
 
 def sample(plants):
-    """Members to look at first: nominal, corners, random ones."""
+    """Members analysed before the search: nominal, corners, random ones."""
     return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
 
 
-def _looked_at(plants, timings, analyse, arguments):
+def _explored(plants, timings, analyse, arguments):
     """A _Set with nominal, corners and random members analysed."""
     group = _Set(plants, timings, analyse, arguments)
-    group.look(sample(plants))
+    group.cover(sample(plants))
     return group
 
 
@@ -262,7 +262,7 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
     def analyse(loop):
         return figures(loop, gain_at(loop, gain, force_gain, loop_arguments))
 
-    group = _looked_at(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, analyse, loop_arguments)
     unstable, found = [], {}
     for name in FIGURES:
         found[name] = group.worst(lambda f, name=name: f.badness(name))
@@ -286,7 +286,7 @@ def largest_gain(plants, timings=("zoh",), **loop_arguments):
         limit = loop.limit()
         return (math.inf if limit.gain is None else limit.gain), limit.frequency_hz
 
-    group = _looked_at(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, analyse, loop_arguments)
     member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])
     if math.isinf(gain):
         return None, member, timing, None
