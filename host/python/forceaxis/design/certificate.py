@@ -123,10 +123,15 @@ def sentence(grid, bank, steep, bounds):
     mode = _mode_near(grid.open_loops[member], hz)
     where = f"at {hz:.1f} Hz" + (f", over the plant's mode at {mode:.1f} Hz," if mode else "")
     late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
-    text = f"The {CONSTRAINTS[name]} {where} with {grid.members[member].label()}{late} is the limit"
+    text = f"The {CONSTRAINTS[name]} {where} {_with(grid.members[member])}{late} is the limit"
     cure = "more damping of that mode" if mode else "a looser margin"
     text += f": {cure} or a narrower set would move it"
     return text + (f"; so is {high}: {finer}." if reached else ".")
+
+
+def _with(member):
+    label = member.label()
+    return "on the nominal plant" if label == "nominal" else f"with {label}"
 
 
 def _margin_left(grid, law, bank, bounds, steep):
