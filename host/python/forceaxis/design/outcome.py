@@ -136,7 +136,7 @@ def describe(outcome):
     if outcome.structures:
         lines += columns([
             ["structure", "fS Hz", "Ms", "gain margin"],
-            *([s["name"], *(number(s["worst"].get(k)) for k in ("fS_Hz", "Ms", "gain_margin"))]
+            *([s["name"], *(number((s["worst"] or {}).get(k)) for k in ("fS_Hz", "Ms", "gain_margin"))]
               for s in outcome.structures),
         ])  # fmt: skip
     if outcome.rows:
