@@ -45,8 +45,8 @@ def found(monkeypatch):
 
 @pytest.fixture
 def order():
-    def order(text=EXPERIMENT, **given):
-        return outcome.Order(str(text), ("k_w=30%,m_w=30%",), threads=2, **given)
+    def order(text=EXPERIMENT, over="k_w=30%,m_w=30%", **given):
+        return outcome.Order(str(text), (over,), threads=2, **given)
 
     return order
 
@@ -125,7 +125,7 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
 
 def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order):
     monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=4))
-    done = for_set.design(order(FINE, latency="0"))
+    done = for_set.design(order(FINE, "k_w=30%", latency="0"))
     assert done.backoffs > 0
     assert done.bank.force_gain == pytest.approx(
         4 * 6.08 * simulate.BACKOFF**done.backoffs, abs=GAIN_STEP
