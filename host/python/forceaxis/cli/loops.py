@@ -12,9 +12,9 @@ from forceaxis.cli.models import (
     law_options,
     loop_output,
     loop_timing,
-    model_options,
     over_options,
     present,
+    subject_options,
     vary,
 )
 
@@ -26,7 +26,7 @@ from forceaxis.cli.models import (
     forceaxis limit strike_biquad
     forceaxis limit contact --over k_w=30%,m_w=30% --timing both""",
 )
-@model_options
+@subject_options
 @free
 @law_options
 @over_options
@@ -66,7 +66,7 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
     epilog="""forceaxis rlocus fig4_19 --timing continuous --out locus.png
     forceaxis rlocus fig4_19 --vary b_w=8.25,363 --span-hz 70 --firmware-gain 5 --out b_w.png""",
 )
-@model_options
+@subject_options
 @law_options
 @vary
 @free
@@ -100,7 +100,7 @@ def rlocus(model, out, as_json, **given):
     epilog="""forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png
     forceaxis nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
 )
-@model_options
+@subject_options
 @law_options
 @free
 @over_options
@@ -133,7 +133,7 @@ def nyquist(model, out, as_json, ranges, visit, **given):
     epilog="""forceaxis step fig4_19 --firmware-gain 5 --out step.png
     forceaxis step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
 )
-@model_options
+@subject_options
 @law_options
 @over_options
 @loop_output

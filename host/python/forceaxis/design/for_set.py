@@ -128,12 +128,18 @@ def random_members(plants, count, seed=1988):
 
 def reassessed(outcome, bank):
     """`worst` of a bank whose gain was reduced, over the same set."""
-    late = {}
-    timings = tuple(TIMINGS[t] for t in LATENCIES[outcome.order.latency])
-    early = sets.worst(outcome.plants, timings[:1], law="bank", bank=bank)
-    for timing in timings[1:]:
-        late = {"Ms_late": sets.worst(outcome.plants, (timing,), law="bank", bank=bank).Ms}
-    both = sets.worst(outcome.plants, timings, law="bank", bank=bank)
-    member, timing = both.member.get("fS_Hz", (Member(), timings[0]))
-    values = {name: getattr(both, name) for name in FIGURES}
-    return outcome.worst | values | {"Ms": early.Ms} | late | {"member": plain(member)}
+    found = {
+        timing: sets.worst(outcome.plants, (timing,), law="bank", bank=bank)
+        for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
+    }
+    worst = dict(outcome.worst)
+    for name in FIGURES:
+        known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
+        pick = max if name == "Ms" else min
+        value, (member, timing) = pick(known, key=lambda k: k[0], default=(None, (Member(), "")))
+        worst[name] = value
+        if name == "fS_Hz":
+            worst["member"] = plain(member) | {"timing": timing}
+    for name, timing in (("Ms", "zoh"), ("Ms_late", "zoh+1")):
+        worst[name] = found[timing].Ms if timing in found else None
+    return worst

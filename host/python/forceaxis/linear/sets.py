@@ -170,9 +170,7 @@ def worst_text(at, unit):
         who = at["member"].get(name)
         lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
     if at["sag"]:
-        lines.append(
-            f"sag          |T| below -3 dB before fT at {member_text(at['member']['sag'])}"
-        )
+        lines.append(f"sag          |T| below -3 dB below fS at {member_text(at['member']['sag'])}")
     return lines
 
 
