@@ -17,9 +17,10 @@ from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
 
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
-PER_DECADE = 40
-# Distances from a resonance, in half-widths of it.
-AROUND = np.array([-24, -12, -6, -3, -1.7, -1, -0.6, -0.3, 0, 0.3, 0.6, 1, 1.7, 3, 6, 12, 24])
+SLOW_HZ = 1.0  # below there is little to follow
+PER_DECADE = (20, 90)
+PER_SIDE = 14  # of a resonance, up to this many of its half-widths
+WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
 
@@ -41,15 +42,20 @@ def hf_most(adc_bits):
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
-def _frequencies(loop):
+def _frequencies(loop, density):
     """A member's grid, rising, up to half the tick rate."""
-    decades = math.log10(HALF_RATE_HZ / LOWEST_HZ)
-    parts = [np.geomspace(LOWEST_HZ, HALF_RATE_HZ, round(PER_DECADE * decades))]
+    ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
+    parts = [
+        np.geomspace(low, high, round(density * dense * math.log10(high / low)))
+        for low, high, dense in zip(ends[:-1], ends[1:], PER_DECADE, strict=True)
+    ]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
+    side = PER_SIDE * density
+    around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * WIDEST)) / 2
     for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
-        parts.append(root.imag + width * AROUND)
+        parts.append(root.imag + width * around)
     grid = np.unique(np.concatenate(parts))
     return grid[(grid >= LOWEST_HZ) & (grid <= HALF_RATE_HZ)]
 
@@ -60,9 +66,10 @@ def _damping(roots):
 
 class Grid:
     """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
-    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS."""
+    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS; density: of the grid, at 1 figures are right to
+    some percent, at 3 to some thousandth."""
 
-    def __init__(self, plants, members, timings):
+    def __init__(self, plants, members, timings, density=1):
         self.timings = tuple(timings)
         self.members, self.open_loops, grids, refused = [], [], [], None
         for member in members:
@@ -77,7 +84,7 @@ class Grid:
                 raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
             self.members.append(member)
             self.open_loops.append(loop)
-            grids.append(_frequencies(loop))
+            grids.append(_frequencies(loop, density))
         if not self.members:
             raise refused
         longest = max(map(len, grids))
@@ -145,36 +152,35 @@ class Grid:
                 yield "pm", (1 / close[at], at)
 
     def bandwidths(self, law, gain):
-        """(fS, first fT, last fT) in Hz of each timing and member, (t, m): where |S| first reaches
-        -3 dB, where |T| first and last falls through it."""
-        first, falls, last = [], [], []
+        """(fS, first fT) in Hz of each timing and member, (t, m): where |S| first reaches -3 dB and
+        |T| first falls through it; 0 where it starts there."""
+        first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
-            first.append(self._where(1 / apart, 1))
-            T = gain**2 * q / apart
-            falls.append(self._where(T, -1))
-            last.append(self._last(T))
-        return np.array(first), np.array(falls), np.array(last)
+            first.append(self._where(1 / (HALF_POWER * apart)))
+            falls.append(self._where(HALF_POWER * apart / (gain**2 * q)))
+        return np.array(first), np.array(falls)
 
-    def _where(self, power, sign):
-        """The first frequency of each row at which log power passes -3 dB, rising or falling."""
-        level = sign * np.log(power / HALF_POWER)
-        past = level >= 0
-        j = np.argmax(past, axis=1)
-        rows = np.arange(len(j))
-        j = np.where(past[rows, j], j, power.shape[1] - 1)
-        return np.where(j == 0, 0.0, self._between(level, rows, np.maximum(j - 1, 0), j))
+    def last_falls(self, law, gain):
+        """Where |T| falls through -3 dB for the last time, as `bandwidths`."""
+        found = []
+        for L, q in self.loops(law):
+            level = gain**2 * q / (HALF_POWER * (1 + 2 * gain * L.real + gain**2 * q))
+            above = level[:, ::-1] >= 1
+            i = level.shape[1] - 1 - np.argmax(above, axis=1)
+            j = np.minimum(i + 1, level.shape[1] - 1)
+            found.append(np.where(above.any(axis=1), self._between(level, i, j), 0.0))
+        return np.array(found)
 
-    def _last(self, power):
-        level = np.log(power / HALF_POWER)
-        above = level[:, ::-1] >= 0
-        i = power.shape[1] - 1 - np.argmax(above, axis=1)
-        rows = np.arange(len(i))
-        i = np.where(level[rows, i] >= 0, i, 0)
-        return self._between(level, rows, i, np.minimum(i + 1, power.shape[1] - 1))
+    def _where(self, level):
+        """The first frequency of each row at which the level passes 1."""
+        past = level >= 1
+        j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
+        return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))
 
-    def _between(self, level, rows, i, j):
-        low, high = level[rows, i], level[rows, j]
+    def _between(self, level, i, j):
+        rows = np.arange(len(level))
+        low, high = np.log(level[rows, i]), np.log(level[rows, j])
         span = np.where(high == low, 1.0, high - low)
         share = np.clip(-low / span, 0, 1)
         return np.exp(self.log_f[rows, i] + share * (self.log_f[rows, j] - self.log_f[rows, i]))

@@ -28,7 +28,8 @@ RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
-RESTARTS = 3
+RESTARTS = 2
+DENSE = 3  # the result's grid, to the search's
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
 SECTIONS_ABOVE = 4.0
@@ -108,7 +109,7 @@ class _Problem:
             return 0.0, 0.0
         law, steep = found
         gain = self.grid.largest_gain(law, steep, self.bounds)[0]
-        first, falls, _ = self.grid.bandwidths(law, SAFE * gain)
+        first, falls = self.grid.bandwidths(law, SAFE * gain)
         value = float(first.min())
         if len(numbers):
             value = min(value, float(falls.min()))
@@ -172,7 +173,7 @@ def _polished(cost, numbers, low, high):
     for _ in range(2):  # a simplex that has collapsed goes on from a new one
         found = optimize.minimize(
             cost, numbers, method="Nelder-Mead",
-            options={"maxfev": 120 * len(low), "xatol": 1e-4, "fatol": 1e-4},
+            options={"maxfev": 80 * len(low), "xatol": 1e-4, "fatol": 1e-4},
         )  # fmt: skip
         numbers = np.clip(found.x, low, high)
     return numbers
@@ -202,6 +203,8 @@ def search(plants, goal=None, progress=None):
     own = _search(problem, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
     best = {"P": np.zeros(0), "PI": own}
     fS = problem.judge(own)[0]
+    if not fS:
+        raise _no_gain()
     limits = {name: structures.bounds(name, SECTIONS_ABOVE * fS) for name in structures.STRUCTURES}
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in _nominal(problem.grid, plants)]
@@ -215,13 +218,13 @@ def search(plants, goal=None, progress=None):
     say("random members")
     probe = Grid(plants, plants.nominal() + _random(plants, PROBE, SEED), goal.timings)
     for _ in range(ROUNDS):
-        joined = [m for name in best for m in _violators(problem, probe, best[name])]
-        joined = [m for m in joined if m not in members]
+        found = {name: _violator(problem, probe, numbers) for name, numbers in best.items()}
+        joined = {m.label(): m for m in found.values() if m is not None and m not in members}
         if not joined:
             break
-        members = members + list({m.label(): m for m in joined}.values())
+        members = members + list(joined.values())
         problem = _Problem(plants, members, goal, ramp)
-        for name in list(best)[1:]:
+        for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             low, high = limits[name].T
 
             def cost(numbers, low=low, high=high, problem=problem):
@@ -250,12 +253,12 @@ def _antiresonances(grid):
     return sorted(found)[:8]
 
 
-def _violators(problem, probe, numbers):
-    """The random members, at most two, for which the law's gain would have to be lower."""
+def _violator(problem, probe, numbers):
+    """The member of a Grid for which the law's gain would have to be lowest, or None."""
     gain = problem.judge(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
-    return [probe.members[limit[2]]] if limit[0] < 0.999 * gain else []
+    return probe.members[limit[2]] if limit[0] < 0.999 * gain else None
 
 
 def _check(goal):
@@ -284,7 +287,7 @@ def _result(plants, goal, problem, best, say):
     bounds = problem.bounds
     members = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
-    grid = Grid(plants, members, goal.timings)
+    grid = Grid(plants, members, goal.timings, DENSE)
     rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
@@ -301,10 +304,7 @@ def _result(plants, goal, problem, best, say):
     for row in (rows[:1] if rows and rows[0]["name"] == "P" else []) + [chosen] * bool(rows):
         row["bank"], row["worst"] = certificate.exact(plants, grid, row["bank"], goal)
     if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
-        raise InputError(
-            f"--ms: expected margins that some gain of the firmware meets over the set, none of "
-            f"{GAIN_STEP:.4f} codes per count or more does; narrow --over or accept smaller margins"
-        )
+        raise _no_gain()
     p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
     return Found(
         chosen["bank"],
@@ -313,6 +313,13 @@ def _result(plants, goal, problem, best, say):
         rows,
         certificate.sentence(grid, chosen["bank"], steep[chosen["name"]], bounds),
         chosen["name"],
+    )
+
+
+def _no_gain():
+    return InputError(
+        f"--ms: expected margins that some law keeps over the set and still follows, no gain from "
+        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow --over or accept smaller margins"
     )
 
 
