@@ -298,7 +298,7 @@ def _equations(model, overrides, modes):
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
 
-def _distinct(model, overrides, candidates):
+def distinct(model, overrides, candidates):
     """One of each of the modes that have the same equations, if these have a path; each with as few
     of its states as say the same."""
 
@@ -345,7 +345,7 @@ def modes_visited(experiment, overrides=()):
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
     inside = [modes for modes in unique if _lasts(known, modes)]
-    return _distinct(own["model"], values, inside) or ({},)
+    return distinct(own["model"], values, inside) or ({},)
 
 
 def modes_all(model, overrides=None):
@@ -359,4 +359,4 @@ def modes_all(model, overrides=None):
         )
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    return _distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])
+    return distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])
