@@ -115,6 +115,25 @@ def test_the_model_holds_what_the_data_sheet_says(tmp_path):
     assert sources["k_amp"] == "derived"
 
 
+def test_it_ends_with_a_bank_that_holds_the_force(tmp_path):
+    result = made(tmp_path, SHEETS["small stage"], "--yes")
+    found = result["design"]
+    assert found["over"] == ["k_w=30%", "m_w=30%"]
+    assert found["fS_Hz"] > 1.2 * found["p_fS_Hz"] and found["p_static_error"] > 0.02
+    assert "held.toml" in result["files"]
+    text = (tmp_path / "mine/held.toml").read_text()
+    assert text.startswith("# Contact in mode of operation 4")
+    for member in ([], ["k_w=35000", "m_w=0.13"], ["k_w=65000", "m_w=0.07"]):
+        held = ran(tmp_path, "held.toml", *member)
+        assert held["verdict"] == "stable" and held["fault"] == "none"
+        assert abs(held["metrics"]["held_force"]["error_percent"]) < 1.0
+    shown = forceaxis(tmp_path, "new", "mine", "--yes", "--force", *SHEETS["small stage"].split())
+    assert "bandwidth fS" in shown.stdout and "no static error: held.toml" in shown.stdout
+    # A bank of the model before does not stay.
+    made(tmp_path, SHEETS["small stage"], "--force", "--no-design")
+    assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
+
+
 BAD = [
     ("--moving-mass-kg -1", ["--moving-mass-kg", "0.001", "kg", "-1"]),
     ("--moving-mass-kg nan", ["--moving-mass-kg"]),

@@ -47,14 +47,14 @@ def _frequencies(loop):
     parts = [np.geomspace(LOWEST_HZ, HALF_RATE_HZ, round(PER_DECADE * decades))]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
-    for root in roots[np.abs(root_damping(roots)) < 0.3]:
+    for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
         parts.append(root.imag + width * AROUND)
     grid = np.unique(np.concatenate(parts))
     return grid[(grid >= LOWEST_HZ) & (grid <= HALF_RATE_HZ)]
 
 
-def root_damping(roots):
+def _damping(roots):
     return -roots.real / np.abs(roots)
 
 
@@ -97,15 +97,6 @@ class Grid:
         self.integral = TICK_S / (1 - 1 / self.z)  # of 1 rad/s
         self.lag = [self.z ** -DELAYS[t] for t in self.timings]
         self.log_f = np.log(self.frequency_hz)
-
-    def stable_open(self):
-        """Whether all plants are stable, or but for one integrator, without a law."""
-        poles = [loop._minimal.poles() for loop in self.open_loops]
-        return all(np.all(np.abs(p) < 1 + 1e-9) for p in poles)
-
-    def static_positive(self):
-        """Whether the plants' responses at frequency 0 have the sign that a small gain needs."""
-        return bool(np.all(self.plant[:, 0].real > 0) or np.all(np.abs(self.plant[:, 0].imag) > 0))
 
     def loops(self, law):
         """(Re L, |L|^2) of each timing, L for the gain 1; law (m, n): its response without gain."""
@@ -172,8 +163,7 @@ class Grid:
         j = np.argmax(past, axis=1)
         rows = np.arange(len(j))
         j = np.where(past[rows, j], j, power.shape[1] - 1)
-        i = np.maximum(j - 1, 0)
-        return self._between(level, rows, i, j)
+        return np.where(j == 0, 0.0, self._between(level, rows, np.maximum(j - 1, 0), j))
 
     def _last(self, power):
         level = np.log(power / HALF_POWER)

@@ -83,6 +83,7 @@ def _settled(plant, folder, bits, designed):
         speed = share * fastest
         with changes.Design(_approach(folder, max(1, round(speed * scale)))) as slower:
             bench = simulate.Bench(slower, bits)
+            bench.wait_for(designed)
             cap = bench.press_speed_code(speed)
             for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
                 rows = simulate.simulate(bench, bank, [{}], (0, 1), loss, os.cpu_count() or 1)

@@ -5,14 +5,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy import optimize
 
 from forceaxis.design import search, structures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS
-from forceaxis.linear.bank import GAIN_STEP, Bank
+from forceaxis.linear.bank import GAIN_STEP
 
 NAME = "PI and one biquad"
 RANDOM = 40  # choices of values that the result bears besides the corners
+INTEGRALS = np.geomspace(0.3, 100, 25)  # rad/s, for PI
+LEAST_HZ = 0.05
+INTEGRAL_MIN = 0.15  # of PI's bandwidth: a slower one leaves a tail of what P does not hold
 EVALUATIONS = 200  # of each start
 RESTARTS = 2
 ZEROS = 3  # antiresonances that are tried
@@ -41,14 +45,17 @@ class Problem:
 
     def designed(self):
         """The same of the best shape found."""
-        p = self.worst(Bank(1.0))
-        fS = p["worst"]["fS_Hz"] if p["worst"] else 1.0
+        fS = max(max(self.inner.judge([math.log(w)])[0] for w in INTEGRALS), LEAST_HZ)  # of PI
         nominal = [self.grid.open_loops[i] for i in search._nominal(self.grid, self.plants)]
         delays = [DELAYS[timing] for timing in self.goal.timings]
-        self.inner.ramp = Ramp(nominal, delays, self.goal.ramp_s or search.RAMP / max(fS, 0.05))
-        numbers = max(map(self._polished, self._starts(fS)))[1]
+        ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP / fS)
+        self.inner.ramp = Ramp(nominal, delays, ramp_s)
+        low, high = structures.bounds(NAME, search.SECTIONS_ABOVE * fS).T
+        low[0] = max(low[0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
+        limits = low, np.maximum(high, low)
+        numbers = max(self._polished(start, *limits) for start in self._starts(fS, *limits))[1]
         for _ in range(RESTARTS):  # a simplex that has collapsed goes on from a new one
-            numbers = self._polished(numbers)[1]
+            numbers = self._polished(numbers, *limits)[1]
         return self.worst(structures.bank(np.array(numbers), 1.0))
 
     def at(self, bank):
@@ -59,19 +66,14 @@ class Problem:
         """The sentence of a design."""
         return search._sentence(self.grid, found, self.inner.bounds)
 
-    def _starts(self, fS):
+    def _starts(self, fS, low, high):
         """Zeros on the antiresonances with a pole above; a lead; a lag."""
         zeros = search._antiresonances(self.grid)[:ZEROS]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
-        low, high = structures.bounds(NAME).T
         return [np.clip(np.log([3 * fS, *shape]), low, high) for shape in shapes]
 
-    def _polished(self, start):
-        from scipy import optimize
-
-        low, high = structures.bounds(NAME).T
-
+    def _polished(self, start, low, high):
         def cost(numbers):
             return -self.inner.judge(np.clip(numbers, low, high))[0]
 

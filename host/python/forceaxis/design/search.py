@@ -6,13 +6,14 @@ are not always its worst, so members drawn at random that the law would break jo
 """
 
 import math
-from dataclasses import dataclass, replace
+import random
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
 
 from forceaxis._core import InputError
-from forceaxis.design import structures
+from forceaxis.design import certificate, structures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS, Bounds, Grid, hf_most
 from forceaxis.linear.bank import GAIN_STEP, Bank
@@ -54,11 +55,15 @@ class Goal:
     timings: tuple = ("zoh", "zoh+1")
     ramp_s: float | None = None
 
+    def ms_of(self, timing):
+        """The peak of |S| that a timing of loops.TIMINGS may have."""
+        return self.ms if timing == "zoh" else self.ms_late
+
     def bounds(self):
-        limits = {"zoh": self.ms, "zoh+1": self.ms_late}
+        """The same for a Grid."""
         most = hf_most(self.adc_bits)
         return Bounds(
-            tuple(limits[timing] for timing in self.timings),
+            tuple(self.ms_of(timing) for timing in self.timings),
             self.mt,
             self.gain_margin,
             self.phase_margin_deg,
@@ -174,12 +179,15 @@ def _polished(cost, numbers, low, high):
 
 
 def _members(plants):
-    """Nominal first, then corners."""
-    corners = plants.corners()
-    if len(corners) > CORNERS_MAX * len(plants.modes):
-        step = len(corners) / (CORNERS_MAX * len(plants.modes))
-        corners = [corners[int(i * step)] for i in range(CORNERS_MAX * len(plants.modes))]
+    """Nominal first, then corners, of many a sample."""
+    corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
+    if len(corners) > most:
+        corners = random.Random(SEED).sample(corners, most)
     return plants.nominal() + corners
+
+
+def _random(plants, count, seed):
+    return plants.random(count, seed) if plants.ranges else []
 
 
 def search(plants, goal=None, progress=None):
@@ -205,7 +213,7 @@ def search(plants, goal=None, progress=None):
         best[name] = before = _search(problem, name, limits[name], zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")
-    probe = Grid(plants, plants.random(PROBE, SEED), goal.timings)
+    probe = Grid(plants, plants.nominal() + _random(plants, PROBE, SEED), goal.timings)
     for _ in range(ROUNDS):
         joined = [m for name in best for m in _violators(problem, probe, best[name])]
         joined = [m for m in joined if m not in members]
@@ -272,34 +280,38 @@ def _check_plants(problem):
 
 
 def _result(plants, goal, problem, best, say):
-    rows = []
-    checked = Grid(plants, problem.grid.members + plants.random(RANDOM, SEED + 1), goal.timings)
+    """Found, of the numbers of each structure's law."""
     bounds = problem.bounds
+    members = {m.label(): m for m in problem.grid.members + plants.corners()}
+    members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
+    grid = Grid(plants, members, goal.timings)
+    rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
-        law = unit.response(checked.z)
-        end = checked.largest_gain(law, problem.law(numbers)[1], bounds)
-        steps = math.floor(end[0] / GAIN_STEP)
-        bank = replace(unit, force_gain=steps * GAIN_STEP)
-        worst = _worst(checked, bank, goal) if steps else None
-        say(f"{name}: {worst['fS_Hz'] if worst else 0:.2f} Hz over {len(checked.members)} members")
-        rows.append({"name": name, "bank": bank, "worst": worst, "end": end})
-    if not any(row["worst"] for row in rows):
-        raise InputError("--ms: expected margins that some gain meets; narrow --over or relax them")
-    p = rows[0]
+        steep[name] = problem.law(numbers)[1]
+        gain = grid.largest_gain(unit.response(grid.z), steep[name], bounds)[0]
+        bank = certificate.lowered(unit, gain)
+        if bank.force_gain:
+            rows.append({"name": name, "bank": bank, "worst": certificate.on_grid(grid, bank)})
+            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(grid.members)} members")
     chosen = None
     for row in rows:
-        if row["worst"] and (chosen is None or _pays(row["worst"], chosen)):
+        if chosen is None or _pays(row["worst"], chosen):
             chosen = row
-    sentence = _sentence(checked, chosen, bounds)
-    for row in rows:
-        row.pop("end")
+    for row in (rows[:1] if rows and rows[0]["name"] == "P" else []) + [chosen] * bool(rows):
+        row["bank"], row["worst"] = certificate.exact(plants, grid, row["bank"], goal)
+    if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
+        raise InputError(
+            f"--ms: expected margins that some gain of the firmware meets over the set, none of "
+            f"{GAIN_STEP:.4f} codes per count or more does; narrow --over or accept smaller margins"
+        )
+    p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
     return Found(
         chosen["bank"],
         chosen["worst"],
-        (p["worst"] or {}) | {"force_gain": p["bank"].force_gain},
+        (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
         rows,
-        sentence,
+        certificate.sentence(grid, chosen["bank"], steep[chosen["name"]], bounds),
         chosen["name"],
     )
 
@@ -309,50 +321,4 @@ def _pays(worst, smaller):
     before = smaller["worst"]
     return worst["fS_Hz"] >= PAYS * before["fS_Hz"] or (
         smaller["name"] == "P" and before["static_error"] > STATIC_ERROR_MAX
-    )
-
-
-def _worst(grid, bank, goal):
-    law, gain = bank.response(grid.z), bank.force_gain
-    first, _, last = grid.bandwidths(law, gain)
-    s, _ = grid.peaks(law, gain)
-    at = np.unravel_index(int(np.argmin(first)), first.shape)
-    margins = grid.margins(law, gain)
-    ms = {"Ms": None, "Ms_late": None}
-    for timing, peak in zip(goal.timings, s.max(axis=1), strict=True):
-        ms["Ms" if timing == "zoh" else "Ms_late"] = float(peak)
-    static = (
-        0.0 if bank.integral_rad_per_s else float(np.abs(1 / (1 + gain * grid.plant[:, 0])).max())
-    )
-    member = grid.members[at[1]]
-    return {
-        "fS_Hz": float(first.min()),
-        "fT_Hz": float(last.min()),
-        **ms,
-        **margins,
-        "static_error": static,
-        "member": {**member.values, **member.modes, "timing": goal.timings[at[0]]},
-    }
-
-
-CONSTRAINTS = {
-    "ms": ("the peak of |S|", "accept a larger --ms or damp what resonates there"),
-    "mt": ("the peak of |T|", "accept a larger peak of |T|"),
-    "gm": ("the gain margin", "accept a smaller gain margin or damp what resonates there"),
-    "pm": ("the phase margin", "accept a smaller phase margin"),
-}
-
-
-def _sentence(grid, row, bounds):
-    _, name, member, timing, hz = row["end"]
-    if name == "hf":
-        return (
-            f"The gain at high frequency ends it, {bounds.hf_gain:.3g} codes per 8-bit count: an "
-            "ADC of more bits, or a larger bound for it, would let it rise."
-        )
-    what, change = CONSTRAINTS[name]
-    late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
-    return (
-        f"{what[0].upper()}{what[1:]} at {hz:.3g} Hz ends it, with {grid.members[member].label()}"
-        f"{late}: {change}, or narrow the set."
     )
