@@ -58,8 +58,9 @@ def visited(bench, bank, modes):
     jobs = [bench.job(case, bank, {}, 0) for case in bench.cases]
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
+    plant = bench.design
     runs = [mode for job in jobs for mode in sets.modes_visited(*job)]
-    return sets.distinct(bench.design.model, bench.design.overrides, [*modes, *runs]) or ({},)
+    return sets.distinct(plant.model, plant.overrides, "reading", [*modes, *runs]) or ({},)
 
 
 def design(order, out=None, progress=None):

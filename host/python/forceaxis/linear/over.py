@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
+from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.stability import Loop, _minimal
@@ -292,23 +293,23 @@ def largest_gain(plants, timings=("zoh",), **loop_arguments):
     return gain, member, timing, frequency_hz
 
 
-def _equations(model, overrides, modes):
-    """(A, B, C, D) from the command to the reading in a mode; None: without a path."""
-    plant = linear.linearise(model, overrides=overrides, modes=modes)
+def _equations(model, overrides, modes, output):
+    """(A, B, C, D) from the command to the output in a mode; None: without a path."""
+    plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
 
-def distinct(model, overrides, candidates):
+def distinct(model, overrides, output, candidates):
     """One of each of the modes that have the same equations, if these have a path; each with as few
     of its states as say the same."""
 
     def same(modes, equations):
-        own = _equations(model, overrides, modes)
+        own = _equations(model, overrides, modes, output)
         return own is not None and all(map(np.array_equal, own, equations))
 
     found, seen = [], []
     for modes in candidates:
-        equations = _equations(model, overrides, modes)
+        equations = _equations(model, overrides, modes, output)
         if equations is None or any(all(map(np.array_equal, equations, o)) for o in seen):
             continue
         seen.append(equations)
@@ -328,7 +329,7 @@ def _lasts(known, modes):
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
-def modes_visited(experiment, overrides=()):
+def modes_visited(experiment, overrides=(), output="reading"):
     """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
     NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least {}."""
     path, texts = str(experiment), list(overrides)
@@ -345,12 +346,15 @@ def modes_visited(experiment, overrides=()):
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
     inside = [modes for modes in unique if _lasts(known, modes)]
-    return distinct(own["model"], values, inside) or ({},)
+    return distinct(own["model"], values, output, inside) or ({},)
 
 
-def modes_all(model, overrides=None):
-    """The same of every state of every element that switches."""
+def modes_all(model, overrides=None, output="reading"):
+    """The same of all states of all elements that switch. Raises InputError if there is none."""
     known = linear.facts(model, overrides)
+    where = linear.find_model(model)
+    if output == "reading" and known["reading"] is None:
+        raise loops.no_reading(where)
     switches = known["switches"]
     if math.prod(map(len, switches.values())) > COMBINATIONS_MAX:
         raise _core.InputError(
@@ -359,4 +363,10 @@ def modes_all(model, overrides=None):
         )
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    return distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])
+    lasting = [{}, *(modes for modes in every if _lasts(known, modes))]
+    found = distinct(model, overrides, output, lasting)
+    if not found:
+        raise _core.InputError(
+            f"{where}: expected a path from drive.command to {output} in some mode; there is none"
+        )
+    return found
