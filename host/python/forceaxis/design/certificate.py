@@ -14,6 +14,7 @@ from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP
 
 ATTEMPTS = 12
+FIRST = 0.995  # of the gain: the worst member is seldom among those of the grid
 NEAR = 0.97  # of a bound, from which it counts as reached
 MODE = 1.35  # frequencies within this factor of a mode are its own
 
@@ -33,13 +34,13 @@ def lowered(bank, factor):
 def on_grid(grid, bank):
     """The figures of a bank over the members of a Grid, to some thousandth."""
     law, gain = bank.response(grid.z), bank.force_gain
-    first, _, last = grid.bandwidths(law, gain)
+    first, _ = grid.bandwidths(law, gain)
     peaks = dict(zip(grid.timings, grid.peaks(law, gain)[0].max(axis=1), strict=True))
     _, j = np.unravel_index(int(np.argmin(first)), first.shape)
     member = grid.members[j]
     return {
         "fS_Hz": float(first.min()),
-        "fT_Hz": float(last.min()),
+        "fT_Hz": float(grid.last_falls(law, gain).min()),
         "Ms": _float(peaks.get("zoh")),
         "Ms_late": _float(peaks.get("zoh+1")),
         **grid.margins(law, gain),
@@ -51,6 +52,7 @@ def on_grid(grid, bank):
 def exact(plants, grid, bank, goal):
     """(bank, figures): with the gain lowered as far as the exact worst of the set asks for; the
     bank's gain is 0 where none is left."""
+    bank = lowered(bank, FIRST)
     for _ in range(ATTEMPTS):
         if not bank.force_gain:
             break
@@ -58,7 +60,7 @@ def exact(plants, grid, bank, goal):
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grid, bank)
-        bank = lowered(bank, factor)
+        bank = lowered(bank, 0.999 * factor)
     return replace(bank, force_gain=0.0), None
 
 
@@ -69,7 +71,7 @@ def _factor(worst, goal, timing):
     factor = 1.0
     most = goal.ms_of(timing)
     if worst.Ms > most:
-        factor = min(factor, max(1 - (worst.Ms - most) / most, 0.8), 0.999)
+        factor = min(factor, max(1 - (worst.Ms - most) / most, 0.8))
     if worst.gain_margin is not None and worst.gain_margin < goal.gain_margin:
         factor = min(factor, worst.gain_margin / goal.gain_margin)
     if goal.phase_margin_deg and abs(worst.phase_margin_deg or 180) < goal.phase_margin_deg:

@@ -145,36 +145,35 @@ class Grid:
                 yield "pm", (1 / close[at], at)
 
     def bandwidths(self, law, gain):
-        """(fS, first fT, last fT) in Hz of each timing and member, (t, m): where |S| first reaches
-        -3 dB, where |T| first and last falls through it."""
-        first, falls, last = [], [], []
+        """(fS, first fT) in Hz of each timing and member, (t, m): where |S| first reaches -3 dB and
+        |T| first falls through it; 0 where it starts there."""
+        first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
-            first.append(self._where(1 / apart, 1))
-            T = gain**2 * q / apart
-            falls.append(self._where(T, -1))
-            last.append(self._last(T))
-        return np.array(first), np.array(falls), np.array(last)
+            first.append(self._where(1 / (HALF_POWER * apart)))
+            falls.append(self._where(HALF_POWER * apart / (gain**2 * q)))
+        return np.array(first), np.array(falls)
 
-    def _where(self, power, sign):
-        """The first frequency of each row at which log power passes -3 dB, rising or falling."""
-        level = sign * np.log(power / HALF_POWER)
-        past = level >= 0
-        j = np.argmax(past, axis=1)
-        rows = np.arange(len(j))
-        j = np.where(past[rows, j], j, power.shape[1] - 1)
-        return np.where(j == 0, 0.0, self._between(level, rows, np.maximum(j - 1, 0), j))
+    def last_falls(self, law, gain):
+        """Where |T| falls through -3 dB for the last time, as `bandwidths`."""
+        found = []
+        for L, q in self.loops(law):
+            level = gain**2 * q / (HALF_POWER * (1 + 2 * gain * L.real + gain**2 * q))
+            above = level[:, ::-1] >= 1
+            i = level.shape[1] - 1 - np.argmax(above, axis=1)
+            j = np.minimum(i + 1, level.shape[1] - 1)
+            found.append(np.where(above.any(axis=1), self._between(level, i, j), 0.0))
+        return np.array(found)
 
-    def _last(self, power):
-        level = np.log(power / HALF_POWER)
-        above = level[:, ::-1] >= 0
-        i = power.shape[1] - 1 - np.argmax(above, axis=1)
-        rows = np.arange(len(i))
-        i = np.where(level[rows, i] >= 0, i, 0)
-        return self._between(level, rows, i, np.minimum(i + 1, power.shape[1] - 1))
+    def _where(self, level):
+        """The first frequency of each row at which the level passes 1."""
+        past = level >= 1
+        j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
+        return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))
 
-    def _between(self, level, rows, i, j):
-        low, high = level[rows, i], level[rows, j]
+    def _between(self, level, i, j):
+        rows = np.arange(len(level))
+        low, high = np.log(level[rows, i]), np.log(level[rows, j])
         span = np.where(high == low, 1.0, high - low)
         share = np.clip(-low / span, 0, 1)
         return np.exp(self.log_f[rows, i] + share * (self.log_f[rows, j] - self.log_f[rows, i]))

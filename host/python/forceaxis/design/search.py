@@ -28,7 +28,7 @@ RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
-RESTARTS = 3
+RESTARTS = 2
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
 SECTIONS_ABOVE = 4.0
@@ -108,7 +108,7 @@ class _Problem:
             return 0.0, 0.0
         law, steep = found
         gain = self.grid.largest_gain(law, steep, self.bounds)[0]
-        first, falls, _ = self.grid.bandwidths(law, SAFE * gain)
+        first, falls = self.grid.bandwidths(law, SAFE * gain)
         value = float(first.min())
         if len(numbers):
             value = min(value, float(falls.min()))
@@ -172,7 +172,7 @@ def _polished(cost, numbers, low, high):
     for _ in range(2):  # a simplex that has collapsed goes on from a new one
         found = optimize.minimize(
             cost, numbers, method="Nelder-Mead",
-            options={"maxfev": 120 * len(low), "xatol": 1e-4, "fatol": 1e-4},
+            options={"maxfev": 80 * len(low), "xatol": 1e-4, "fatol": 1e-4},
         )  # fmt: skip
         numbers = np.clip(found.x, low, high)
     return numbers
@@ -215,13 +215,13 @@ def search(plants, goal=None, progress=None):
     say("random members")
     probe = Grid(plants, plants.nominal() + _random(plants, PROBE, SEED), goal.timings)
     for _ in range(ROUNDS):
-        joined = [m for name in best for m in _violators(problem, probe, best[name])]
-        joined = [m for m in joined if m not in members]
+        found = {name: _violator(problem, probe, numbers) for name, numbers in best.items()}
+        joined = {m.label(): m for m in found.values() if m is not None and m not in members}
         if not joined:
             break
-        members = members + list({m.label(): m for m in joined}.values())
+        members = members + list(joined.values())
         problem = _Problem(plants, members, goal, ramp)
-        for name in list(best)[1:]:
+        for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             low, high = limits[name].T
 
             def cost(numbers, low=low, high=high, problem=problem):
@@ -250,12 +250,12 @@ def _antiresonances(grid):
     return sorted(found)[:8]
 
 
-def _violators(problem, probe, numbers):
-    """The random members, at most two, for which the law's gain would have to be lower."""
+def _violator(problem, probe, numbers):
+    """The member of a Grid for which the law's gain would have to be lowest, or None."""
     gain = problem.judge(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
-    return [probe.members[limit[2]]] if limit[0] < 0.999 * gain else []
+    return probe.members[limit[2]] if limit[0] < 0.999 * gain else None
 
 
 def _check(goal):
