@@ -295,10 +295,11 @@ def step_of(found, duration_s):
             row = max(has, key=lambda row: row[name])
             worst[name] = {"value": row[name]} | {n: row[n] for n in ("values", "modes", "timing")}
     loop = found.nominal()
+    gain = found.gain_of(loop)
     return described(found) | {
-        "gain": found.gain_of(loop),
+        "gain": gain,
         "unit": loop.unit,
-        "firmware_gain": found.force_gain,
+        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
         "stable": len(stable) == len(rows),
         "worst": worst,
         "members": rows,

@@ -1,7 +1,7 @@
 """MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware closes.
 
 Of an experiment count its model, [set], and the values that [firmware] starts with, as the firmware
-holds them: law, bank, gain, latency. What it writes later ([[at]]) is not looked at.
+holds them: law, bank, gain, latency. What it writes later ([[at]]) is ignored.
 """
 
 from dataclasses import dataclass, field
