@@ -32,13 +32,13 @@ def test_the_bank_is_half_as_fast_again_as_p_or_the_sentence_says_why_not(tmp_pa
     plants, goal = made(tmp_path, twelve_axes.AXES[name])
     problem = reduced.Problem(plants, goal)
     p, found = problem.worst(Bank(1.0))["worst"], problem.designed()
-    bank, worst = found["bank"], found["worst"]
+    bank, worst = problem.exact(found["bank"])
     # Exact figures, not those of the grid, at the worst of the set.
     for timing, most in (("zoh", goal.ms), ("zoh+1", goal.ms_late)):
         exact = over.worst(plants, (timing,), law="bank", bank=bank)
-        assert exact.stable and exact.Ms < 1.02 * most
-        assert exact.gain_margin is None or exact.gain_margin > 0.98 * goal.gain_margin
-        assert exact.fS_Hz > 0.98 * worst["fS_Hz"] and not exact.sag
+        assert exact.stable and exact.Ms < 1.0001 * most
+        assert exact.gain_margin is None or exact.gain_margin > 0.9999 * goal.gain_margin
+        assert exact.fS_Hz > 0.9999 * worst["fS_Hz"] and not exact.sag
     if p["fS_Hz"] < 1.01 * LOWEST_HZ:  # |S| of P is above -3 dB everywhere
         assert p["static_error"] > 0.7
         return
@@ -47,7 +47,7 @@ def test_the_bank_is_half_as_fast_again_as_p_or_the_sentence_says_why_not(tmp_pa
     # What the sentence names is what limits: given more of it alone, the bank gets faster.
     sentence = problem.limited_by(found)
     if "high frequency" in sentence:
-        more = replace(goal, adc_bits=goal.adc_bits + 2)
+        more = replace(goal, adc_bits=16, hf_gain=2 * goal.bounds().hf_gain)
     elif "peak of |S|" in sentence:
         more = replace(goal, ms=1.3 * goal.ms, ms_late=1.3 * goal.ms_late)
     else:

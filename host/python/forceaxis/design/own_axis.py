@@ -57,8 +57,12 @@ def _designed(plant, folder):
     p, found = problem.worst(Bank(1.0)), problem.designed()
     if found["worst"] is None:
         raise _core.InputError(problem.limited_by(found))
-    bank, text, speed = _settled(plant, folder, bits, found["bank"])
-    worst = problem.at(bank)
+    designed, worst = problem.exact(found["bank"])
+    if worst is None:
+        raise _core.InputError(problem.limited_by(found))
+    bank, text, speed = _settled(plant, folder, bits, designed)
+    if bank != designed:
+        worst = problem.at(bank)
     bought = {
         "over": list(over),
         "modes": list(plants.modes),
