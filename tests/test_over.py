@@ -200,7 +200,7 @@ def not_better(worst, plants, timings, members, arguments):
                 ours, theirs = getattr(worst, name), getattr(one, name)
                 if theirs is not None:
                     apart = (theirs - ours) if largest else (ours - abs(theirs))
-                    assert apart <= 1e-3 * abs(ours), (name, ours, theirs, member)
+                    assert apart <= 1e-9 * abs(ours), (name, ours, theirs, member)
 
 
 def named(worst, plants, arguments):
@@ -235,7 +235,7 @@ def test_the_largest_gain_that_all_bear():
     plants = plants_of()
     gain, member, timing, frequency_hz = over.largest_gain(plants, ("zoh",))
     for other in plants.random(60, seed=7):
-        assert plants.loop(other, "zoh").limit().gain >= gain * (1 - 1e-3)
+        assert plants.loop(other, "zoh").limit().gain >= gain * (1 - 1e-9)
     # python-control's poles and margin at the member that is named.
     plant = linear.linearise("laboratory", overrides=member.values, modes=member.modes)
     system = control.sample_system(control.ss(plant.A, plant.B, plant.C, plant.D), TICK, "zoh")
@@ -346,6 +346,8 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
         (["limit", "laboratory", "--modes", "all", "--mode", "drive.amplifier=inner"], "--mode"),
         (["limit", "laboratory", "--modes", "all", "--free"], "--free"),
         (["step", "laboratory", "--over", "k_w=30%"], "expected --gain"),
+        (["limit", "fig3_10", "--modes", "all"], "expected an ADC on channel 0"),
+        (["limit", "fig4_19", "--modes", "all", "--output", "nothing"], "output: expected one of"),
         (["bode", "laboratory", "--of", "plant", "--over", "k_w=30%"], "--of"),
         (["bode", "contact", "--of", "loop", "--input", "drive.force"], "--of"),
     ],
@@ -403,3 +405,32 @@ def test_figures_over_a_set(verb, tmp_path):
 def test_ranges_are_refused_by_name():
     with pytest.raises(InputError, match="each parameter once"):
         plant_set.ranges_of("laboratory", ["k_w=30%", "k_w=20%"])
+
+
+def test_the_stiffness_mode_loses_stability_where_the_analysis_says():
+    """The firmware, with a fine ADC and encoder: the limit is 1.5 times higher were x not late."""
+    values = {
+        "firmware.modes_of_operation": -6,
+        "firmware.force_bank": 0,
+        "firmware.stiffness": 10 / 64,
+        "firmware.target_position": 3000,
+        "encoder_scale": 64e6 / 6.35,
+        "approach": 0.0002,
+    }
+    loop = limits.from_options(
+        "hold_biquad_12bit", linear.override_texts(values), (), None, None, "reading"
+    )
+    limit = loop.limit()
+
+    def ripple(share):
+        gain = share * loop.firmware_gain(limit.gain)
+        texts = linear.override_texts(values | {"firmware.force_gain": gain})
+        run = _core.run(str(paths.EXPERIMENTS / "hold_biquad_12bit.toml"), texts)
+        force = run.columns()["sensor.force"][-1500:]
+        spectrum = np.abs(np.fft.rfft(force - force.mean()))
+        return np.ptp(force), spectrum.argmax() * 1500 / len(force)
+
+    assert ripple(0.7)[0] < 0.5  # N
+    size, hz = ripple(1.15)
+    assert size > 3
+    assert hz == pytest.approx(limit.frequency_hz, rel=0.1)
