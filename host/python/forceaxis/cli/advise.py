@@ -2,7 +2,7 @@
 
 import click
 
-from forceaxis.cli.common import Verb, as_json, threads
+from forceaxis.cli.common import Positive, Verb, as_json, threads
 from forceaxis.cli.models import TIMINGS, check_drawing, draw, drawn, present
 
 
@@ -75,4 +75,51 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
     present(result, as_json, design.describe, out)
 
 
-VERBS = (advise,)
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis compliance laboratory_grip --out compliance.png
+    forceaxis compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json""",
+)
+@click.argument("model", metavar="MODEL|EXPERIMENT")
+@click.option("--element", help="The stiffness that is varied. Default: the contact's.")
+@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="NAME=PERCENT%|LOW..HIGH",
+    help="The set, as in advise. Default: mass and stiffness of what is pressed on, 30 %.",
+)
+@click.option("--from", "lowest", type=Positive(high=1e12), help="N/m. Default: a 20th of it.")
+@click.option("--to", "highest", type=Positive(high=1e12), help="N/m. Default: 4 times it.")
+@click.option("--points", type=click.IntRange(2, 40), default=9, show_default=True)
+@click.option("--adc-bits", type=click.IntRange(8, 16), help="Default: the model's.")
+@threads
+@drawn
+@as_json
+def compliance(
+    model, element, overrides, over, lowest, highest, points, adc_bits, threads, out, as_json
+):
+    """Soft contact or low gain: what the stiffness of a pad, sensor or workpiece is worth.
+
+    For each stiffness of one element: the bandwidth fS over the set of P and of a bank designed for
+    it, at the same margins; the static error of P; the way of the drive from touch to the
+    set-point; the hardest strike that each survives, simulated with the firmware.
+    """
+    from forceaxis import linear as models
+    from forceaxis.design import compliance as soft
+
+    check_drawing(out)
+    if (lowest is None) != (highest is None):
+        raise click.UsageError("expected --from and --to together, got one of them")
+    span = None if lowest is None else (lowest, highest)
+    result = soft.compliance(
+        model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads
+    )
+    if out:
+        from forceaxis import drawing
+
+        drawing.save(soft.figure(result), out)
+    present(result, as_json, soft.describe, out)
+
+
+VERBS = (advise, compliance)

@@ -57,7 +57,7 @@ def bank_objects(experiment, worst_ms, ranges, units, date):
         f"certificate_parts_{BANK}",
         *LOSS,
     ]
-    values = {name: signed(name, settings[name]) for name in names}
+    values = {name: signed(name, settings[name]) for name in names if name in settings}
     values |= {
         f"certificate_date_{BANK}": (date - EPOCH).days,
         f"certificate_ms_{BANK}": min(round(worst_ms, 3), 65.535),
@@ -135,6 +135,12 @@ def refuse_existing(out):
         raise InputError(f"--out: {out}: expected no such file or folder, take another name")
 
 
+def largest_ms(worst):
+    """With whatever latency it is known; 0, which is nobody's, where the set has none."""
+    known = (worst.get(name) for name in ("Ms", "Ms_late"))
+    return max((ms for ms in known if ms is not None), default=0.0)
+
+
 def write(folder, bench, outcome, own=None, date=None):
     """Experiments and bank.toml of an Outcome into a Folder. Returns the files' names."""
     names = []
@@ -150,7 +156,7 @@ def write(folder, bench, outcome, own=None, date=None):
     case = bench.cases[1]
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss)),
-        outcome.worst["Ms"], outcome.ranges, outcome.units, date or datetime.date.today(),
+        largest_ms(outcome.worst), outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
     contact = bench.text(case, outcome.bank, outcome.loss, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}

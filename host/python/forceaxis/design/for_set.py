@@ -16,6 +16,7 @@ from forceaxis.linear import over as sets
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
+PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # of P's limit; integral of the first law
 FIGURES = ("fS_Hz", "fT_Hz", "Ms", "gain_margin", "phase_margin_deg")
 
 
@@ -37,15 +38,29 @@ def check(order):
         )
 
 
-def plant_set(design, order):
-    """The PlantSet of an order, in the modes that a contact visits or in all."""
-    ranges = ranges_of(design.model, order.over, design.overrides)
+def plant_set(bench, order):
+    """The PlantSet of an order, in all modes or in those that a contact visits under a weak law
+    with an integral, which reaches the set-points' static commands."""
+    plant = bench.design
+    ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
-        modes = sets.modes_all(design.model, design.overrides)
+        modes = sets.modes_all(plant.model, plant.overrides)
     else:
-        file, texts = design.job()
-        modes = sets.modes_visited(file, texts)
-    return PlantSet(str(design.model), design.overrides, ranges, tuple(modes))
+        loop = plant.loop()
+        limit = loop.limit().gain
+        gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
+        modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
+    return PlantSet(str(plant.model), plant.overrides, ranges, modes)
+
+
+def visited(bench, bank, modes):
+    """`modes` and those that contact and strikes with a bank visit, each once."""
+    jobs = [bench.job(case, bank, {}, 0) for case in bench.cases]
+    if bench.own is not None:
+        jobs.append(bench.own_job(bank, 0))
+    plant = bench.design
+    runs = [mode for job in jobs for mode in sets.modes_visited(*job)]
+    return sets.distinct(plant.model, plant.overrides, "reading", [*modes, *runs]) or ({},)
 
 
 def design(order, out=None, progress=None):
@@ -65,10 +80,13 @@ def design(order, out=None, progress=None):
         given = changes.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts["reading"]["bits"]
-        bench = simulate.Bench(plant, bits, own=own) if order.simulate or out else None
+        bench = simulate.Bench(plant, bits, own=own)
         say("modes of the contact")
-        plants = plant_set(plant, order)
+        plants = plant_set(bench, order)
         outcome = found(plant, plants, order, bits, say)
+        more = () if order.modes == "all" else visited(bench, outcome.bank, plants.modes)
+        if len(more) > len(plants.modes):
+            outcome = found(plant, replace(plants, modes=more), order, bits, say)
         if order.simulate:
             simulated(bench, outcome, say)
         if out is not None:
@@ -128,12 +146,18 @@ def random_members(plants, count, seed=1988):
 
 def reassessed(outcome, bank):
     """`worst` of a bank whose gain was reduced, over the same set."""
-    late = {}
-    timings = tuple(TIMINGS[t] for t in LATENCIES[outcome.order.latency])
-    early = sets.worst(outcome.plants, timings[:1], law="bank", bank=bank)
-    for timing in timings[1:]:
-        late = {"Ms_late": sets.worst(outcome.plants, (timing,), law="bank", bank=bank).Ms}
-    both = sets.worst(outcome.plants, timings, law="bank", bank=bank)
-    member, timing = both.member.get("fS_Hz", (Member(), timings[0]))
-    values = {name: getattr(both, name) for name in FIGURES}
-    return outcome.worst | values | {"Ms": early.Ms} | late | {"member": plain(member)}
+    found = {
+        timing: sets.worst(outcome.plants, (timing,), law="bank", bank=bank)
+        for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
+    }
+    worst = dict(outcome.worst)
+    for name in FIGURES:
+        known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
+        pick = max if name == "Ms" else min
+        value, (member, timing) = pick(known, key=lambda k: k[0], default=(None, (Member(), "")))
+        worst[name] = value
+        if name == "fS_Hz":
+            worst["member"] = plain(member) | {"timing": timing}
+    for name, timing in (("Ms", "zoh"), ("Ms_late", "zoh+1")):
+        worst[name] = found[timing].Ms if timing in found else None
+    return worst

@@ -134,11 +134,12 @@ def describe(outcome):
         ])  # fmt: skip
     lines += columns(table)
     if outcome.structures:
-        lines += columns([
-            ["structure", "fS Hz", "Ms", "gain margin"],
-            *([s["name"], *(number(s["worst"].get(k)) for k in ("fS_Hz", "Ms", "gain_margin"))]
-              for s in outcome.structures),
-        ])  # fmt: skip
+        table = [["structure", "fS Hz", "Ms", "gain margin"]]
+        for s in outcome.structures:
+            worst = s["worst"] or {}
+            figures = (number(worst.get(key)) for key in ("fS_Hz", "Ms", "gain_margin"))
+            table.append([s["name"], *figures])
+        lines += columns(table)
     if outcome.rows:
         lines += columns([CASE_HEAD, *cases(outcome.rows)])
     if outcome.loss:

@@ -16,7 +16,6 @@ NAME = "held.toml"
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
 ERROR_MAX_PERCENT = 5.0
-TAIL = 5.0  # time constants of the integral until what P leaves has gone
 PAYS = 1.5  # below this the summary says what limits
 
 
@@ -58,8 +57,12 @@ def _designed(plant, folder):
     p, found = problem.worst(Bank(1.0)), problem.designed()
     if found["worst"] is None:
         raise _core.InputError(problem.limited_by(found))
-    bank, text, speed = _settled(plant, folder, bits, found["bank"])
-    worst = problem.at(bank)
+    designed, worst = problem.exact(found["bank"])
+    if worst is None:
+        raise _core.InputError(problem.limited_by(found))
+    bank, text, speed = _settled(plant, folder, bits, designed)
+    if bank != designed:
+        worst = problem.at(bank)
     bought = {
         "over": list(over),
         "modes": list(plants.modes),
@@ -83,7 +86,8 @@ def _settled(plant, folder, bits, designed):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with changes.Design(_approach(folder, max(1, round(speed * scale)))) as slower:
-            bench = simulate.Bench(slower, bits, TAIL / designed.integral_rad_per_s)
+            bench = simulate.Bench(slower, bits)
+            bench.wait_for(designed)
             cap = bench.press_speed_code(speed)
             for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
                 rows = simulate.simulate(bench, bank, [{}], (0, 1), loss, os.cpu_count() or 1)

@@ -97,7 +97,7 @@ class Bench:
         if self.facts["encoder"] is None:
             raise InputError(
                 f"{self.design.model}: encoder: expected one to approach with, there is none; add "
-                "it, or give --no-simulate"
+                "an [encoder]"
             )
 
     def _settings(self, bits):
@@ -235,6 +235,14 @@ class Bench:
             *texts, *(f"firmware.{n}={v}" for n, v in firmware.items())
         ]  # fmt: skip
 
+    def own_job(self, bank, latency, loss=None):
+        """The same of the bench's own experiment, with the bank in it."""
+        key = (self.own, bank, *(loss or {}).values())
+        if key not in self._files:
+            text = files.with_bank(self, self.own, bank, loss or {})
+            self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
+        return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
+
     def press_speed_code(self, speed_m_per_s):
         """The code that moves the free axis at a speed."""
         body = self.facts["drive"]["body"]
@@ -278,10 +286,8 @@ def simulate(bench, bank, members, latencies=(0, 1), loss=None, threads=1, law="
     keys = [(c, m, t) for c in bench.cases for m in members for t in latencies]
     jobs = [bench.job(c, bank, m, t, loss) for c, m, t in keys]
     if bench.own is not None:
-        text = files.with_bank(bench, bench.own, bank, loss or {})
-        file = bench.design.file(f"own_{law}.toml", text)
         keys += [(Named(bench.own.stem), {}, t) for t in latencies]
-        jobs += [(str(file), [f"firmware.latency_ticks={t}"]) for t in latencies]
+        jobs += [bench.own_job(bank, t, loss) for t in latencies]
     outcomes = run(jobs, threads)
     return [row(law, c.name, m, t, o) for (c, m, t), o in zip(keys, outcomes, strict=True)]
 

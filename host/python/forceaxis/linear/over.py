@@ -315,7 +315,7 @@ def _equations(model, overrides, modes, output):
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
 
-def _distinct(model, overrides, output, candidates):
+def distinct(model, overrides, output, candidates):
     """One of each of the modes that have the same equations, if these have a path; each with as few
     of its states as say the same."""
 
@@ -362,7 +362,7 @@ def modes_visited(experiment, overrides=(), output="reading"):
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
     inside = [modes for modes in unique if _lasts(known, modes)]
-    return _distinct(own["model"], values, output, inside) or ({},)
+    return distinct(own["model"], values, output, inside) or ({},)
 
 
 def modes_all(model, overrides=None, output="reading"):
@@ -380,7 +380,7 @@ def modes_all(model, overrides=None, output="reading"):
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
     lasting = [{}, *(modes for modes in every if _lasts(known, modes))]
-    found = _distinct(model, overrides, output, lasting)
+    found = distinct(model, overrides, output, lasting)
     if not found:
         raise _core.InputError(
             f"{where}: expected a path from drive.command to {output} in some mode; there is none"
