@@ -54,8 +54,8 @@ def plant_set(bench, order):
 
 
 def visited(bench, bank, modes):
-    """`modes` and those that contact and strikes with a bank visit, each once."""
-    jobs = [bench.job(case, bank, {}, 0) for case in bench.cases]
+    """`modes` and those that the largest force and a strike with a bank visit, each once."""
+    jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
     plant = bench.design
