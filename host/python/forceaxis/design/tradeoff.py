@@ -94,11 +94,11 @@ def describe(result):
     ]
     for row in result["rows"]:
         worst = row["worst"] or {}
-        lines.append(
-            f"{row[against]:11g}  {number(row['bandwidth_Hz']):12}  "
-            f"{number(row['p_bandwidth_Hz']):4} {number(worst.get('Ms')):5} {number(worst.get('Ms_late')):5}"
-            f" {number(worst.get('gain_margin')):12} {row['bank']['hf_gain']:.3g}"
-        )
+        cells = [row["bandwidth_Hz"], row["p_bandwidth_Hz"]]
+        cells += [worst.get(name) for name in ("Ms", "Ms_late", "gain_margin")]
+        wide = zip(map(number, cells), (12, 4, 4, 5, 12), strict=True)
+        cells = "  ".join(text.ljust(width) for text, width in wide)
+        lines.append(f"{row[against]:11g}  {cells} {row['bank']['hf_gain']:.3g}")
     lines.append(f"{against}: {result['what']}")
     return "\n".join(lines)
 
