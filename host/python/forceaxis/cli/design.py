@@ -12,6 +12,7 @@ from forceaxis.cli.common import Folder, Verb, as_json, threads
 @click.command(
     cls=Verb,
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
+    forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
     forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json""",
 )
 @click.argument("text", metavar="MODEL|EXPERIMENT")
@@ -47,10 +48,16 @@ from forceaxis.cli.common import Folder, Verb, as_json, threads
     help="A model parameter (b_w=363), in its own unit. Repeatable.",
 )  # fmt: skip
 @click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")
+@click.option(
+    "--pareto",
+    metavar="bandwidth,ms|hf|gain_margin",
+    help="No design, but what bandwidth costs: several, each for one value of the second. --out: "
+    "tradeoff.png and tradeoff.json.",
+)
 @click.option("--out", type=Folder(), help="A new folder for experiment, bank and page.")
 @threads
 @as_json
-def design(text, overrides, out, as_json, **given):
+def design(text, overrides, pareto, out, as_json, **given):
     """Find the force law with most bandwidth for MODEL and all that it may be.
 
     The law is the firmware's: gain, integral, up to three sections of second order, its
@@ -77,12 +84,28 @@ def design(text, overrides, out, as_json, **given):
     from forceaxis.design import for_set, outcome
 
     order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
+    if pareto:
+        _pareto(order, pareto, out, as_json)
+        return
     with progress_on(sys.stderr) as progress:
         found = for_set.design(order, out, progress)
     if as_json:
         click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
         click.echo(outcome.describe(found))
+
+
+def _pareto(order, pareto, out, as_json):
+    from forceaxis.design import files, tradeoff
+
+    against = tradeoff.against_of(pareto)
+    if out is not None:
+        files.refuse_existing(out)
+    with progress_on(sys.stderr) as progress:
+        result = tradeoff.tradeoff(order, against, progress)
+    if out is not None:
+        tradeoff.write(out, result)
+    click.echo(json.dumps(result, allow_nan=False) if as_json else tradeoff.describe(result))
 
 
 @contextlib.contextmanager

@@ -53,14 +53,14 @@ def exact(plants, grid, bank, goal):
     """(bank, figures): with the gain lowered as far as the exact worst of the set asks for; the
     bank's gain is 0 where none is left."""
     bank = lowered(bank, FIRST)
-    for _ in range(ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
         found = {t: over.worst(plants, (t,), law="bank", bank=bank) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grid, bank)
-        bank = lowered(bank, 0.999 * factor)
+        bank = lowered(bank, (0.999 * factor) ** (1 + attempt))  # a peak may hardly fall with it
     return replace(bank, force_gain=0.0), None
 
 
@@ -123,10 +123,15 @@ def sentence(grid, bank, steep, bounds):
     mode = _mode_near(grid.open_loops[member], hz)
     where = f"at {hz:.1f} Hz" + (f", over the plant's mode at {mode:.1f} Hz," if mode else "")
     late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
-    text = f"The {CONSTRAINTS[name]} {where} with {grid.members[member].label()}{late} is the limit"
+    text = f"The {CONSTRAINTS[name]} {where} {_with(grid.members[member])}{late} is the limit"
     cure = "more damping of that mode" if mode else "a looser margin"
     text += f": {cure} or a narrower set would move it"
     return text + (f"; so is {high}: {finer}." if reached else ".")
+
+
+def _with(member):
+    label = member.label()
+    return "on the nominal plant" if label == "nominal" else f"with {label}"
 
 
 def _margin_left(grid, law, bank, bounds, steep):

@@ -17,9 +17,10 @@ from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
 
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
-PER_DECADE = 40
-# Distances from a resonance, in half-widths of it.
-AROUND = np.array([-24, -12, -6, -3, -1.7, -1, -0.6, -0.3, 0, 0.3, 0.6, 1, 1.7, 3, 6, 12, 24])
+SLOW_HZ = 1.0  # below there is little to follow
+PER_DECADE = (20, 90)
+PER_SIDE = 14  # of a resonance, up to this many of its half-widths
+WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
 
@@ -41,15 +42,20 @@ def hf_most(adc_bits):
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
-def _frequencies(loop):
+def _frequencies(loop, density):
     """A member's grid, rising, up to half the tick rate."""
-    decades = math.log10(HALF_RATE_HZ / LOWEST_HZ)
-    parts = [np.geomspace(LOWEST_HZ, HALF_RATE_HZ, round(PER_DECADE * decades))]
+    ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
+    parts = [
+        np.geomspace(low, high, round(density * dense * math.log10(high / low)))
+        for low, high, dense in zip(ends[:-1], ends[1:], PER_DECADE, strict=True)
+    ]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
+    side = PER_SIDE * density
+    around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * WIDEST)) / 2
     for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
-        parts.append(root.imag + width * AROUND)
+        parts.append(root.imag + width * around)
     grid = np.unique(np.concatenate(parts))
     return grid[(grid >= LOWEST_HZ) & (grid <= HALF_RATE_HZ)]
 
@@ -60,9 +66,10 @@ def _damping(roots):
 
 class Grid:
     """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
-    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS."""
+    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS; density: of the grid, at 1 figures are right to
+    some percent, at 3 to some thousandth."""
 
-    def __init__(self, plants, members, timings):
+    def __init__(self, plants, members, timings, density=1):
         self.timings = tuple(timings)
         self.members, self.open_loops, grids, refused = [], [], [], None
         for member in members:
@@ -77,7 +84,7 @@ class Grid:
                 raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
             self.members.append(member)
             self.open_loops.append(loop)
-            grids.append(_frequencies(loop))
+            grids.append(_frequencies(loop, density))
         if not self.members:
             raise refused
         longest = max(map(len, grids))

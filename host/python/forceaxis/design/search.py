@@ -29,6 +29,7 @@ RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
 RESTARTS = 2
+DENSE = 3  # the result's grid, to the search's
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
 SECTIONS_ABOVE = 4.0
@@ -202,6 +203,8 @@ def search(plants, goal=None, progress=None):
     own = _search(problem, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
     best = {"P": np.zeros(0), "PI": own}
     fS = problem.judge(own)[0]
+    if not fS:
+        raise _no_gain()
     limits = {name: structures.bounds(name, SECTIONS_ABOVE * fS) for name in structures.STRUCTURES}
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in _nominal(problem.grid, plants)]
@@ -284,7 +287,7 @@ def _result(plants, goal, problem, best, say):
     bounds = problem.bounds
     members = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
-    grid = Grid(plants, members, goal.timings)
+    grid = Grid(plants, members, goal.timings, DENSE)
     rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
@@ -301,10 +304,7 @@ def _result(plants, goal, problem, best, say):
     for row in (rows[:1] if rows and rows[0]["name"] == "P" else []) + [chosen] * bool(rows):
         row["bank"], row["worst"] = certificate.exact(plants, grid, row["bank"], goal)
     if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
-        raise InputError(
-            f"--ms: expected margins that some gain of the firmware meets over the set, none of "
-            f"{GAIN_STEP:.4f} codes per count or more does; narrow --over or accept smaller margins"
-        )
+        raise _no_gain()
     p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
     return Found(
         chosen["bank"],
@@ -313,6 +313,13 @@ def _result(plants, goal, problem, best, say):
         rows,
         certificate.sentence(grid, chosen["bank"], steep[chosen["name"]], bounds),
         chosen["name"],
+    )
+
+
+def _no_gain():
+    return InputError(
+        f"--ms: expected margins that some law keeps over the set and still follows, no gain from "
+        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow --over or accept smaller margins"
     )
 
 
