@@ -89,9 +89,7 @@ class Problem:
             )
         if name == "hf":
             least = own.hf_gain < 0.99 * search.HF_SHARE * hf_most(self.goal.adc_bits)
-            cure = (
-                "a reading with less noise, and a larger bound" if least else "an ADC of more bits"
-            )
+            cure = "a reading with less noise" if least else "an ADC of more bits"
             return (
                 f"The gain at high frequency ({own.hf_gain:.3g} codes per 8-bit count) is the "
                 f"limit: {cure} would let it rise."
