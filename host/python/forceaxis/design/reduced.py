@@ -73,7 +73,7 @@ class Problem:
         """The sentence of a design: the bound that, widened alone, lets the bandwidth rise most."""
         own = self.inner.bounds
         wider = {
-            "hf": replace(own, hf_gain=WIDER * own.hf_gain),
+            "hf": replace(own, hf_gain=2 * own.hf_gain),
             "ms": replace(own, ms=tuple(WIDER * ms for ms in own.ms)),
             "gm": replace(own, gain_margin=own.gain_margin / WIDER),
         }

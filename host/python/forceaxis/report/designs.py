@@ -15,7 +15,8 @@ PLANTS = (
 
 
 def rows():
-    """[{"model", "bits", "over", "p", "design", "limited_by"}], figures as reduced.Problem.worst."""
+    """[{"model", "bits", "over", "modes", "p", "design", "limited_by"}]: p and design as of
+    reduced.Problem.worst."""
     made = []
     for model, bits in PLANTS:
         plants = sets.plant_set(model)
