@@ -10,7 +10,7 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, page, search, simulate
+from forceaxis.design import changes, files, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
 from forceaxis.linear import over as sets
 from forceaxis.linear.bank import Bank
@@ -54,8 +54,8 @@ def plant_set(bench, order):
 
 
 def visited(bench, bank, modes):
-    """`modes` and those that contact and strikes with a bank visit, each once."""
-    jobs = [bench.job(case, bank, {}, 0) for case in bench.cases]
+    """`modes` and those that the largest force and a strike with a bank visit, each once."""
+    jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
     plant = bench.design
@@ -90,6 +90,8 @@ def design(order, out=None, progress=None):
         if order.simulate:
             simulated(bench, outcome, say)
         if out is not None:
+            from forceaxis.design import page  # Matplotlib, only where something is drawn
+
             with files.Folder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
                 say("drawing the page")
@@ -133,10 +135,12 @@ def simulated(bench, outcome, say):
     if steps:
         outcome.bank, outcome.worst = bank, reassessed(outcome, bank)
     outcome.loss, outcome.backoffs = loss, steps
-    say("simulating P")
-    outcome.rows = rows + simulate.simulate(
-        bench, outcome.p_bank, members, latencies, None, threads, "p"
-    )
+    outcome.rows = rows
+    if outcome.p_bank.force_gain:
+        say("simulating P")
+        outcome.rows += simulate.simulate(
+            bench, outcome.p_bank, members, latencies, None, threads, "p"
+        )
 
 
 def random_members(plants, count, seed=1988):

@@ -165,6 +165,8 @@ def cases(rows):
         grouped[row["case"], row["law"]].append(row)
     lines = []
     for (case, law), own in grouped.items():
+        if not own:
+            continue
         first = own[0]
         stable = sum(r["verdict"] == "stable" for r in own)
         lines.append([

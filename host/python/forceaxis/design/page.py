@@ -15,7 +15,7 @@ from forceaxis.drawing import GOT, INK, WANTED, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.system import TICK_S
 
-RANDOM = 8  # choices of values drawn beside nominal and corners
+RANDOM = 4  # choices of values drawn beside nominal and corners
 ROWS = (
     ("fS, Hz", "fS_Hz"),
     ("fT, Hz", "fT_Hz"),
@@ -46,14 +46,18 @@ def responses(outcome, bank, frequency_hz):
 
 
 def laws(outcome):
-    """(name, bank) of what is drawn side by side."""
-    return ("P", outcome.p_bank), (outcome.chosen, outcome.bank)
+    """[(name, bank)] of what is drawn side by side; P only where one meets the margins."""
+    p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
+    return [*p, (outcome.chosen, outcome.bank)]
 
 
 def sensitivity(outcome, frequency_hz, loops):
     """|S| and |T| in dB; columns: P, the design."""
-    figure, axes = plt.subplots(2, 2, figsize=(9.2, 5.2), sharex=True, sharey="row")
-    for column, (name, _) in enumerate(laws(outcome)):
+    shown = laws(outcome)
+    figure, axes = plt.subplots(
+        2, len(shown), figsize=(9.2, 5.2), sharex=True, sharey="row", squeeze=False
+    )
+    for column, (name, _) in enumerate(shown):
         for L, nominal in loops[column]:
             look = {"color": INK, "linewidth": 1.3, "zorder": 3} if nominal else {
                 "color": GOT, "linewidth": 0.5, "alpha": 0.5
@@ -72,7 +76,7 @@ def sensitivity(outcome, frequency_hz, loops):
     axes[1, 0].set_ylabel("|T|, dB", fontsize=8)
     axes[0, 0].set_ylim(-40, 12)
     axes[1, 0].set_ylim(-40, 12)
-    axes[0, 1].legend(
+    axes[0, -1].legend(
         handles=[
             plt.Line2D([], [], color=INK, label="nominal"),
             plt.Line2D([], [], color=GOT, linewidth=0.7, label="corners and random members"),
@@ -88,9 +92,13 @@ def sensitivity(outcome, frequency_hz, loops):
 
 def nyquist(outcome, loops):
     """Loop gains around -1; columns: P, the design."""
-    figure, axes = plt.subplots(1, 2, figsize=(9.2, 4.6), sharex=True, sharey=True)
+    shown = laws(outcome)
+    figure, axes = plt.subplots(
+        1, len(shown), figsize=(9.2, 4.6), sharex=True, sharey=True, squeeze=False
+    )
+    axes = axes[0]
     turn = np.linspace(0, 2 * np.pi, 200)
-    for ax, (name, _), found in zip(axes, laws(outcome), loops, strict=True):
+    for ax, (name, _), found in zip(axes, shown, loops, strict=True):
         style(ax)
         ax.plot(np.cos(turn), np.sin(turn), color="#8a95a0", linewidth=0.7, linestyle=":")
         radius = 1 / outcome.order.ms
@@ -122,7 +130,8 @@ def contact(bench, outcome):
     for ax, case in zip(axes, (middle, struck), strict=True):
         style(ax)
         start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
-        for color, (name, bank) in zip((GOT, INK), laws(outcome), strict=True):
+        for name, bank in laws(outcome):
+            color = INK if bank is outcome.bank else GOT
             own = loss if bank is outcome.bank else None
             file, texts = bench.job(case, bank, {}, latency, own)
             done = runs.run(Path(file), texts)
@@ -157,7 +166,7 @@ def structure_rows(outcome):
 
 def write(folder, bench, outcome, run):
     """index.html into a files.Folder. run: the experiment that it names."""
-    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 3000)
+    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = resources.files("forceaxis.design").joinpath("page.html.jinja").read_text("utf-8")
