@@ -224,8 +224,8 @@ def test_the_project_passes_its_gates():
     assert "nothing found" in done.stdout
 
 
-def test_a_clean_copy_passes(tree):
-    done = run(["check_firmware.py"], tree)
+def test_a_clean_copy_passes(gate, tree):
+    done = gate(tree)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

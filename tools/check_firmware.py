@@ -94,7 +94,7 @@ TRIGRAPH = re.compile(r"\?\?[=/'()!<>-]")
 DIGRAPH = re.compile(r"%:|<:|:>|<%|%>")
 
 
-@functools.cache  # two rules read each file
+@functools.cache  # several rules read each file
 def joined(text):
     """Text with continued lines made one; empty lines after them keep the numbers of the others."""
 
@@ -105,6 +105,7 @@ def joined(text):
     return re.sub(r"(?:[^\n]*\\[ \t]*\n)+[^\n]*", join, text)
 
 
+@functools.cache
 def without_comments(text, strings=False):
     """Text with comments and string contents blanked, line numbers kept. strings=True leaves the
     strings, and so the names of included headers."""
@@ -120,17 +121,20 @@ def without_comments(text, strings=False):
     )
 
 
+@functools.cache
 def included(text):
     """(line number, header, quoted or angled) of every include of a joined text; "?" for one that
     only the preprocessor can resolve."""
-    code = without_comments(text, strings=True)
+    code, found = without_comments(text, strings=True), []
     for match in re.finditer(HASH + r"\s*(?:include|include_next|import)\b([^\n]*)", code, re.M):
         line = code.count("\n", 0, match.start(1)) + 1
         header = re.fullmatch(r'\s*(?:"([^"]+)"|<([^>]+)>)\s*', match.group(1))
         if header is None:
-            yield line, match.group(1).strip(), "?"
+            found.append((line, match.group(1).strip(), "?"))
         else:
-            yield line, header.group(1) or header.group(2), '"' if header.group(1) else "<"
+            kind = '"' if header.group(1) else "<"
+            found.append((line, header.group(1) or header.group(2), kind))
+    return found
 
 
 def read(path):

@@ -13,18 +13,17 @@ shift || true
 names=("$@")
 [ ${#names[@]} -gt 0 ] || for f in tests/fuzz/*_fuzz.c*; do names+=("$(basename "${f%.*}")"); done
 
-mkdir -p build/fuzz/messages
+mkdir -p build/fuzz/messages build/fuzz/objects
 flags=(-O1 -g -I. -Wall -Wextra -Werror -fno-omit-frame-pointer
   -fsanitize=address,undefined,fuzzer -fno-sanitize-recover=all)
 # Everything but the ports.
 mapfile -t firmware < <(find firmware -name '*.c' -not -path 'firmware/port/*' | sort)
+# Once for all fuzzers of it, and apart from the gateway's C++.
+(cd build/fuzz/objects && clang -std=c11 "${flags[@]}" -I../../.. -c "${firmware[@]/#/../../../}")
 build() {
   if [ -e "tests/fuzz/$1.c" ]; then
-    clang -std=c11 "${flags[@]}" "tests/fuzz/$1.c" "${firmware[@]}" -o "$2"
+    clang -std=c11 "${flags[@]}" "tests/fuzz/$1.c" build/fuzz/objects/*.o -o "$2"
   elif [ "$1" = mbap_fuzz ]; then
-    # The firmware's C apart from the gateway's C++.
-    mkdir -p build/fuzz/objects
-    (cd build/fuzz/objects && clang -std=c11 "${flags[@]}" -I../../.. -c "${firmware[@]/#/../../../}")
     clang++ -std=c++20 "${flags[@]}" "tests/fuzz/$1.cpp" host/modbus/frames.cpp \
       host/gateway/modbus_self.cpp build/fuzz/objects/*.o -o "$2"
   else

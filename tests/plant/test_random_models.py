@@ -1,4 +1,4 @@
-"""Fifty random models agree with a second simulator, and 200 more where there is time."""
+"""Forty random models agree with a second simulator, and 210 more where there is time."""
 
 import functools
 
@@ -6,7 +6,7 @@ import pytest
 import random_models
 from forceaxis import _core
 
-BLOCKS, EACH = 5, 10
+BLOCKS, EACH = 4, 10
 COUNT = BLOCKS * EACH
 
 
@@ -16,7 +16,7 @@ def outcomes(block):
     return [random_models.compare_safely(seed) for seed in seeds]
 
 
-MORE = [pytest.param(n, marks=pytest.mark.long) for n in range(BLOCKS, BLOCKS + 20)]
+MORE = [pytest.param(n, marks=pytest.mark.long) for n in range(BLOCKS, BLOCKS + 21)]
 
 
 @pytest.mark.parametrize("block", [*range(BLOCKS), *MORE])
@@ -28,7 +28,7 @@ def test_they_have_what_they_should():
     every = [o for block in range(BLOCKS) for o in outcomes(block)]
     assert {o.bodies for o in every} == set(range(3, 13))
     assert sum(o.ticks for o in every) > 0.9 * COUNT * random_models.TICKS
-    assert sum(o.events for o in every) > 2500
+    assert sum(o.events for o in every) > 2000
     changes = sum((o.changes for o in every), start=random_models.collections.Counter())
     for element in ("contact", "friction", "spring", "damper", "gravity", "drive.amplifier",
                     "drive.preamp", "drive.current_feedback", "drive.effort"):  # fmt: skip

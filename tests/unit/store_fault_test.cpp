@@ -113,7 +113,7 @@ TEST(Store, AnErasedSectorIsCheckedToBeBlank) {
 TEST(Store, SavedMeansThatEveryPieceWasReadBack) {
   using Program = FlashFaults::Program;
   for (const Program fault : {Program::kNothing, Program::kHalf, Program::kStuck}) {
-    for (uint32_t at = 0; at < STORE_SET_BYTES; at += 4) {
+    for (uint32_t at = 0; at < STORE_SET_BYTES; at += 4 * kEvery) {
       Flash flash;
       Axis axis(flash.memory());
       axis.Change(1, 100);

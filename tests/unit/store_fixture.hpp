@@ -13,6 +13,14 @@
 
 using Values = std::vector<int32_t>;
 
+// Which of the places of a fault are tried: each in the release build; the sanitizers, with which
+// all take minutes, look for other errors.
+#ifdef __SANITIZE_ADDRESS__
+inline constexpr int kEvery = 7;
+#else
+inline constexpr int kEvery = 1;
+#endif
+
 // Records by hand, as record.h and store.h describe them: each returns where the next one goes.
 struct Entry {
   uint32_t first;  // index times 256 plus sub-index; bit 24: at its default
