@@ -9,7 +9,8 @@ import pytest
 from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
-from forceaxis.linear import advise, loops
+from forceaxis.design import advise
+from forceaxis.linear import loops
 from scipy import optimize
 
 
@@ -109,8 +110,12 @@ def test_crossover_and_loop_gain_are_as_defined(laboratory):
 
 
 def test_rows_are_ranked_and_cover_the_design(laboratory):
-    crossovers = [r["crossover_hz"] for r in laboratory["rows"]]
+    crossovers = [r["crossover_hz"] for r in laboratory["rows"] if r["in_firmware"]]
     assert crossovers == sorted(crossovers, reverse=True)
+    lacking = [r["change"] for r in laboratory["rows"][len(crossovers) :]]
+    assert [name.split()[0] for name in sorted(lacking)] == [
+        *("derivative", "neither", "sample", "sample")
+    ]
     names = [r["change"] for r in laboratory["rows"]]
     for parameter in ("m_r1", "m_r2", "b_r", "k_rf", "b_rf", "m_w", "k_w", "b_w", "k_s", "b_s"):
         assert sum(f" {parameter} " in name for name in names) == 2, parameter
@@ -146,6 +151,46 @@ def test_what_the_thesis_says_of_each_change(workpiece):
         < 1.1
         < of("sample rate x 2")["critical_gain"]
     )
+
+
+def test_what_a_bank_can_hold_is_the_law_that_it_stands_for(workpiece):
+    hz = workpiece["present"]["frequency_hz"]
+    for start, law in (
+        ("lead filter", {"law": "lead", "lead_zero_hz": hz, "lead_pole_hz": 4 * hz}),
+        ("derivative by", {"law": "pd", "derivative_s": 1 / (2 * np.pi * hz)}),
+    ):
+        wanted = loops.force_loop("fig4_19", **law).limit()
+        assert row(workpiece, start)["critical_gain"] == pytest.approx(wanted.gain, rel=1e-6)
+
+
+def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
+    over = ("k_w=30%,m_w=30%",)
+    result = advise.advise("fig4_19", runs="none", over=over, modes="all")
+    rows = [r for r in result["rows"] if r["in_firmware"]]
+    fS = [(r["over"] or {"fS_Hz": 0.0})["fS_Hz"] for r in rows]
+    assert fS == sorted(fS, reverse=True)
+    present, found = result["present"]["over"], row(result, "designed bank")["over"]
+    assert found["fS_Hz"] > 1.3 * present["fS_Hz"]
+    # P at the margins, by python-control at every corner, with both slopes of the amplifier.
+    gain, bandwidths, peaks = present["firmware_gain"] * (20 / 4096), [], []
+    scale = linear.facts("fig4_19")["reading"]["per_count"]
+    for k_w, m_w in ((a, b) for a in (0.7, 1.3) for b in (0.7, 1.3)):
+        known = linear.facts("fig4_19")["parameters"]
+        values = {"k_w": k_w * known["k_w"][0], "m_w": m_w * known["m_w"][0]}
+        for modes in (None, {"drive.amplifier": "high outer"}):
+            plant = linear.linearise("fig4_19", overrides=values, modes=modes)
+            held = control.c2d(control.ss(plant.A, plant.B, plant.C, plant.D), 1 / 1500)
+            w = 2 * np.pi * np.geomspace(0.05, 749, 40000)
+            z = np.exp(1j * w / 1500)
+            S = np.abs(1 / (1 + gain / scale * held(z)))
+            bandwidths.append(w[np.argmax(np.sqrt(0.5) < S)] / (2 * np.pi))
+            peaks.append(S.max())
+    assert present["fS_Hz"] == pytest.approx(min(bandwidths), rel=1e-2)
+    assert 1.5 < max(peaks) <= 2.02  # the search judges on a grid
+    assert "designed bank" in advise.describe(result) and "not in the firmware" in advise.describe(
+        result
+    )
+    json.dumps(result, allow_nan=False)
 
 
 def test_doubling_the_damping_of_fig_5_4_raises_what_limit_gives(workpiece):
@@ -291,6 +336,8 @@ def test_the_verb(capsys, monkeypatch, tmp_path, laboratory):
         (("fig4_19", "--set", "b_w"), "--set"),
         (("fig4_19", "--out", "x.jpg"), "x.jpg"),
         (("fig4_19", "--linear", "--simulate"), "--simulate"),
+        (("fig4_19", "--over", "k_q=30%"), "k_q"),
+        (("fig4_19", "--over", "k_w=30%", "--timing", "continuous"), "--timing"),
         (("no/such.toml",), "no/such.toml"),
     ],
 )

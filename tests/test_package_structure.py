@@ -13,7 +13,7 @@ ORDER = (
     ("_core", "paths"),
     ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
-    ("experiments", "identify", "new", "versions"),
+    ("experiments", "identify", "versions"),
     ("design", "thesis"),
     ("bench", "report"),
     ("cli",),

@@ -363,7 +363,10 @@ def test_an_unstable_verdict_says_why(overrides, because):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["limit", CONTACT], ["expected a model, got an experiment", "../models/laboratory.toml"]),
+        (
+            ["linearise", CONTACT],
+            ["expected a model, got an experiment", "../models/laboratory.toml"],
+        ),
         (["poles", "sim/measurements/fig3_9.toml"], ["expected a model", "../models/fig4_5.toml"]),
         (["run", "sim/models/fig4_19.toml"], ["expected an experiment, got a model"]),
         (["run", "sim/measurements/fig3_9.toml"], ["got a measurement", "`forceaxis measure`"]),

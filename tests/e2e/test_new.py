@@ -48,8 +48,8 @@ def forceaxis(folder, *arguments):
     return verbs.forceaxis(*arguments, cwd=folder)
 
 
-def made(folder, options):
-    done = forceaxis(folder, "new", "mine", "--json", *options.split())
+def made(folder, options, *more):
+    done = forceaxis(folder, "new", "mine", "--json", *(more or ["--no-design"]), *options.split())
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -115,6 +115,25 @@ def test_the_model_holds_what_the_data_sheet_says(tmp_path):
     assert sources["k_amp"] == "derived"
 
 
+def test_it_ends_with_a_bank_that_holds_the_force(tmp_path):
+    result = made(tmp_path, SHEETS["small stage"], "--yes")
+    found = result["design"]
+    assert found["over"] == ["k_w=30%", "m_w=30%"]
+    assert found["fS_Hz"] > 1.2 * found["p_fS_Hz"] and found["p_static_error"] > 0.02
+    assert "held.toml" in result["files"]
+    text = (tmp_path / "mine/held.toml").read_text()
+    assert text.startswith("# Contact in mode of operation 4")
+    for member in ([], ["k_w=35000", "m_w=0.13"], ["k_w=65000", "m_w=0.07"]):
+        held = ran(tmp_path, "held.toml", *member)
+        assert held["verdict"] == "stable" and held["fault"] == "none"
+        assert abs(held["metrics"]["held_force"]["error_percent"]) < 1.0
+    shown = forceaxis(tmp_path, "new", "mine", "--yes", "--force", *SHEETS["small stage"].split())
+    assert "bandwidth fS" in shown.stdout and "no static error: held.toml" in shown.stdout
+    # A bank of the model before does not stay.
+    made(tmp_path, SHEETS["small stage"], "--force", "--no-design")
+    assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
+
+
 BAD = [
     ("--moving-mass-kg -1", ["--moving-mass-kg", "0.001", "kg", "-1"]),
     ("--moving-mass-kg nan", ["--moving-mass-kg"]),
@@ -171,7 +190,11 @@ def test_a_file_in_the_way_is_one_line_and_stays(tmp_path):
 
 def test_without_a_terminal_nothing_is_asked(tmp_path):
     done = subprocess.run(
-        [FORCEAXIS, "new", "mine"], cwd=tmp_path, input="7\n", capture_output=True, text=True
+        [FORCEAXIS, "new", "mine", "--no-design"],
+        cwd=tmp_path,
+        input="7\n",
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     assert "torque constant" not in done.stdout
@@ -184,7 +207,11 @@ def converse(folder, answers, *arguments):
     """Run `forceaxis new` on a terminal; Enter to every question that `answers` does not name."""
     terminal, inner = pty.openpty()
     process = subprocess.Popen(
-        [FORCEAXIS, "new", "mine", *arguments], cwd=folder, stdin=inner, stdout=inner, stderr=inner
+        [FORCEAXIS, "new", "mine", "--no-design", *arguments],
+        cwd=folder,
+        stdin=inner,
+        stdout=inner,
+        stderr=inner,
     )
     os.close(inner)
     shown, asked, answered = "", [], 0

@@ -258,7 +258,8 @@ def linear_analysis(repeat, progress):
     grid for these loops and misses it).
     """
     from forceaxis import linear
-    from forceaxis.linear import advise, loops
+    from forceaxis.design import advise
+    from forceaxis.linear import loops
 
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)

@@ -1,8 +1,8 @@
-"""Verbs of a force loop: its limit, root locus, Nyquist plot, step, and advice."""
+"""Verbs of a force loop: its limit, root locus, Nyquist plot, step."""
 
 import click
 
-from forceaxis.cli.common import Positive, Verb, as_json, threads
+from forceaxis.cli.common import Positive, Verb, as_json
 from forceaxis.cli.models import (
     TIMINGS,
     check_drawing,
@@ -12,9 +12,9 @@ from forceaxis.cli.models import (
     law_options,
     loop_output,
     loop_timing,
-    model_options,
     over_options,
     present,
+    subject_options,
     vary,
 )
 
@@ -26,7 +26,7 @@ from forceaxis.cli.models import (
     forceaxis limit strike_biquad
     forceaxis limit contact --over k_w=30%,m_w=30% --timing both""",
 )
-@model_options
+@subject_options
 @free
 @law_options
 @over_options
@@ -66,7 +66,7 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
     epilog="""forceaxis rlocus fig4_19 --timing continuous --out locus.png
     forceaxis rlocus fig4_19 --vary b_w=8.25,363 --span-hz 70 --firmware-gain 5 --out b_w.png""",
 )
-@model_options
+@subject_options
 @law_options
 @vary
 @free
@@ -100,7 +100,7 @@ def rlocus(model, out, as_json, **given):
     epilog="""forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png
     forceaxis nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
 )
-@model_options
+@subject_options
 @law_options
 @free
 @over_options
@@ -130,54 +130,10 @@ def nyquist(model, out, as_json, ranges, visit, **given):
 
 @click.command(
     cls=Verb,
-    epilog="""forceaxis advise laboratory
-    forceaxis advise sim/experiments/contact.toml --simulate --out advice.png""",
-)
-@click.argument("model", metavar="MODEL|EXPERIMENT")
-@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
-@click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
-@click.option(
-    "--factor",
-    type=float,
-    default=2.0,
-    show_default=True,
-    help="By how much stiffnesses, masses and dampings are changed, up and down.",
-)
-@click.option(
-    "--simulate",
-    is_flag=True,
-    help="Run the firmware for every row that it can run, not for the present design and "
-    "the finer ADC alone.",
-)
-@click.option("--linear", is_flag=True, help="Run nothing.")
-@threads
-@drawn
-@as_json
-def advise(model, overrides, timing, factor, simulate, linear, threads, out, as_json):
-    """What limits the bandwidth of a force loop, and the benefit of each change of the axis.
-
-    Rows are ranked by the crossover at half the critical gain. Beside the linear limit stands the
-    largest gain at which the firmware, with quantisation and loss of contact, is stable on the
-    experiment given, on that of the model's name, or on a first contact made for it.
-    """
-    from forceaxis import linear as models
-    from forceaxis.linear import advise as design
-
-    check_drawing(out)
-    if simulate and linear:
-        raise click.UsageError("expected --simulate or --linear, got both")
-    runs = "all" if simulate else "none" if linear else "present"
-    result = design.advise(model, models.overrides(overrides), timing, factor, runs, threads)
-    draw(out, lambda plots: plots.advice(result))
-    present(result, as_json, design.describe, out)
-
-
-@click.command(
-    cls=Verb,
     epilog="""forceaxis step fig4_19 --firmware-gain 5 --out step.png
     forceaxis step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
 )
-@model_options
+@subject_options
 @law_options
 @over_options
 @loop_output
@@ -210,4 +166,4 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **
     present(result, as_json, limits.describe_step, out)
 
 
-VERBS = (limit, rlocus, nyquist, step, advise)
+VERBS = (limit, rlocus, nyquist, step)

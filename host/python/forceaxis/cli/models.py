@@ -35,29 +35,36 @@ def present(summary, as_json, describe, out=None):
         click.echo(f"figure       {paths.quoted(out)}")
 
 
-def model_options(verb):
-    """MODEL, --set and --mode."""
-    for decorate in (
-        click.option(
-            "--mode",
-            "modes",
-            multiple=True,
-            metavar="ELEMENT=STATE",
-            help="An element's state as in events.csv (sensor=apart, rail=forward, "
-            "drive.amplifier=high outer). Default: contacts pressed, everything else in the middle "
-            "of its range. Repeatable.",
-        ),
-        click.option(
-            "--set",
-            "overrides",
-            multiple=True,
-            metavar="NAME=VALUE",
-            help="A model parameter (b_m=0.02), in its own unit. Repeatable.",
-        ),
-        click.argument("model"),
-    ):
-        verb = decorate(verb)
-    return verb
+def _model_options(subject):
+    def add(verb):
+        for decorate in (
+            click.option(
+                "--mode",
+                "modes",
+                multiple=True,
+                metavar="ELEMENT=STATE",
+                help="An element's state as in events.csv (sensor=apart, rail=forward, "
+                "drive.amplifier=high outer). Default: contacts pressed, everything else in the "
+                "middle of its range. Repeatable.",
+            ),
+            click.option(
+                "--set",
+                "overrides",
+                multiple=True,
+                metavar="NAME=VALUE",
+                help="A model parameter (b_m=0.02), in its own unit. Repeatable.",
+            ),
+            click.argument("model", metavar=subject),
+        ):
+            verb = decorate(verb)
+        return verb
+
+    return add
+
+
+# --set, --mode, and MODEL or either of MODEL and EXPERIMENT (then --set also takes firmware.NAME).
+model_options = _model_options("MODEL")
+subject_options = _model_options("MODEL|EXPERIMENT")
 
 
 LAWS = click.Choice(
@@ -218,14 +225,15 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
     cls=Verb,
     epilog="""forceaxis poles fig4_19
     forceaxis poles fig4_19 --free --output drive.tach
-    forceaxis poles fig4_19 --firmware-gain 10 --timing zoh+1""",
+    forceaxis poles fig4_19 --firmware-gain 10 --timing zoh+1
+    forceaxis poles strike_biquad""",
 )
-@model_options
+@subject_options
 @law_options
 @click.option(
     "--timing",
     type=TIMINGS,
-    help="Default: continuous for the plant, zoh (as the axis runs) with a gain.",
+    help="Default: continuous for the plant, with a gain the experiment's, else zoh.",
 )
 @free
 @click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
@@ -237,7 +245,8 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     """Poles, zeros and transfer function of MODEL, or of a loop closed around it with a gain.
 
     Without a gain: from --input (default drive.command, V) to --output. With one: from the law's
-    set-point to the signal that it controls. Zeros include those that cancel poles.
+    set-point to the signal that it controls. Of an EXPERIMENT the loop is closed with its law and
+    gain unless --input is given. Zeros include those that cancel poles.
     """
     from forceaxis.linear import limits
 
@@ -253,7 +262,7 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     forceaxis bode fig2_11 --input drive.force --output robot.position --output tip.position
     forceaxis bode strike_biquad --of sensitivity --over k_w=30%,m_w=30% --out s.png""",
 )
-@model_options
+@subject_options
 @law_options
 @vary
 @free

@@ -5,15 +5,15 @@ import sys
 
 import click
 
-from forceaxis import new
 from forceaxis._core import InputError
 from forceaxis.cli.common import Folder, Verb, as_json
+from forceaxis.design import data_sheet, new
 
 
 def options(command):
     """One command-line option per field."""
-    for field in reversed(new.FIELDS):
-        default = field.why if callable(field.default) else new.shown(field, field.default)
+    for field in reversed(data_sheet.FIELDS):
+        default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
         command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
             command
@@ -24,7 +24,7 @@ def options(command):
 def prompt(field, default):
     """Ask for one value on the terminal until it is one; None: the default was taken."""
     click.echo(f"\n{field.part}: {field.ask}")
-    proposed = new.shown(field, default)
+    proposed = data_sheet.shown(field, default)
     while True:
         text = click.prompt(f"  {field.option[2:]}", default=proposed)
         if text == proposed:
@@ -46,18 +46,29 @@ def prompt(field, default):
 @click.argument("name", type=Folder())
 @options
 @click.option("--yes", is_flag=True, help="Ask nothing: defaults for what is not given.")
-@click.option("--force", is_flag=True, help="Replace the three files if they are there.")
+@click.option("--force", is_flag=True, help="Replace the files if they are there.")
+@click.option("--no-design", is_flag=True, help="Leave out the bank and held.toml.")
 @as_json
-def new_(name, yes, force, as_json, **given):
+def new_(name, yes, force, no_design, as_json, **given):
     """Write a model and experiments of your own axis into folder NAME.
 
     Asks for what the data sheets of motor, amplifier, transmission, sensor and workpiece say, or
     takes it as options: plain numbers in the unit of the option's name. What nobody gives gets a
     default that is marked in the model. Asks nothing without a terminal.
+
+    At the end a bank of the force law is designed for what it presses on, +-30 %, and simulated
+    with the firmware; held.toml runs with it. JSON: design, with the bandwidth fS in Hz over that
+    set for the bank and for P.
     """
     new.refuse_existing(name, force)
     talk = not (yes or as_json) and sys.stdin.isatty()
-    done = new.write(name, *new.collect(given, prompt if talk else None), force)
+    values = data_sheet.collect(given, prompt if talk else None)
+    design = None
+    if not no_design:
+        from forceaxis.design import own_axis
+
+        design = own_axis.design
+    done = new.write(name, *values, force, design)
     click.echo(json.dumps(done) if as_json else new.describe(done))
 
 

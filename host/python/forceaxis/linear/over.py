@@ -14,14 +14,15 @@ import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
+from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.stability import Loop, _minimal
 
 HALF_POWER = math.sqrt(0.5)
-RANDOM = 24  # members of the first look, besides nominal and corners
+RANDOM = 24  # members analysed before the search, besides nominal and corners
 REFINED = 2  # members in whose neighbourhood the worst of each figure is sought
-STEPS_MIN = 1 / 64  # of the half-width of a range, where that search ends
+COARSE, FINE = 1 / 16, 1 / 2048  # steps of that search in half-widths of a range, where it ends
 COMBINATIONS_MAX = 20000
 # Figure -> whether its worst is the largest.
 FIGURES = {
@@ -191,7 +192,7 @@ class _Set:
             self.found[key] = (member, timing, self.analyse(loop))
         return self.found[key]
 
-    def look(self, members):
+    def cover(self, members):
         """Analyse members with every timing."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
@@ -199,7 +200,12 @@ class _Set:
     def worst(self, badness):
         """The entry with the largest badness, sought for also around the worst few."""
         for member, timing, _ in self._few(badness):
-            self._climb(member, timing, badness)
+            self._climb(member, timing, badness, (0.5, COARSE))
+        member, timing, _ = self._first(badness)
+        self._climb(member, timing, badness, (COARSE, FINE))
+        return self._first(badness)
+
+    def _first(self, badness):
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _few(self, badness):
@@ -211,32 +217,43 @@ class _Set:
         leaders = sorted(first.values(), key=lambda entry: -badness(entry[2]))[:REFINED]
         return leaders + [entry for entry in ordered[:REFINED] if entry not in leaders]
 
-    def _climb(self, member, timing, badness):
-        """Pattern search within the ranges, from one member."""
+    def _climb(self, member, timing, badness, steps):
+        """Pattern search within the ranges, from one member; steps: the first and the last, in
+        half-widths of a range. A fine one leaves alone what stands at the end of its range."""
         ranges = self.plants.ranges
-        best, step = badness(self.at(member, timing)[2]), 0.5
-        while ranges and step >= STEPS_MIN and best < math.inf:
-            moved = False
-            for name, sign in itertools.product(ranges, (1, -1)):
-                _, low, high = ranges[name]
-                value = member.values[name] + sign * step * (high - low) / 2
-                values = member.values | {name: min(max(value, low), high)}
+        best, (step, last) = badness(self.at(member, timing)[2]), steps
+        if step == COARSE:
+            ranges = {n: r for n, r in ranges.items() if r[1] < member.values[n] < r[2]}
+        moves = [
+            dict(zip(names, signs, strict=True))
+            for count in (1, 2)
+            for names in itertools.combinations(ranges, count)
+            for signs in itertools.product((1, -1), repeat=count)
+        ]
+        while moves and step >= last and best < math.inf:
+            before = best
+            for move in moves:
+                values = dict(member.values)
+                for name, sign in move.items():
+                    _, low, high = ranges[name]
+                    value = values[name] + sign * step * (high - low) / 2
+                    values[name] = min(max(value, low), high)
                 other = Member(values, member.modes)
                 size = badness(self.at(other, timing)[2])
                 if size > best:
-                    best, member, moved = size, other, True
-            step = step if moved else step / 2
+                    best, member = size, other
+            step = step if best > before else step / 2
 
 
 def sample(plants):
-    """Members to look at first: nominal, corners, random ones."""
+    """Members analysed before the search: nominal, corners, random ones."""
     return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
 
 
-def _looked_at(plants, timings, analyse, arguments):
+def _explored(plants, timings, analyse, arguments):
     """A _Set with nominal, corners and random members analysed."""
     group = _Set(plants, timings, analyse, arguments)
-    group.look(sample(plants))
+    group.cover(sample(plants))
     return group
 
 
@@ -261,7 +278,7 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
     def analyse(loop):
         return figures(loop, gain_at(loop, gain, force_gain, loop_arguments))
 
-    group = _looked_at(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, analyse, loop_arguments)
     unstable, found = [], {}
     for name in FIGURES:
         found[name] = group.worst(lambda f, name=name: f.badness(name))
@@ -285,30 +302,30 @@ def largest_gain(plants, timings=("zoh",), **loop_arguments):
         limit = loop.limit()
         return (math.inf if limit.gain is None else limit.gain), limit.frequency_hz
 
-    group = _looked_at(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, analyse, loop_arguments)
     member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])
     if math.isinf(gain):
         return None, member, timing, None
     return gain, member, timing, frequency_hz
 
 
-def _equations(model, overrides, modes):
-    """(A, B, C, D) from the command to the reading in a mode; None: without a path."""
-    plant = linear.linearise(model, overrides=overrides, modes=modes)
+def _equations(model, overrides, modes, output):
+    """(A, B, C, D) from the command to the output in a mode; None: without a path."""
+    plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
 
-def _distinct(model, overrides, candidates):
+def distinct(model, overrides, output, candidates):
     """One of each of the modes that have the same equations, if these have a path; each with as few
     of its states as say the same."""
 
     def same(modes, equations):
-        own = _equations(model, overrides, modes)
+        own = _equations(model, overrides, modes, output)
         return own is not None and all(map(np.array_equal, own, equations))
 
     found, seen = [], []
     for modes in candidates:
-        equations = _equations(model, overrides, modes)
+        equations = _equations(model, overrides, modes, output)
         if equations is None or any(all(map(np.array_equal, equations, o)) for o in seen):
             continue
         seen.append(equations)
@@ -328,7 +345,7 @@ def _lasts(known, modes):
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
-def modes_visited(experiment, overrides=()):
+def modes_visited(experiment, overrides=(), output="reading"):
     """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
     NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least {}."""
     path, texts = str(experiment), list(overrides)
@@ -345,12 +362,15 @@ def modes_visited(experiment, overrides=()):
         visited.append(dict(state))
     unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
     inside = [modes for modes in unique if _lasts(known, modes)]
-    return _distinct(own["model"], values, inside) or ({},)
+    return distinct(own["model"], values, output, inside) or ({},)
 
 
-def modes_all(model, overrides=None):
-    """The same of every state of every element that switches."""
+def modes_all(model, overrides=None, output="reading"):
+    """The same of all states of all elements that switch. Raises InputError if there is none."""
     known = linear.facts(model, overrides)
+    where = linear.find_model(model)
+    if output == "reading" and known["reading"] is None:
+        raise loops.no_reading(where)
     switches = known["switches"]
     if math.prod(map(len, switches.values())) > COMBINATIONS_MAX:
         raise _core.InputError(
@@ -359,4 +379,10 @@ def modes_all(model, overrides=None):
         )
     states = itertools.product(*(reversed(names) for names in switches.values()))
     every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    return _distinct(model, overrides, [{}, *(modes for modes in every if _lasts(known, modes))])
+    lasting = [{}, *(modes for modes in every if _lasts(known, modes))]
+    found = distinct(model, overrides, output, lasting)
+    if not found:
+        raise _core.InputError(
+            f"{where}: expected a path from drive.command to {output} in some mode; there is none"
+        )
+    return found

@@ -70,9 +70,9 @@ def subject(
     if free and visit != "nominal":
         raise _core.InputError("--modes: expected nominal with --free, modes are those in contact")
     if visit == "visited":
-        states = over.modes_visited(own.experiment, own.texts)
+        states = over.modes_visited(own.experiment, own.texts, output)
     else:
-        states = over.modes_all(own.model, own.overrides) if visit == "all" else (fixed,)
+        states = over.modes_all(own.model, own.overrides, output) if visit == "all" else (fixed,)
     spans = plant_set.ranges_of(own.model, ranges, own.overrides)
     arguments = limits.loop_arguments(own, law, given) | {"output": output, "free": free}
     if gain is None and firmware_gain is None:
@@ -170,9 +170,7 @@ def worst_text(at, unit):
         who = at["member"].get(name)
         lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
     if at["sag"]:
-        lines.append(
-            f"sag          |T| below -3 dB before fT at {member_text(at['member']['sag'])}"
-        )
+        lines.append(f"sag          |T| below -3 dB below fS at {member_text(at['member']['sag'])}")
     return lines
 
 
@@ -250,7 +248,7 @@ def bode(
     if part is None:
         part = "loop" if laws or wanted(ranges, visit, timing) else None
     if part is None:
-        part = "plant" if "model" not in toml.read(settings.find(model)) else "loop"
+        part = "loop" if settings.is_experiment(toml.read(settings.find(model))) else "plant"
     if part == "plant":
         if wanted(ranges, visit, timing) or laws:
             raise _core.InputError(
@@ -297,10 +295,11 @@ def step_of(found, duration_s):
             row = max(has, key=lambda row: row[name])
             worst[name] = {"value": row[name]} | {n: row[n] for n in ("values", "modes", "timing")}
     loop = found.nominal()
+    gain = found.gain_of(loop)
     return described(found) | {
-        "gain": found.gain_of(loop),
+        "gain": gain,
         "unit": loop.unit,
-        "firmware_gain": found.force_gain,
+        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
         "stable": len(stable) == len(rows),
         "worst": worst,
         "members": rows,

@@ -1,7 +1,7 @@
 """MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware closes.
 
 Of an experiment count its model, [set], and the values that [firmware] starts with, as the firmware
-holds them: law, bank, gain, latency. What it writes later ([[at]]) is not looked at.
+holds them: law, bank, gain, latency. What it writes later ([[at]]) is ignored.
 """
 
 from dataclasses import dataclass, field
@@ -45,6 +45,11 @@ def find(text):
     return linear.find_model(text)
 
 
+def is_experiment(table):
+    """Whether a file's table is an experiment's: it names a model and runs."""
+    return "model" in table and "duration_s" in table
+
+
 def of(text, overrides=None, plant=False):
     """The Settings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
     firmware.NAME. Raises InputError, also for an experiment that closes no force loop unless its
@@ -54,7 +59,7 @@ def of(text, overrides=None, plant=False):
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
         raise _core.InputError(f"{path}: expected a model or an experiment, got the list of tables")
     table = toml.read(path)
-    if "model" not in table:
+    if not is_experiment(table):
         return Settings(str(path), overrides)
     texts = linear.override_texts(overrides)
     own = _core.inputs(str(path), texts)

@@ -12,6 +12,7 @@ from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
+from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 
 FACTOR = 2.0
 
@@ -43,7 +44,8 @@ class Change:
     edit: object = None  # a function that changes the parsed model file in place
     loop: dict = field(default_factory=dict)  # arguments of loops.force_loop
     firmware: dict = field(default_factory=dict)  # objects that the simulation needs
-    simulated: bool = True  # False: not possible in firmware and simulator
+    simulated: bool = True  # False: not run by `advise --simulate`
+    in_firmware: bool = True  # False: firmware and simulator lack it
     thesis: str = ""  # section of the thesis that proposes it
 
 
@@ -317,7 +319,7 @@ def sampling(design):
             rows.append(
                 Change(
                     f"sample rate {text} ({rate * factor:g} Hz)", "sampling",
-                    loop={"tick_s": 1 / (rate * factor)}, simulated=False,
+                    loop={"tick_s": 1 / (rate * factor)}, in_firmware=False,
                 )
             )  # fmt: skip
     names = {
@@ -332,7 +334,7 @@ def sampling(design):
                 Change(
                     names[timing], "sampling", loop={"timing": timing},
                     firmware=firmware if timing != "continuous" else {},
-                    simulated=timing != "continuous",
+                    in_firmware=timing != "continuous",
                 )
             )  # fmt: skip
     return rows
@@ -340,8 +342,11 @@ def sampling(design):
 
 def converter(design, bits=12):
     """A finer ADC with the same range (6.2.1). The linear limit does not see it."""
-    if design.facts["reading"]["bits"] >= bits:
-        return []
+    return [resolution(design, bits)] if design.facts["reading"]["bits"] < bits else []
+
+
+def resolution(design, bits):
+    """The design with an ADC of so many bits and the same range."""
     shift = 2 ** (bits - design.facts["reading"]["bits"])
     overrides, literal, zero = {}, {}, 0
     for adc in design.table["adc"]:
@@ -362,12 +367,10 @@ def converter(design, bits=12):
                 if channel == adc["channel"]:
                     adc[key] = value
 
-    return [
-        Change(
-            f"ADC of {bits} bits", "converter", overrides, edit,
-            firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
-        )
-    ]  # fmt: skip
+    return Change(
+        f"ADC of {bits} bits", "converter", overrides, edit,
+        firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
+    )  # fmt: skip
 
 
 def amplifier(design):
@@ -386,31 +389,53 @@ def amplifier(design):
 
 
 def control(frequency_hz, sensor_rate):
-    """Other laws (6.2.1), placed at the frequency at which the present loop turns unstable."""
+    """Other laws (6.2.1), placed at the frequency at which the present loop turns unstable: what a
+    bank of the firmware can hold, and the derivative of a sensor that it has no input for."""
     if not frequency_hz:
         return []
     span = 4.0
     derivative = 1 / (2 * math.pi * frequency_hz)
+    share = derivative / linear.TICK_S
     rows = [
-        Change(
-            f"lead filter, {frequency_hz:.3g} to {span * frequency_hz:.3g} Hz", "control",
-            loop={"law": "lead", "lead_zero_hz": frequency_hz, "lead_pole_hz": span * frequency_hz},
-            simulated=False, thesis="6.2.1",
+        (
+            f"lead filter, {frequency_hz:.3g} to {span * frequency_hz:.3g} Hz",
+            lead_section(frequency_hz, span * frequency_hz),
         ),
-        Change(
-            f"derivative by differences, T_d {derivative * 1e3:.3g} ms", "control",
-            loop={"law": "pd", "derivative_s": derivative}, simulated=False, thesis="6.2.1",
+        (
+            f"derivative by differences, T_d {derivative * 1e3:.3g} ms",
+            (1 + share, -share, 0.0, 0.0, 0.0),
         ),
-    ]  # fmt: skip
+    ]
+    rows = [
+        banked(text, Bank(1.0, sections=(section,)), thesis="6.2.1")
+        for text, section in rows
+        if max(map(abs, section)) <= COEFFICIENT_MAX
+    ]
     if sensor_rate:
         rows.append(
             Change(
                 f"derivative from a velocity-sensing sensor, T_d {derivative * 1e3:.3g} ms",
-                "control", loop={"law": "derivative", "derivative_s": derivative}, simulated=False,
-                thesis="6.2.1",
+                "control", loop={"law": "derivative", "derivative_s": derivative},
+                in_firmware=False, thesis="6.2.1",
             )
         )  # fmt: skip
     return rows
+
+
+def lead_section(zero_hz, pole_hz):
+    """(1 + s / w_z) / (1 + s / w_p), transformed bilinearly, as a section of a bank."""
+    (az, bz), (ap, bp) = (
+        (1 + 1 / (math.pi * hz * linear.TICK_S), 1 - 1 / (math.pi * hz * linear.TICK_S))
+        for hz in (zero_hz, pole_hz)
+    )
+    return (az / ap, bz / ap, 0.0, bp / ap, 0.0)
+
+
+def banked(text, bank, thesis=""):
+    """The change of the present law for a bank of the firmware."""
+    return Change(
+        text, "control", loop={"law": "bank", "bank": bank}, simulated=False, thesis=thesis
+    )
 
 
 def changes(design, frequency_hz, factor=FACTOR):

@@ -19,24 +19,37 @@ the drive, it is the lowest noncolocated mode below LAG times the crossing, whos
 (6.1.3); if there is none, the lag of drive and sampling alone limits.
 
 What is linear here is simulated by `simulated_limit`: firmware, quantisation, loss of contact.
+
+Over a set of plants the rows are ranked by the bandwidth fS that the worst member has with the
+largest gain at the margins of `search.Goal`, P's or that of a row's own law. A bank designed for
+the set (`reduced`) is a row there.
 """
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError
+from forceaxis.design import reduced, sets
+from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
 from forceaxis.linear import loops, modes
+from forceaxis.linear import over as margins
 from forceaxis.linear import system as linear
-from forceaxis.linear.design import FACTOR, Design, changes
+from forceaxis.linear.bank import Bank
+from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 GAIN_MARGIN = 2.0
 LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
+FS = (
+    "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
+    "gain margin 2.3 and |S| <= 2"
+)
 
 
 def performance(loop, reference_hz=None):
@@ -158,19 +171,90 @@ def branch_start(loop, limit):
 
 
 def rank(row):
-    """Sorting key: no limit first, then by crossover, then by loop gain."""
+    """Sorting key: over a set by its bandwidth; else no limit first, then by crossover, then by
+    loop gain. What the firmware lacks comes last."""
+    if not row["in_firmware"]:
+        return (math.inf, 0.0)
+    if "over" in row:
+        return (-(row["over"] or {"fS_Hz": 0.0})["fS_Hz"], 0.0)
     if row["critical_gain"] is None:
         return (-math.inf, 0.0)
     return (-(row["crossover_hz"] or 0.0), -(row["loop_gain"] or 0.0))
 
 
-def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", threads=None):
+class _Over:
+    """The set that the rows are judged over: --over, --modes."""
+
+    def __init__(self, design, over, modes_):
+        from forceaxis.design.search import Goal
+
+        if design.timing == "continuous":
+            raise InputError("--timing: expected zoh or zoh+1 with --over, the firmware samples")
+        self.design, self.over = design, tuple(over)
+        if modes_ == "nominal":
+            self.modes = ({},)
+        elif modes_ == "all":
+            self.modes = sets.slopes(design.model, design.overrides)
+        else:
+            self.modes = margins.modes_visited(*design.job())
+        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts["reading"]["bits"])
+
+    def problem(self, change=None, goal=None, **how):
+        """The reduced.Problem of a change."""
+        change = change or Change("", "")
+        model = str(self.design.changed_model(change))
+        overrides = self.design.overrides | change.overrides
+        ranges = ranges_of(model, self.over, overrides)
+        return reduced.Problem(
+            PlantSet(model, overrides, ranges, self.modes), goal or self.goal, **how
+        )
+
+    def figures(self, change=None):
+        """The worst figures of a change at the margins, {"fS_Hz", .., "firmware_gain"}, or None."""
+        change = change or Change("", "")
+        shape = change.loop.get("bank", Bank(1.0))
+        goal = replace(self.goal, timings=(change.loop.get("timing", self.design.timing),))
+        bits = change.firmware.get("adc_bits", goal.adc_bits)
+        try:
+            found = self.problem(change, replace(goal, adc_bits=bits), random=0).worst(shape)
+        except InputError:  # no gain keeps all members stable
+            return None
+        if found["worst"] is None:
+            return None
+        return found["worst"] | {"firmware_gain": found["bank"].force_gain}
+
+    def designed(self):
+        """Changes of the present law for the bank designed over the set, with the ADC that is there
+        and with a finer one."""
+        made = []
+        finer = [c.firmware["adc_bits"] for c in converter(self.design)]
+        for bits in (self.goal.adc_bits, *finer):
+            problem = self.problem(goal=replace(self.goal, adc_bits=bits))
+            text = f"designed bank, {reduced.NAME}" + (f", ADC of {bits} bits" if finer else "")
+            found = problem.designed()
+            if found["worst"]:
+                change = banked(text, found["bank"])
+                made.append(replace(change, firmware={"adc_bits": bits}))
+        return made
+
+
+def advise(
+    text,
+    overrides=None,
+    timing=None,
+    factor=FACTOR,
+    runs="present",
+    threads=None,
+    over=(),
+    modes="visited",
+):
     """The advice as `forceaxis advise --json` prints it.
 
     text: MODEL or EXPERIMENT; overrides {parameter: value}; timing: one of loops.TIMINGS, by
     default that of the experiment's firmware, else zoh. runs: what is simulated with the firmware:
     "none", "present" (the present design and the finer ADC, which linear analysis does not see) or
-    "all" that the firmware can run. Raises InputError.
+    "all" that the firmware can run. over: texts NAME=PERCENT% or NAME=LOW..HIGH, the set; empty:
+    none; modes: "visited", "all" or "nominal", of the set. Raises InputError.
     """
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"--factor: expected a number above 1, got {factor:g}")
@@ -182,13 +266,8 @@ def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", thr
             )
         loop = design.loop()
         base = performance(loop)
-        made = changes(design, base["frequency_hz"], factor)
-        rows = []
-        for change in made:
-            new = performance(design.loop(change), base["crossover_hz"])
-            row = {"change": change.name, "kind": change.kind, "thesis": change.thesis or None}
-            rows.append((row | new | {"ratio": ratios(new, base)}, change))
-        rows.sort(key=lambda r: rank(r[0]))
+        group = _Over(design, over, modes) if over else None
+        rows = _rows(design, base, factor, group)
         result = {
             "model": paths.display(design.model),
             "experiment": paths.display(design.experiment) if design.experiment else None,
@@ -202,6 +281,8 @@ def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", thr
             "next_crossing": next_crossing(loop),
             "reference_hz": base["crossover_hz"],
             "present_gain": design.present_gain,
+            "over": list(over),
+            "modes": list(group.modes) if group else None,
             "rows": [row for row, _ in rows],
         }
         if runs != "none" and design.timing != "continuous":
@@ -210,9 +291,29 @@ def advise(text, overrides=None, timing=None, factor=FACTOR, runs="present", thr
             for row, change in rows:
                 wanted = change.simulated and (runs == "all" or change.kind == "converter")
                 row["simulated"] = (
-                    simulated_limit(design, change, row, threads, quiet) if wanted else None
+                    simulated_limit(design, change, row, threads, quiet)
+                    if wanted and change.in_firmware
+                    else None
                 )
         return result
+
+
+def _rows(design, base, factor, group):
+    """[(row, Change)] in order of rank; base gets its figures over the set."""
+    made = changes(design, base["frequency_hz"], factor)
+    if group:
+        made = [c for c in made if c.kind != "amplifier"] + group.designed()
+        base["over"] = group.figures()
+    rows = []
+    for change in made:
+        new = performance(design.loop(change), base["crossover_hz"])
+        row = {"change": change.name, "kind": change.kind, "thesis": change.thesis or None}
+        row["in_firmware"] = change.in_firmware
+        if group:
+            row["over"] = group.figures(change) if change.in_firmware else None
+        rows.append((row | new | {"ratio": ratios(new, base)}, change))
+    rows.sort(key=lambda r: rank(r[0]))
+    return rows
 
 
 def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=None):
@@ -288,6 +389,7 @@ def describe(result):
             number(ratio["loop_gain_at"]),
             number(row["crossover_hz"]),
             number(ratio["crossover_hz"]),
+            *([number((row.get("over") or {}).get("fS_Hz"))] if result["over"] else []),
             *simulated(row),
         ]
 
@@ -338,10 +440,12 @@ def describe(result):
         )
     head = ["V/N" if result["unit"] == "V/N" else result["unit"], "k_f", "x", "at Hz"]
     hz = number(result["reference_hz"])
-    head += [f"x at {hz} Hz", "crossover Hz", "x", *(["run k_f", "ripple"] if with_runs else [])]
+    head += [f"x at {hz} Hz", "crossover Hz", "x", *(["fS over set"] if result["over"] else [])]
+    head += ["run k_f", "ripple"] if with_runs else []
     table = [["", *head], ["present design", *columns(base)]]
     for row in rows:
         name = row["change"] + (f" [{row['thesis']}]" if row["thesis"] else "")
+        name += "" if row["in_firmware"] else " (not in the firmware)"
         table.append([name, *columns(row)])
     wide = [max(len(r[i]) for r in table) for i in range(len(head) + 1)]
     for r in table:
@@ -351,6 +455,12 @@ def describe(result):
         f"k_f: DAC codes per 8-bit count; x: against the present design; x at {hz} Hz: loop gain "
         f"there at the limit; crossover: |L| = 1 with the gain at the limit / "
         f"{result['gain_margin']:g}"
+        + (f"; fS over set: {FS}" if result["over"] else "")
         + ("; run k_f: simulated; ripple: its counts at half the present one" if with_runs else "")
     )
+    if not result["over"]:
+        lines.append(
+            "these are figures of one plant: --over NAME=30%,.. ranks by the bandwidth over a set, "
+            "with a bank designed for it among the rows"
+        )
     return "\n".join(lines)

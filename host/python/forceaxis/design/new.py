@@ -5,7 +5,6 @@ import os
 import shlex
 import shutil
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -15,218 +14,17 @@ import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
+from forceaxis.design.data_sheet import (
+    BY_NAME,
+    back_emf_speed,
+    radius_m,
+)
 
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
 DAC_CODES = 2048  # from 0 V to full scale
 SHARE = 1 / 6  # of the linear limit, for the first gains: loss of contact destabilises earlier
 FILES = ("model.toml", "contact.toml", "step.toml")
-
-
-@dataclass(frozen=True)
-class Field:
-    """One value of a data sheet."""
-
-    part: str
-    name: str  # ends in its unit
-    unit: str
-    low: float
-    high: float
-    default: float | Callable | None  # None: the word
-    why: str  # the origin of the default
-    ask: str  # the question: the quantity and its place in data sheets
-    word: str | None = None  # accepted instead of a number
-    needs: str | None = None  # asked for only if this field is a number ...
-    instead_of: str | None = None  # ... or is not
-
-    @property
-    def option(self):
-        return "--" + self.name.lower().replace("_", "-")
-
-    def parse(self, text):
-        """The number, or None for the field's word."""
-        if self.word and text.strip() == self.word:
-            return None
-        span = f"a plain number from {self.low:g} to {self.high:g} {self.unit}"
-        span += f' or "{self.word}"' if self.word else ""
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not self.low <= value <= self.high or (self.name.endswith("_bits") and value % 1):
-            raise InputError(
-                f"{self.option}: expected {span}, got {text!r}; the unit is part of the name"
-            )
-        return value
-
-
-def radius_m(v):
-    """Travel per radian of the motor."""
-    if v["lead_mm_per_rev"] is None:
-        return v["pulley_radius_mm"] / 1e3
-    return v["lead_mm_per_rev"] / 1e3 / (2 * math.pi)
-
-
-def back_emf_speed(v):
-    """Speed at which the back EMF equals the supply, m/s."""
-    return v["supply_v"] * radius_m(v) / max(v["back_emf_v_s_per_rad"], 1e-12)
-
-
-def motor_side_mass(v):
-    """Mass that the drive moves directly, kg: the rotor alone if the transmission is elastic."""
-    rotor = v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
-    return rotor if v["transmission_stiffness_n_per_m"] else rotor + v["moving_mass_kg"]
-
-
-def total_mass(v):
-    """Moving mass and reflected rotor, kg."""
-    return v["moving_mass_kg"] + v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
-
-
-def default_filter(v):
-    """Velocity filter: well above what the loop reaches with the motor-side mass, Hz."""
-    return max(6.0, 4.0 * total_mass(v) / motor_side_mass(v)) * v["velocity_loop_hz"]
-
-
-def default_current_loop(v):
-    """Current loop: above the motor's electrical pole and the velocity filter, and high enough for
-    the back EMF to damp the axis by a third of the velocity loop at most, Hz."""
-    pole = v["resistance_ohm"] / (2 * math.pi * v["inductance_h"])
-    emf = v["torque_constant_n_m_per_a"] * v["back_emf_v_s_per_rad"] / v["inductance_h"]
-    emf /= total_mass(v) * radius_m(v) ** 2 * (2 * math.pi) ** 2 * v["velocity_loop_hz"]
-    return max(1000.0, 4.0 * pole, 3.0 * v["velocity_filter_hz"], 3.0 * emf)
-
-
-FIELDS = (
-    Field("motor", "torque_constant_n_m_per_a", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",
-          'torque constant: motor data sheet, "Kt"'),
-    Field("motor", "back_emf_v_s_per_rad", "V s/rad", 0, 1e3,
-          lambda v: v["torque_constant_n_m_per_a"], "equal to the torque constant",
-          'back-EMF constant: "Ke"; V per 1000 rpm times 0.00955'),
-    Field("motor", "resistance_ohm", "ohm", 1e-4, 1e4, 1.0, "a small servo motor",
-          "winding resistance, terminal to terminal"),
-    Field("motor", "inductance_h", "H", 1e-7, 10, 0.002, "a small servo motor",
-          "winding inductance, terminal to terminal; 1 mH is 0.001"),
-    Field("motor", "rotor_inertia_kg_m2", "kg m^2", 1e-9, 100, 5e-5, "a small servo motor",
-          "inertia of rotor, coupling and screw or pulley; 1 g cm^2 is 1e-7"),
-    Field("motor", "motor_damping_n_m_s_per_rad", "N m s/rad", 0, 100, 0.0, "seldom stated",
-          "viscous damping of the motor"),
-    Field("motor", "motor_peak_current_a", "A", 1e-3, 1e4, 20.0, "a small servo motor",
-          'peak current: "Imax", before the magnets suffer'),
-    Field("transmission", "lead_mm_per_rev", "mm/rev", 1e-3, 1e4, 10.0, "a common ball screw",
-          'travel per motor revolution, gear included; "none" for a belt or pinion', word="none"),
-    Field("transmission", "pulley_radius_mm", "mm", 1e-2, 1e4, 10.0, "a small pulley",
-          "pitch radius of pulley or pinion, divided by the gear ratio",
-          instead_of="lead_mm_per_rev"),
-    Field("transmission", "efficiency", "1", 0.05, 1, 0.9, "a ball screw or belt",
-          "share of the motor's force that arrives: screw or gear data sheet"),
-    Field("transmission", "transmission_stiffness_n_per_m", "N/m", 1, 1e12, None,
-          "no resonance below some 500 Hz",
-          'stiffness of screw, nut and coupling, or of the belt, along the axis; or "rigid"',
-          word="rigid"),
-    Field("transmission", "transmission_damping_ratio", "1", 0, 2, 0.05, "bolted steel",
-          "damping ratio of motor against load on that stiffness",
-          needs="transmission_stiffness_n_per_m"),
-    Field("transmission", "backlash_mm", "mm", 0, 100, 0.0, "preloaded",
-          "total play of nut, gear or belt", needs="transmission_stiffness_n_per_m"),
-    Field("axis", "moving_mass_kg", "kg", 1e-3, 1e6, 10.0, "a guess",
-          "all that moves along the axis, tool and sensor included, rotor excluded: weigh it"),
-    Field("axis", "guide_damping_n_s_per_m", "N s/m", 0, 1e7,
-          lambda v: 4.0 * v["moving_mass_kg"], "4 N s/m per kg",
-          "viscous friction of the guide: pull at constant speed, force over speed"),
-    Field("axis", "guide_coulomb_n", "N", 0, 1e6, 0.0, "none",
-          "dry friction of guide and seals: guide data sheet, or a spring balance"),
-    Field("amplifier", "supply_v", "V", 0.1, 1e4, 48.0, "a common bus voltage",
-          "supply (bus) voltage"),
-    Field("amplifier", "amplifier_current_limit_a", "A", 1e-3, 1e4,
-          lambda v: v["motor_peak_current_a"], "the motor's peak current",
-          "current at which the amplifier limits"),
-    Field("amplifier", "command_full_scale_v", "V", 0.1, 1e3, 10.0, "+-10 V is common",
-          "analogue command at full speed, also the range of the DAC"),
-    Field("amplifier", "full_scale_speed_m_per_s", "m/s", 1e-5, 100,
-          lambda v: min(0.25, 0.8 * back_emf_speed(v)),
-          "80 % of the speed at which back EMF takes the supply, at most 0.25 m/s",
-          "speed of the axis at full-scale command, as set up in the amplifier"),
-    Field("amplifier", "velocity_loop_hz", "Hz", 0.1, 2000, 40.0, "an ordinary drive",
-          "bandwidth of the velocity loop, from the amplifier's set-up or auto-tuning"),
-    Field("amplifier", "velocity_filter_hz", "Hz", 0.1, 1e5, default_filter,
-          "six times the velocity loop, more if the rotor is light against the load",
-          "low pass on the measured velocity, in the amplifier's set-up"),
-    Field("amplifier", "current_loop_hz", "Hz", 1, 2e4, default_current_loop,
-          "1 kHz, or more to leave the velocity loop in charge",
-          "bandwidth of the current loop: amplifier data sheet"),
-    Field("amplifier", "tachometer_v_s_per_rad", "V s/rad", 1e-6, 1e3, None,
-          "velocity from the encoder, scaled to full-scale command at full speed",
-          'tachometer constant, or "none": the amplifier takes the speed from the encoder',
-          word="none"),
-    Field("sensor", "sensor_full_scale_n", "N", 1e-3, 1e7, 500.0, "a common load cell",
-          "force at full scale, both signs: load cell data sheet"),
-    Field("sensor", "sensor_stiffness_n_per_m", "N/m", 1, 1e12,
-          lambda v: v["sensor_full_scale_n"] / 0.5e-3, "full scale at 0.5 mm",
-          "full scale over deflection at full scale, tool and pad in series"),
-    Field("sensor", "sensor_damping_n_s_per_m", "N s/m", 0, 1e9,
-          lambda v: 1.5e-4 * v["sensor_stiffness_n_per_m"], "1.5e-4 s times the stiffness",
-          "damping of sensor and tool"),
-    Field("sensor", "sensor_bits", "bit", 8, 16, 12, "a common converter",
-          "resolution of the converters of force and current, 8 to 16"),
-    Field("sensor", "sensor_noise_n", "N", 0, 1e6, 0.0, "none",
-          "noise of the reading, rms"),
-    Field("encoder", "encoder_counts_per_rev", "count/rev", 1, 1e9, 4000, "1000 lines, quadrature",
-          'counts per motor revolution after quadrature; "none" for a linear scale', word="none"),
-    Field("encoder", "encoder_counts_per_mm", "count/mm", 1e-3, 1e7, 1000.0, "1 um a count",
-          "counts per millimetre of travel", instead_of="encoder_counts_per_rev"),
-    Field("workpiece", "workpiece_stiffness_n_per_m", "N/m", 1, 1e12, None,
-          "much stiffer than the sensor",
-          'stiffness of workpiece and fixture, or "rigid"', word="rigid"),
-    Field("workpiece", "workpiece_mass_kg", "kg", 1e-4, 1e6, 2.0, "a guess",
-          "what moves when the workpiece yields", needs="workpiece_stiffness_n_per_m"),
-    Field("workpiece", "workpiece_damping_ratio", "1", 0, 2, 0.02, "steel in a fixture",
-          'damping ratio of the workpiece on its fixture; "none" to give N s/m', word="none",
-          needs="workpiece_stiffness_n_per_m"),
-    Field("workpiece", "workpiece_damping_n_s_per_m", "N s/m", 0, 1e9, 10.0, "a guess",
-          "damping of the workpiece on its fixture", needs="workpiece_stiffness_n_per_m",
-          instead_of="workpiece_damping_ratio"),
-    Field("experiment", "approach_mm", "mm", 0, 1e3, 5.0, "a usual stand-off",
-          "gap between tool and workpiece when force mode starts"),
-)  # fmt: skip
-BY_NAME = {f.name: f for f in FIELDS}
-
-
-def collect(given, ask=None):
-    """Every value and its origin. `given`: texts by name; `ask(field, default)` -> text.
-
-    Returns (values, sources). Raises InputError for a value that is out of range or without effect.
-    """
-    values, sources = {}, {}
-    texts = {name: text for name, text in given.items() if text is not None}
-    for field in FIELDS:  # giving the one alternative answers "none" to the other
-        if field.instead_of and field.name in texts:
-            texts.setdefault(field.instead_of, "none")
-    for field in FIELDS:
-        text = texts.get(field.name)
-        needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
-        refusal = None
-        if needs and values[needs.name] is None:
-            refusal = f"expected no value while {needs.option} is {needs.word}; give that one too"
-        elif other and values[other.name] is not None:
-            refusal = f"expected no value beside {other.option}; give one of the two"
-        if refusal:
-            if text not in (None, field.word):
-                raise InputError(f"{field.option}: {refusal}")
-            values[field.name] = None
-            continue
-        default = field.default(values) if callable(field.default) else field.default
-        if text is None and ask is not None:
-            text = ask(field, default)
-        if text is None:
-            values[field.name], sources[field.name] = default, f"default, check: {field.why}"
-        else:
-            values[field.name], sources[field.name] = field.parse(text), "given"
-    return values, sources
-
-
-def shown(field, default):
-    """A default in the form in which it is typed."""
-    return field.word if default is None else f"{default:.6g}"
+HELD = "held.toml"  # with a bank
 
 
 @dataclass
@@ -418,12 +216,15 @@ def render(name, title, axis, sources, first=None):
                                 first.acceleration_m_per_s2 * count * TICK_S**2),
             ripple=max(10.0, math.ceil(2e-5 * count)),
         )  # fmt: skip
-    text = resources.files("forceaxis").joinpath(f"new_{name}.jinja").read_text()
+    text = resources.files("forceaxis.design").joinpath(f"new_{name}.jinja").read_text()
     return environment.from_string(text).render(context)
 
 
-def write(folder, values, sources, force=False):
-    """Write model and experiments into `folder`; all of them or none. Returns what was written."""
+def write(folder, values, sources, force=False, design=None):
+    """Write model and experiments into `folder`; all of them or none. Returns what was written.
+
+    design: own_axis.design, or None: no bank.
+    """
     folder = Path(folder)
     title = folder.name
     if not title or any(c in title for c in '"\\') or not title.isprintable():
@@ -435,7 +236,14 @@ def write(folder, values, sources, force=False):
         trial = Path(scratch) / model
         trial.write_text(written[model], encoding="utf-8")
         first = first_gains(axis, trial)
-    written |= {name: render(name, title, axis, sources, first) for name in others}
+        written |= {name: render(name, title, axis, sources, first) for name in others}
+        held, bought = None, None
+        if design:
+            for name in others:
+                (Path(scratch) / name).write_text(written[name], encoding="utf-8")
+            held, bought = design(Path(scratch))
+        if held:
+            written[HELD] = held
     refuse_existing(folder, force)
     folder.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{title}.", dir=folder.parent))
@@ -443,8 +251,10 @@ def write(folder, values, sources, force=False):
         for name, text in written.items():
             (part / name).write_text(text, encoding="utf-8")
         if folder.exists():
-            for name in FILES:
+            for name in written:
                 os.replace(part / name, folder / name)
+            if HELD not in written:  # of the model before
+                (folder / HELD).unlink(missing_ok=True)
         else:
             part.chmod(0o777 & ~umask())
             os.replace(part, folder)
@@ -452,7 +262,7 @@ def write(folder, values, sources, force=False):
         shutil.rmtree(part, ignore_errors=True)
     return {
         "folder": paths.display(folder),
-        "files": list(FILES),
+        "files": list(written),
         "total_mass_kg": axis.mass,
         "force_limit_gain": first.limit,
         "force_gain": first.gain,
@@ -460,6 +270,7 @@ def write(folder, values, sources, force=False):
         "setpoint_N": first.setpoint * values["sensor_full_scale_n"] / 128,
         "held_share": first.held,
         "position_gain": first.position_gain,
+        "design": bought,
         "defaults": [n for n, s in sources.items() if s != "given"],
     }
 
@@ -474,7 +285,7 @@ def refuse_existing(folder, force):
     """Files are replaced only with --force, and only those that `new` writes."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
-    there = [name for name in FILES if (folder / name).exists()]
+    there = [name for name in (*FILES, HELD) if (folder / name).exists()]
     if there and not force:
         raise InputError(
             f"{folder}: expected no {', '.join(there)} there; take another name or give --force"
@@ -483,6 +294,11 @@ def refuse_existing(folder, force):
 
 def describe(done):
     """The summary for a terminal."""
+    bought = []
+    if done["design"]:
+        from forceaxis.design import own_axis
+
+        bought = own_axis.describe(done["design"])
     rows = [
         ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
@@ -490,6 +306,7 @@ def describe(done):
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
          f"this gain holds {100 * done['held_share']:.3g} %"),
+        *bought,
         ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
     ]  # fmt: skip

@@ -1,0 +1,128 @@
+"""The verb that designs a force law for a set of plants."""
+
+import contextlib
+import json
+import sys
+
+import click
+
+from forceaxis.cli.common import Folder, Verb, as_json, threads
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
+    forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
+    forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json""",
+)
+@click.argument("text", metavar="MODEL|EXPERIMENT")
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="NAME=PERCENT%|LOW..HIGH",
+    help="A parameter of the model and how far it may be off; several with commas. Repeatable.",
+)
+@click.option(
+    "--modes",
+    type=click.Choice(["visited", "all"]),
+    default="visited",
+    show_default=True,
+    help="Of amplifier and contact: those that a contact visits, or all.",
+)
+@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
+@click.option("--ms-late", type=float, default=2.2, show_default=True, help="One tick late.")
+@click.option("--gain-margin", type=float, default=2.3, show_default=True, help="Least one.")
+@click.option(
+    "--adc-bits", type=int, help="Of the force's ADC, 8 to 16. Default: the model's; a finer one "
+    "keeps the range.",
+)  # fmt: skip
+@click.option(
+    "--latency",
+    type=click.Choice(["both", "0", "1"]),
+    default="both",
+    show_default=True,
+    help="latency_ticks that one design is made for.",
+)
+@click.option(
+    "--set", "overrides", multiple=True, metavar="NAME=VALUE",
+    help="A model parameter (b_w=363), in its own unit. Repeatable.",
+)  # fmt: skip
+@click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")
+@click.option(
+    "--pareto",
+    metavar="bandwidth,ms|hf|gain_margin",
+    help="No design, but what bandwidth costs: several, each for one value of the second. --out: "
+    "tradeoff.png and tradeoff.json.",
+)
+@click.option("--out", type=Folder(), help="A new folder for experiment, bank and page.")
+@threads
+@as_json
+def design(text, overrides, pareto, out, as_json, **given):
+    """Find the force law with most bandwidth for MODEL and all that it may be.
+
+    The law is the firmware's: gain, integral, up to three sections of second order, its
+    coefficients as the firmware holds them. It keeps the margins at every corner of the set, in
+    every mode, for each latency, and |T| does not sag below -3 dB within its bandwidth. The
+    smallest structure within a few percent of the best is taken. Then it is simulated: contact at
+    three set-points and two speeds, strikes, random members; the gain is reduced if a case is
+    unstable. fS is the lowest frequency at which |S| reaches -3 dB, of the worst member.
+
+    \b
+    --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
+    with their certificate, as `write_all` of a gateway's client takes them) and index.html.
+    --json: {"bank": {"force_gain": DAC codes per 8-bit count, "integral_rad_per_s": ...,
+      "sections": [[b0, b1, b2, a1, a2], ...], "velocity_gain": ...},
+     "worst": {"fS_Hz": ..., "fT_Hz": ..., "Ms": ..., "gain_margin": ..., "phase_margin_deg": ...,
+      "member": {...}},
+     "p": {the same for P at the same margins, and its "force_gain"},
+     "simulated": [{"law": "design" | "p", "case": ..., "member": {...}, "latency_ticks": 0,
+      "verdict": ..., "static_error_percent": ..., "peak_N": ..., "settle_ms": ...,
+      "overshoot_percent": ...}],
+     "structures": [...], "chosen": ..., "limited_by": ..., "contact_loss": {...}, ...}
+    """
+    from forceaxis import linear
+    from forceaxis.design import for_set, outcome
+
+    order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
+    if pareto:
+        _pareto(order, pareto, out, as_json)
+        return
+    with progress_on(sys.stderr) as progress:
+        found = for_set.design(order, out, progress)
+    if as_json:
+        click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
+    else:
+        click.echo(outcome.describe(found))
+
+
+def _pareto(order, pareto, out, as_json):
+    from forceaxis.design import files, tradeoff
+
+    against = tradeoff.against_of(pareto)
+    if out is not None:
+        files.refuse_existing(out)
+    with progress_on(sys.stderr) as progress:
+        result = tradeoff.tradeoff(order, against, progress)
+    if out is not None:
+        tradeoff.write(out, result)
+    click.echo(json.dumps(result, allow_nan=False) if as_json else tradeoff.describe(result))
+
+
+@contextlib.contextmanager
+def progress_on(stream):
+    """A function that shows one line of progress, cleared at the end; None without a terminal."""
+    if not stream.isatty():
+        yield None
+        return
+
+    def show(text):
+        stream.write(f"\r\033[K{text[:78]}")
+        stream.flush()
+
+    try:
+        yield show
+    finally:
+        show("")
+
+
+VERBS = (design,)

@@ -1,0 +1,167 @@
+"""A force law for a set of plants: searched, simulated with the firmware, written.
+
+The search (`search`) knows the linear set; the simulation (`simulate`) has the last word: the gain
+that it takes away is said. What is written is `files` and `page`.
+"""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.design import changes, files, search, simulate
+from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
+from forceaxis.linear import over as sets
+from forceaxis.linear.bank import Bank
+from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
+
+PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # of P's limit; integral of the first law
+FIGURES = ("fS_Hz", "fT_Hz", "Ms", "gain_margin", "phase_margin_deg")
+
+
+def check(order):
+    """The numbers that no model is needed for."""
+    for name, value, low in (
+        ("--ms", order.ms, 1.0),
+        ("--ms-late", order.ms_late, 1.0),
+        ("--gain-margin", order.gain_margin, 1.0),
+    ):
+        if not low < value <= 100:
+            raise InputError(f"{name}: expected a number above {low:g}, at most 100, got {value:g}")
+    if order.adc_bits is not None and not 8 <= order.adc_bits <= 16:
+        raise InputError(f"--adc-bits: expected 8 to 16, got {order.adc_bits}")
+    if not order.over:
+        raise InputError(
+            "--over: expected at least one parameter and how far it may be off, such as "
+            "--over k_w=30%,m_w=30%"
+        )
+
+
+def plant_set(bench, order):
+    """The PlantSet of an order, in all modes or in those that a contact visits under a weak law
+    with an integral, which reaches the set-points' static commands."""
+    plant = bench.design
+    ranges = ranges_of(plant.model, order.over, plant.overrides)
+    if order.modes == "all":
+        modes = sets.modes_all(plant.model, plant.overrides)
+    else:
+        loop = plant.loop()
+        limit = loop.limit().gain
+        gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
+        modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
+    return PlantSet(str(plant.model), plant.overrides, ranges, modes)
+
+
+def visited(bench, bank, modes):
+    """`modes` and those that the largest force and a strike with a bank visit, each once."""
+    jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
+    if bench.own is not None:
+        jobs.append(bench.own_job(bank, 0))
+    plant = bench.design
+    runs = [mode for job in jobs for mode in sets.modes_visited(*job)]
+    return sets.distinct(plant.model, plant.overrides, "reading", [*modes, *runs]) or ({},)
+
+
+def design(order, out=None, progress=None):
+    """The Outcome of an Order, written into folder `out` if one is given, all of it or nothing.
+
+    progress(text) is called at every step. Raises InputError, SimulationError.
+    """
+    check(order)
+    say = progress or (lambda text: None)
+    if out is not None:
+        files.refuse_existing(Path(out))
+    with changes.Design(order.text, order.overrides) as plant:
+        if plant.facts["reading"] is None:
+            raise InputError(
+                f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
+            )
+        given = changes.find(order.text)
+        own = given if given.resolve() != plant.model else None
+        bits = order.adc_bits or plant.facts["reading"]["bits"]
+        bench = simulate.Bench(plant, bits, own=own)
+        say("modes of the contact")
+        plants = plant_set(bench, order)
+        outcome = found(plant, plants, order, bits, say)
+        more = () if order.modes == "all" else visited(bench, outcome.bank, plants.modes)
+        if len(more) > len(plants.modes):
+            outcome = found(plant, replace(plants, modes=more), order, bits, say)
+        if order.simulate:
+            simulated(bench, outcome, say)
+        if out is not None:
+            from forceaxis.design import page  # Matplotlib, only where something is drawn
+
+            with files.Folder(out) as folder:
+                outcome.written = files.write(folder, bench, outcome, own)
+                say("drawing the page")
+                page.write(folder, bench, outcome, f"{paths.display(Path(out))}/contact.toml")
+                outcome.written.append("index.html")
+            outcome.out = paths.display(Path(out))
+        return outcome
+
+
+def found(plant, plants, order, bits, say):
+    """The Outcome of the search."""
+    timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
+    goal = search.Goal(
+        ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
+        timings=timings,
+    )  # fmt: skip
+    answer = search.search(plants, goal, say)
+    p = plain(answer.p)
+    return Outcome(
+        order=order,
+        plants=plants,
+        units={n: unit for n, (_, unit) in plant.facts["parameters"].items()},
+        bits=bits,
+        bank=answer.bank,
+        worst=plain(answer.worst),
+        p=p,
+        p_bank=Bank(p["force_gain"]),
+        structures=plain(answer.structures),
+        chosen=answer.chosen,
+        limited_by=answer.limited_by,
+    )
+
+
+def simulated(bench, outcome, say):
+    """Simulates an Outcome, and reduces its gain where the simulation asks for it."""
+    order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
+    latencies = LATENCIES[order.latency]
+    members = [{}, *random_members(outcome.plants, MEMBERS)]
+    bench.wait_for(outcome.bank)
+    bank, loss, rows, steps = simulate.safe(bench, outcome.bank, members, latencies, threads, say)
+    if steps:
+        outcome.bank, outcome.worst = bank, reassessed(outcome, bank)
+    outcome.loss, outcome.backoffs = loss, steps
+    outcome.rows = rows
+    if outcome.p_bank.force_gain:
+        say("simulating P")
+        outcome.rows += simulate.simulate(
+            bench, outcome.p_bank, members, latencies, None, threads, "p"
+        )
+
+
+def random_members(plants, count, seed=1988):
+    """[{parameter: value}], without regard to modes."""
+    return [m.values for m in replace(plants, modes=({},)).random(count, seed)]
+
+
+def reassessed(outcome, bank):
+    """`worst` of a bank whose gain was reduced, over the same set."""
+    found = {
+        timing: sets.worst(outcome.plants, (timing,), law="bank", bank=bank)
+        for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
+    }
+    worst = dict(outcome.worst)
+    for name in FIGURES:
+        known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
+        pick = max if name == "Ms" else min
+        value, (member, timing) = pick(known, key=lambda k: k[0], default=(None, (Member(), "")))
+        worst[name] = value
+        if name == "fS_Hz":
+            worst["member"] = plain(member) | {"timing": timing}
+    for name, timing in (("Ms", "zoh"), ("Ms_late", "zoh+1")):
+        worst[name] = found[timing].Ms if timing in found else None
+    return worst

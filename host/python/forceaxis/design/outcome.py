@@ -1,0 +1,187 @@
+"""What a design is asked for and what it is: Order, Outcome, their texts."""
+
+from dataclasses import asdict, dataclass, field, is_dataclass
+from pathlib import Path
+
+from forceaxis import paths
+from forceaxis.linear.bank import Bank
+from forceaxis.linear.plant_set import Member, PlantSet
+
+LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
+TIMINGS = {0: "zoh", 1: "zoh+1"}
+MEMBERS = 12  # random ones, simulated beside the nominal plant
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked for; a field each option of `forceaxis design`."""
+
+    text: str  # MODEL or EXPERIMENT
+    over: tuple = ()
+    overrides: dict = field(default_factory=dict)
+    modes: str = "visited"
+    ms: float = 2.0
+    ms_late: float = 2.2
+    gain_margin: float = 2.3
+    adc_bits: int | None = None  # None: the model's
+    latency: str = "both"
+    simulate: bool = True
+    threads: int | None = None
+
+
+@dataclass
+class Outcome:
+    """A design. worst, p: as `forceaxis design --json` has them; rows: of simulate."""
+
+    order: Order
+    plants: PlantSet
+    units: dict  # {parameter: its unit}
+    bits: int
+    bank: Bank
+    worst: dict
+    p: dict
+    p_bank: Bank
+    structures: list
+    chosen: str
+    limited_by: str
+    loss: dict = field(default_factory=dict)
+    rows: list = field(default_factory=list)
+    backoffs: int = 0
+    out: str | None = None
+    written: list = field(default_factory=list)
+
+    @property
+    def ranges(self):
+        return self.plants.ranges
+
+    def summary(self):
+        """The JSON object."""
+        return {
+            "model": paths.display(Path(self.plants.model)),
+            "over": {n: list(r) for n, r in self.ranges.items()},
+            "modes": list(self.plants.modes),
+            "adc_bits": self.bits,
+            "bank": bank_summary(self.bank),
+            "worst": self.worst,
+            "p": self.p,
+            "simulated": self.rows,
+            "structures": self.structures,
+            "chosen": self.chosen,
+            "limited_by": self.limited_by,
+            "contact_loss": self.loss or None,
+            "gain_reductions": self.backoffs,
+            "out": self.out,
+            "files": self.written,
+        }
+
+
+def bank_summary(bank):
+    return {
+        "force_gain": bank.force_gain,
+        "integral_rad_per_s": bank.integral_rad_per_s,
+        "sections": [list(s) for s in bank.sections],
+        "velocity_gain": bank.velocity_gain,
+        "hf_gain": bank.hf_gain(),
+    }
+
+
+def plain(value):
+    """Members, banks and NumPy's numbers in what JSON can hold."""
+    if isinstance(value, Member):
+        return value.values | value.modes
+    if isinstance(value, Bank):
+        return bank_summary(value)
+    if is_dataclass(value):
+        return plain(asdict(value))
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value.item() if hasattr(value, "item") else value
+
+
+def number(value, digits=3):
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def shown(value):
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def describe(outcome):
+    """The outcome for a terminal."""
+    bank, worst, p = outcome.bank, outcome.worst, outcome.p
+    ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
+    lines = [
+        f"model        {paths.display(Path(outcome.plants.model))}",
+        f"set          {ranges}; {len(outcome.plants.modes)} modes",
+        f"bank         {outcome.chosen}: gain {bank.force_gain:.5g} codes per 8-bit count, "
+        f"integral {bank.integral_rad_per_s:.4g} 1/s, {len(bank.sections)} sections, "
+        f"{bank.hf_gain():.3g} codes per count at high frequency",
+        f"limited by   {outcome.limited_by}",
+    ]
+    if outcome.backoffs:
+        lines.append(
+            f"simulation   took the gain down {outcome.backoffs} times by a tenth: contact did not "
+            "settle at the designed one"
+        )
+    table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
+    for name, w in (("P", p), ("design", worst)):
+        table.append([
+            name,
+            *(number(w.get(key)) for key in ("fS_Hz", "fT_Hz", "Ms", "Ms_late", "gain_margin")),
+            number(w.get("phase_margin_deg")),
+        ])  # fmt: skip
+    lines += columns(table)
+    if outcome.structures:
+        table = [["structure", "fS Hz", "Ms", "gain margin"]]
+        for s in outcome.structures:
+            worst = s["worst"] or {}
+            figures = (number(worst.get(key)) for key in ("fS_Hz", "Ms", "gain_margin"))
+            table.append([s["name"], *figures])
+        lines += columns(table)
+    if outcome.rows:
+        lines += columns([CASE_HEAD, *cases(outcome.rows)])
+    if outcome.loss:
+        loss = outcome.loss
+        lines.append(
+            f"contact loss cap {loss['contact_loss_cap']} codes for {loss['contact_loss_dwell']} "
+            f"ms: strikes of {loss['strike_N_s']:.3g} N s are survived, "
+            f"{loss['strike_default_N_s']:.3g} with the defaults"
+        )
+    if outcome.out:
+        lines.append(f"files        {', '.join(f'{outcome.out}/{n}' for n in outcome.written)}")
+    return "\n".join(lines)
+
+
+CASE_HEAD = ["simulated", "law", "stable", "static error %", "peak N", "settle ms", "overshoot %"]
+
+
+def cases(rows):
+    """A line of texts for each case and law: how many are stable, the nominal figures of the first
+    latency."""
+    grouped = {(row["case"], law): [] for row in rows for law in ("design", "p")}
+    for row in rows:
+        grouped[row["case"], row["law"]].append(row)
+    lines = []
+    for (case, law), own in grouped.items():
+        if not own:
+            continue
+        first = own[0]
+        stable = sum(r["verdict"] == "stable" for r in own)
+        lines.append([
+            case, law, f"{stable} of {len(own)}",
+            *(number(first[k]) for k in
+              ("static_error_percent", "peak_N", "settle_ms", "overshoot_percent")),
+        ])  # fmt: skip
+    return lines
+
+
+def columns(table):
+    """Lines of a table, its columns aligned."""
+    wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
+    lines = []
+    for row in table:
+        cells = [c.rjust(w) for c, w in zip(row[1:], wide[1:], strict=True)]
+        lines.append("  ".join([row[0].ljust(wide[0]), *cells]).rstrip())
+    return lines

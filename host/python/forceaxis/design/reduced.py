@@ -1,0 +1,118 @@
+"""The search in short, for maps and tables of many plants: one integral and one section, a few
+starts, and P beside it. Some percent below what `search` finds, in about a second each."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+
+from forceaxis.design import certificate, search, structures
+from forceaxis.design.contact import Ramp
+from forceaxis.design.grid import DELAYS, hf_most
+
+NAME = "PI and one biquad"
+RANDOM = 40  # choices of values that the result bears besides the corners
+INTEGRALS = np.geomspace(0.3, 100, 25)  # rad/s, for PI
+LEAST_HZ = 0.05
+WIDER, NOTICED = 1.3, 1.02  # a bound for limited_by, and the bandwidth that shows it
+INTEGRAL_MIN = 0.15  # of PI's bandwidth: a slower one leaves a tail of what P does not hold
+EVALUATIONS = 200  # of each start
+RESTARTS = 2
+ZEROS = 3  # antiresonances that are tried
+
+
+class Problem:
+    """A set at the margins of a goal, what P does there, and what a given shape does."""
+
+    def __init__(self, plants, goal, random=RANDOM):
+        self.plants, self.goal = plants, goal
+        members = search._members(plants) + plants.random(random if plants.ranges else 0)
+        self.inner = search._Problem(plants, members, goal, None)
+        self.grid = self.inner.grid
+        search._check_plants(self.inner)
+
+    def worst(self, shape):
+        """The largest bank of a shape (a Bank; its gain does not matter) that keeps the margins:
+        {"bank", "worst"}, worst None where there is none."""
+        unit = replace(shape, force_gain=1.0).quantised()
+        law = unit.response(self.grid.z)
+        steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
+        gain = self.grid.largest_gain(law, steep, self.inner.bounds)[0]
+        bank = certificate.lowered(unit, gain)
+        worst = certificate.on_grid(self.grid, bank) if bank.force_gain else None
+        return {"bank": bank, "worst": worst}
+
+    def designed(self):
+        """The same of the best shape found."""
+        fS, rate = max((self.inner.judge([math.log(w)])[0], w) for w in INTEGRALS)  # of PI
+        fS = max(fS, LEAST_HZ)
+        nominal = [self.grid.open_loops[i] for i in search._nominal(self.grid, self.plants)]
+        delays = [DELAYS[timing] for timing in self.goal.timings]
+        ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP / fS)
+        self.inner.ramp = Ramp(nominal, delays, ramp_s)
+        low, high = structures.bounds(NAME, search.SECTIONS_ABOVE * fS).T
+        low[0] = max(low[0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
+        self._limits = limits = low, np.maximum(high, low)
+        starts = self._starts(fS, rate, *limits)
+        numbers = max(self._polished(start, *limits) for start in starts)[1]
+        for _ in range(RESTARTS):  # a simplex that has collapsed goes on from a new one
+            numbers = self._polished(numbers, *limits)[1]
+        return self.worst(structures.bank(np.array(numbers), 1.0)) | {"numbers": numbers}
+
+    def at(self, bank):
+        """The worst figures of a bank, gain and all."""
+        return certificate.on_grid(self.grid, bank)
+
+    def exact(self, bank):
+        """(bank, figures) with the gain at which the exact worst of the set keeps the margins: some
+        hundredths below that of the grid, in seconds instead of milliseconds."""
+        return certificate.exact(self.plants, self.grid, bank, self.goal)
+
+    def limited_by(self, found):
+        """The sentence of a design: the bound that, widened alone, lets the bandwidth rise most."""
+        own = self.inner.bounds
+        wider = {
+            "hf": replace(own, hf_gain=2 * own.hf_gain),
+            "ms": replace(own, ms=tuple(WIDER * ms for ms in own.ms)),
+            "gm": replace(own, gain_margin=own.gain_margin / WIDER),
+        }
+        reached = {}
+        for name, self.inner.bounds in wider.items():
+            reached[name] = self._polished(found["numbers"], *self._limits)[0]
+        self.inner.bounds = own
+        name = max(reached, key=reached.get)
+        if reached[name] < NOTICED * self.inner.judge(np.array(found["numbers"]))[0]:
+            return (
+                "No margin limits alone: the plant's resonance and lag, and a contact that is to "
+                "settle without overshoot; a stiffer drive or more damping would move it."
+            )
+        if name == "hf":
+            least = own.hf_gain < 0.99 * search.HF_SHARE * hf_most(self.goal.adc_bits)
+            cure = "a reading with less noise" if least else "an ADC of more bits"
+            return (
+                f"The gain at high frequency ({own.hf_gain:.3g} codes per 8-bit count) is the "
+                f"limit: {cure} would let it rise."
+            )
+        loose = replace(own, hf_gain=math.inf, ms=(1e3,) * len(own.ms), gain_margin=1e-3)
+        kept = {"ms": "ms", "gm": "gain_margin"}[name]
+        only = replace(loose, **{kept: getattr(own, kept)})
+        return certificate.sentence(self.grid, found["bank"], 1.0, only)
+
+    def _starts(self, fS, rate, low, high):
+        """Zeros on the antiresonances with a pole above; a lead; a lag; PI with its best rate."""
+        zeros = search._antiresonances(self.grid)[:ZEROS]
+        shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
+        shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
+        starts = [(3 * fS, *shape) for shape in shapes] + [(rate, 8 * fS, 0.8, 8 * fS, 0.8)]
+        return [np.clip(np.log(start), low, high) for start in starts]
+
+    def _polished(self, start, low, high):
+        def cost(numbers):
+            return -self.inner.judge(np.clip(numbers, low, high))[0]
+
+        found = optimize.minimize(
+            cost, start, method="Nelder-Mead",
+            options={"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-3},
+        )  # fmt: skip
+        return -found.fun, tuple(np.clip(found.x, low, high))

@@ -1,0 +1,45 @@
+"""The sets of plants that a design is made for where nobody names one."""
+
+from forceaxis import toml
+from forceaxis.design.changes import contact_of
+from forceaxis.linear import over as margins
+from forceaxis.linear import system as linear
+from forceaxis.linear.plant_set import PlantSet, ranges_of
+
+SHARE = "30%"  # what a data sheet or a free-space test leaves open of a workpiece
+
+
+def workpiece(model, overrides=None):
+    """--over of what a force loop presses on, +-30 %: the workpiece's mass and the stiffness of its
+    support; of a workpiece that is the ground, the contact's stiffness. Empty without a contact."""
+    table = toml.read(linear.find_model(model))
+    known = linear.facts(model, overrides)["parameters"]
+    contact = contact_of(table)
+    if contact is None:
+        return ()
+    body = contact["between"][1]
+    supports = [s for s in table.get("spring", ()) if body in s["between"]]
+    masses = [b["mass"] for b in table["body"] if b["name"] == body]
+    if len(supports) == 1 and masses:
+        named = (supports[0].get("stiffness"), masses[0])
+    else:
+        named = (contact.get("stiffness"),)
+    return tuple(f"{n}={SHARE}" for n in named if n in known and known[n][0])
+
+
+def slopes(model, overrides=None):
+    """Modes of PlantSet: every slope of the amplifier and of what else has slopes, limits of the
+    current aside, at which an axis is not meant to work."""
+    return tuple(
+        modes
+        for modes in margins.modes_all(model, overrides)
+        if "drive.current_feedback" not in modes
+    )
+
+
+def plant_set(model, overrides=None, over=None, modes=None):
+    """The PlantSet of a model; over: texts as --over, None: `workpiece`; modes: None: `slopes`."""
+    overrides = dict(overrides or {})
+    over = workpiece(model, overrides) if over is None else over
+    modes = slopes(model, overrides) if modes is None else modes
+    return PlantSet(str(model), overrides, ranges_of(model, over, overrides), modes or ({},))

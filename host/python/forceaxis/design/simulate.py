@@ -1,0 +1,366 @@
+"""Contact with the firmware in the loop: what a bank does where the linear analysis ends.
+
+A Bench is a model with an ADC of the wanted width and a drive in force mode 4 before it. Cases are
+touch-downs at three set-points, one at half the approach speed, and strikes at the two lower
+set-points; each runs with every latency, on the nominal plant and on random members of a set.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import tomlkit
+
+from forceaxis import _core, objects, toml
+from forceaxis._core import InputError
+from forceaxis.design import changes, files
+from forceaxis.linear import loops
+from forceaxis.linear import system as linear
+
+# Set-points as shares of the reading's range: 12, 30 and 60 counts of 255.
+SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
+OF_STALL = 0.25  # of the drive's largest force, at most
+RAMP_S = 0.2  # of the largest set-point
+STRIKE_S = 0.5 / 150  # a strike, N s per newton of the largest set-point
+APPROACH_M_PER_S = 0.02
+WINDOW_S = 0.5
+SETTLE_S = (1.5, 10.0)  # from touch to window, least and most
+RIPPLE_COUNT = 3.0  # 8-bit counts, peak to peak
+LEAST_COUNT = 4  # twice the default contact_force
+# Settings of an experiment that a bench keeps.
+KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
+STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # times the strike of a case
+DWELLS_MS = (300, 100, 600)
+BACKOFF, BACKOFFS = 0.9, 20
+
+
+@dataclass(frozen=True)
+class Case:
+    """A touch-down, perhaps with a strike: newtons, m/s, N s."""
+
+    setpoint_N: float
+    speed_m_per_s: float
+    strike_N_s: float = 0.0
+
+    @property
+    def name(self):
+        text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
+        return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
+
+
+class Named(NamedTuple):
+    """An experiment among cases."""
+
+    name: str
+
+
+class Bench:
+    """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
+    besides."""
+
+    def __init__(self, design, bits, own=None):
+        self.design, self.own = design, own
+        own_bits = design.facts["reading"]["bits"]
+        self.change = (
+            changes.Change("", "", firmware={"adc_bits": bits})
+            if bits == own_bits
+            else changes.resolution(design, bits)
+        )
+        self.model = design.changed_model(self.change)
+        self.overrides = design.overrides | self.change.overrides
+        self.settle_s = SETTLE_S[0]
+        self.facts = linear.facts(self.model, self.overrides)
+        self.count_N = abs(self.facts["reading"]["per_count"])
+        self._given = toml.read(design.experiment)["firmware"] if design.experiment else {}
+        self._check()
+        self.settings = self._settings(bits)
+        self.cases = self._cases()
+        self._files = {}
+
+    def wait_for(self, bank):
+        """Lengthens the cases for a slow integral; before the first of them."""
+        if bank.integral_rad_per_s:
+            low, high = SETTLE_S
+            self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
+
+    def _check(self):
+        signal = self.facts["reading"]["signal"]
+        if self.facts["signals"].get(signal) != "N":
+            raise InputError(
+                f"{self.design.model}: adc: expected a force on channel 0, {signal} is none"
+            )
+        if not self.facts["contacts"]:
+            raise InputError(
+                f"{self.design.model}: contact: expected one that a force law can press on, there "
+                "is none; add a [[contact]]"
+            )
+        if self.facts["encoder"] is None:
+            raise InputError(
+                f"{self.design.model}: encoder: expected one to approach with, there is none; add "
+                "an [encoder]"
+            )
+
+    def _settings(self, bits):
+        """Firmware settings that all cases share, without set-point, speed and bank."""
+        reading = next(a for a in self.design.table["adc"] if a["channel"] == 0)
+        zero = self.change.firmware.get("force_zero_code")
+        if zero is None:
+            zero = int(changes.value_of(self.design, reading.get("zero_code", 0)) or 0)
+        kept = {name: self._given[name] for name in KEPT if name in self._given}
+        if "position_gain" not in kept:
+            kept["position_gain"] = self._position_gain()
+        counts = min(256 - zero / 2 ** (bits - 8), 255.0)
+        top = min(SETPOINTS[-1] * counts * self.count_N, OF_STALL * self._stall_N())
+        self.setpoints_N = [
+            max(round(s / SETPOINTS[-1] * top / self.count_N), LEAST_COUNT) * self.count_N
+            for s in SETPOINTS
+        ]
+        self.rated_N = max(self.setpoints_N)
+        return kept | {
+            "adc_bits": bits,
+            "force_zero_code": zero,
+            "force_scale": max(1, round(1e6 * self.count_N)),
+            "rated_force": max(1, round(1e3 * self.rated_N)),
+            "force_slope": round(1000 / RAMP_S),
+            "bump_decay_shift": 0,
+            "modes_of_operation": 4,
+        }
+
+    def _position_gain(self):
+        """A sixth of the linear limit out of contact, as `forceaxis new` takes it."""
+        gain = loops.force_loop(
+            self.model, overrides=self.overrides, output="encoder", free=True
+        ).limit().gain  # fmt: skip
+        highest = 256.0 if gain is None else gain / self.facts["volts_per_code"]
+        return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
+
+    def _stall_N(self):
+        """Largest static force of the drive, N; infinite where the model has no limits."""
+        table, drive = self.design.table.get("drive", {}), self.facts["drive"]["values"]
+        known = {n: changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R")}
+        if not all(known.values()) or not drive.get("r_trans"):
+            return math.inf
+        return known["supply_limit"] / known["R"] * drive["k_torque"] / drive["r_trans"]
+
+    def _speed(self):
+        """Approach speed, m/s: the experiment's, else 20 mm/s or the object's default."""
+        scale = abs(self.facts["encoder"]["scale"])
+        default = objects.BY_NAME["approach_velocity_max"].default
+        if "approach_velocity_max" not in self._given:
+            return min(default / scale, APPROACH_M_PER_S)
+        settings = _core.inputs(str(self.design.experiment))["firmware"]
+        return settings["approach_velocity_max"] / scale
+
+    def _cases(self):
+        low, middle, high = self.setpoints_N
+        speed, strike = self._speed(), STRIKE_S * self.rated_N
+        return [
+            Case(low, speed),
+            Case(middle, speed),
+            Case(high, speed),
+            Case(middle, speed / 2),
+            Case(low, speed, strike),
+            Case(middle, speed, strike),
+        ]
+
+    def extreme(self):
+        """The cases of the largest set-point and of the strike there is most force behind."""
+        return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
+
+    def struck(self):
+        """(body, sign) that a strike hits: the workpiece, or what presses on the ground."""
+        near, far = self.facts["contacts"][0]["between"]
+        return (far, 1.0) if far in self.facts["masses_kg"] else (near, -1.0)
+
+    def gap_m(self):
+        """Between the bodies of the contact at the start."""
+        places = {b["name"]: self._place(b.get("position", 0.0)) for b in self.design.table["body"]}
+        near, far = self.facts["contacts"][0]["between"]
+        return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
+
+    def _place(self, text):
+        sign = -1.0 if isinstance(text, str) and text.startswith("-") else 1.0
+        text = text.removeprefix("-") if isinstance(text, str) else text
+        return sign * (changes.value_of(self.design, text) or 0.0)
+
+    def touch_s(self, case):
+        """When the axis has touched, with a reserve."""
+        return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
+
+    def text(self, case, bank, loss=None, model=None):
+        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: its model's path
+        where the file is to stand; by default the absolute one."""
+        begin = self.touch_s(case) + self.settle_s
+        text = tomlkit.document()
+        text["title"] = f"{self.design.model.stem}: {case.name}"
+        text["model"] = str(model or self.model)
+        wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
+        text["duration_s"] = round(begin + wait + WINDOW_S, 3)
+        if self.overrides:
+            text["set"] = dict(self.overrides)
+        law = files.law_keys(self, bank, loss or {})
+        text["firmware"] = self.settings | self.loads(case) | law
+        at = [
+            {"time_s": time_s, "firmware": {"controlword": word}}
+            for time_s, word in ((0.01, 6), (0.02, 7), (0.03, 15))
+        ]
+        if case.strike_N_s:
+            body, sign = self.struck()
+            hit = {"body": body, "N_s": sign * case.strike_N_s}
+            at.append({"time_s": round(begin, 3), "impulse": hit})
+        text["at"] = at
+        text["verdict"] = {
+            "window_s": WINDOW_S,
+            "contact_held": True,
+            "force_ripple_max_count": RIPPLE_COUNT,
+        }
+        return tomlkit.dumps(text)
+
+    def loads(self, case):
+        """Firmware settings of a case."""
+        scale = abs(self.facts["encoder"]["scale"])
+        return {
+            "target_force": round(1000 * case.setpoint_N / self.rated_N),
+            "approach_velocity_max": max(1, round(case.speed_m_per_s * scale)),
+        }
+
+    def file(self, case, bank):
+        """Its path."""
+        if (case, bank) not in self._files:
+            name = f"case_{len(self._files)}.toml"
+            self._files[case, bank] = self.design.file(name, self.text(case, bank))
+        return self._files[case, bank]
+
+    def job(self, case, bank, member, latency, loss=None):
+        """(experiment, overrides). loss: {"contact_loss_cap": code, ...}."""
+        firmware = {"latency_ticks": latency} | (loss or {})
+        texts = linear.override_texts(member)
+        return str(self.file(case, bank)), [
+            *texts, *(f"firmware.{n}={v}" for n, v in firmware.items())
+        ]  # fmt: skip
+
+    def own_job(self, bank, latency, loss=None):
+        """The same of the bench's own experiment, with the bank in it."""
+        key = (self.own, bank, *(loss or {}).values())
+        if key not in self._files:
+            text = files.with_bank(self, self.own, bank, loss or {})
+            self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
+        return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
+
+    def press_speed_code(self, speed_m_per_s):
+        """The code that moves the free axis at a speed."""
+        body = self.facts["drive"]["body"]
+        plant = linear.linearise(
+            self.model, outputs=(f"{body}.velocity",), overrides=self.overrides, free=True
+        )
+        speed = abs(plant.response(0.01)) * self.facts["volts_per_code"]
+        return min(2048, max(1, round(speed_m_per_s / float(speed)))) if speed else 2048
+
+
+def run(jobs, threads):
+    """Outcomes of (experiment, overrides) pairs. Raises SimulationError of the first that fails."""
+    outcomes = _core.run_many(jobs, threads, None, True, None, _core.Experiments())
+    for outcome in outcomes:
+        if "error" in outcome:
+            raise _core.SimulationError(outcome["error"])
+    return outcomes
+
+
+def row(law, case, member, latency, outcome):
+    """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
+    held = outcome["metrics"]["held_force"] or {}
+    settle = held.get("settle_s")
+    return {
+        "law": law,
+        "case": case,
+        "member": member,
+        "latency_ticks": latency,
+        "verdict": outcome["verdict"],
+        "fault": outcome["fault"],
+        "static_error_percent": held.get("error_percent"),
+        "peak_N": outcome["metrics"]["peak_force_N"],
+        "settle_ms": None if settle is None else 1e3 * settle,
+        "overshoot_percent": held.get("overshoot_percent"),
+    }
+
+
+def simulate(bench, bank, members, latencies=(0, 1), loss=None, threads=1, law="design"):
+    """Rows of all cases of a bench with a bank on members: [{parameter: value}]; the bench's own
+    experiment on the nominal one alone."""
+    keys = [(c, m, t) for c in bench.cases for m in members for t in latencies]
+    jobs = [bench.job(c, bank, m, t, loss) for c, m, t in keys]
+    if bench.own is not None:
+        keys += [(Named(bench.own.stem), {}, t) for t in latencies]
+        jobs += [bench.own_job(bank, t, loss) for t in latencies]
+    outcomes = run(jobs, threads)
+    return [row(law, c.name, m, t, o) for (c, m, t), o in zip(keys, outcomes, strict=True)]
+
+
+def choose_loss(bench, bank, latencies=(0, 1), threads=1):
+    """The cap and the dwell after a loss of contact that bear the hardest strikes.
+
+    Returns {"contact_loss_cap", "contact_loss_dwell", "strike_N_s": the largest of a ladder up to
+    which every strike is survived at both lower set-points, "strike_default_N_s": the same with
+    the firmware's defaults}; 0 where not even the first is survived.
+    """
+    slow = bench.press_speed_code(bench.cases[0].speed_m_per_s / 4)
+    choices = [(cap, dwell) for dwell in DWELLS_MS for cap in dict.fromkeys((0, slow, 2048))]
+    struck = [c for c in bench.cases if c.strike_N_s]
+    keys = [
+        (choice, case, latency, share)
+        for choice in choices for case in struck for latency in latencies for share in STRIKES
+    ]  # fmt: skip
+    jobs = [
+        bench.job(
+            replace(case, strike_N_s=share * case.strike_N_s), bank, {}, latency,
+            {"contact_loss_cap": choice[0], "contact_loss_dwell": choice[1]},
+        )
+        for choice, case, latency, share in keys
+    ]  # fmt: skip
+    stable = [outcome["verdict"] == "stable" for outcome in run(jobs, threads)]
+    borne = {choice: [] for choice in choices}
+    for i in range(0, len(keys), len(STRIKES)):
+        ladder = [*stable[i : i + len(STRIKES)], False]
+        survived = ladder.index(False)
+        borne[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
+    best = max(choices, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
+    strike = struck[0].strike_N_s
+    return {
+        "contact_loss_cap": best[0],
+        "contact_loss_dwell": best[1],
+        "strike_N_s": min(borne[best]) * strike,
+        "strike_default_N_s": min(borne[choices[0]]) * strike,
+    }
+
+
+def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None):
+    """(bank, loss, rows, backoffs): the bank with its gain reduced until every case is stable.
+
+    Raises InputError where none of BACKOFFS steps is enough.
+    """
+    for steps in range(BACKOFFS + 1):
+        gain = bank.force_gain * BACKOFF**steps
+        tried = replace(bank, force_gain=gain).quantised()
+        if progress:
+            progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
+        rows = simulate(bench, tried, members, latencies, None, threads)
+        if unstable(rows):
+            continue
+        loss = choose_loss(bench, tried, latencies, threads)
+        objects_ = {n: loss[n] for n in ("contact_loss_cap", "contact_loss_dwell")}
+        chosen = simulate(bench, tried, members, latencies, objects_, threads)
+        if unstable(chosen):  # of a member that the strikes on the nominal plant say nothing of
+            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]}
+            loss["strike_N_s"] = loss["strike_default_N_s"]
+            chosen = rows
+        return tried, loss, chosen, steps
+    bad = unstable(rows)[0]
+    raise InputError(
+        f"simulation: expected contact that settles, {bad['case']} does not even at "
+        f"{tried.force_gain:.3g}, {BACKOFF**BACKOFFS:.2g} of the designed gain; a smaller set, a "
+        "softer pad or a slower approach"
+    )
+
+
+def unstable(rows):
+    return [r for r in rows if r["verdict"] != "stable" or r["fault"] != "none"]

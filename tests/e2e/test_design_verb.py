@@ -1,0 +1,264 @@
+"""`forceaxis design`: the simulation has the last word, and what is written runs.
+
+The search is replaced by two banks that were found before, but in the long tests."""
+
+import json
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import forceaxis as package
+import pytest
+import tomlkit
+from forceaxis import _core
+from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
+from forceaxis.linear import over
+from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
+from forceaxis.linear.plant_set import Member
+from verbs import forceaxis
+
+ROOT = Path(__file__).resolve().parents[2]
+OVER = ("--over", "k_w=30%,m_w=30%")
+EXPERIMENT = ROOT / "sim/experiments/hold_biquad.toml"
+FINE = ROOT / "sim/experiments/hold_biquad_12bit.toml"
+BANKS = {
+    8: Bank(4.37, 8.0, 0.0, ((1.394373, -2.718615, 1.362417, -1.741615, 0.779790),)),
+    12: Bank(6.08, 8.0, 0.0, ((5.790171, -11.321576, 5.681603, -1.556226, 0.706424),)),
+}
+P = Bank(1.0)
+
+
+def answer(plants, goal, progress=None, factor=1.0):
+    bank = BANKS[goal.adc_bits]
+    bank = Bank(factor * bank.force_gain, bank.integral_rad_per_s, 0.0, bank.sections).quantised()
+    worst = {name: 1.0 for name in for_set.FIGURES} | {"Ms_late": 2.0, "member": {"k_w": 1.0}}
+    rows = [
+        {"name": "P", "bank": P, "worst": worst},
+        {"name": "PI and one biquad", "bank": bank, "worst": worst},
+    ]
+    return search.Found(bank, worst, worst | {"force_gain": 1.0}, rows, "Nothing.", rows[1]["name"])
+
+
+@pytest.fixture
+def found(monkeypatch):
+    monkeypatch.setattr(search, "search", answer)
+    monkeypatch.setattr(for_set, "MEMBERS", 2)
+
+
+@pytest.fixture
+def order():
+    def order(text=EXPERIMENT, over="k_w=30%,m_w=30%", **given):
+        return outcome.Order(str(text), (over,), threads=2, **given)
+
+    return order
+
+
+def test_json_is_as_promised(found):
+    done = forceaxis("design", EXPERIMENT, *OVER, "--json", "--latency", "0")
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(done.stdout)
+    bank = told["bank"]
+    assert bank["force_gain"] / GAIN_STEP == round(bank["force_gain"] / GAIN_STEP)
+    (section,) = bank["sections"]
+    assert [c / COEFFICIENT_STEP for c in section] == [
+        round(c * 2**26) for c in BANKS[8].sections[0]
+    ]
+    assert {*for_set.FIGURES, "member"} <= told["worst"].keys()
+    assert {*for_set.FIGURES, "force_gain"} <= told["p"].keys()
+    rows = [r for r in told["simulated"] if r["law"] == "design"]
+    # Six cases on the nominal plant and two members, and the experiment itself.
+    assert [r["verdict"] for r in rows] == ["stable"] * (6 * 3 + 1)
+    assert len({tuple(r["member"].items()) for r in rows}) == 3
+    (held,) = (r for r in rows if r["case"] == "hold_biquad")
+    assert held["static_error_percent"] < 0.6
+    assert held["peak_N"] < 80
+    assert held["settle_ms"] < 140
+    p = next(r for r in told["simulated"] if r["law"] == "p" and r["case"] == "hold_biquad")
+    assert p["static_error_percent"] > 20
+    assert told["gain_reductions"] == 0
+    again = forceaxis("design", EXPERIMENT, *OVER, "--json", "--latency", "0", "--threads", "1")
+    assert again.stdout == done.stdout
+
+
+def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
+    own = tmp_path / "mine.toml"
+    text = EXPERIMENT.read_text().replace("../models", f"{ROOT}/sim/models")
+    own.write_text("# My axis.\n" + text.replace("adc_bits", "# width\nadc_bits"))
+    out = tmp_path / "new" / "law"
+    done = forceaxis("design", own, *OVER, "--adc-bits", "12", "--latency", "0", "--out", out)
+    assert (done.returncode, done.stderr) == (0, "")
+    written = {p.name for p in out.iterdir()}
+    assert written == {"model.toml", "contact.toml", "bank.toml", "mine.toml", "index.html"}
+    assert [p.name for p in out.parent.iterdir()] == ["law"]
+    kept = (out / "mine.toml").read_text()
+    assert kept.startswith("# My axis.\n")
+    assert "[expect]" not in kept
+    for name in ("contact.toml", "mine.toml"):
+        done = package.run(str(out / name))
+        assert (done.verdict, done.fault, done.refused) == ("stable", "none", [])
+
+    objects = tomllib.loads((out / "bank.toml").read_text())["firmware"]
+    assert [*objects][-1] == "force_bank"  # an axis selects what it was given before
+    assert objects["certificate_stiffness_1"] == objects["certificate_mass_1"] == 300
+    contact = tomlkit.parse((out / "contact.toml").read_text())
+    contact["model"] = str(out / "model.toml")
+    for name in ("bank_1", "force_bank", "contact_loss_cap", "contact_loss_dwell"):
+        del contact["firmware"][name]
+    for name, value in objects.items():
+        contact["firmware"][name] = value
+    contact["trace"] = {"objects": ["certificate_state_1", "bank_state_1"]}
+    (out / "pasted.toml").write_text(tomlkit.dumps(contact))
+    pasted = package.run(str(out / "pasted.toml"))
+    assert pasted.refused == []
+    assert pasted.trace_hash == package.run(str(out / "contact.toml")).trace_hash
+    done = forceaxis("run", out / "pasted.toml", "--out", out / "run")
+    last = (out / "run/trace.csv").read_text().splitlines()
+    named = dict(zip(last[0].split(","), last[-1].split(","), strict=True))
+    known = {o["name"]: o["enum"] for o in _core.objects()}
+    for name, state in (("bank_state_1", "valid"), ("certificate_state_1", "fits")):
+        assert known[name][int(float(named[name]))] == state
+
+    html = (out / "index.html").read_text()
+    assert html.count('src="data:image/png;base64,') == html.count("<img") == 3
+    assert not re.search(r'(src|href)="(?!data:image|bank\.toml)', html)
+    for text in ("PI and one biquad", "Nothing.", "contact 75 N at 20 mm/s", "-3 dB"):
+        assert text in html
+
+
+def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order):
+    monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=3.5))
+
+    def worst(plants, timings, law, bank):
+        return over.Worst(True, Ms=bank.force_gain, member={"Ms": (Member(), timings[0])})
+
+    monkeypatch.setattr(over, "worst", worst)
+    done = for_set.design(order(FINE, "k_w=30%", latency="0"))
+    assert done.backoffs > 0
+    assert done.bank.force_gain == pytest.approx(
+        3.5 * 6.08 * simulate.BACKOFF**done.backoffs, abs=GAIN_STEP
+    )
+    assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
+    assert done.worst["Ms"] == done.bank.force_gain  # the reduced bank's
+    assert f"took the gain down {done.backoffs} times" in outcome.describe(done)
+
+
+def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
+    monkeypatch.setattr(simulate, "BACKOFFS", 1)
+    monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=5))
+    with pytest.raises(package.InputError, match="contact that settles"):
+        for_set.design(order(FINE, latency="0"))
+
+
+def test_cap_and_dwell_bear_what_is_promised():
+    with changes.Design(str(FINE)) as design:
+        bench = simulate.Bench(design, 12)
+        bank = BANKS[12].quantised()
+        loss = simulate.choose_loss(bench, bank, (0,), 2)
+        assert loss["strike_N_s"] > loss["strike_default_N_s"] > 0
+        objects = {name: loss[name] for name in files.LOSS}
+        case = simulate.Case(bench.setpoints_N[0], bench.cases[0].speed_m_per_s, loss["strike_N_s"])
+        # Without a dwell the axis approaches at once, which is what the choice saves it from.
+        jobs = [bench.job(case, bank, {}, 0, kept) for kept in (objects, {"contact_loss_dwell": 0})]
+        assert [r["verdict"] for r in package.run_many(jobs)] == ["stable", "unstable"]
+
+
+def test_a_coarser_adc_keeps_range_and_gain():
+    with changes.Design("fig4_19") as design:
+        coarse, fine = simulate.Bench(design, 8), simulate.Bench(design, 16)
+        assert coarse.count_N == fine.count_N == 2.5
+        assert coarse.facts["reading"]["bits"] == 8
+        assert coarse.setpoints_N == fine.setpoints_N == [30.0, 75.0, 150.0]
+
+
+REFUSED = {
+    "no set": (["laboratory"], "--over: expected at least one parameter"),
+    "unknown parameter": (["laboratory", "--over", "k_x=30%"], "k_x=30%: expected a parameter"),
+    "no model": (["nothing", *OVER], "MODEL: nothing: expected a path"),
+    "no file": (["nothing.toml", *OVER], "nothing.toml"),
+    "bits": (["laboratory", *OVER, "--adc-bits", "17"], "--adc-bits: expected 8 to 16, got 17"),
+    "ms": (["laboratory", *OVER, "--ms", "1"], "--ms: expected a number above 1"),
+    "no force": (["fig4_5", "--over", "m_r=10%"], "adc: expected one on channel 0"),
+    "no contact": (["CONTACTLESS", "--over", "m_r1=10%"], "contact: expected one"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_designed_is_refused_in_a_line(tmp_path, what):
+    arguments, says = REFUSED[what]
+    if arguments[0] == "CONTACTLESS":
+        model = (ROOT / "sim/models/laboratory.toml").read_text()
+        model = model.replace("[[contact]]", "[[spring]]").replace(
+            '"thesis.toml"', f'"{ROOT}/sim/models/thesis.toml"'
+        )
+        (tmp_path / "model.toml").write_text(model)
+        arguments = [tmp_path / "model.toml", *arguments[1:]]
+    done = forceaxis("design", *arguments, "--out", tmp_path / "law")
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir() if p.name != "model.toml"] == []
+
+
+def test_without_simulation_the_bank_is_written_all_the_same(found, tmp_path):
+    out = tmp_path / "law"
+    done = forceaxis("design", EXPERIMENT, *OVER, "--no-simulate", "--out", out, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(done.stdout)
+    assert told["simulated"] == []
+    assert told["contact_loss"] is None
+    assert package.run(str(out / "contact.toml")).verdict == "stable"
+    assert "contact_loss_cap" not in (out / "bank.toml").read_text()
+    assert (out / "index.html").read_text().count("<img") == 2
+
+
+def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch, order, tmp_path):
+    def alone(*arguments):
+        got = answer(*arguments)
+        got.structures[0]["worst"] = None
+        return replace(got, p={"force_gain": 0.0})
+
+    monkeypatch.setattr(search, "search", alone)
+    done = for_set.design(order(latency="1"), tmp_path / "law")
+    assert {r["law"] for r in done.rows} == {"design"}
+    assert "P " in outcome.describe(done)
+    assert (tmp_path / "law/index.html").read_text().count("<img") == 3
+
+
+def test_a_folder_that_is_there_is_left_alone(found, tmp_path):
+    (tmp_path / "note").write_text("mine")
+    done = forceaxis("design", EXPERIMENT, *OVER, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "expected no such file or folder" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["note"]
+
+
+def test_a_failure_on_the_way_leaves_nothing(found, monkeypatch, tmp_path, order):
+    def fails(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(page, "write", fails)
+    with pytest.raises(OSError, match="No space"):
+        for_set.design(order(simulate=False), tmp_path / "law")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("text", "error"), [(EXPERIMENT, 0.6), (FINE, 0.1)], ids=["8", "12"])
+def test_a_designed_bank_bears_1000_workpieces(order, text, error):
+    done = for_set.design(order(text))
+    assert done.backoffs == 0
+    held = [r for r in done.rows if r["law"] == "design" and r["case"] == text.stem]
+    assert len(held) == 2
+    for row in held:
+        assert row["static_error_percent"] <= error
+        assert row["peak_N"] <= 80
+        assert row["settle_ms"] <= 140
+    objects = {name: done.loss[name] for name in files.LOSS}
+    members = for_set.random_members(done.plants, 1000, 17)
+    with changes.Design(str(text)) as design:
+        bench = simulate.Bench(design, done.bits)
+        rows = simulate.simulate(bench, done.bank, members, (0,), objects, 2)
+        late = simulate.simulate(bench, done.bank, members[:200], (1,), objects, 2)
+    assert len(rows) == 6000
+    assert simulate.unstable(rows + late) == []
