@@ -138,7 +138,7 @@ def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
 def fast(monkeypatch):
     monkeypatch.setattr(search, "RANDOM", 30)
     monkeypatch.setattr(search, "PROBE", 10)
-    monkeypatch.setattr(search, "RESTARTS", 1)
+    monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
     small = {n: structures.STRUCTURES[n] for n in ("P", "PI", "PI and one biquad")}
     monkeypatch.setattr(structures, "STRUCTURES", small)
 

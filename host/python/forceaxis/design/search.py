@@ -28,7 +28,7 @@ RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
-RESTARTS = 2
+RESTARTS = (1, 2, 3)  # of the search, with no, one, two sections
 DENSE = 3  # the result's grid, to the search's
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
@@ -155,7 +155,7 @@ def _search(problem, name, limits, zeros, best, seed):
 
     rng = np.random.default_rng(seed)
     results = []
-    for _ in range(1 if len(limits) < 2 else RESTARTS):
+    for _ in range(RESTARTS[structures.STRUCTURES[name]]):
         found = optimize.differential_evolution(
             cost,
             limits,
