@@ -186,7 +186,7 @@ def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
             bandwidths.append(w[np.argmax(np.sqrt(0.5) < S)] / (2 * np.pi))
             peaks.append(S.max())
     assert present["fS_Hz"] == pytest.approx(min(bandwidths), rel=1e-2)
-    assert 1.5 < max(peaks) <= 2.001
+    assert 1.5 < max(peaks) <= 2.02  # the search judges on a grid
     assert "designed bank" in advise.describe(result) and "not in the firmware" in advise.describe(
         result
     )

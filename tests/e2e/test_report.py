@@ -45,12 +45,24 @@ def test_every_experiment_and_figure_is_in_it(page):
     figures = [f.figure for f in thesis_figures.thesis_figures()]
     measured = [p.stem for p in (ROOT / "sim/measurements").glob("*.toml")]
     assert len(measured) == 7
-    # and the advice
-    assert frequency.count("data:image/png;base64,") == len(figures) + len(measured) + 1
+    # and the designs, the advice
+    assert frequency.count("data:image/png;base64,") == len(figures) + len(measured) + 2
     for figure in figures:
         assert f'id="fig{figure}"' in frequency
     for name in measured:
         assert f"forceaxis measure {name}" in frequency
+
+
+def test_every_designed_bank_has_more_bandwidth_than_p(page):
+    _, html, _ = page
+    table = html.partition('id="designs"')[2].partition("</table>")[0]
+    rows = re.findall(r"<tr><td><code>(\w+)</code>.*?</tr>", table, re.DOTALL)
+    assert {"fig4_19", "laboratory", "full_axis"} <= set(rows) and len(rows) == 8
+    cells = [re.findall(r"<td>([^<]*)</td>", row) for row in table.split("<tr>")[2:]]
+    for model, row in zip(rows, cells, strict=True):
+        p, designed = float(row[3]), float(row[6])
+        assert designed > 1.2 * p or model != "laboratory", (model, row)
+        assert row[8] == "-" or float(row[8]) >= 2.3
 
 
 def test_the_thesis_quotes_stand_beside_ours(page):

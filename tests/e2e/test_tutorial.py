@@ -53,7 +53,7 @@ def test_the_tutorial_uses_every_step():
     commands = "\n".join(b for b in blocks() if is_typed(b))
     for verb in ("new", "run", "sweep", "test"):
         assert f"forceaxis {verb} " in commands
-    assert len([b for b in blocks() if not is_typed(b)]) == 5
+    assert len([b for b in blocks() if not is_typed(b)]) == 6
 
 
 def test_the_commands_print_what_the_text_shows(typed):

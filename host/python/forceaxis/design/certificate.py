@@ -53,14 +53,14 @@ def exact(plants, grid, bank, goal):
     """(bank, figures): with the gain lowered as far as the exact worst of the set asks for; the
     bank's gain is 0 where none is left."""
     bank = lowered(bank, FIRST)
-    for _ in range(ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
         found = {t: over.worst(plants, (t,), law="bank", bank=bank) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grid, bank)
-        bank = lowered(bank, 0.999 * factor)
+        bank = lowered(bank, (0.999 * factor) ** (1 + attempt))  # a peak may hardly fall with it
     return replace(bank, force_gain=0.0), None
 
 

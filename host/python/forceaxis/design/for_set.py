@@ -12,6 +12,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
+from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
@@ -44,7 +45,7 @@ def plant_set(bench, order):
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
-        modes = sets.modes_all(plant.model, plant.overrides)
+        modes = slopes(plant.model, plant.overrides)
     else:
         loop = plant.loop()
         limit = loop.limit().gain
@@ -54,8 +55,8 @@ def plant_set(bench, order):
 
 
 def visited(bench, bank, modes):
-    """`modes` and those that contact and strikes with a bank visit, each once."""
-    jobs = [bench.job(case, bank, {}, 0) for case in bench.cases]
+    """`modes` and those that the largest force and a strike with a bank visit, each once."""
+    jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
     plant = bench.design

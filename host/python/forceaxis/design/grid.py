@@ -66,8 +66,8 @@ def _damping(roots):
 
 class Grid:
     """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
-    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS; density: of the grid, at 1 figures are right to
-    some percent, at 3 to some thousandth."""
+    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS; density:
+    of the grid, figures are right to a percent or two at 1, to some thousandth at 3."""
 
     def __init__(self, plants, members, timings, density=1):
         self.timings = tuple(timings)

@@ -15,7 +15,7 @@ from forceaxis.drawing import GOT, INK, WANTED, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.system import TICK_S
 
-RANDOM = 8  # choices of values drawn beside nominal and corners
+RANDOM = 4  # choices of values drawn beside nominal and corners
 ROWS = (
     ("fS, Hz", "fS_Hz"),
     ("fT, Hz", "fT_Hz"),
@@ -166,7 +166,7 @@ def structure_rows(outcome):
 
 def write(folder, bench, outcome, run):
     """index.html into a files.Folder. run: the experiment that it names."""
-    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 3000)
+    frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = resources.files("forceaxis.design").joinpath("page.html.jinja").read_text("utf-8")

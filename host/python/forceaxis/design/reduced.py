@@ -73,7 +73,7 @@ class Problem:
         """The sentence of a design: the bound that, widened alone, lets the bandwidth rise most."""
         own = self.inner.bounds
         wider = {
-            "hf": replace(own, hf_gain=WIDER * own.hf_gain),
+            "hf": replace(own, hf_gain=2 * own.hf_gain),
             "ms": replace(own, ms=tuple(WIDER * ms for ms in own.ms)),
             "gm": replace(own, gain_margin=own.gain_margin / WIDER),
         }
@@ -89,9 +89,7 @@ class Problem:
             )
         if name == "hf":
             least = own.hf_gain < 0.99 * search.HF_SHARE * hf_most(self.goal.adc_bits)
-            cure = (
-                "a reading with less noise, and a larger bound" if least else "an ADC of more bits"
-            )
+            cure = "a reading with less noise" if least else "an ADC of more bits"
             return (
                 f"The gain at high frequency ({own.hf_gain:.3g} codes per 8-bit count) is the "
                 f"limit: {cure} would let it rise."

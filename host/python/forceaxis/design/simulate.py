@@ -163,6 +163,10 @@ class Bench:
             Case(middle, speed, strike),
         ]
 
+    def extreme(self):
+        """The cases of the largest set-point and of the strike there is most force behind."""
+        return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
+
     def struck(self):
         """(body, sign) that a strike hits: the workpiece, or what presses on the ground."""
         near, far = self.facts["contacts"][0]["between"]

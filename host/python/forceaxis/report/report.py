@@ -17,7 +17,7 @@ from forceaxis.experiments import sweep_plots, trace
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, loops, modes
 from forceaxis.linear import plots as linear_plots
-from forceaxis.report import plots
+from forceaxis.report import designs, plots
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
@@ -166,6 +166,7 @@ def frequency_domain(threads):
             }
         )
     advice = advise.advise("laboratory", threads=threads)
+    designed = designs.rows()
     return {
         "claims": thesis.check(),
         "value": thesis.value,
@@ -180,6 +181,8 @@ def frequency_domain(threads):
         ],
         "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
         "measurements": measurements,
+        "designs": designed,
+        "designs_image": embedded(drawing.small_png(designs.figure(designed))),
         "advice": advice,
         "advice_image": embedded(drawing.small_png(linear_plots.advice(advice))),
     }
