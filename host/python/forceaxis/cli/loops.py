@@ -4,7 +4,6 @@ import click
 
 from forceaxis.cli.common import Positive, Verb, as_json
 from forceaxis.cli.models import (
-    TIMINGS,
     check_drawing,
     draw,
     drawn,

@@ -33,10 +33,10 @@ import numpy as np
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError
-from forceaxis.design import reduced, sets
+from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
+from forceaxis.design.outcome import Order
 from forceaxis.linear import loops, modes
-from forceaxis.linear import over as margins
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
@@ -196,7 +196,8 @@ class _Over:
         elif modes_ == "all":
             self.modes = sets.slopes(design.model, design.overrides)
         else:
-            self.modes = margins.modes_visited(*design.job())
+            bench = simulate.Bench(design, design.facts["reading"]["bits"])
+            self.modes = for_set.plant_set(bench, Order("", self.over)).modes
         self.goal = Goal(timings=(design.timing,), adc_bits=design.facts["reading"]["bits"])
 
     def problem(self, change=None, goal=None, **how):

@@ -12,6 +12,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
+from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
@@ -44,7 +45,7 @@ def plant_set(bench, order):
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
-        modes = sets.modes_all(plant.model, plant.overrides)
+        modes = slopes(plant.model, plant.overrides)
     else:
         loop = plant.loop()
         limit = loop.limit().gain

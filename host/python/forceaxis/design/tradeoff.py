@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 
 from forceaxis import drawing, paths
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, for_set, reduced, search
+from forceaxis.design import changes, files, for_set, reduced, search, simulate
 from forceaxis.design.outcome import LATENCIES, TIMINGS
 from forceaxis.linear.bank import Bank
 
@@ -35,8 +35,12 @@ def tradeoff(order, against, progress=None):
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides) as plant:
-        plants = for_set.plant_set(plant, order)
+        if plant.facts["reading"] is None:
+            raise InputError(
+                f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
+            )
         bits = order.adc_bits or plant.facts["reading"]["bits"]
+        plants = for_set.plant_set(simulate.Bench(plant, bits), order)
         goal = search.Goal(
             ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
             timings=tuple(TIMINGS[t] for t in LATENCIES[order.latency]),
