@@ -239,8 +239,9 @@ def settles(bank, bits, folder):
     text = f"{before}[firmware.bank_1]\n{keys}\n\n[[at]]{rest}"
     path = folder / "hold.toml"
     path.write_text(text.replace("../models", str(paths.MODELS)))
-    trace = _core.run(str(path)).trace
-    time_s, force = np.asarray(trace["time_s"]), np.asarray(trace["sensor.force"])
+    columns = _core.run(str(path)).columns()
+    force = np.asarray(columns["sensor.force"])
+    time_s = np.arange(len(force)) / 1500
     assert force.max() <= 80.0
     assert abs(force[-1500:].mean() - 75.0) <= (0.45 if bits == 8 else 0.075)
     outside = np.flatnonzero(np.abs(force - 75.0) > 3.75)

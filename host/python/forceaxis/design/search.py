@@ -21,8 +21,8 @@ from forceaxis.linear.bank import GAIN_STEP, Bank
 PAYS = 1.1  # a larger structure is taken for this much more bandwidth
 RANDOM = 1000  # choices of values that the result is checked on
 PROBE = 60  # of them in the rounds of the search
-ROUNDS = 3
-CORNERS_MAX = 32
+ROUNDS = 4
+CORNERS_MAX = 8  # of values, in the set that a search starts with; others join as they break a law
 SEED = 1988
 RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
@@ -216,7 +216,8 @@ def search(plants, goal=None, progress=None):
         best[name] = before = _search(problem, name, limits[name], zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")
-    probe = Grid(plants, plants.nominal() + _random(plants, PROBE, SEED), goal.timings)
+    others = plants.nominal() + plants.corners() + _random(plants, PROBE, SEED)
+    probe = Grid(plants, others, goal.timings)
     for _ in range(ROUNDS):
         found = {name: _violator(problem, probe, numbers) for name, numbers in best.items()}
         joined = {m.label(): m for m in found.values() if m is not None and m not in members}
