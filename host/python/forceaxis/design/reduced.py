@@ -60,6 +60,11 @@ class Problem:
             numbers = self._polished(numbers, *limits)[1]
         return self.worst(structures.bank(np.array(numbers), 1.0)) | {"numbers": numbers}
 
+    def best_of(self, candidates):
+        """The same of the best of some numbers of other designs of the set."""
+        numbers = max(candidates, key=lambda n: self.inner.judge(np.array(n))[0])
+        return self.worst(structures.bank(np.array(numbers), 1.0)) | {"numbers": numbers}
+
     def at(self, bank):
         """The worst figures of a bank, gain and all."""
         return certificate.on_grid(self.grid, bank)

@@ -46,13 +46,15 @@ def tradeoff(order, against, progress=None):
             timings=tuple(TIMINGS[t] for t in LATENCIES[order.latency]),
         )  # fmt: skip
         problem = reduced.Problem(plants, goal)
-        rows = []
+        known, rows = [], []
         for value in values:
             if progress:
                 progress(f"{against} {value:g}")
-            problem.goal = _with(goal, against, value)
-            problem.inner.bounds = problem.goal.bounds()
-            rows.append(_row(against, value, problem))
+            _set(problem, goal, against, value)
+            known.append(problem.designed()["numbers"])
+        for value in values:  # what keeps one margin may be the best at another
+            _set(problem, goal, against, value)
+            rows.append(_row(against, value, problem, problem.best_of(known)))
     return {
         "model": paths.display(plant.model),
         "over": list(order.over),
@@ -64,6 +66,11 @@ def tradeoff(order, against, progress=None):
     }
 
 
+def _set(problem, goal, against, value):
+    problem.goal = _with(goal, against, value)
+    problem.inner.bounds = problem.goal.bounds()
+
+
 def _with(goal, against, value):
     if against == "ms":
         return replace(goal, ms=value, ms_late=1.1 * value)
@@ -72,8 +79,8 @@ def _with(goal, against, value):
     return replace(goal, gain_margin=value)
 
 
-def _row(against, value, problem):
-    p, found = problem.worst(Bank(1.0)), problem.designed()
+def _row(against, value, problem, found):
+    p = problem.worst(Bank(1.0))
     return {
         against: value,
         "bandwidth_Hz": found["worst"]["fS_Hz"] if found["worst"] else None,
