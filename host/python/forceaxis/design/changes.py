@@ -10,7 +10,7 @@ import tomlkit
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
-from forceaxis.linear import loops
+from forceaxis.linear import loops, settings
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 
@@ -58,7 +58,7 @@ class Design:
     """
 
     def __init__(self, text, overrides=None, timing=None):
-        path = find(text)
+        path = settings.find(text)
         table = toml.read(path)
         if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
             raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
@@ -75,9 +75,9 @@ class Design:
             named = toml.read(own).get("model") if own.exists() else None
             if named and (own.parent / named).resolve() == self.model:
                 self.experiment = own
-        settings = _core.inputs(str(self.experiment))["firmware"] if self.experiment else {}
-        self.timing = timing or ("zoh+1" if settings.get("latency_ticks") == 1 else "zoh")
-        self.present_gain = settings.get("force_gain")
+        values = _core.inputs(str(self.experiment))["firmware"] if self.experiment else {}
+        self.timing = timing or ("zoh+1" if values.get("latency_ticks") == 1 else "zoh")
+        self.present_gain = values.get("force_gain")
         self.facts = linear.facts(self.model, self.overrides)
         used = self.facts["parameters"]
         self.overrides = {n: used[n][0] if n in used else v for n, v in self.overrides.items()}
@@ -165,15 +165,6 @@ class Design:
             },
             "verdict": VERDICT,
         }
-
-
-def find(text):
-    """The path of a model or experiment given as a path or as a stem; a model's goes first."""
-    if Path(text).suffix != ".toml" and Path(text).parent == Path():
-        for folder in (paths.MODELS, paths.EXPERIMENTS):
-            if (folder / f"{text}.toml").exists():
-                return folder / f"{text}.toml"
-    return linear.find_model(text)
 
 
 def roles(table):

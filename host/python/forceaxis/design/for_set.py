@@ -14,6 +14,7 @@ from forceaxis.design import changes, files, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
 from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
+from forceaxis.linear import settings
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
@@ -78,7 +79,7 @@ def design(order, out=None, progress=None):
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
             )
-        given = changes.find(order.text)
+        given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts["reading"]["bits"]
         bench = simulate.Bench(plant, bits, own=own)

@@ -27,10 +27,10 @@ class Problem:
 
     def __init__(self, plants, goal, random=RANDOM):
         self.plants, self.goal = plants, goal
-        members = search._members(plants) + plants.random(random if plants.ranges else 0)
-        self.inner = search._Problem(plants, members, goal, None)
+        members = search.first_members(plants) + plants.random(random if plants.ranges else 0)
+        self.inner = search.Problem(plants, members, goal, None)
         self.grid = self.inner.grid
-        search._check_plants(self.inner)
+        search.check_plants(self.inner)
 
     def worst(self, shape):
         """The largest bank of a shape (a Bank; its gain does not matter) that keeps the margins:
@@ -47,7 +47,7 @@ class Problem:
         """The same of the best shape found."""
         fS, rate = max((self.inner.judge([math.log(w)])[0], w) for w in INTEGRALS)  # of PI
         fS = max(fS, LEAST_HZ)
-        nominal = [self.grid.open_loops[i] for i in search._nominal(self.grid, self.plants)]
+        nominal = [self.grid.open_loops[i] for i in search.nominal_of(self.grid, self.plants)]
         delays = [DELAYS[timing] for timing in self.goal.timings]
         ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP / fS)
         self.inner.ramp = Ramp(nominal, delays, ramp_s)
@@ -106,7 +106,7 @@ class Problem:
 
     def _starts(self, fS, rate, low, high):
         """Zeros on the antiresonances with a pole above; a lead; a lag; PI with its best rate."""
-        zeros = search._antiresonances(self.grid)[:ZEROS]
+        zeros = search.antiresonances(self.grid)[:ZEROS]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
         starts = [(3 * fS, *shape) for shape in shapes] + [(rate, 8 * fS, 0.8, 8 * fS, 0.8)]

@@ -86,7 +86,7 @@ class Found:
     chosen: str
 
 
-class _Problem:
+class Problem:
     """One set of members, and how good a law is for it."""
 
     def __init__(self, plants, members, goal, ramp):
@@ -179,7 +179,7 @@ def _polished(cost, numbers, low, high):
     return numbers
 
 
-def _members(plants):
+def first_members(plants):
     """Nominal first, then corners, of many a sample."""
     corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
     if len(corners) > most:
@@ -196,10 +196,10 @@ def search(plants, goal=None, progress=None):
     goal = goal or Goal()
     say = progress or (lambda text: None)
     _check(goal)
-    members = _members(plants)
-    problem = _Problem(plants, members, goal, None)
-    _check_plants(problem)
-    zeros = _antiresonances(problem.grid)
+    members = first_members(plants)
+    problem = Problem(plants, members, goal, None)
+    check_plants(problem)
+    zeros = antiresonances(problem.grid)
     own = _search(problem, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
     best = {"P": np.zeros(0), "PI": own}
     fS = problem.judge(own)[0]
@@ -207,7 +207,7 @@ def search(plants, goal=None, progress=None):
         raise _no_gain()
     limits = {name: structures.bounds(name, SECTIONS_ABOVE * fS) for name in structures.STRUCTURES}
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
-    nominal = [problem.grid.open_loops[i] for i in _nominal(problem.grid, plants)]
+    nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
     problem.ramp = ramp
     before = own
@@ -224,7 +224,7 @@ def search(plants, goal=None, progress=None):
         if not joined:
             break
         members = members + list(joined.values())
-        problem = _Problem(plants, members, goal, ramp)
+        problem = Problem(plants, members, goal, ramp)
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             low, high = limits[name].T
 
@@ -235,12 +235,12 @@ def search(plants, goal=None, progress=None):
     return _result(plants, goal, problem, best, say)
 
 
-def _nominal(grid, plants):
+def nominal_of(grid, plants):
     nominal = plants.nominal()
     return [i for i, m in enumerate(grid.members) if m in nominal] or [0]
 
 
-def _antiresonances(grid):
+def antiresonances(grid):
     """Hz of the plants' lightly damped zeros, each once."""
     found = []
     for loop in grid.open_loops:
@@ -274,7 +274,7 @@ def _check(goal):
             raise InputError(f"--{name.replace('_', '-')}: expected a number above 1")
 
 
-def _check_plants(problem):
+def check_plants(problem):
     for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
         if loop.limit().gain == 0:
             raise InputError(
