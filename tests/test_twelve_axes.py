@@ -12,7 +12,7 @@ from forceaxis.linear.bank import Bank
 
 BETTER = 1.5
 ALL = list(twelve_axes.AXES)
-QUICK = [ALL[9], ALL[11]]
+QUICK = [ALL[11]]
 SHEETS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.long, id=n) for n in ALL]
 
 

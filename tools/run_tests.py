@@ -36,7 +36,7 @@ class Tally:
         self.passed = self.failed = 0
         self.seconds = []  # (seconds, name)
         self.begin = time.monotonic()
-        self.lock = threading.Lock()  # two threads count
+        self.lock = threading.Lock()  # several threads count
 
     def count(self, stage, begin, passed, failed):
         with self.lock:
@@ -122,15 +122,24 @@ def fuzz(tally, seconds, prefix=()):
 
 
 def sanitized(tally):
-    """What is built and run beside the tests of real buses, in the time that those leave."""
-    begin = time.monotonic()
-    try:
-        build(tally, "debug", "ctest_programs", NICE)
-        ctest(tally, "debug", "-j2", prefix=NICE)
-        fuzz(tally, FUZZ_S, NICE)
-    except Exception as error:  # a thread that ends so would only be missed
-        print(f"sanitized: {error!r}", flush=True)
-        tally.count("sanitized", begin, 0, 1)
+    build(tally, "debug", "ctest_programs", NICE)
+    ctest(tally, "debug", "-j2", prefix=NICE)
+
+
+def beside(tally, name, what):
+    """Starts what is built and run in the time that the tests of real buses leave."""
+
+    def run():
+        begin = time.monotonic()
+        try:
+            what()
+        except Exception as error:  # a thread that ends so would only be missed
+            print(f"{name}: {error!r}", flush=True)
+            tally.count(name, begin, 0, 1)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread
 
 
 def main(arguments):
@@ -147,10 +156,13 @@ def main(arguments):
     for preset in ("debug-plain", "debug"):
         build(tally, preset, "trace_hash")
     pytest(tally, "parallel", "not alone and not long", *PARALLEL)
-    beside = threading.Thread(target=sanitized, args=[tally])
-    beside.start()
+    threads = [
+        beside(tally, "sanitized", lambda: sanitized(tally)),
+        beside(tally, "fuzz", lambda: fuzz(tally, FUZZ_S, NICE)),
+    ]
     pytest(tally, "alone", "alone and not long")
-    beside.join()
+    for thread in threads:
+        thread.join()
     if arguments == ["--all"]:
         pytest(tally, "long", "long and not alone", *PARALLEL)
         pytest(tally, "long-alone", "long and alone")
