@@ -73,14 +73,14 @@ class Tally:
         return 1 if self.failed else 0
 
 
-def build(tally, preset, target, prefix=()):
+def build(tally, preset, target):
     """Configures and builds; one that fails is one failed test."""
     begin = time.monotonic()
     for command in (
         ["cmake", "--preset", preset],
         ["cmake", "--build", "--preset", preset, "--target", target, "--", "--quiet"],
     ):
-        done = subprocess.run([*prefix, *command], cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
         if done.returncode:
             print(done.stdout + done.stderr)
             tally.count(f"build {preset}", begin, 0, 1)
@@ -123,12 +123,11 @@ def fuzz(tally, seconds, prefix=()):
 
 
 def sanitized(tally):
-    """What is built and run beside the tests of real buses, in the time that those leave: more at
-    once makes them late."""
+    """What runs beside the tests of real buses, in the time that those leave: one process, where a
+    compiler would be one on every core and make them late."""
     begin = time.monotonic()
     try:
-        build(tally, "debug", "ctest_programs", IDLE)
-        ctest(tally, "debug", "-j2", prefix=IDLE)
+        ctest(tally, "debug", prefix=IDLE)
         fuzz(tally, FUZZ_S, IDLE)
     except Exception as error:  # a thread that ends so would only be missed
         print(f"sanitized: {error!r}", flush=True)
@@ -146,8 +145,8 @@ def main(arguments):
         return tally.end()
     ctest(tally, "release", "-j2")
     # Their traces are compared with those of the release build.
-    for preset in ("debug-plain", "debug"):
-        build(tally, preset, "trace_hash")
+    build(tally, "debug-plain", "trace_hash")
+    build(tally, "debug", "ctest_programs")
     pytest(tally, "parallel", "not alone and not long", *PARALLEL)
     beside = threading.Thread(target=sanitized, args=[tally])
     beside.start()
