@@ -19,6 +19,8 @@ from test_firmware_targets import (  # noqa: F401 (built is a fixture)
     run,
 )
 
+pytestmark = pytest.mark.beside
+
 INSTRUCTIONS_MAX = 850  # of cia402_before() and cia402_after() together
 TICK_MAX = 1150  # of fw_tick() with the drive, without buses
 TICKS = 10_000

@@ -14,7 +14,7 @@ import pytest
 from forceaxis import objects
 
 ROOT = Path(__file__).resolve().parent.parent
-pytestmark = pytest.mark.quick
+pytestmark = [pytest.mark.quick, pytest.mark.beside]
 TABLE = "firmware/objects/axis_objects.toml"
 GENERATED = (
     "firmware/objects/generated/axis_objects.h",

@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 TABLE = "firmware/objects/axis_objects.toml"
 DATA = ROOT / "tests/unit/data"
+pytestmark = pytest.mark.beside
 
 # Opens a store as node 5, writes what it is given, saves if it was given anything, and prints
 # store_state, the changes, and every stored parameter by its CANopen address.

@@ -97,12 +97,16 @@ def ctest(tally, preset, *selection, prefix=()):
     tally.read(f"ctest {preset}", begin, xml, done.returncode)
 
 
-def pytest(tally, stage, expression, *options):
+def pytest(tally, stage, expression, *options, prefix=()):
     begin, xml = time.monotonic(), BUILD / f"pytest-{stage.replace(' ', '-')}.xml"
     xml.unlink(missing_ok=True)
-    command = [PYTHON, "-m", "pytest", f"--junitxml={xml}", "-m", expression, *options]
-    status = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT).returncode
-    tally.read(f"pytest {stage}", begin, xml, status)
+    command = [*prefix, PYTHON, "-m", "pytest", f"--junitxml={xml}", "-m", expression, *options]
+    # Beside another stage it would write between the lines of that.
+    quiet = {"capture_output": bool(prefix), "text": True}
+    done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, **quiet)
+    if prefix and done.returncode:
+        print(done.stdout + done.stderr, end="")
+    tally.read(f"pytest {stage}", begin, xml, done.returncode)
 
 
 # Files in the order of their names: the longest ones are not left to the end.
@@ -122,16 +126,17 @@ def fuzz(tally, seconds, prefix=()):
     tally.count("fuzz", begin, clean, len(fuzzers) - clean)
 
 
-def sanitized(tally):
+def beside(tally):
     """What runs beside the tests of real buses, in the time that those leave: one process, where a
     compiler would be one on every core and make them late."""
     begin = time.monotonic()
     try:
-        ctest(tally, "debug", prefix=IDLE)
+        ctest(tally, "debug", "-L", "quick", prefix=IDLE)
         fuzz(tally, FUZZ_S, IDLE)
+        pytest(tally, "beside", "beside and not long", prefix=IDLE)
     except Exception as error:  # a thread that ends so would only be missed
-        print(f"sanitized: {error!r}", flush=True)
-        tally.count("sanitized", begin, 0, 1)
+        print(f"beside: {error!r}", flush=True)
+        tally.count("beside", begin, 0, 1)
 
 
 def main(arguments):
@@ -146,13 +151,15 @@ def main(arguments):
     ctest(tally, "release", "-j2")
     # Their traces are compared with those of the release build.
     build(tally, "debug-plain", "trace_hash")
-    build(tally, "debug", "ctest_programs")
-    pytest(tally, "parallel", "not alone and not long", *PARALLEL)
-    beside = threading.Thread(target=sanitized, args=[tally])
-    beside.start()
+    build(tally, "debug", "quick_programs")
+    pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
+    thread = threading.Thread(target=beside, args=[tally])
+    thread.start()
     pytest(tally, "alone", "alone and not long")
-    beside.join()
+    thread.join()
     if arguments == ["--all"]:
+        build(tally, "debug", "ctest_programs")
+        ctest(tally, "debug", "-LE", "quick", "-j2")
         pytest(tally, "long", "long and not alone", *PARALLEL)
         pytest(tally, "long-alone", "long and alone")
         fuzz(tally, FUZZ_ALL_S)
