@@ -13,16 +13,16 @@ ORDER = (
     ("_core", "paths"),
     ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
-    ("experiments", "identify", "versions"),
+    ("experiments", "identify", "axis", "versions"),
     ("design", "thesis"),
-    ("bench", "report"),
+    ("bench", "report", "commission"),
     ("cli",),
     ("forceaxis", "gateway"),  # the names that scripts import
 )
 LEVEL = {wing: level for level, wings in enumerate(ORDER) for wing in wings}
 GENERATED = "bus/messages/"
 MOST_LINES = 500
-MOST_FOLDERS = 11
+MOST_FOLDERS = 13
 
 
 def modules(package):

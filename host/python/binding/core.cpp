@@ -335,6 +335,7 @@ PYBIND11_MODULE(_core, m) {
   add_bench(m);
   add_excite(m);
   add_link(m);
+  add_live(m);
   add_objects(m);
   add_plant(m);
   add_toml(m);

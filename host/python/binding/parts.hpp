@@ -6,6 +6,7 @@ void add_bench(pybind11::module_ &m);    // bench.cpp
 void add_excite(pybind11::module_ &m);   // excite.cpp
 void add_linear(pybind11::module_ &m);   // linear.cpp
 void add_link(pybind11::module_ &m);     // link.cpp
+void add_live(pybind11::module_ &m);     // live.cpp
 void add_objects(pybind11::module_ &m);  // objects.cpp
 void add_plant(pybind11::module_ &m);    // plant.cpp
 void add_toml(pybind11::module_ &m);     // toml.cpp

@@ -1,0 +1,171 @@
+// An axis to commission: firmware before plant in process, its objects accessed as over a bus, its
+// time passing only when it is asked to.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "firmware/port/host/axis_host.h"
+#include "firmware/port/host/store_file.h"
+#include "host/python/binding/parts.hpp"
+#include "host/run/firmware_side.hpp"
+#include "host/run/plant_side.hpp"
+
+namespace py = pybind11;
+using forceaxis::host::Experiment;
+using forceaxis::host::FirmwareSide;
+using forceaxis::host::LinkInputs;
+using forceaxis::host::LinkOutputs;
+using forceaxis::host::PlantSide;
+
+namespace {
+
+constexpr std::uint8_t kNode = 1;
+
+Experiment endless(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
+  Experiment experiment = forceaxis::host::load_experiment(file, overrides);
+  forceaxis::host::expect_used(experiment);
+  forceaxis::host::make_endless(experiment);
+  return experiment;
+}
+
+class LiveAxis {
+ public:
+  LiveAxis(const std::filesystem::path &file, const std::vector<std::string> &overrides,
+           const std::filesystem::path &store)
+      : experiment_(endless(file, overrides)), plant_(experiment_, {.trace = false}) {
+    if (!store.empty()) {
+      auto opened = std::make_unique<store_file_t>();
+      if (const char *wrong = store_file_open(opened.get(), store.c_str()))
+        throw forceaxis::sim::InputError(store.string(), "store", wrong);
+      store_.reset(opened.release());
+      config_.memory = &store_->memory;
+    }
+    config_.buses = 1;
+    config_.node_id = kNode;
+    config_.hardware = "simulator";
+    firmware_ = std::make_unique<FirmwareSide>(
+        experiment_, forceaxis::host::FirmwareOptions{.config = &config_});
+    can_frame_t start{};  // NMT: operational, all nodes
+    start.length = 2;
+    start.data[0] = 1;
+    fw_can_receive(firmware_->axis(), &start);
+    for (const auto &contact : experiment_.model->contacts) {
+      const auto &names = plant_.plant().signal_names();
+      const auto found = std::find(names.begin(), names.end(), contact.name + ".force");
+      contact_forces_.push_back(static_cast<std::size_t>(found - names.begin()));
+    }
+    reset_extremes();
+  }
+
+  void step(std::int64_t ticks) {
+    const py::gil_scoped_release release;
+    for (std::int64_t i = 0; i < ticks; ++i) {
+      const LinkInputs &in = plant_.sense();
+      least_cnt_ = std::min(least_cnt_, in.encoder_cnt);
+      most_cnt_ = std::max(most_cnt_, in.encoder_cnt);
+      const LinkOutputs out = firmware_->tick(in);
+      firmware_->discard_output();
+      plant_.act(out);
+      for (const std::size_t place : contact_forces_)
+        most_N_ = std::max(most_N_, plant_.plant().signal_at(place));
+    }
+  }
+
+  std::int32_t read(std::uint16_t object) const {
+    std::int32_t raw = 0;
+    const int error = fw_object_read(firmware_->axis(), object, &raw);
+    if (error != FW_OK) throw py::key_error(std::to_string(error));
+    return raw;
+  }
+
+  int write(std::uint16_t object, std::int64_t raw) {
+    return fw_object_write(firmware_->axis(), FW_SOURCE_LCM, object,
+                           static_cast<std::int32_t>(static_cast<std::uint32_t>(raw)));
+  }
+
+  py::array_t<std::int32_t> samples(std::uint32_t first, std::uint32_t count, int channels) const {
+    py::array_t<std::int32_t> rows(
+        {static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(channels)});
+    std::int32_t values[RECORDER_CHANNELS] = {};
+    for (std::uint32_t i = 0; i < count; ++i) {
+      if (fw_recorder_read(firmware_->axis(), first + i, values) < channels)
+        throw std::out_of_range("no such sample");
+      std::copy(values, values + channels, rows.mutable_data(i, 0));
+    }
+    return rows;
+  }
+
+  py::dict extremes() const {
+    py::dict all;
+    all["force_N"] = most_N_;
+    all["position_min_cnt"] = least_cnt_;
+    all["position_max_cnt"] = most_cnt_;
+    return all;
+  }
+
+  void reset_extremes() {
+    most_N_ = 0;
+    least_cnt_ = INT32_MAX;
+    most_cnt_ = INT32_MIN;
+  }
+
+  double signal(const std::string &name) const { return plant_.plant().signal(name); }
+  std::int64_t ticks() const { return plant_.tick(); }
+
+ private:
+  struct CloseStore {
+    void operator()(store_file_t *store) const {
+      store_file_close(store);
+      delete store;
+    }
+  };
+
+  Experiment experiment_;
+  PlantSide plant_;
+  std::unique_ptr<store_file_t, CloseStore> store_;
+  fw_config_t config_{};
+  std::unique_ptr<FirmwareSide> firmware_;
+  std::vector<std::size_t> contact_forces_;
+  double most_N_ = 0;
+  std::int32_t least_cnt_ = 0;
+  std::int32_t most_cnt_ = 0;
+};
+
+}  // namespace
+
+void add_live(py::module_ &m) {
+  py::class_<LiveAxis>(
+      m, "LiveAxis",
+      "The axis of an experiment as somebody at its bus has it: firmware with buses and store "
+      "before "
+      "the plant, NMT operational, writes by the source lcm, whose lock and watchdog apply. Time "
+      "passes in step() alone. Commands of [firmware] act at the start, [[at]] at its times; there "
+      "is no end and no verdict.")
+      .def(py::init<const std::filesystem::path &, const std::vector<std::string> &,
+                    const std::filesystem::path &>(),
+           py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+           py::arg("store") = std::filesystem::path{},
+           "store: file of the parameter store, \"\" for none. Raises InputError.")
+      .def("step", &LiveAxis::step, py::arg("ticks"), "Ticks of 1/1500 s. Raises SimulationError.")
+      .def("read", &LiveAxis::read, py::arg("object"),
+           "Raw value of an object's number, a u32 as int32; KeyError(FW_ERROR_).")
+      .def("write", &LiveAxis::write, py::arg("object"), py::arg("raw"), "FW_OK or FW_ERROR_.")
+      .def("samples", &LiveAxis::samples, py::arg("first"), py::arg("count"), py::arg("channels"),
+           "(count, channels) raw values of a finished recording; IndexError beyond it.")
+      .def_property_readonly("extremes", &LiveAxis::extremes,
+                             "since reset_extremes(), of every tick: largest true contact force in "
+                             "N, least and largest "
+                             "encoder count; what only a test may read")
+      .def("reset_extremes", &LiveAxis::reset_extremes)
+      .def("signal", &LiveAxis::signal, py::arg("name"), "a true signal of the plant, now")
+      .def_property_readonly("ticks", &LiveAxis::ticks, "that have passed");
+}

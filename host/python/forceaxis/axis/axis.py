@@ -1,0 +1,165 @@
+"""A live axis in engineering units, over any link.
+
+    with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
+        axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
+        axis.get("force", "fault")                                  # {"force": 0.0, "fault": "none"}
+        axis.enable("profile position")
+        axis.move(36_000)
+        held = axis.capture(["force", "dac_code"], samples=1500)
+                                                  # at the end: disabled and released
+"""
+
+from forceaxis._core import InputError
+from forceaxis.axis.link import NoAnswer, Refused, address
+from forceaxis.bus import state_names
+from forceaxis.bus.client import from_raw, object_named, to_raw
+
+MODES = {text: number for number, text in state_names.MODES.items()}
+# CiA 402 controlwords and statusword bits.
+SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT, FAULT_RESET = 0x06, 0x07, 0x0F, 0x1F, 0x80
+TARGET_REACHED, BIT_12 = 1 << 10, 1 << 12
+POLL_S = 0.02
+ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
+
+
+class Axis:
+    """An axis, owned from __enter__ to close(), where it is disabled and released."""
+
+    def __init__(self, link):
+        self.link, self._owned = link, False
+
+    def __enter__(self):
+        self.acquire()
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def acquire(self):
+        self.link.acquire()
+        self._owned = True
+
+    def close(self):
+        """Disables and releases an owned axis, and ends the connection, whatever happened."""
+        try:
+            if self._owned:
+                self._owned = False
+                self.disable()
+                self.link.release()
+        except (Refused, NoAnswer):
+            pass  # another client acquired it, or it is lost: its watchdog disables it
+        finally:
+            self.link.close()
+
+    def get(self, *names):
+        """{name: engineering value or enum text}. Raises InputError for an unknown name."""
+        for name in names:
+            _known(name)
+        return {name: from_raw(name, raw) for name, raw in self.link.read(names).items()}
+
+    def read(self, name):
+        return self.get(name)[name]
+
+    def set(self, **values):
+        """Writes engineering values or enum texts in order. Nothing is written if a name or value
+        is not in the object table (InputError)."""
+        raw = {_known(name).name: to_raw(name, value) for name, value in values.items()}
+        self.link.write(raw)
+
+    def wait_for(self, holds, names, what, timeout_s=5.0):
+        """Reads `names` until holds({name: value}), of the axis' own time: those values. NoAnswer
+        names `what` when that does not come, and what the axis does instead."""
+        passed = 0.0
+        while True:
+            found = self.get(*names)
+            if holds(found):
+                return found
+            if passed >= timeout_s:
+                raise NoAnswer(
+                    f"{self.link.where}: expected {what} within {timeout_s:g} s, {self.about()}"
+                )
+            self.link.wait(POLL_S)
+            passed += POLL_S
+
+    def about(self):
+        """What the axis does, in words."""
+        found = self.link.read(ABOUT)
+        return (
+            f"it is {state_names.drive_state(found['statusword'])}, "
+            f"{state_names.mode(found['modes_of_operation_display'])}, "
+            f"fault {state_names.enum('fault', found['fault'])}, "
+            f"position {found['position']} count, force {from_raw('force', found['force']):g} count"
+        )
+
+    def enable(self, mode, **parameters):
+        """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
+        `parameters` are written before the mode changes."""
+        number = MODES.get(mode, mode)
+        if number not in state_names.MODES:
+            raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
+        self.set(**parameters, modes_of_operation=number)
+        if self.read("drive_state") != "operation_enabled":
+            for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+                self.set(controlword=word)
+                self.link.wait(POLL_S)
+        self.wait_for(
+            lambda s: (
+                state_names.drive_state(s["statusword"]) == "operation enabled"
+                and to_raw("modes_of_operation_display", s["modes_of_operation_display"]) == number
+            ),
+            ("statusword", "modes_of_operation_display"),
+            f"operation enabled in mode {mode}",
+        )
+
+    def disable(self):
+        self.link.write({"controlword": SHUTDOWN})
+
+    def reset_fault(self):
+        self.link.write({"controlword": 0})
+        self.link.write({"controlword": FAULT_RESET})
+
+    def move(self, position, timeout_s=20.0):
+        """Profile position mode: moves to `position`, counts, and waits until it is reached."""
+        self.set(target_position=position, controlword=NEW_SETPOINT)
+        self.wait_for(lambda s: s["statusword"] & BIT_12, ("statusword",), "the set-point taken")
+        self.set(controlword=ENABLE)
+        return self.wait_for(
+            lambda s: s["statusword"] & TARGET_REACHED,
+            ("statusword", "position"),
+            f"position {position} to be reached",
+            timeout_s,
+        )
+
+    def arm(self, signals, samples=0, **settings):
+        """Starts a recording; see capture()."""
+        if not 1 <= len(signals) <= 8:
+            raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
+        for name in signals:
+            _known(name)
+        wanted = {"length": samples, **settings}
+        self.link.arm(signals, {n: to_raw(f"recorder_{n}", v) for n, v in wanted.items()})
+
+    def capture(self, signals, samples=0, timeout_s=30.0, **settings):
+        """Records `signals` tick by tick and waits: a link.Recording.
+
+        samples 0: as many as the recorder holds. `settings` are further recorder objects without
+        the prefix: decimation=3, pretrigger=100, trigger_edge="rising"; see trigger_on().
+        """
+        self.arm(signals, samples, **settings)
+        return self.link.recording(timeout_s)
+
+
+def trigger_on(name, level, edge="rising"):
+    """Settings of capture(): begin when an object passes a level, in engineering units."""
+    return {
+        "trigger_source": address(_known(name).name),
+        "trigger_level": round(level / _known(name).scale),
+        "trigger_edge": edge,
+    }
+
+
+def _known(name):
+    known = object_named(name)
+    if known is None:
+        raise InputError(f"{name}: expected the name of an object")
+    return known

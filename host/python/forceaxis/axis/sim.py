@@ -1,0 +1,98 @@
+"""A simulated axis: firmware and plant of an experiment in process, in their own time."""
+
+from forceaxis import _core
+from forceaxis.axis.link import (
+    TICKS_PER_S,
+    Link,
+    NoAnswer,
+    Recording,
+    Refused,
+    recorder_writes,
+    unsigned,
+)
+from forceaxis.bus.state_names import BY_NAME
+
+LCM = 2  # command_source
+FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
+REASONS = {
+    -1: "there is no such object",
+    -2: "it cannot be written",
+    -3: "it cannot be read",
+    -4: "outside its range or at odds with another object",
+    -5: "not in this state of the axis",
+    -6: "there is no finished recording",
+    -7: "another source owns the axis",
+    -8: "the store is at work",
+    -9: "it cannot be mapped",
+    -10: "there is no memory for parameters",
+}
+
+
+class SimLink(Link):
+    """The axis of an experiment; it is disabled until it is enabled through the link.
+
+    store: file of the parameter store, made where there is none. Raises InputError.
+    """
+
+    def __init__(self, experiment, overrides=(), store=""):
+        given = {text.split("=")[0] for text in overrides}
+        still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
+        self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
+        self.where = f"the simulated axis of {experiment}"
+        self._owned, self._armed = False, None
+        self.axis.step(1)  # the first inputs
+
+    def read(self, names):
+        found = {}
+        for name in names:
+            try:
+                found[name] = unsigned(name, self.axis.read(BY_NAME[name].number))
+            except KeyError as error:
+                raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
+        return found
+
+    def write(self, values):
+        for name, raw in values.items():
+            error = self.axis.write(BY_NAME[name].number, raw)
+            if error:
+                raise Refused(f"{name}: {REASONS[error]}")
+            self.axis.step(1)  # a write acts in the tick after it, as over a bus
+
+    def acquire(self):
+        self.write({"command_source": LCM})
+        self._owned = True
+
+    def release(self):
+        self.write({"command_source": 0})
+        self._owned = False
+
+    def wait(self, seconds):
+        ticks = max(1, round(seconds * TICKS_PER_S))
+        while ticks > 0:
+            self.axis.step(min(ticks, FEED_TICKS))
+            ticks -= FEED_TICKS
+            if self._owned:
+                number = BY_NAME["watchdog"].number
+                self.axis.write(number, self.axis.read(number))
+
+    def arm(self, signals, settings):
+        self.write(recorder_writes(signals, settings) | {"recorder_arm": 1})
+        self._armed = tuple(signals), settings.get("decimation", 1)
+
+    def recording(self, timeout_s):
+        passed, done = 0.0, BY_NAME["recorder_state"].enum.index("done")
+        while self.read(["recorder_state"])["recorder_state"] != done:
+            if passed >= timeout_s:
+                raise NoAnswer(f"{self.where}: expected a recording within {timeout_s:g} s")
+            self.wait(0.02)
+            passed += 0.02
+        signals, decimation = self._armed
+        about = self.read(["recorder_count", "recorder_trigger_index"])
+        raw = self.axis.samples(0, about["recorder_count"], len(signals)).astype("int64")
+        for i, name in enumerate(signals):
+            if BY_NAME[name].type == "u32":
+                raw[:, i] %= 2**32
+        return Recording(signals, raw, decimation, about["recorder_trigger_index"])
+
+    def close(self):
+        self._owned = False
