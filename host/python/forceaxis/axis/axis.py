@@ -1,12 +1,12 @@
 """A live axis in engineering units, over any link.
 
-    with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
-        axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
-        axis.get("force", "fault")                                  # {"force": 0.0, "fault": "none"}
-        axis.enable("profile position")
-        axis.move(36_000)
-        held = axis.capture(["force", "dac_code"], samples=1500)
-                                                  # at the end: disabled and released
+with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
+    axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
+    axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
+    axis.enable("profile position")
+    axis.move(36_000)
+    held = axis.capture(["force", "dac_code"], samples=1500)
+                                              # at the end: disabled and released
 """
 
 from forceaxis._core import InputError

@@ -102,11 +102,10 @@ def unsigned(name, raw):
 
 
 def recorder_writes(signals, settings):
-    """{object: raw value} of a recording, for links that write objects; arming is the last."""
+    """{object: raw value} to be written while the recorder is stopped, before it is armed."""
     channels = [address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {
-        "recorder_arm": 0,
         **{f"recorder_signal_{i + 1}": value for i, value in enumerate(channels)},
         **{f"recorder_{name}": value for name, value in (defaults | settings).items()},
     }

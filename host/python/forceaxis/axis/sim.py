@@ -76,7 +76,9 @@ class SimLink(Link):
                 self.axis.write(number, self.axis.read(number))
 
     def arm(self, signals, settings):
-        self.write(recorder_writes(signals, settings) | {"recorder_arm": 1})
+        self.write({"recorder_arm": 0})
+        self.write(recorder_writes(signals, settings))
+        self.write({"recorder_arm": 1})
         self._armed = tuple(signals), settings.get("decimation", 1)
 
     def recording(self, timeout_s):
