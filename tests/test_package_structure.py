@@ -163,7 +163,10 @@ PLANTED = {
     ),
     "unknown wing": ({"attic.py": ""}, "forceaxis.attic: expected a wing of ORDER"),
     "long file": ({"linear/a.py": "x = 1\n" * 501}, "linear/a.py: 501 lines"),
-    "folders": ({f"linear/f{i}/__init__.py": '"""F."""\n' for i in range(11)}, "12 folders"),
+    "folders": (
+        {f"linear/f{i}/__init__.py": '"""F."""\n' for i in range(MOST_FOLDERS)},
+        f"{MOST_FOLDERS + 1} folders",
+    ),
     "a wing without a word": ({"bus/__init__.py": ""}, "bus: expected a docstring that says what"),
 }
 
