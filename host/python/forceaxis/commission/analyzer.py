@@ -14,6 +14,7 @@ The axis itself ends the excitation in the tick in which a bound is passed. What
 is put back in close(), with the axis disabled.
 """
 
+import contextlib
 import math
 from dataclasses import dataclass, field
 
@@ -46,7 +47,7 @@ STANDING = 4  # counts within which an axis stands
 class Order:
     """What to measure; frequencies in Hz, forces in N, times in s, travel in counts."""
 
-    band_hz: tuple = (1.0, 200.0)
+    band_hz: tuple = (1.0, 100.0)
     resolution_hz: float = 1.0
     averages: int = 8
     settle_s: float = 1.0
@@ -58,8 +59,8 @@ class Order:
 
 @dataclass(frozen=True)
 class Rest:
-    """The axis at rest: mean reading in counts, noise in codes of the ADC (rms; None: it cannot be
-    told of a reading at the converter's end), position in counts."""
+    """The axis at rest: mean reading in counts, noise in codes of the ADC (see noise_of; None: a
+    reading at the converter's end shows half of it), position in counts."""
 
     reading: float
     noise_lsb: float | None
@@ -83,6 +84,12 @@ class Level:
     def about(self):
         """For JSON."""
         return {k: v for k, v in vars(self).items() if k != "measured"}
+
+
+def noise_of(raw):
+    """Noise of readings that stand, rms in their unit: from sample to sample, so that a slow limit
+    cycle between two codes is none."""
+    return float(np.std(np.diff(raw)) / math.sqrt(2))
 
 
 class Ended(Exception):
@@ -147,10 +154,8 @@ class Analyzer:
         return self
 
     def __exit__(self, *_):
-        try:
+        with contextlib.suppress(NoAnswer):  # then its watchdog disables it
             self.close()
-        except NoAnswer:
-            pass  # its watchdog disables it
 
     def rest(self):
         """The disabled axis at rest: a Rest. Refuses what moves or has no tare."""
@@ -166,7 +171,7 @@ class Analyzer:
                 "move the axis out of contact and tare it"
             )  # fmt: skip
         ends = raw.min() == 0 or raw.max() == 2**self.bits - 1
-        noise = None if ends else float(np.std(raw))
+        noise = None if ends else noise_of(raw)
         return Rest(reading, noise, int(np.median(place)))
 
     def contact(self, force_N):
@@ -188,7 +193,7 @@ class Analyzer:
             excitation_travel=order.travel,
         )  # fmt: skip
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
-        noise = float(np.std(still.values("force_raw")))
+        noise = noise_of(still.values("force_raw"))
         level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
         self._measure(level, self._pressed, still, SWING * bias, "adc0")
         return level
@@ -289,6 +294,8 @@ class Analyzer:
                 ended.args[0].removeprefix("ended_"),
                 f"expected an excitation within the bounds, {amplitude} codes pass them",
             )
+        if level.bias_N is not None:
+            self._standing()
         return amplitude // 2
 
     def _output(self, held, output):
