@@ -40,6 +40,7 @@ QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 MOST_CODES = 1024
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
+FREE_SETTLE = 0.3  # of the time to settle in contact
 STANDING = 4  # counts within which an axis stands
 
 
@@ -74,6 +75,9 @@ class Level:
 
     measured: Measurement
     amplitude: int
+    #: (n,) complex, of the loop that was measured in, and its standard error
+    sensitivity: np.ndarray | None = None
+    sensitivity_error: np.ndarray | None = None
     bias_N: float | None = None
     force_min_N: float | None = None
     force_max_N: float | None = None
@@ -83,13 +87,16 @@ class Level:
 
     def about(self):
         """For JSON."""
-        return {k: v for k, v in vars(self).items() if k != "measured"}
+        return {k: v for k, v in vars(self).items() if not isinstance(v, ARRAYS)}
 
 
 def noise_of(raw):
     """Noise of readings that stand, rms in their unit: from sample to sample, so that a slow limit
     cycle between two codes is none."""
     return float(np.std(np.diff(raw)) / math.sqrt(2))
+
+
+ARRAYS = (Measurement, np.ndarray)
 
 
 class Ended(Exception):
@@ -235,7 +242,9 @@ class Analyzer:
             raise Refusal("amplitude", f"expected one that the bounds permit, got {level.aborts}")
         r, u, y = (np.array([record[i] for record in records]) for i in range(3))
         steps = self._steps(output)
-        found = response.estimate(r, u, y, self.lines, steps)
+        found, level.sensitivity, level.sensitivity_error = response.estimate(
+            r, u, y, self.lines, steps
+        )
         scale = self.sign if output == "adc0" else 1
         found["response"] = found["response"] * scale
         level.swing = float(np.ptp(y, axis=1).max())
@@ -392,7 +401,7 @@ class Analyzer:
         self._home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed % 65536)
         axis.enable("excitation")
-        self._wait(self.order.settle_s, self._free)
+        self._wait(FREE_SETTLE * self.order.settle_s, self._free)
         count = min(2 * n, self._most_samples(APART))
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)

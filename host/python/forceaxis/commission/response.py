@@ -23,11 +23,12 @@ def lines_of(samples, band_hz, rate_hz):
 
 
 def estimate(waveform, inputs, outputs, lines, steps):
-    """{response, variance, coherence, floor} at `lines`.
+    """({response, variance, coherence, floor}, S, standard error of S) at `lines`.
 
     waveform, inputs, outputs: (K, n), a whole period of each of K >= 2 realisations in the same
     ticks; steps: what a code is worth in units of (input, output), for the floor that rounding
     alone leaves. The coherence is that of the waveform with input and with output, the smaller one.
+    S is the input over the waveform: the sensitivity of the loop that it acts in, complex.
     """
     count, samples = waveform.shape
     R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
@@ -39,13 +40,15 @@ def estimate(waveform, inputs, outputs, lines, steps):
     spread = (abs(Y - H * U) ** 2).sum(0) / (count - 1)
     shown = [abs(a) ** 2 / np.maximum(power * (abs(b) ** 2).sum(0), LEAST)
              for a, b in ((RU, U), (RY, Y))]  # fmt: skip
-    return {
+    found = {
         "response": H,
         # Records that repeat to the code say nothing of the rounding that they share.
         "variance": np.maximum(spread, 1e-3 * rounding) * gain,
         "coherence": np.minimum(np.minimum(*shown), 1.0),
         "floor": np.sqrt(rounding * gain),
     }
+    S = RU / power
+    return found, S, np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power))
 
 
 def deviation(waveform, inputs, outputs, still, lines, steps, averages):
