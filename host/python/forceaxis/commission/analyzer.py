@@ -29,7 +29,7 @@ from forceaxis.identify.measurement import Measurement
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
 SWING = 0.4  # of the bias force, from peak to peak
-DEVIATION = 0.05  # relative, median of the lines
+DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
 RAMP_S = 0.1
@@ -84,6 +84,7 @@ class Level:
     swing: float = 0.0  #: from peak to peak, N in contact, counts apart
     noise_lsb: float | None = None
     aborts: list = field(default_factory=list)
+    of_loop: bool = False
 
     def about(self):
         """For JSON."""
@@ -181,8 +182,9 @@ class Analyzer:
         noise = None if ends else noise_of(raw)
         return Rest(reading, noise, int(np.median(place)))
 
-    def contact(self, force_N):
-        """The response from DAC codes to the reading, pressed with `force_N`: a Level."""
+    def contact(self, force_N, of_loop=False):
+        """The response from DAC codes to the reading, pressed with `force_N`: a Level. of_loop: the
+        amplitude is searched for the loop's sensitivity, which less of it shows."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -194,7 +196,7 @@ class Analyzer:
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
         self.set(
             excitation_waveform="noise", excitation_point="output", excitation_code=0,
-            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * order.band_hz[1]))),
+            excitation_hold=self._hold(),
             excitation_period=self.samples, excitation_ramp=1e3 * RAMP_S,
             excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
             excitation_travel=order.travel,
@@ -202,7 +204,9 @@ class Analyzer:
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
         level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
-        self._measure(level, self._pressed, still, SWING * bias, "adc0")
+        seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
+        level.of_loop = of_loop
+        self._measure(level, self._pressed, still, SWING * bias, "adc0", seeds)
         return level
 
     def free(self):
@@ -212,7 +216,7 @@ class Analyzer:
         self.set(
             position_min=start - travel, position_max=start + travel, open_loop_code=0,
             excitation_waveform="noise", excitation_amplitude=0,
-            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1]))),
+            excitation_hold=self._hold(),
             excitation_period=self.samples,
         )  # fmt: skip
         self.home = start
@@ -220,21 +224,25 @@ class Analyzer:
         still = self.axis.capture(APART, samples=self.samples)
         level = Level(None, self.order.amplitude)
         try:
-            self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder")
+            seeds = response.calm_seeds(
+                self.order.averages, self.samples, self._hold(), self.order.seed
+            )
+            self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder", seeds)
         finally:
             self.close()
         return level
 
-    def _measure(self, level, play, still, swing, output):
+    def _hold(self):
+        return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
+
+    def _measure(self, level, play, still, swing, output, seeds):
         """Searches the amplitude, unless it is given, then measures; fills in `level`."""
         records = None
         if not level.amplitude:
-            level.amplitude = self._search(level, play, still, swing, output)
+            level.amplitude = self._search(level, play, still, swing, output, seeds[0])
         for _ in range(BACKS):
             try:
-                records = [
-                    play(level.amplitude, self.order.seed + i) for i in range(self.order.averages)
-                ]
+                records = [play(level.amplitude, seed) for seed in seeds]
                 break
             except Ended as ended:
                 level.amplitude = self._halve(level, level.amplitude, ended)
@@ -273,7 +281,7 @@ class Analyzer:
     def _steps(self, output):
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
-    def _search(self, level, play, still, swing, output):
+    def _search(self, level, play, still, swing, output, seed):
         """Codes of amplitude: from 1, doubled until the signal swings enough, or the response is to
         be expected within DEVIATION."""
         amplitude, unit = 1, self.newton if output == "adc0" else 1.0
@@ -281,16 +289,17 @@ class Analyzer:
         rest = still.values("dac_code"), self._output(still, output)
         while True:
             try:
-                r, u, y = play(amplitude, self.order.seed)
+                _, u, y = play(amplitude, seed)
             except Ended as ended:
                 return self._halve(level, amplitude, ended)
             moved = np.ptp(y) * unit
-            error = response.deviation(r, u, y, rest, self.lines, steps, self.order.averages)
+            errors = response.deviation(u, y, rest, self.lines, steps, self.order.averages)
+            error = errors[level.of_loop]
             self.say(
                 f"amplitude {amplitude} codes: swing {moved:.3g} {'N' if unit != 1 else 'counts'}, "
                 f"deviation {100 * error:.2g} %"
             )
-            if moved >= 0.9 * swing or error < DEVIATION or amplitude >= MOST_CODES:
+            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= MOST_CODES:
                 return amplitude
             room = swing / max(moved, 1e-9)
             amplitude = min(max(amplitude + 1, int(amplitude * min(2.0, room))), MOST_CODES)
@@ -365,7 +374,7 @@ class Analyzer:
     def _pressed(self, amplitude, seed):
         """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
         axis = self.axis
-        self.set(excitation_code=amplitude, excitation_seed=seed % 65536)
+        self.set(excitation_code=amplitude, excitation_seed=seed)
         try:
             axis.set(excitation_run="start")
         except Refused:
@@ -399,7 +408,7 @@ class Analyzer:
         """A realisation apart: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
         self._home()
-        self.set(excitation_amplitude=amplitude, excitation_seed=seed % 65536)
+        self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self._wait(FREE_SETTLE * self.order.settle_s, self._free)
         count = min(2 * n, self._most_samples(APART))

@@ -328,7 +328,9 @@ def verify(tuning):
     try:
         for force in order.forces:
             name = f"verified-{force:g}N"
-            done, about = _measured(tuning, name, lambda a, f=force: a.contact(f), reach, order)
+            done, about = _measured(
+                tuning, name, lambda a, f=force: a.contact(f, True), reach, order
+            )
             about |= _peaks(tuning, bank, late, done)
             levels[name] = about
             if about["Ms"] is None or about["Ms"] > about["Ms_predicted"] + MS_WITHIN:
