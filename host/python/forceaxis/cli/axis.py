@@ -293,7 +293,7 @@ def press(force, seconds, speed, approach, way, as_json):
     else:
         click.echo(
             f"held {held['force_N']:.4g} N ({held['force_count']:.4g} count), "
-            f"{held['least_N']:.4g} to {held['most_N']:.4g} N, peak {held['peak_N']:.4g} N; disabled"
+            f"{held['least_N']:.4g} to {held['most_N']:.4g} N, peak {held['peak_N']:.4g} N"
         )
 
 
