@@ -85,13 +85,19 @@ def calibrate(axis, points):
         values[f"calibration_force_{i}"] = newton * 1e3
     today = (datetime.date.today() - FIRST_DAY).days
     axis.set(**values, calibration_points=len(points), date=today)
-    axis.set(calibrate=1)
-    axis.link.wait(POLL_S)
+    refusal = None
+    try:
+        axis.set(calibrate=1)
+        axis.link.wait(POLL_S)
+    except Refused as error:  # the reason is an object of its own
+        refusal = error
     found = axis.get("calibration_state", "calibration_linearity", "force_scale")
-    if found["calibration_state"] != "done":
+    if refusal or found["calibration_state"] != "done":
+        if found["calibration_state"] in ("idle", "done"):
+            raise refusal
         raise Refused(
             f"{axis.link.where}: calibration {found['calibration_state'].replace('_', ' ')}, "
-            f"linearity {found['calibration_linearity']:g} per mille"
+            f"linearity error {found['calibration_linearity']:g} per mille"
         )
     return {
         "force_scale_N_per_count": found["force_scale"] * 1e-6,
