@@ -22,6 +22,7 @@ from forceaxis.bus.state_names import BY_NAME
 
 OPERATIONAL, START = 5, 1
 HEARTBEAT_ID = 0x700
+NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
 HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
@@ -56,6 +57,7 @@ def network(interface, bus=None):
     canopen, can = libraries()
     made = canopen.Network()
     made.bus = bus
+    made.NOTIFIER_CYCLE = NOTIFIER_S
     try:
         if bus is None:
             made.connect(interface="socketcan", channel=interface)
