@@ -16,8 +16,10 @@ import click
 import forceaxis.cli
 from forceaxis import versions
 from forceaxis._core import InputError, SimulationError
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.chip import flash
 from forceaxis.cli.common import fail
+from forceaxis.commission.refusal import Refusal
 from forceaxis.experiments import link
 from forceaxis.thesis import tables
 
@@ -56,7 +58,7 @@ def main():
         cli(standalone_mode=False)
     except InputError as error:
         fail(str(error))
-    except (SimulationError, link.LinkError, flash.FlashError) as error:
+    except (SimulationError, link.LinkError, flash.FlashError, NoAnswer, Refused, Refusal) as error:
         fail(str(error), status=1)
     except subprocess.TimeoutExpired as error:
         program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]

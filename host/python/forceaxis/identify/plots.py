@@ -10,14 +10,15 @@ from forceaxis.drawing import GOT, INK, style
 
 def response(measured, model, title, width=7.2):
     """Figure: amplitude and phase over frequency, of a Measurement with its 95 % band and of the
-    linear model (complex, at its frequencies), coherence below."""
+    linear model (complex, at its frequencies; None: without), coherence below."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
     )
     radius, magnitude = measured.radius(), abs(measured.response)
     lines = {"marker": "."} if len(f) < 100 else {}
-    size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
+    if model is not None:
+        size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", **lines)
     low, high = size.get_ylim()
     if high < 10 * low:  # nearly flat: a decade shows that it is
@@ -31,7 +32,8 @@ def response(measured, model, title, width=7.2):
     size.legend(fontsize=7, frameon=False, loc="best")
     degrees = np.degrees(np.angle(measured.response))
     spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
-    phase.semilogx(f, np.degrees(np.angle(model)), ".", color=GOT, markersize=4, alpha=0.4)
+    if model is not None:
+        phase.semilogx(f, np.degrees(np.angle(model)), ".", color=GOT, markersize=4, alpha=0.4)
     phase.semilogx(f, degrees, ".", color=INK, markersize=1.5)
     phase.vlines(f, degrees - spread, degrees + spread, color=INK, alpha=0.25, linewidth=0.8)
     phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))

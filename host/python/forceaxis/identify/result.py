@@ -19,9 +19,9 @@ STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
 class Result:
     """A measurement beside the linear model, and the summary that `--json` prints."""
 
-    setup: Setup
+    setup: Setup | None  # None: a live axis
     measured: Measurement
-    model: np.ndarray  # (n,) complex, from nominal parameters
+    model: np.ndarray | None  # (n,) complex, from nominal parameters; None: there is no model
     summary: dict
 
 
@@ -171,8 +171,8 @@ def figure(done):
     """Figure of a Result."""
     from forceaxis.identify import plots
 
-    measured, number = done.measured, done.setup.figure
-    title = done.setup.title or f"{measured.input} to {measured.output}"
+    measured, number = done.measured, done.summary["figure"]
+    title = done.summary["title"] or f"{measured.input} to {measured.output}"
     return plots.response(measured, done.model, f"Fig {number}: {title}" if number else title)
 
 
@@ -187,9 +187,12 @@ def write(done, out):
         "band": measured.radius(),
         "random_error": measured.random_error(),
         "floor": measured.floor,
-        "model_magnitude": abs(done.model),
-        "model_phase_deg": np.degrees(np.angle(done.model)),
     }
+    arrays_of_model = {}
+    if done.model is not None:
+        columns["model_magnitude"] = abs(done.model)
+        columns["model_phase_deg"] = np.degrees(np.angle(done.model))
+        arrays_of_model["model"] = done.model
     # The other members of the Measurement, for `fit.read_response`.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     drawn = figure(done)
@@ -205,7 +208,7 @@ def write(done, out):
                 **columns,
                 response=measured.response,
                 variance=measured.variance,
-                model=done.model,
+                **arrays_of_model,
                 about=json.dumps(about),
             )
         drawn.savefig(picture, dpi=120, format="png")

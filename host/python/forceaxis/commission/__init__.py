@@ -1,0 +1,1 @@
+"""Commissioning a live axis: responses measured on it, and what follows from them."""

@@ -1,0 +1,425 @@
+"""A signal analyzer on a live axis: the response from DAC codes to the reading, or to the encoder.
+
+    analyzer = Analyzer(axis, Order(force_max_N=120))
+    analyzer.rest()
+    free = analyzer.free()
+    pressed = analyzer.contact(30.0)
+
+In contact the waveform is added at the output of the force law, in mode 4: open loop, an axis that
+integrates would drift off. Every realisation is another noise of one period, in which the axis
+settles before a whole period is recorded. Apart it is the open-loop excitation mode, and the axis
+is moved back to where it stood after each realisation.
+
+The axis itself ends the excitation in the tick in which a bound is passed. What the analyzer writes
+is put back in close(), with the axis disabled.
+"""
+
+import contextlib
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
+from forceaxis.bus.state_names import BY_NAME
+from forceaxis.commission import response
+from forceaxis.commission.refusal import Refusal
+from forceaxis.identify.measurement import Measurement
+
+IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
+APART = ("position", "dac_code", "force")
+SWING = 0.4  # of the bias force, from peak to peak
+DEVIATION = 0.05  # relative, median of the lines
+LOWEST = 0.5  # of the bias force: the reading never falls below it
+MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
+RAMP_S = 0.1
+POLL_S = 0.1
+BIAS_WITHIN = 0.05  # of the force asked for
+BIAS_TRIES = 8
+QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
+MOST_CODES = 1024
+BACKS = 6  # times the amplitude is halved
+FREE_SWING = 400  # counts, from peak to peak
+STANDING = 4  # counts within which an axis stands
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to measure; frequencies in Hz, forces in N, times in s, travel in counts."""
+
+    band_hz: tuple = (1.0, 100.0)
+    resolution_hz: float = 1.0
+    averages: int = 8
+    settle_s: float = 1.0
+    force_max_N: float = math.inf
+    travel: int = 500  #: from where a level or the free response begins
+    amplitude: int = 0  #: codes; 0: searched
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The axis at rest: mean reading in counts, noise in codes of the ADC (see noise_of; None: a
+    reading at the converter's end shows half of it), position in counts."""
+
+    reading: float
+    noise_lsb: float | None
+    position: int
+
+
+@dataclass
+class Level:
+    """A measured response and how it was come by. Forces in N, the least and largest of every
+    recorded reading; aborts: [{"amplitude", "why"}]."""
+
+    measured: Measurement
+    amplitude: int
+    bias_N: float | None = None
+    force_min_N: float | None = None
+    force_max_N: float | None = None
+    swing: float = 0.0  #: from peak to peak, N in contact, counts apart
+    noise_lsb: float | None = None
+    aborts: list = field(default_factory=list)
+
+    def about(self):
+        """For JSON."""
+        return {k: v for k, v in vars(self).items() if k != "measured"}
+
+
+def noise_of(raw):
+    """Noise of readings that stand, rms in their unit: from sample to sample, so that a slow limit
+    cycle between two codes is none."""
+    return float(np.std(np.diff(raw)) / math.sqrt(2))
+
+
+class Ended(Exception):
+    """The axis ended an excitation; args: the name of excitation_state."""
+
+
+class Analyzer:
+    """Measures on an Axis that is owned and disabled; close() leaves it as it was, disabled.
+
+    model, overrides: what Measurement.predict() compares with; "" without a model.
+    Methods raise Refusal, and NoAnswer and Refused of the link.
+    """
+
+    def __init__(self, axis, order=None, model="", overrides=None, say=lambda text: None):
+        self.axis, self.order, self.say = axis, order or Order(), say
+        self.model, self.overrides = str(model), dict(overrides or {})
+        self._before = {}
+        names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
+                 "contact_force", "force_max", "tare_band", "position")  # fmt: skip
+        known = axis.get(*names)
+        self.bits, self.sign, self.zero = (known[n] for n in names[:3])
+        self.newton = known["force_scale"] * 1e-6  # a count of the reading
+        self.rated_N = known["rated_force"] * 1e-3
+        self.known, self.home = known, known["position"]
+        self.samples = round(TICKS_PER_S / self.order.resolution_hz)
+        low, high = self.order.band_hz
+        if not 0 < low < high < TICKS_PER_S / 2:
+            raise Refusal("band", f"expected 0 < low < high < 750 Hz, got {low:g} to {high:g} Hz")
+        self.lines = response.lines_of(self.samples, (low, high), TICKS_PER_S)
+        if not len(self.lines):
+            raise Refusal("band", "expected a line in it; take a finer resolution")
+        if self.samples > self._most_samples(IN_CONTACT):
+            finest = TICKS_PER_S / self._most_samples(IN_CONTACT)
+            raise Refusal(
+                "resolution", f"expected at least {finest:.2g} Hz, of which the recorder holds a "
+                f"whole period, got {self.order.resolution_hz:g} Hz"
+            )  # fmt: skip
+
+    def _most_samples(self, signals):
+        """Samples that the recorder's 32 KiB hold."""
+        width = sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
+        return 32768 // width
+
+    def set(self, **values):
+        """Writes parameters that close() puts back."""
+        new = [name for name in values if name not in self._before]
+        if new:
+            self._before |= self.axis.get(*new)
+        self.axis.set(**values)
+
+    def close(self):
+        """Disables the axis and puts back what was written."""
+        self.axis.disable()
+        before, self._before = self._before, {}
+        for name, value in before.items():
+            try:
+                self.axis.set(**{name: value})
+            except Refused:
+                self.say(f"{name} could not be set to {value} again")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        with contextlib.suppress(NoAnswer):  # then its watchdog disables it
+            self.close()
+
+    def rest(self):
+        """The disabled axis at rest: a Rest. Refuses what moves or has no tare."""
+        held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
+        raw, place = held.values("force_raw"), held.values("position")
+        if np.ptp(place) > STANDING:
+            raise Refusal("moving", f"expected an axis at rest, it moves by {np.ptp(place)} counts")
+        reading = float(np.mean(held.values("force")))
+        band = self.known["tare_band"] or self.known["contact_force"] / 2
+        if abs(reading) > band:
+            raise Refusal(
+                "tare", f"expected a reading within {band:g} counts at rest, got {reading:.3g}; "
+                "move the axis out of contact and tare it"
+            )  # fmt: skip
+        ends = raw.min() == 0 or raw.max() == 2**self.bits - 1
+        noise = None if ends else noise_of(raw)
+        return Rest(reading, noise, int(np.median(place)))
+
+    def contact(self, force_N):
+        """The response from DAC codes to the reading, pressed with `force_N`: a Level."""
+        order = self.order
+        if not force_N * (1 + SWING / 2) < order.force_max_N:
+            raise Refusal(
+                "force", f"expected a force below {order.force_max_N / (1 + SWING / 2):.4g} N, "
+                f"whose swing stays below force_max, got {force_N:g} N"
+            )  # fmt: skip
+        bias = self._press(force_N)
+        least, most = (LOWEST + MARGIN) * bias, order.force_max_N - MARGIN * bias
+        most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
+        self.set(
+            excitation_waveform="noise", excitation_point="output", excitation_code=0,
+            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * order.band_hz[1]))),
+            excitation_period=self.samples, excitation_ramp=1e3 * RAMP_S,
+            excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
+            excitation_travel=order.travel,
+        )  # fmt: skip
+        still = self.axis.capture(IN_CONTACT, samples=self.samples)
+        noise = noise_of(still.values("force_raw"))
+        level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
+        self._measure(level, self._pressed, still, SWING * bias, "adc0")
+        return level
+
+    def free(self):
+        """The response from DAC codes to the encoder, the contact apart: a Level."""
+        start = self.axis.read("position")
+        travel = self.order.travel
+        self.set(
+            position_min=start - travel, position_max=start + travel, open_loop_code=0,
+            excitation_waveform="noise", excitation_amplitude=0,
+            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1]))),
+            excitation_period=self.samples,
+        )  # fmt: skip
+        self.home = start
+        self.axis.enable("profile position")
+        still = self.axis.capture(APART, samples=self.samples)
+        level = Level(None, self.order.amplitude)
+        try:
+            self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder")
+        finally:
+            self.close()
+        return level
+
+    def _measure(self, level, play, still, swing, output):
+        """Searches the amplitude, unless it is given, then measures; fills in `level`."""
+        records = None
+        if not level.amplitude:
+            level.amplitude = self._search(level, play, still, swing, output)
+        for _ in range(BACKS):
+            try:
+                records = [
+                    play(level.amplitude, self.order.seed + i) for i in range(self.order.averages)
+                ]
+                break
+            except Ended as ended:
+                level.amplitude = self._halve(level, level.amplitude, ended)
+        if records is None:
+            raise Refusal("amplitude", f"expected one that the bounds permit, got {level.aborts}")
+        r, u, y = (np.array([record[i] for record in records]) for i in range(3))
+        steps = self._steps(output)
+        found = response.estimate(r, u, y, self.lines, steps)
+        scale = self.sign if output == "adc0" else 1
+        found["response"] = found["response"] * scale
+        level.swing = float(np.ptp(y, axis=1).max())
+        if output == "adc0":
+            level.swing *= self.newton
+            force = (y * scale).min(), (y * scale).max()
+            zero = self.zero * 2.0 ** (8 - self.bits)
+            level.force_min_N, level.force_max_N = (float((f - zero) * self.newton) for f in force)
+        level.measured = Measurement(
+            frequency_hz=self.lines * TICKS_PER_S / self.samples,
+            **found,
+            dof=float(self.order.averages - 1),
+            averages=self.order.averages,
+            input="dac_code",
+            output=output,
+            unit="count/code",
+            dt=1 / TICKS_PER_S,
+            inject="codes",
+            model=self.model,
+            overrides=self.overrides,
+            free=output == "encoder",
+            scale=float(scale),
+            resolution_hz=TICKS_PER_S / self.samples,
+        )
+
+    def _steps(self, output):
+        return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
+
+    def _search(self, level, play, still, swing, output):
+        """Codes of amplitude: from 1, doubled until the signal swings enough, or the response is to
+        be expected within DEVIATION."""
+        amplitude, unit = 1, self.newton if output == "adc0" else 1.0
+        steps = self._steps(output)
+        rest = still.values("dac_code"), self._output(still, output)
+        while True:
+            try:
+                r, u, y = play(amplitude, self.order.seed)
+            except Ended as ended:
+                return self._halve(level, amplitude, ended)
+            moved = np.ptp(y) * unit
+            error = response.deviation(r, u, y, rest, self.lines, steps, self.order.averages)
+            self.say(
+                f"amplitude {amplitude} codes: swing {moved:.3g} {'N' if unit != 1 else 'counts'}, "
+                f"deviation {100 * error:.2g} %"
+            )
+            if moved >= 0.9 * swing or error < DEVIATION or amplitude >= MOST_CODES:
+                return amplitude
+            room = swing / max(moved, 1e-9)
+            amplitude = min(max(amplitude + 1, int(amplitude * min(2.0, room))), MOST_CODES)
+
+    def _halve(self, level, amplitude, ended):
+        level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
+        self.say(f"{ended.args[0]} at {amplitude} codes: halved")
+        if amplitude < 2 or len(level.aborts) > BACKS:
+            raise Refusal(
+                ended.args[0].removeprefix("ended_"),
+                f"expected an excitation within the bounds, {amplitude} codes pass them",
+            )
+        if level.bias_N is not None:
+            self._standing()
+        return amplitude // 2
+
+    def _output(self, held, output):
+        if output == "encoder":
+            return held.values("position").astype(float)
+        return held.values("force_raw") * 2.0 ** (8 - self.bits)
+
+    def _press(self, force_N):
+        """Approaches in mode 4 and presses until the reading stands at `force_N`: that force."""
+        axis = self.axis
+        if math.isfinite(self.order.force_max_N):
+            bound, own = self.order.force_max_N / self.newton, self.known["force_max"]
+            self.set(force_max=min(bound, own) if own else bound)
+        wanted = force_N
+        self.set(target_force=self._per_mille(wanted))
+        axis.enable("force")
+        for _ in range(BIAS_TRIES):
+            reached = self._standing()
+            if abs(reached - force_N) <= BIAS_WITHIN * force_N:
+                return reached
+            wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
+            self.set(target_force=self._per_mille(wanted))
+        raise Refusal(
+            "bias", f"expected the reading to stand at {force_N:g} N, it stands at {reached:.3g} N "
+            "with the law that the axis has; raise force_limit, rated_force or the law's gain"
+        )  # fmt: skip
+
+    def _per_mille(self, force_N):
+        per_mille = 1e3 * force_N / self.rated_N
+        return min(per_mille, 1000)
+
+    def _standing(self, timeout_s=20.0):
+        """The reading in N once it stands, in contact."""
+        passed, before = 0.0, None
+        while passed < timeout_s:
+            self.axis.link.wait(0.2)
+            held = self.axis.capture(["force"], samples=TICKS_PER_S // 5)
+            passed += 0.4
+            state = self.axis.get("contact", "fault", "drive_state", "contact_losses")
+            self._expect_enabled(state)
+            now = float(np.mean(held.values("force"))) * self.newton
+            near = before is not None and abs(now - before) < 0.01 * abs(now) + 0.5 * self.newton
+            if state["contact"] and near:
+                return now
+            before = now
+        raise Refusal(
+            "contact", f"expected a force that stands within {timeout_s:g} s, {self.axis.about()}"
+        )
+
+    def _expect_enabled(self, state):
+        if state["fault"] != "none" or state["drive_state"] != "operation_enabled":
+            raise Refusal(
+                "fault" if state["fault"] != "none" else "disabled",
+                f"expected an axis that goes on, it is {state['drive_state']}, "
+                f"fault {state['fault']}",
+            )
+
+    def _pressed(self, amplitude, seed):
+        """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
+        axis = self.axis
+        self.set(excitation_code=amplitude, excitation_seed=seed % 65536)
+        try:
+            axis.set(excitation_run="start")
+        except Refused:
+            raise Refusal("contact", f"expected contact, {axis.about()}") from None
+        self._wait(RAMP_S + self.order.settle_s, self._goes_on)
+        axis.arm(IN_CONTACT, self.samples)
+        held = axis.link.recording(10 + 2 * self.samples / TICKS_PER_S)
+        self._goes_on()
+        axis.set(excitation_run="stop")
+        axis.wait_for(
+            lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
+        )
+        wave = held.values("excitation_value")
+        return wave, held.values("dac_code"), self._output(held, "adc0")
+
+    def _goes_on(self):
+        state = self.axis.get("excitation_state", "fault", "drive_state")
+        self._expect_enabled(state)
+        if state["excitation_state"] not in ("running", "ramping_up"):
+            raise Ended(state["excitation_state"])
+
+    def _wait(self, seconds, check):
+        passed = 0.0
+        while passed < seconds:
+            step = min(POLL_S, seconds - passed)
+            self.axis.link.wait(step)
+            passed += step
+            check()
+
+    def _apart(self, amplitude, seed):
+        """A realisation apart: (u, u, y), without the drift from period to period."""
+        axis, n = self.axis, self.samples
+        self._home()
+        self.set(excitation_amplitude=amplitude, excitation_seed=seed % 65536)
+        axis.enable("excitation")
+        self._wait(self.order.settle_s, self._free)
+        count = min(2 * n, self._most_samples(APART))
+        axis.arm(APART, count)
+        held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
+        self._free()
+        axis.set(modes_of_operation=1)
+        self._home()
+        place, u = self._output(held, "encoder"), held.values("dac_code")
+        if np.any(u[n:] != u[: count - n]):
+            raise Ended("ended_travel")
+        if np.abs(held.values("force")).max() > self.known["contact_force"]:
+            raise Refusal("contact", "expected the axis apart, it touched; start further away")
+        drift = np.mean(place[n:] - place[: count - n])
+        ramp = (np.arange(n) - (n - 1) / 2) / n
+        return u[:n], u[:n], place[:n] - drift * ramp
+
+    def _free(self):
+        state = self.axis.get("contact", "fault", "drive_state", "limit_reason")
+        self._expect_enabled(state)
+        if state["contact"]:
+            self.axis.disable()
+            raise Refusal("contact", "expected the axis apart, it touched; start further away")
+        if state["limit_reason"] in ("position_min", "position_max"):
+            raise Ended("ended_travel")
+
+    def _home(self):
+        """Stands again where the measurement began."""
+        self.axis.enable("profile position")
+        if abs(self.axis.read("position") - self.home) > STANDING:
+            self.axis.move(self.home)
+        self._wait(0.2, lambda: None)

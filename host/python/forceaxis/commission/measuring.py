@@ -1,0 +1,117 @@
+"""`forceaxis measure` on a live axis: responses free and at several forces, and their files."""
+
+import numpy as np
+
+from forceaxis import _core, objects
+from forceaxis.commission.analyzer import QUIET_LSB, Analyzer
+from forceaxis.identify import result
+from forceaxis.identify.measurement import COHERENT
+
+FREE = "free"
+
+
+def measure(axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None):
+    """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
+    contact. The axis is owned, disabled and at rest; so it is afterwards.
+
+    model: a path; the response is compared with its linear model then. Raises Refusal, NoAnswer,
+    Refused.
+    """
+    done = {}
+    with Analyzer(axis, order, model, overrides, say) as analyzer:
+        rest = analyzer.rest()
+        if free:
+            say("apart, commands to the encoder")
+            done[FREE] = _result(axis, order, analyzer.free(), rest)
+        for force in forces:
+            say(f"pressed with {force:g} N, commands to the reading")
+            done[f"{force:g}N"] = _result(axis, order, analyzer.contact(force), rest)
+    return done
+
+
+def hints(level, rest):
+    """What makes the response less certain than its band says: [text]."""
+    texts = []
+    noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
+    if noise is not None and noise < QUIET_LSB:
+        texts.append(
+            f"the reading's noise is {noise:.2g} codes rms, below {QUIET_LSB:g}: its rounding is "
+            "no noise, so the band may be too narrow; an ADC of more bits would help"
+        )
+    coherent = level.measured.coherence > COHERENT
+    if coherent.mean() < 0.5:
+        texts.append(
+            f"coherence above {COHERENT:g} at {100 * coherent.mean():.2g} % of the lines: take a "
+            "larger force, more averages or a narrower band"
+        )
+    return texts
+
+
+def _result(axis, order, level, rest):
+    measured = level.measured
+    model = measured.predict() if measured.model else None
+    compared = None if model is None else measured.compare(model)
+    where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"
+    summary = {
+        "measurement": axis.link.where,
+        "title": f"{axis.link.where}, {where}",
+        "figure": "",
+        "input": measured.input,
+        "output": measured.output,
+        "unit": measured.unit,
+        **level.about(),
+        "rest": vars(rest),
+        "force_max_allowed_N": order.force_max_N if np.isfinite(order.force_max_N) else None,
+        "averages": measured.averages,
+        "band_hz": [float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])],
+        "coherence_median": float(np.median(measured.coherence)),
+        "coherent": int((measured.coherence > COHERENT).sum()),
+        "points": len(measured.coherence),
+        "random_error_median": float(np.median(measured.random_error())),
+        "comparison": compared,
+        "readings": measured.readings(),
+        "hints": hints(level, rest),
+        "seed": order.seed,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "objects_hash": objects.OBJECTS_HASH,
+    }
+    return result.Result(None, measured, model, summary)
+
+
+def describe(summary):
+    """Rows (key, text) of one response for a terminal."""
+    readings, compared = summary["readings"], summary["comparison"]
+    low, high = summary["band_hz"]
+    rows = [
+        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
+        (
+            "excitation",
+            f"noise of {summary['amplitude']} codes, {low:.4g} to {high:.4g} Hz, "
+            f"{summary['averages']} averages",
+        ),
+    ]
+    if summary["bias_N"] is not None:
+        rows.append(
+            ("force", f"{summary['bias_N']:.4g} N, while excited {summary['force_min_N']:.4g} to "
+             f"{summary['force_max_N']:.4g} N")
+        )  # fmt: skip
+    for abort in summary["aborts"]:
+        rows.append(("ended", f"{abort['why']} at {abort['amplitude']} codes: halved"))
+    rows += [
+        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
+        (
+            "coherence",
+            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
+            f"{summary['coherent']} of {summary['points']} points",
+        ),
+        ("error", f"{100 * summary['random_error_median']:.2g} % random error, median"),
+    ]
+    if compared:
+        inside = compared["inside"]
+        rows.append(
+            ("inside", "no coherent point" if inside is None else
+             f"{100 * inside:.1f} % of the coherent points within the 95 % band of the model")
+        )  # fmt: skip
+        fits = "the model fits" if compared["fits"] else "the model is rejected at 5 %"
+        rows.append(("verdict", f"{fits} (p = {compared['p_value']:.3g})"))
+    return rows + [("hint", text) for text in summary["hints"]]

@@ -1,0 +1,63 @@
+"""The response from the codes put out to the reading, of records in which a known waveform acts.
+
+In a closed loop the input u holds what the law makes of the reading's noise, so the quotient of
+cross and input spectrum is biased. The waveform r that was added is known exactly, and the noise
+has nothing to do with it (Pintelon and Schoukens, System Identification, 2.7):
+
+    H = sum R* Y / sum R* U,    E = Y - H U,
+    variance = sum |R|^2 sum |E|^2 / ((K - 1) |sum R* U|^2),    K realisations
+
+In open loop r is u, and this is H1.
+"""
+
+import numpy as np
+
+LEAST = 1e-300
+
+
+def lines_of(samples, band_hz, rate_hz):
+    """Numbers of the spectrum's lines within the band, for a record of so many samples."""
+    low, high = band_hz
+    first = max(1, int(np.ceil(low * samples / rate_hz - 1e-9)))
+    return np.arange(first, int(np.floor(high * samples / rate_hz + 1e-9)) + 1)
+
+
+def estimate(waveform, inputs, outputs, lines, steps):
+    """{response, variance, coherence, floor} at `lines`.
+
+    waveform, inputs, outputs: (K, n), a whole period of each of K >= 2 realisations in the same
+    ticks; steps: what a code is worth in units of (input, output), for the floor that rounding
+    alone leaves. The coherence is that of the waveform with input and with output, the smaller one.
+    """
+    count, samples = waveform.shape
+    R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
+    power = (abs(R) ** 2).sum(0)
+    RU, RY = (R.conj() * U).sum(0), (R.conj() * Y).sum(0)
+    H = RY / np.where(RU == 0, LEAST, RU)
+    rounding = samples / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
+    gain = power / np.maximum(abs(RU) ** 2, LEAST)
+    spread = (abs(Y - H * U) ** 2).sum(0) / (count - 1)
+    shown = [abs(a) ** 2 / np.maximum(power * (abs(b) ** 2).sum(0), LEAST)
+             for a, b in ((RU, U), (RY, Y))]  # fmt: skip
+    return {
+        "response": H,
+        # Records that repeat to the code say nothing of the rounding that they share.
+        "variance": np.maximum(spread, 1e-3 * rounding) * gain,
+        "coherence": np.minimum(np.minimum(*shown), 1.0),
+        "floor": np.sqrt(rounding * gain),
+    }
+
+
+def deviation(waveform, inputs, outputs, still, lines, steps, averages):
+    """Median relative standard deviation to expect of so many realisations like this one.
+
+    inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
+    """
+    U, Y = (np.fft.rfft(values)[lines] for values in (inputs, outputs))
+    H = Y / np.where(U == 0, LEAST, U)
+    noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
+    power = abs(noise[1] - H * noise[0]) ** 2
+    width = min(11, len(power))
+    power = np.convolve(power, np.ones(width) / width, "same")
+    power += len(waveform) / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
+    return float(np.median(np.sqrt(power / averages) / np.maximum(abs(Y), LEAST)))
