@@ -10,15 +10,27 @@ with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
 """
 
 from forceaxis._core import InputError
-from forceaxis.axis.link import NoAnswer, Refused, address
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus import state_names
 from forceaxis.bus.client import from_raw, object_named, to_raw
+from forceaxis.bus.gateway import (
+    BIT_12,
+    ENABLE,
+    FAULT_RESET,
+    MODES,
+    NEW_SETPOINT,
+    SHUTDOWN,
+    SWITCH_ON,
+    TARGET_REACHED,
+    trigger_on,
+)
 
-MODES = {text: number for number, text in state_names.MODES.items()}
-# CiA 402 controlwords and statusword bits.
-SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT, FAULT_RESET = 0x06, 0x07, 0x0F, 0x1F, 0x80
-TARGET_REACHED, BIT_12 = 1 << 10, 1 << 12
+__all__ = ["MODES", "Axis", "trigger_on"]
+
 POLL_S = 0.02
+OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
+# CiA 402 states in which the amplifier is on.
+POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
 
 
@@ -35,21 +47,36 @@ class Axis:
     def __exit__(self, *_):
         self.close()
 
-    def acquire(self):
+    def acquire(self, shared=False):
+        """Owns the axis. One that another client of the same bus has enabled is refused (Refused);
+        shared: it is that client's still, is written to, and stays enabled at close()."""
+        found = self.link.read(["command_source", "statusword"])
+        state = state_names.drive_state(found["statusword"])
+        if found["command_source"] == self.link.source and state in POWERED:
+            if shared:
+                return
+            raise Refused(f"{self.link.where}: it is {state} by another client of this bus")
         self.link.acquire()
         self._owned = True
 
     def close(self):
-        """Disables and releases an owned axis, and ends the connection, whatever happened."""
+        """Disables and releases an owned axis, and ends the connection, whatever happened. What
+        came of it, in words."""
+        done = "was not owned"
         try:
             if self._owned:
                 self._owned = False
-                self.disable()
+                done = "does not answer; its watchdog disables it"
+                self.off()
                 self.link.release()
-        except (Refused, NoAnswer):
-            pass  # another client acquired it, or it is lost: its watchdog disables it
+                done = "is disabled and released"
+        except Refused:
+            done = "is owned by another client"
+        except NoAnswer:
+            pass
         finally:
             self.link.close()
+        return done
 
     def get(self, *names):
         """{name: engineering value or enum text}. Raises InputError for an unknown name."""
@@ -61,20 +88,23 @@ class Axis:
         return self.get(name)[name]
 
     def set(self, **values):
-        """Writes engineering values or enum texts in order. Nothing is written if a name or value
-        is not in the object table (InputError)."""
-        raw = {_known(name).name: to_raw(name, value) for name, value in values.items()}
-        self.link.write(raw)
+        """Writes engineering values or enum texts in order. Nothing is written if the object table
+        has no such name, value or way to write it (InputError)."""
+        for name in values:
+            if _known(name).access == "ro":
+                raise InputError(f"{name}: expected an object that can be written, it is read-only")
+        self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
     def wait_for(self, holds, names, what, timeout_s=5.0):
         """Reads `names` until holds({name: value}), of the axis' own time: those values. NoAnswer
-        names `what` when that does not come, and what the axis does instead."""
+        names `what` when that does not come, or a fault that was not asked for comes instead, and
+        what the axis does."""
         passed = 0.0
         while True:
-            found = self.get(*names)
+            found = self.get(*names, "fault")
             if holds(found):
                 return found
-            if passed >= timeout_s:
+            if passed >= timeout_s or (found["fault"] != "none" and "fault" not in names):
                 raise NoAnswer(
                     f"{self.link.where}: expected {what} within {timeout_s:g} s, {self.about()}"
                 )
@@ -114,6 +144,16 @@ class Axis:
     def disable(self):
         self.link.write({"controlword": SHUTDOWN})
 
+    def off(self):
+        """Disables the axis and waits until it is. Raises Refused, NoAnswer."""
+        self.disable()
+        self.wait_for(
+            lambda s: state_names.drive_state(s["statusword"]) not in POWERED,
+            ("statusword", "fault"),
+            "it to be disabled",
+            OFF_S,
+        )
+
     def reset_fault(self):
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
@@ -147,15 +187,6 @@ class Axis:
         """
         self.arm(signals, samples, **settings)
         return self.link.recording(timeout_s)
-
-
-def trigger_on(name, level, edge="rising"):
-    """Settings of capture(): begin when an object passes a level, in engineering units."""
-    return {
-        "trigger_source": address(_known(name).name),
-        "trigger_level": round(level / _known(name).scale),
-        "trigger_edge": edge,
-    }
 
 
 def _known(name):

@@ -6,26 +6,32 @@ be disabled by that watchdog. Each kind is a module beside this one: sim, gatewa
 """
 
 import abc
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
+
+__all__ = ["Link", "NoAnswer", "Recording", "Refused", "address", "recorder_writes", "unsigned"]
 
 TICKS_PER_S = 1500
 
 
-class Refused(Exception):
-    """The axis, or what carries its objects, refused: the text gives the reason, `code` the SDO
-    abort code, 0 without one."""
-
-    def __init__(self, text, code=0):
-        super().__init__(text)
-        self.code = code
-
-
-class NoAnswer(TimeoutError):
-    """The axis did not answer, or what was awaited did not happen in time."""
+# Texts of refusals, by the firmware's FW_ERROR_.
+REASONS = {
+    -1: "there is no such object",
+    -2: "it cannot be written",
+    -3: "it cannot be read",
+    -4: "outside its range or at odds with another object",
+    -5: "not in this state of the axis",
+    -6: "there is no finished recording",
+    -7: "another source owns the axis",
+    -8: "the store is at work",
+    -9: "it cannot be mapped, or conflicts with another entry",
+    -10: "there is no memory for parameters",
+}
 
 
 @dataclass(frozen=True)
@@ -51,9 +57,12 @@ class Recording:
 
 
 class Link(abc.ABC):
-    """One axis; `where` names it in messages ("axis 1 at the gateway")."""
+    """One axis; `where` names it in messages ("axis 1 at the gateway"). Several threads may use it.
+
+    `source` is the raw command_source that its writes come from."""
 
     where: str
+    source: int
 
     @abc.abstractmethod
     def read(self, names):
@@ -72,9 +81,9 @@ class Link(abc.ABC):
     def release(self):
         """The axis is nobody's again; it has to be disabled before."""
 
-    @abc.abstractmethod
     def wait(self, seconds):
         """Lets so much of the axis' own time pass."""
+        time.sleep(seconds)
 
     @abc.abstractmethod
     def arm(self, signals, settings):
@@ -88,6 +97,25 @@ class Link(abc.ABC):
     @abc.abstractmethod
     def close(self):
         """Ends the connection. Does not disable: see Axis.close()."""
+
+
+def wait_recorded(link, timeout_s, poll_s=0.02):
+    """Waits until the recorder is done, of the axis' time. Raises NoAnswer, Refused."""
+    passed = 0.0
+    while True:
+        raw = link.read(["recorder_state"])["recorder_state"]
+        state = BY_NAME["recorder_state"].enum[raw]
+        if state == "done":
+            return
+        if state == "idle":
+            raise Refused(f"{link.where}: the recording was stopped")
+        if passed >= timeout_s:
+            raise NoAnswer(
+                f"{link.where}: expected a recording within {timeout_s:g} s, its recorder is "
+                f"{state}" + ("; its trigger has not fired" if state == "armed" else "")
+            )
+        link.wait(poll_s)
+        passed += poll_s
 
 
 def address(name):

@@ -2,30 +2,18 @@
 
 from forceaxis import _core
 from forceaxis.axis.link import (
+    REASONS,
     TICKS_PER_S,
     Link,
-    NoAnswer,
     Recording,
     Refused,
     recorder_writes,
     unsigned,
+    wait_recorded,
 )
 from forceaxis.bus.state_names import BY_NAME
 
-LCM = 2  # command_source
 FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
-REASONS = {
-    -1: "there is no such object",
-    -2: "it cannot be written",
-    -3: "it cannot be read",
-    -4: "outside its range or at odds with another object",
-    -5: "not in this state of the axis",
-    -6: "there is no finished recording",
-    -7: "another source owns the axis",
-    -8: "the store is at work",
-    -9: "it cannot be mapped",
-    -10: "there is no memory for parameters",
-}
 
 
 class SimLink(Link):
@@ -33,6 +21,8 @@ class SimLink(Link):
 
     store: file of the parameter store, made where there is none. Raises InputError.
     """
+
+    source = BY_NAME["command_source"].enum.index("lcm")
 
     def __init__(self, experiment, overrides=(), store=""):
         given = {text.split("=")[0] for text in overrides}
@@ -59,7 +49,7 @@ class SimLink(Link):
             self.axis.step(1)  # a write acts in the tick after it, as over a bus
 
     def acquire(self):
-        self.write({"command_source": LCM})
+        self.write({"command_source": self.source})
         self._owned = True
 
     def release(self):
@@ -82,12 +72,7 @@ class SimLink(Link):
         self._armed = tuple(signals), settings.get("decimation", 1)
 
     def recording(self, timeout_s):
-        passed, done = 0.0, BY_NAME["recorder_state"].enum.index("done")
-        while self.read(["recorder_state"])["recorder_state"] != done:
-            if passed >= timeout_s:
-                raise NoAnswer(f"{self.where}: expected a recording within {timeout_s:g} s")
-            self.wait(0.02)
-            passed += 0.02
+        wait_recorded(self, timeout_s)
         signals, decimation = self._armed
         about = self.read(["recorder_count", "recorder_trigger_index"])
         raw = self.axis.samples(0, about["recorder_count"], len(signals)).astype("int64")

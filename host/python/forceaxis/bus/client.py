@@ -40,16 +40,16 @@ ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
 class Refused(Exception):
-    """The gateway or the firmware refused a command: the text gives the reason, `code` the SDO
-    abort code (0 without one)."""
+    """The axis, or what carries its objects, refused: the text gives the reason, `code` the SDO
+    abort code (0 without one), `event` the gateway's answer where a gateway is between."""
 
-    def __init__(self, event):
-        super().__init__(event.text)
-        self.event, self.code = event, event.code
+    def __init__(self, text, code=0, event=None):
+        super().__init__(text)
+        self.code, self.event = code, event
 
 
 class NoAnswer(TimeoutError):
-    """A command or an awaited event timed out."""
+    """The axis did not answer, or what was awaited did not happen in time."""
 
 
 def object_named(name):
@@ -125,8 +125,11 @@ class AxisClient:
     def write_all(self, values):
         """Writes {name: value} in order; the first that is refused ends it, those before it stay.
         Returns the axis_event_t that acknowledges it."""
-        items = [(name, to_raw(name, value)) for name, value in values.items()]
-        return self._command(axis_command_t.KIND_WRITE, items)
+        return self.write_raw({name: to_raw(name, value) for name, value in values.items()})
+
+    def write_raw(self, values):
+        """As write_all, with raw values."""
+        return self._command(axis_command_t.KIND_WRITE, list(values.items()))
 
     def read(self, name):
         """Engineering value or enum text of one object; raw value of an address."""
@@ -134,10 +137,14 @@ class AxisClient:
 
     def read_all(self, names):
         """{name: value} of several objects; of one tick if the gateway can read them together."""
+        return {name: from_raw(name, raw) for name, raw in self.read_raw(names).items()}
+
+    def read_raw(self, names):
+        """As read_all: raw values."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
-        return {n: from_raw(n, v) for n, v in zip(answer.object, answer.value, strict=True)}
+        return dict(zip(answer.object, answer.value, strict=True))
 
     def take(self):
         """Makes LCM the axis's command source; kept by writes that follow within its watchdog."""
@@ -148,12 +155,15 @@ class AxisClient:
         return self._command(axis_command_t.KIND_RELEASE)
 
     def capture(self, signals, samples=0, timeout_s=30.0, **settings):
-        """Records `signals` tick by tick and waits for the samples: a capture_assembly.Assembly,
-        whose `missing` counts the samples lost in transit.
+        """Records `signals` tick by tick and waits for the samples: arm(), then captured().
 
         samples 0: as many as the recorder holds. `settings` are further recorder objects without
         the prefix: decimation=3, pretrigger=100, trigger_edge="rising", trigger_level=5120.
         """
+        return self.captured(self.arm(signals, samples, **settings), timeout_s)
+
+    def arm(self, signals, samples=0, **settings):
+        """Starts a recording as capture() describes; its number, for captured()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
@@ -162,20 +172,24 @@ class AxisClient:
         wanted = {"length": samples, **settings}
         items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
-        command_id = self._command_id
+        return self._command_id
+
+    def captured(self, number, timeout_s=30.0):
+        """Waits for the samples of an armed recording: a capture_assembly.Assembly, whose `missing`
+        counts the samples lost in transit."""
 
         def complete():
-            held = self._captures.get(command_id)
+            held = self._captures.get(number)
             return held if held and held.complete else None
 
         with self._news:
-            found = self._await(lambda: complete() or self._ended(command_id), timeout_s)
+            found = self._await(lambda: complete() or self._ended(number), timeout_s)
             if found is not None:
                 # Blocks may be received after the final event; lost ones never are.
                 self._await(complete, STRAGGLERS_S)
-            held, ended = self._captures.pop(command_id, None), self._ended(command_id)
+            held, ended = self._captures.pop(number, None), self._ended(number)
         if ended and ended.code < 0:
-            raise Refused(ended)
+            raise _refusal(ended)
         if found is None or held is None:
             raise self._no_capture(timeout_s)
         return held
@@ -222,7 +236,7 @@ class AxisClient:
             with self._news:
                 answer = self._await(self._answer, min(remaining, self.retry_s))
             if answer and answer.kind == axis_event_t.EVENT_REFUSED:
-                raise Refused(answer)
+                raise _refusal(answer)
             if answer:
                 return answer
         raise self._silence(f"an answer to command {self._command_id} within {self.timeout_s:g} s")
@@ -300,3 +314,7 @@ class AxisClient:
             f"axis {self.axis}: expected {wanted}, nothing came on {self._bus.url}; "
             "is its gateway running?"
         )
+
+
+def _refusal(event):
+    return Refused(event.text, event.code, event)

@@ -16,13 +16,13 @@ It has all of AxisClient too (read, write, capture, wait_event, state). A refuse
 Refused with the reason, a wait that times out NoAnswer.
 """
 
-import threading
 import time
 from collections import deque
 
 from forceaxis._core import InputError
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, object_named
+from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.bus.messages import axis_state_t
 
 MODES = {text: number for number, text in state_names.MODES.items()}
@@ -50,7 +50,7 @@ class Session(AxisClient):
                 wait_s,
             )
             self.take()
-            self._keeper = _Keeper(axis, url)
+            self._keeper = GatewayKeeper(axis, url)
         except BaseException:
             self.close()
             raise
@@ -168,34 +168,6 @@ class Session(AxisClient):
             return s.wall_utime - since >= held_s * 1e6
 
         return self.wait_for(held, "a steady contact", timeout_s)
-
-
-class _Keeper:
-    """Feeds the watchdog by writing its own value several times within it; only writes of the owner
-    count, so an axis that another client acquired stays with that one. It has a client of its own,
-    so that it also runs while the session waits for a capture."""
-
-    PERIOD_S = 0.2
-
-    def __init__(self, axis, url):
-        self._client = AxisClient(axis, url)
-        self.unchanged = threading.Lock()  # locked from reading the watchdog to writing it again
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        while not self._stop.wait(self.PERIOD_S):
-            try:
-                with self.unchanged:
-                    self._client.write("watchdog", self._client.read("watchdog"))
-            except (Refused, NoAnswer):
-                continue  # the session notices by a state or a refusal
-
-    def close(self):
-        self._stop.set()
-        self._thread.join()
-        self._client.close()
 
 
 def trigger_on(name, level, edge="rising"):

@@ -1,0 +1,159 @@
+"""What is done at an axis as a whole: stop, tare, calibrate, press."""
+
+import datetime
+
+from forceaxis._core import InputError
+from forceaxis.axis.axis import POWERED
+from forceaxis.axis.link import Refused
+from forceaxis.axis.quantity import force_per_count
+from forceaxis.bus import state_names
+
+QUICK_STOP = 0x02
+STOP_S = 10.0  # a quick stop ends by then in any case
+FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
+POINTS = range(2, 9)
+POLL_S = 0.02
+
+
+def state(axis):
+    """What a person asks about an axis first: {name: value}, state, mode and fault in words."""
+    found = axis.get(
+        "statusword", "modes_of_operation_display", "fault", "position", "force", "command_source"
+    )
+    word = found.pop("statusword")
+    return {
+        "state": state_names.drive_state(word),
+        "mode": str(found.pop("modes_of_operation_display")).replace("_", " "),
+        **found,
+        "force_N": found["force"] * force_per_count(axis),
+    }
+
+
+def stop(axis):
+    """A quick stop, which acts whoever owns the axis; waits until it is off, or held at a stand
+    where quick_stop_option says so. Its state() then. Raises NoAnswer, Refused."""
+    axis.link.write({"controlword": QUICK_STOP})
+    axis.wait_for(
+        lambda s: state_names.drive_state(s["statusword"]) != "operation enabled",
+        ("statusword", "fault"),
+        "the axis to leave operation enabled",
+    )
+    stays = axis.link.read(["quick_stop_option"])["quick_stop_option"] >= 5
+    if not stays:
+        axis.wait_for(
+            lambda s: state_names.drive_state(s["statusword"]) not in POWERED,
+            ("statusword", "fault"),
+            "the axis to be off",
+            STOP_S,
+        )
+    return state(axis)
+
+
+def tare(axis):
+    """Takes the tare of a disabled axis at a stand: the new force_tare and the reading after it, in
+    counts. Raises Refused with the axis' reason."""
+    axis.set(tare=1)
+    axis.link.wait(POLL_S)
+    found = axis.wait_for(
+        lambda s: s["tare_state"] != "running", ("tare_state", "fault"), "the end of the tare", 10.0
+    )
+    if found["tare_state"] != "done":
+        raise Refused(f"{axis.link.where}: tare {found['tare_state'].replace('_', ' ')}")
+    axis.link.wait(POLL_S)
+    return axis.get("force_tare", "force")
+
+
+def reading(axis, seconds=0.5):
+    """Mean of `force` in counts over so much of the axis' time."""
+    values, passed = [], 0.0
+    while passed < seconds:
+        values.append(axis.read("force"))
+        axis.link.wait(POLL_S)
+        passed += POLL_S
+    return sum(values) / len(values)
+
+
+def calibrate(axis, points):
+    """Sets force_scale of a disabled axis by the line through 2 to 8 `points`, (reading in counts,
+    reference force in N). Returns force_scale in N a count and the linearity error in per mille.
+    Raises InputError, Refused with the axis' reason."""
+    if len(points) not in POINTS:
+        raise InputError(f"calibrate: expected 2 to 8 points, got {len(points)}")
+    values = {}
+    for i, (count, newton) in enumerate(points, 1):
+        values[f"calibration_reading_{i}"] = count
+        values[f"calibration_force_{i}"] = newton * 1e3
+    today = (datetime.date.today() - FIRST_DAY).days
+    axis.set(**values, calibration_points=len(points), date=today)
+    refusal = None
+    try:
+        axis.set(calibrate=1)
+        axis.link.wait(POLL_S)
+    except Refused as error:  # the reason is an object of its own
+        refusal = error
+    found = axis.get("calibration_state", "calibration_linearity", "force_scale")
+    if refusal or found["calibration_state"] != "done":
+        if found["calibration_state"] in ("idle", "done"):
+            raise refusal
+        raise Refused(
+            f"{axis.link.where}: calibration {found['calibration_state'].replace('_', ' ')}, "
+            f"linearity error {found['calibration_linearity']:g} per mille"
+        )
+    return {
+        "force_scale_N_per_count": found["force_scale"] * 1e-6,
+        "linearity_permille": found["calibration_linearity"],
+    }
+
+
+def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: None):
+    """Presses with `force` for `seconds` from the contact on, then disables the axis: what was
+    held.
+
+    newton: force is in N, mode 4; else in counts of an 8-bit reading, mode -1, the P law. The
+    approach is no faster than `speed`, count/s, and ends in the fault no_contact after
+    `approach_s`. What is set for it is as before afterwards. shown(state) is called some times a
+    second. Raises InputError, Refused, NoAnswer.
+    """
+    if axis.read("position_gain") == 0:
+        raise Refused(
+            f"{axis.link.where}: expected a position_gain, which bounds the speed of the approach; "
+            "it is 0"
+        )
+    bounds = {"approach_timeout": approach_s * 1e3}
+    bounds["approach_velocity_max" if newton else "touch_velocity_max"] = speed
+    wanted = "target_force" if newton else "force_setpoint"
+    value = force * 1e6 / axis.read("rated_force") if newton else force
+    before = axis.get(*bounds, *(() if newton else (wanted,)))
+    try:
+        if newton:
+            axis.enable("force", **bounds, target_force=0)
+            axis.set(target_force=value)
+        else:
+            axis.enable("force counts", **bounds, force_setpoint=value)
+        axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", approach_s + 1)
+        held, passed, steps = [], 0.0, 0
+        while passed < seconds:
+            now = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
+            if state_names.drive_state(now["statusword"]) != "operation enabled":
+                raise Refused(
+                    f"{axis.link.where}: it was disabled while it pressed, {axis.about()}"
+                )
+            held.append(now)
+            if steps % 10 == 0:
+                shown(now)
+            axis.link.wait(POLL_S)
+            passed, steps = passed + POLL_S, steps + 1
+    finally:
+        axis.off()
+        axis.set(**before)
+    last = [now["force"] for now in held[len(held) // 2 :]]
+    per_count = force_per_count(axis)
+    mean = sum(last) / len(last)
+    return {
+        "force_count": mean,
+        "force_N": mean * per_count,
+        "least_N": min(last) * per_count,
+        "most_N": max(last) * per_count,
+        "peak_N": max(now["force"] for now in held) * per_count,
+        "position": held[-1]["position"],
+    }

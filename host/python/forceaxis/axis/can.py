@@ -1,0 +1,208 @@
+"""An axis on a CAN bus, as its CANopen master has it: SDO, NMT, a heartbeat that it watches."""
+
+import contextlib
+import logging
+import struct
+import threading
+
+import numpy as np
+
+from forceaxis._core import InputError
+from forceaxis.axis.link import (
+    REASONS,
+    Link,
+    NoAnswer,
+    Recording,
+    Refused,
+    recorder_writes,
+    wait_recorded,
+)
+from forceaxis.bus.keeper import Keeper
+from forceaxis.bus.state_names import BY_NAME
+
+OPERATIONAL, START = 5, 1
+HEARTBEAT_ID = 0x700
+NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
+HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
+CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
+STORING = ("store_all", "store_parameters")
+RECORDER_DATA = 0x2120
+FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
+# SDO abort codes, by the reason they stand for.
+ABORTS = {
+    0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
+    0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
+    0x08000024: -6, 0x06040041: -9, 0x06040043: -9, 0x06060000: -10,
+}  # fmt: skip
+
+
+def libraries():
+    """(canopen, can). Raises InputError where they are missing."""
+    try:
+        import can
+        import canopen
+    except ImportError:
+        raise InputError(
+            "--can: expected python-canopen and python-can; install them with "
+            "`pip install 'forceaxis[can]'`"
+        ) from None
+    for library in ("can", "canopen"):  # their warnings would stand beside our one line
+        logging.getLogger(library).addHandler(logging.NullHandler())
+    return canopen, can
+
+
+@contextlib.contextmanager
+def network(interface, bus=None):
+    """A canopen.Network; bus: a python-can bus in place of the interface. Raises InputError."""
+    canopen, can = libraries()
+    made = canopen.Network()
+    made.bus = bus
+    made.NOTIFIER_CYCLE = NOTIFIER_S
+    try:
+        if bus is None:
+            made.connect(interface="socketcan", channel=interface)
+        else:
+            made.connect()
+    except (OSError, can.CanError) as error:
+        raise InputError(
+            f"--can {interface}: expected a CAN interface that is up (`ip link show {interface}`), "
+            f"{error}"
+        ) from None
+    try:
+        yield made
+    finally:
+        made.disconnect()
+
+
+class CanLink(Link):
+    """A node of a CAN interface, such as "can0". There is no gateway that polls it at the same
+    time: both would use the node's one SDO channel.
+
+    While it is enabled the axis watches this program's heartbeat in 1016h: a program that dies
+    lets the axis be disabled after HEARTBEAT_MS. own_node: node id of that heartbeat, which no
+    other node may have. bus: a python-can bus in place of the interface. Raises InputError.
+    """
+
+    source = BY_NAME["command_source"].enum.index("canopen")
+
+    def __init__(self, interface="can0", node=1, own_node=127, bus=None, timeout_s=1.0):
+        if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
+            raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
+        canopen, self._can = libraries()
+        self.where = f"node {node} on {interface}"
+        self._id, self._own, self._timeout_s = node, own_node, timeout_s
+        self._open = contextlib.ExitStack()
+        self._network = self._open.enter_context(network(interface, bus))
+        self._sdo = self._network.add_node(canopen.RemoteNode(node, canopen.ObjectDictionary())).sdo
+        self._sdo.RESPONSE_TIMEOUT = timeout_s
+        self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
+        self._lock, self._keeper, self._armed, self._watched = threading.RLock(), None, None, None
+
+    @contextlib.contextmanager
+    def _asking(self, what):
+        silent, aborted = self._errors
+        with self._lock:
+            try:
+                yield
+            except aborted as error:
+                text = REASONS.get(ABORTS.get(error.code), f"{error}")
+                raise Refused(f"{what}: {text}", error.code) from None
+            except (silent, OSError, self._can.CanError) as error:
+                raise NoAnswer(
+                    f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
+                    f"{error}; is it on, with this node id?"
+                ) from None
+
+    def read(self, names):
+        found = {}
+        for name in names:
+            known = BY_NAME[name]
+            with self._asking(name):
+                data = self._sdo.upload(known.index, known.sub)
+            try:
+                (found[name],) = struct.unpack(FORMATS[known.type], data)
+            except struct.error:
+                raise NoAnswer(
+                    f"{self.where}: expected {name} as {known.type}, got {len(data)} bytes: "
+                    "another object table"
+                ) from None
+        return found
+
+    def text(self, index):
+        """A text such as the name of the device, 1008h."""
+        with self._asking(f"{index:04X}h"):
+            return self._sdo.upload(index, 0).decode(errors="replace")
+
+    def write(self, values):
+        for name, raw in values.items():
+            if name == "controlword" and self._keeper and self._watched is None:
+                self._be_watched()
+            if name in STORING:
+                self._be_unwatched()  # this program's heartbeat belongs to no stored set
+            self._download(name, raw)
+
+    def _download(self, name, raw):
+        known = BY_NAME[name]
+        with self._asking(name):
+            self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
+
+    def acquire(self):
+        if self.read(["command_source"])["command_source"] != self.source:
+            self._download("command_source", self.source)
+        self._network.send_message(0, [START, self._id])
+        self._keeper = Keeper(self._beat)
+
+    def release(self):
+        self._be_unwatched()
+        self._end_keeper()
+
+    def _beat(self):
+        with self._asking("a heartbeat"):
+            self._network.send_message(HEARTBEAT_ID + self._own, [OPERATIONAL])
+        return HEARTBEAT_MS / 10_000
+
+    def _be_watched(self):
+        entries = self.read(CONSUMERS)
+        ours = self._own << 16 | HEARTBEAT_MS
+        place = next((n for n, raw in entries.items() if raw >> 16 == self._own), None)
+        place = place or next((n for n, raw in entries.items() if not raw & 0xFFFF), None)
+        if place is None:
+            raise Refused(f"{self.where}: expected a free heartbeat consumer in 1016h, all are set")
+        # The same entry is one of this program that was killed.
+        self._watched = place, 0 if entries[place] == ours else entries[place]
+        self._download(place, ours)
+        self._beat()
+
+    def _be_unwatched(self):
+        if self._watched:
+            (place, before), self._watched = self._watched, None
+            self._download(place, before)
+
+    def arm(self, signals, settings):
+        self.write({"recorder_arm": 0})
+        self.write(recorder_writes(signals, settings))
+        self.write({"recorder_arm": 1})
+        self._armed = tuple(signals), settings.get("decimation", 1)
+
+    def recording(self, timeout_s):
+        wait_recorded(self, timeout_s)
+        signals, decimation = self._armed
+        trigger = self.read(["recorder_trigger_index"])["recorder_trigger_index"]
+        with (
+            self._asking("the recording"),
+            self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
+        ):
+            data = stream.read()
+        row = np.dtype([(f"{i}", FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
+        rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
+        raw = np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
+        return Recording(signals, raw, decimation, trigger)
+
+    def close(self):
+        self._end_keeper()
+        self._open.close()
+
+    def _end_keeper(self):
+        if self._keeper:
+            self._keeper.close()
+            self._keeper = None

@@ -1,0 +1,153 @@
+"""An axis on Modbus, RTU or the gateway's TCP, with the registers of the object table."""
+
+import contextlib
+import logging
+import re
+import threading
+
+from forceaxis._core import InputError
+from forceaxis.axis.link import Link, NoAnswer, Refused
+from forceaxis.bus.keeper import WatchdogKeeper
+from forceaxis.bus.state_names import BY_NAME
+
+TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
+SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
+BAUD = 115_200  # the firmware's default; 8 data bits, even parity
+EXCEPTIONS = {
+    2: "there is no such register",
+    3: "outside its range or at odds with another object",
+    4: "not in this state of the axis, or another source owns it",
+    6: "the store is at work",
+    10: "the gateway has no axis of this unit",
+    11: "the axis does not answer its gateway",
+}
+
+
+def client(url, timeout_s=1.0):
+    """A connected pymodbus client. Raises InputError, NoAnswer."""
+    tcp, serial = TCP.fullmatch(url), SERIAL.fullmatch(url)
+    if not tcp and not serial:
+        raise InputError(
+            f"--modbus {url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]"
+        )
+    try:
+        from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+    except ImportError:
+        raise InputError(
+            "--modbus: expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
+        ) from None
+    logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
+    if tcp:
+        port = int(tcp[2] or 502)
+        made = ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)
+    else:
+        made = ModbusSerialClient(
+            serial[1], baudrate=int(serial[2] or BAUD), parity="E", timeout=timeout_s, retries=0
+        )
+    try:
+        connected = made.connect()
+    except (OSError, ValueError) as error:
+        raise InputError(f"--modbus {url}: expected to open it, {error}") from None
+    if not connected:
+        raise NoAnswer(f"{url}: expected a Modbus server here, none answered")
+    return made
+
+
+class ModbusLink(Link):
+    """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Reaches what has a register; what has
+    none is refused before anything is sent, recordings too. The watchdog is fed by a thread.
+    Raises InputError, NoAnswer."""
+
+    source = BY_NAME["command_source"].enum.index("modbus")
+
+    def __init__(self, url, unit=1, timeout_s=1.0):
+        self.client = client(url, timeout_s)
+        self.where = f"unit {unit} at {url}"
+        self._unit, self._lock, self._keeper = unit, threading.Lock(), None
+        self._low_first = None
+
+    def _ask(self, what, ask, *arguments, **named):
+        from pymodbus.exceptions import ModbusException
+
+        try:
+            with self._lock:
+                answer = ask(*arguments, device_id=self._unit, **named)
+        except (ModbusException, OSError) as error:
+            raise NoAnswer(f"{self.where}: expected an answer about {what}, {error}") from None
+        if answer.isError():
+            code = answer.exception_code
+            raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
+        return answer
+
+    def _expect_registers(self, names):
+        for name in names:
+            if BY_NAME[name].modbus < 0:
+                raise Refused(f"{name}: it has no Modbus register; use --axis or --can for it")
+
+    def _read(self, name):
+        known = BY_NAME[name]
+        count = 2 if known.type.endswith("32") else 1
+        client = self.client
+        ask = client.read_holding_registers if known.access == "rw" else client.read_input_registers
+        words = self._ask(name, ask, known.modbus, count=count).registers
+        if count == 2 and self._word_order():
+            words = words[::-1]
+        raw = int.from_bytes(b"".join(word.to_bytes(2, "big") for word in words), "big")
+        bits = 16 * count
+        return raw - (1 << bits) if known.type[0] == "i" and raw >> (bits - 1) else raw
+
+    def _write(self, name, raw):
+        known = BY_NAME[name]
+        if not known.type.endswith("32"):
+            self._ask(name, self.client.write_register, known.modbus, raw & 0xFFFF)
+            return
+        words = [raw >> 16 & 0xFFFF, raw & 0xFFFF]
+        if self._word_order():
+            words.reverse()
+        self._ask(name, self.client.write_registers, known.modbus, words)
+
+    def _word_order(self):
+        """Whether the lower half of 32 bits comes first."""
+        if self._low_first is None:
+            self._low_first = bool(self._read("modbus_word_order"))
+        return self._low_first
+
+    def read(self, names):
+        self._expect_registers(names)
+        return {name: self._read(name) for name in names}
+
+    def write(self, values):
+        self._expect_registers(values)
+        keeps = self._keeper and "watchdog" in values
+        with self._keeper.unchanged if keeps else contextlib.nullcontext():
+            for name, raw in values.items():
+                self._write(name, raw)
+                if name == "modbus_word_order":
+                    self._low_first = bool(raw)
+
+    def acquire(self):
+        self._write("command_source", self.source)
+        self._keeper = WatchdogKeeper(
+            lambda: self._read("watchdog"), lambda value: self._write("watchdog", value)
+        )
+
+    def release(self):
+        self._end_keeper()
+        self._write("command_source", 0)
+
+    def arm(self, signals, settings):
+        raise Refused(
+            f"{self.where}: a recording cannot be read over Modbus; use --axis or --can for it"
+        )
+
+    def recording(self, timeout_s):
+        self.arm((), {})
+
+    def close(self):
+        self._end_keeper()
+        self.client.close()
+
+    def _end_keeper(self):
+        if self._keeper:
+            self._keeper.close()
+            self._keeper = None

@@ -1,0 +1,117 @@
+"""Who is on a bus: one row for each axis found, {name: value}, None where it is not known."""
+
+import time
+
+from forceaxis._core import InputError
+from forceaxis.axis import actions
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.sim import SimLink
+
+COLUMNS = ("id", "name", "version", "table", "state", "mode", "fault", "owner", "note")
+SCAN_S = 0.5
+UNIT_S = 0.15  # what a unit of Modbus may take
+NODE_NAME, SOFTWARE = 0x1008, 0x100A
+
+
+def row(number, axis, name=None, version=None, note=None):
+    """The row of an axis that is read; what it does not answer is in `note`."""
+    found = {"id": number, "name": name, "version": version, "table": None, "note": note}
+    try:
+        found["table"] = f"{axis.read('object_table_hash'):08x}"
+        now = actions.state(axis)
+        found |= {key: now[key] for key in ("state", "mode", "fault")}
+        found["owner"] = now["command_source"]
+    except (Refused, NoAnswer) as error:
+        found["note"] = note or str(error)
+    return {key: found.get(key) for key in COLUMNS}
+
+
+def at_gateway(url=None, seconds=1.0):
+    """Every axis whose gateway publishes states within so many seconds."""
+    from forceaxis.axis.gateway import GatewayLink
+    from forceaxis.bus.monitor_state import Watch
+    from forceaxis.bus.sources import Live
+
+    watch = Watch()
+    source = Live(watch, url, None)
+    try:
+        time.sleep(seconds)
+        numbers = sorted(n for n, a in watch.axes.items() if a.state is not None)
+    finally:
+        source.close()
+    for number in numbers:
+        axis = Axis(GatewayLink(number, url))
+        try:
+            yield row(number, axis)
+        finally:
+            axis.close()
+
+
+def on_can(interface, bus=None, seconds=SCAN_S):
+    """Every node 1 to 127 that answers a read of 1000h, or is heard meanwhile."""
+    from forceaxis.axis.can import CanLink, network
+
+    with network(interface, bus) as found:
+        found.scanner.search()
+        time.sleep(seconds)
+        numbers = sorted(set(found.scanner.nodes))
+    for number in numbers:
+        link = CanLink(interface, number, 127 if number != 127 else 126, timeout_s=0.3)
+        try:
+            texts = {}
+            for key, index in (("name", NODE_NAME), ("version", SOFTWARE)):
+                texts[key] = link.text(index)
+            yield row(number, Axis(link), **texts)
+        except (Refused, NoAnswer):
+            yield {key: None for key in COLUMNS} | {
+                "id": number, "note": "heard, without an SDO server: a master or a gateway",
+            }  # fmt: skip
+        finally:
+            link.close()
+
+
+def on_modbus(url):
+    """Every unit 1 to 127 that answers."""
+    from forceaxis.axis.modbus import ModbusLink, client
+
+    answering = client(url, UNIT_S)
+    try:
+        from pymodbus.exceptions import ModbusException
+
+        numbers = []
+        for unit in range(1, 128):
+            try:
+                answer = answering.read_input_registers(0, count=1, device_id=unit)
+            except ModbusException:
+                answering.connect()
+                continue
+            if not answer.isError() or answer.exception_code not in (10, 11):
+                numbers.append(unit)
+    finally:
+        answering.close()
+    for unit in numbers:
+        axis = Axis(ModbusLink(url, unit))
+        try:
+            yield row(unit, axis)
+        finally:
+            axis.close()
+
+
+def simulated(experiment, overrides=(), store=""):
+    axis = Axis(SimLink(experiment, overrides, store))
+    yield row(axis.read("node_id"), axis, name="simulator")
+
+
+def found(way):
+    """The rows of one bus. Raises InputError where it names more than one."""
+    given = [w for w in (way.can, way.modbus, way.sim) if w is not None]
+    if len(given) > 1 or way.axis is not None:
+        raise InputError("expected one bus: --lcm-url URL, --can, --modbus or --sim")
+    if way.can is not None:
+        return list(on_can(way.can))
+    if way.modbus is not None:
+        return list(on_modbus(way.modbus))
+    if way.sim is not None:
+        return list(simulated(way.sim, way.overrides, way.store))
+    return list(at_gateway(way.lcm_url))

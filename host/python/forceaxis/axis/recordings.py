@@ -1,0 +1,54 @@
+"""Recordings of an axis as files."""
+
+import csv
+
+import numpy as np
+
+from forceaxis import paths
+from forceaxis.bus.log_tables import column_name
+
+FILES = ("capture.csv", "capture.npz", "capture.png")
+
+
+def columns(recording):
+    """{column: (n,)} of time_s from the trigger on and the signals, units in the names."""
+    return {"time_s": recording.time_s} | {
+        column_name(name): recording.values(name) for name in recording.signals
+    }
+
+
+def write(recording, folder, title):
+    """capture.csv, .npz and .png into `folder`, which is created; all or none. Raises OSError."""
+    table = columns(recording)
+    with paths.replacing(folder, *FILES) as (text, arrays, picture):
+        with text.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(table)
+            writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+        with arrays.open("wb") as file:
+            np.savez_compressed(file, **table)
+        figure(recording, title).savefig(picture, format="png", dpi=120)
+
+
+def figure(recording, title):
+    """Figure: a row for each signal over the time from the trigger."""
+    import matplotlib.pyplot as plt
+
+    from forceaxis.drawing import INK, THIN, style
+
+    table = columns(recording)
+    time_s = table.pop("time_s")
+    figure, rows = plt.subplots(
+        len(table), 1, sharex=True, squeeze=False, figsize=(7, 1 + 1.5 * len(table)),
+        layout="constrained",
+    )  # fmt: skip
+    for ax, (name, column) in zip(rows[:, 0], table.items(), strict=True):
+        style(ax)
+        ax.plot(time_s, column, color=INK, **THIN)
+        ax.set_ylabel(name, fontsize=8, parse_math=False)
+        if recording.trigger_sample:
+            ax.axvline(0, color="0.6", linewidth=0.8)
+    rows[-1, 0].set_xlabel("time from the trigger, s" if recording.trigger_sample else "time, s")
+    rows[0, 0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
+    plt.close(figure)
+    return figure

@@ -1,0 +1,300 @@
+"""`forceaxis axis`: one axis, read, set up and moved, by whatever way it is reached."""
+
+import fnmatch
+import json
+import sys
+import time
+
+import click
+
+from forceaxis import objects
+from forceaxis._core import InputError
+from forceaxis.cli import live_options
+from forceaxis.cli.common import Positive, Verbs, as_json
+from forceaxis.cli.live_options import connected, live, owned
+
+
+@click.group(
+    cls=Verbs,
+    epilog="""forceaxis axis list --can can0
+    forceaxis axis get --axis 1 force fault
+    forceaxis axis set --can can0 --node 3 force_gain=7
+    forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
+)
+def axis():
+    """One live axis: read, set, move, press, tare, record, wherever it is.
+
+    Each verb takes one of --axis N (a gateway's), --can INTERFACE, --modbus URL and --sim
+    EXPERIMENT. A verb that moves the axis owns it meanwhile; at its end, on Ctrl-C too, the axis is
+    disabled and released. A killed verb lets the axis be disabled by its watchdog.
+    """
+
+
+def shown(value):
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def lines(values):
+    """{object: value} for a reader, with units."""
+    width = max((len(name) for name in values), default=0)
+    for name, value in values.items():
+        unit = objects.BY_NAME[name].unit
+        after = f" {unit}" if unit != "1" and not isinstance(value, str) else ""
+        yield f"{name:<{width}}  {shown(value)}{after}"
+
+
+def assignments(words):
+    """{name: text} of NAME=VALUE words."""
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"{word}: expected NAME=VALUE")
+    return dict(word.split("=", 1) for word in words)
+
+
+def in_units(axis, words):
+    """{name: value} of NAME=VALUE words, as Axis.set() takes them."""
+    from forceaxis.axis import quantity
+
+    return {name: quantity.parse(axis, name, text) for name, text in assignments(words).items()}
+
+
+def print_state(axis, prefix, as_json, **more):
+    """The axis' state in one line, or as JSON."""
+    from forceaxis.axis import actions
+
+    now = actions.state(axis) | more
+    if as_json:
+        click.echo(json.dumps(now))
+    else:
+        click.echo(
+            f"{prefix}: {now['state']}, {now['mode']}, fault {now['fault']}, position "
+            f"{now['position']} count, force {now['force']:.4g} count ({now['force_N']:.4g} N)"
+        )
+
+
+@axis.command(
+    "list",
+    epilog="""forceaxis axis list
+    forceaxis axis list --can can0
+    forceaxis axis list --modbus tcp://192.168.1.5 --json""",
+)
+@live_options.options
+@as_json
+def list_axes(way, as_json):
+    """Who is on a bus: id, name, version, object table, state, mode, fault, owner.
+
+    Without an option the axes of the gateways on the LCM bus; with --can the nodes 1 to 127 that
+    answer or are heard; with --modbus the units 1 to 127. Exit status 1 where there is none.
+    """
+    from forceaxis.axis import present
+
+    with live_options.errors():
+        rows = present.found(way)
+    if as_json:
+        click.echo(json.dumps(rows))
+    elif rows:
+        columns = [c for c in present.COLUMNS if any(row[c] is not None for row in rows)]
+        table = [columns, *([shown(row[c]) if row[c] is not None else "-" for c in columns]
+                            for row in rows)]  # fmt: skip
+        widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
+        for cells in table:
+            text = "  ".join(f"{c:<{w}}" for c, w in zip(cells, widths, strict=True))
+            click.echo(text.rstrip())
+    if not rows:
+        click.echo("forceaxis: no axis was found", err=True)
+        sys.exit(1)
+
+
+@axis.command(
+    epilog="""forceaxis axis get --axis 1 force position fault
+    forceaxis axis get --can can0 'recorder_*' --json"""
+)
+@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@live
+@as_json
+def get(names, way, as_json):
+    """Read objects, in engineering units; a pattern such as 'tare*' reads all that fit.
+
+    `forceaxis objects` lists the names. An axis that somebody else owns is read all the same.
+    """
+    wanted = []
+    for name in names:
+        fitting = fnmatch.filter((o.name for o in objects.OBJECTS if o.access != "wo"), name)
+        wanted += fitting if fitting else [name]
+    with connected(way) as axis:
+        values = axis.get(*dict.fromkeys(wanted))
+    click.echo(json.dumps(values) if as_json else "\n".join(lines(values)))
+
+
+@axis.command(
+    "set",
+    epilog="""forceaxis axis set --axis 1 force_gain=7 position_gain=4
+    forceaxis axis set --can can0 force_setpoint="75 N" recorder_trigger_edge=rising""",
+)
+@click.argument("words", nargs=-1, required=True, metavar="NAME=VALUE...")
+@live
+@as_json
+def set_objects(words, way, as_json):
+    """Write objects in engineering units, in order, and show what the axis has then.
+
+    Nothing is written if a name is unknown or a value out of its range. What another client of the
+    same bus has enabled stays enabled and that client's. `axis params store` keeps it over a power
+    cut.
+    """
+    with owned(way, shared=True) as axis:
+        values = in_units(axis, words)
+        axis.set(**values)
+        readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
+        back = axis.get(*readable)
+    click.echo(json.dumps(back) if as_json else "\n".join(lines(back)))
+
+
+@axis.command(epilog="forceaxis axis stop --can can0 --node 3")
+@live
+@as_json
+def stop(way, as_json):
+    """Stop the axis, whoever owns it: a quick stop, as quick_stop_option says.
+
+    Its owner enables it again only after a controlword that does not enable.
+    """
+    from forceaxis.axis import actions
+
+    with connected(way) as axis:
+        actions.stop(axis)
+        print_state(axis, "stopped", as_json)
+
+
+@axis.command(epilog="forceaxis axis reset --axis 1")
+@live
+@as_json
+def reset(way, as_json):
+    """Reset the fault. Exit status 1 where its cause is still there."""
+    with owned(way) as axis:
+        axis.reset_fault()
+        axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "the fault to be reset", 1.0)
+        print_state(axis, "reset", as_json)
+
+
+NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
+
+
+@axis.command(
+    context_settings=NEGATIVE,
+    epilog="""forceaxis axis enable --axis 1 "profile velocity" target_velocity=3000
+    forceaxis axis enable --can can0 -1 force_setpoint=30 --seconds 10""",
+)
+@click.argument("mode")
+@click.argument("words", nargs=-1, metavar="[NAME=VALUE]...")
+@click.option("--seconds", type=Positive(0.01, 1e6), help="Default: until Ctrl-C.")
+@live
+@as_json
+def enable(mode, words, seconds, way, as_json):
+    """Enable the axis in a mode of operation and hold it there; then disable it.
+
+    MODE is a name as "profile position" or a number. The values are written first, and again once
+    the axis is enabled: a target acts only if it is written then. Ends with status 1 as soon as the
+    axis is no longer enabled.
+    """
+    from forceaxis.bus import state_names
+
+    number = int(mode) if mode.lstrip("-").isdigit() else mode
+    with owned(way) as axis:
+        values = in_units(axis, words)
+        axis.enable(number, **values)
+        axis.set(**{name: v for name, v in values.items() if name.startswith("target_")})
+        if not as_json:
+            print_state(axis, "enabled", False)
+        passed = 0.0
+        while seconds is None or passed < seconds:
+            step = 0.1 if seconds is None else min(0.1, seconds - passed)
+            axis.link.wait(step)
+            passed += step
+            word = axis.read("statusword")
+            if state_names.drive_state(word) != "operation enabled":
+                print_state(axis, "no longer enabled", as_json)
+                sys.exit(1)
+        print_state(axis, "after", as_json, seconds=passed)
+
+
+@axis.command(
+    context_settings=NEGATIVE,
+    epilog="""forceaxis axis move --axis 1 36000 --speed 20000
+    forceaxis axis move --can can0 --node 3 -500""",
+)
+@click.argument("position", type=int)
+@click.option("--speed", type=Positive(1, 3_072_000), help="count/s. Default: trajectory_velocity.")
+@click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="s.")
+@live
+@as_json
+def move(position, speed, timeout, way, as_json):
+    """Move to a position in counts (or the user's units) and disable the axis there."""
+    with owned(way) as axis:
+        axis.enable("profile position", **({"trajectory_velocity": speed} if speed else {}))
+        axis.move(position, timeout)
+        print_state(axis, "reached", as_json)
+
+
+@axis.command(
+    context_settings=NEGATIVE,
+    epilog="""forceaxis axis press --axis 1 "75 N" --seconds 5
+    forceaxis axis press --can can0 30 --speed 2000""",
+)
+@click.argument("force")
+@click.option(
+    "--seconds", type=Positive(0.1, 3600), default=3.0, show_default=True, help="From contact on."
+)
+@click.option(
+    "--speed",
+    type=Positive(1, 3_072_000),
+    default=3000.0,
+    show_default=True,
+    help="Bound of the approach in count/s.",
+)
+@click.option(
+    "--approach",
+    type=Positive(0.1, 3600),
+    default=10.0,
+    show_default=True,
+    help="s without contact after which the axis ends it with the fault no_contact.",
+)
+@live
+@as_json
+def press(force, seconds, speed, approach, way, as_json):
+    """Press with a force, show it, and disable the axis.
+
+    "75 N": mode 4, with the force law or bank that is selected. 30: counts of an 8-bit reading,
+    mode -1, the P law of force_gain. What is set for it is as before afterwards.
+    """
+    from forceaxis.axis import actions, quantity
+
+    words = force.split()
+    newton = len(words) == 2 and words[1] in quantity.NEWTON
+    try:
+        wanted = float(words[0]) * (quantity.NEWTON[words[1]] if newton else 1)
+        if len(words) > 1 and not newton and words[1] != "count":
+            raise ValueError
+    except (ValueError, IndexError):
+        raise InputError(f'{force}: expected a force as "75 N", or counts as 30') from None
+    begin = time.monotonic()
+    with owned(way) as axis:
+
+        def tell(now):
+            count = now["force"]
+            at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
+            click.echo(f"{at}force {count:.4g} count, {count * per_count:.4g} N")
+
+        per_count = quantity.force_per_count(axis)
+        held = actions.press(
+            axis, wanted, newton, speed, approach, seconds, (lambda now: None) if as_json else tell
+        )
+    if as_json:
+        click.echo(json.dumps(held))
+    else:
+        click.echo(
+            f"held {held['force_N']:.4g} N ({held['force_count']:.4g} count), "
+            f"{held['least_N']:.4g} to {held['most_N']:.4g} N, peak {held['peak_N']:.4g} N"
+        )
+
+
+VERBS = (axis,)

@@ -1,0 +1,147 @@
+"""Verbs of `forceaxis axis` that set up the force sensor, and record."""
+
+import json
+
+import click
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.cli.axis import axis, lines, shown
+from forceaxis.cli.common import Folder, Positive, as_json
+from forceaxis.cli.live_options import live, owned
+
+
+@axis.command(epilog="forceaxis axis tare --axis 1")
+@live
+@as_json
+def tare(way, as_json):
+    """Take the tare of an axis at a stand, out of contact.
+
+    Exit status 1 with the axis' reason where it moves, the reading is noisy or beyond tare_band.
+    """
+    from forceaxis.axis import actions
+
+    with owned(way) as axis:
+        found = actions.tare(axis)
+    click.echo(json.dumps(found) if as_json else "\n".join(lines(found)))
+
+
+@axis.command(
+    epilog="""forceaxis axis calibrate --axis 1 --point 0,0 --point 20.4,50 --point 40.9,100
+    forceaxis axis calibrate --can can0        # asks for one force after another"""
+)
+@click.option(
+    "--point",
+    "given",
+    multiple=True,
+    metavar="COUNT,N",
+    help="Reading of force and the reference's N, 2 to 8 times. Default: reads and asks.",
+)
+@live
+@as_json
+def calibrate(given, way, as_json):
+    """Set force_scale by a line through 2 to 8 points of a reference cell or weights.
+
+    The axis is disabled meanwhile. Without --point each reading is taken when you have typed what
+    the reference shows; an empty line ends it. `axis params store` keeps the result.
+    """
+    from forceaxis.axis import actions
+
+    points = [point(text) for text in given]
+    with owned(way) as axis:
+        if not points:
+            points = list(asked(axis, actions.POINTS.stop - 1))
+        found = actions.calibrate(axis, points)
+    if as_json:
+        click.echo(json.dumps(found | {"points": points}))
+        return
+    click.echo(
+        f"force_scale {found['force_scale_N_per_count']:.6g} N/count, linearity error "
+        f"{found['linearity_permille']:.3g} per mille of the span"
+    )
+
+
+def point(text):
+    try:
+        count, newton = text.split(",")
+        return float(count), float(newton)
+    except ValueError:
+        raise InputError(f"--point {text}: expected COUNT,N as 20.4,50") from None
+
+
+def asked(axis, most):
+    """Points that a person gives, until an empty line."""
+    from forceaxis.axis import actions
+
+    for i in range(most):
+        text = click.prompt(f"force {i + 1} in N, empty to end", default="", show_default=False)
+        if not text.strip():
+            return
+        try:
+            newton = float(text)
+        except ValueError:
+            raise InputError(f"{text}: expected a force in N") from None
+        count = actions.reading(axis)
+        click.echo(f"{count:.5g} count = {newton:g} N")
+        yield count, newton
+
+
+@axis.command(
+    epilog="""forceaxis axis capture --axis 1 force dac_code --samples 1500 --out out/rest
+    forceaxis axis capture --can can0 force position --trigger "force rising 31" --pretrigger 300"""
+)
+@click.argument("signals", nargs=-1, required=True, metavar="SIGNAL...")
+@click.option(
+    "--samples", type=click.IntRange(0, 65535), default=0, help="Default: what the recorder holds."
+)
+@click.option("--decimation", type=click.IntRange(1, 65535), default=1, help="Ticks a sample.")
+@click.option("--pretrigger", type=click.IntRange(0, 65535), default=0, help="Samples before it.")
+@click.option(
+    "--trigger",
+    metavar="CONDITION",
+    help='"NAME rising|falling|either LEVEL", a force in N too; or excitation_start.',
+)
+@click.option(
+    "--timeout", type=Positive(0.1, 86400), default=30.0, show_default=True, help="s to wait."
+)
+@click.option("--out", type=Folder(), help="Folder for capture.csv, .npz and .png.")
+@live
+@as_json
+def capture(signals, samples, decimation, pretrigger, trigger, timeout, out, way, as_json):
+    """Record up to 8 objects tick by tick, 1500 a second, into the axis' own memory, and fetch it.
+
+    What another client of the same bus has enabled goes on meanwhile. Not over Modbus.
+    """
+    from forceaxis.axis import quantity, recordings
+
+    with owned(way, shared=True) as axis:
+        settings = quantity.trigger(axis, trigger) if trigger else {}
+        where = axis.link.where
+        held = axis.capture(
+            signals, samples, timeout, decimation=decimation, pretrigger=pretrigger, **settings
+        )
+    if out:
+        recordings.write(held, out, where)
+    found = {
+        "samples": len(held.raw),
+        "decimation": held.decimation,
+        "trigger_sample": held.trigger_sample,
+        "signals": {name: summary(held.values(name)) for name in held.signals},
+    }
+    if as_json:
+        click.echo(json.dumps(found))
+        return
+    click.echo(f"{len(held.raw)} samples, trigger at {held.trigger_sample}")
+    for name, row in found["signals"].items():
+        click.echo(f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items()))
+    if out:
+        click.echo(f"files        {paths.quoted(out)}")
+
+
+def summary(values):
+    return {
+        "least": float(values.min()),
+        "mean": float(values.mean()),
+        "most": float(values.max()),
+        "deviation": float(values.std()),
+    }

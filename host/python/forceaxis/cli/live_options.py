@@ -1,0 +1,163 @@
+"""The options of every verb that works on a live axis, and the one way to open and leave it."""
+
+import contextlib
+import functools
+import signal
+import sys
+from dataclasses import dataclass
+
+import click
+
+from forceaxis._core import InputError
+from forceaxis.cli.common import fail
+
+WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to an axis, as the options name it."""
+
+    axis: int | None = None
+    lcm_url: str | None = None
+    can: str | None = None
+    node: int = 1
+    own_node: int = 127
+    modbus: str | None = None
+    sim: str | None = None
+    overrides: tuple[str, ...] = ()
+    store: str = ""
+
+    def link(self):
+        """Connects. Raises InputError, NoAnswer."""
+        if self.axis is not None:
+            from forceaxis.axis.gateway import GatewayLink
+
+            return GatewayLink(self.axis, self.lcm_url)
+        if self.can is not None:
+            from forceaxis.axis.can import CanLink
+
+            return CanLink(self.can, self.node, self.own_node)
+        if self.modbus is not None:
+            from forceaxis.axis.modbus import ModbusLink
+
+            return ModbusLink(self.modbus, self.node)
+        from forceaxis.axis.sim import SimLink
+
+        return SimLink(self.sim, self.overrides, self.store)
+
+    def expect_one(self):
+        """Raises InputError unless the options name one way, and nothing of another."""
+        given = [way for way in (self.axis, self.can, self.modbus, self.sim) if way is not None]
+        if len(given) != 1:
+            raise InputError(f"expected one way to an axis: {WAYS}")
+        for option, is_given, belongs in (
+            ("--lcm-url", self.lcm_url is not None, self.axis),
+            ("--set", self.overrides != (), self.sim),
+            ("--store", self.store != "", self.sim),
+        ):
+            if is_given and belongs is None:
+                with_what = "--axis" if option == "--lcm-url" else "--sim"
+                raise InputError(f"{option}: expected together with {with_what}")
+
+
+OPTIONS = (
+    click.option("--axis", type=click.IntRange(1, 127), help="Axis of a gateway, over LCM."),
+    click.option(
+        "--lcm-url", help="LCM bus of --axis. Default: LCM_DEFAULT_URL, else liblcm's own."
+    ),
+    click.option("--can", metavar="INTERFACE", help="CAN interface: can0, vcan0."),
+    click.option(
+        "--node",
+        type=click.IntRange(1, 127),
+        default=1,
+        show_default=True,
+        help="Node id with --can, unit with --modbus.",
+    ),
+    click.option(
+        "--own-node",
+        type=click.IntRange(1, 127),
+        default=127,
+        show_default=True,
+        help="Node id of this program's heartbeat with --can, which the axis watches.",
+    ),
+    click.option("--modbus", metavar="URL", help="tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD]."),
+    click.option("--sim", metavar="EXPERIMENT", help="A simulated axis, in its own time."),
+    click.option(
+        "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Of --sim, as with run."
+    ),
+    click.option("--store", default="", metavar="FILE", help="Parameter store of --sim."),
+)
+
+
+def options(command):
+    """Adds the options; the command gets `way`, a Way that was not checked."""
+
+    @functools.wraps(command)
+    def with_way(*arguments, axis, lcm_url, can, node, own_node, modbus, sim, overrides, store,
+                 **others):  # fmt: skip
+        way = Way(axis, lcm_url, can, node, own_node, modbus, sim, overrides, store)
+        return command(*arguments, way=way, **others)
+
+    for option in reversed(OPTIONS):
+        with_way = option(with_way)
+    return with_way
+
+
+def live(command):
+    """Adds the options; the command gets `way`, a Way that names one axis."""
+
+    @functools.wraps(command)
+    def with_one(*arguments, way, **others):
+        way.expect_one()
+        return command(*arguments, way=way, **others)
+
+    return options(with_one)
+
+
+@contextlib.contextmanager
+def connected(way):
+    """An Axis that is only read, or stopped: never acquired."""
+    from forceaxis.axis.axis import Axis
+
+    with errors():
+        axis = Axis(way.link())
+        try:
+            yield axis
+        finally:
+            axis.close()
+
+
+@contextlib.contextmanager
+def owned(way, shared=False):
+    """An Axis that is acquired, and disabled and released at the end. Ctrl-C and SIGTERM end the
+    verb with one line and status 130 or 143. shared: see Axis.acquire()."""
+    from forceaxis.axis.axis import Axis
+
+    with errors():
+        axis = Axis(way.link())
+        before = signal.signal(signal.SIGTERM, _terminate)
+        try:
+            axis.acquire(shared)
+            yield axis
+        except KeyboardInterrupt as interrupt:
+            click.echo(f"forceaxis: interrupted, {axis.link.where} {axis.close()}", err=True)
+            sys.exit(143 if interrupt.args == (signal.SIGTERM,) else 130)
+        finally:
+            signal.signal(signal.SIGTERM, before)
+            axis.close()
+
+
+@contextlib.contextmanager
+def errors():
+    """What an axis refuses, or does not answer, is one line and status 1."""
+    from forceaxis.axis.link import NoAnswer, Refused
+
+    try:
+        yield
+    except (Refused, NoAnswer) as error:
+        fail(str(error), status=1)
+
+
+def _terminate(number, _frame):
+    raise KeyboardInterrupt(number)
