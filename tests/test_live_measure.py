@@ -204,7 +204,7 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("measure",), "expected TARGET"),
+        (("measure",), "expected one way to an axis"),
         (("measure", "--sim", "session"), "expected --free, --force or both"),
         (("measure", "fig3_9", "--sim", "session"), "expected either TARGET or an axis"),
         (("measure", "--sim", "session", "--force", "0,3"), "--force: 0,3: expected forces in N"),

@@ -4,8 +4,9 @@ import json
 
 import click
 
+from forceaxis.cli import live_options
 from forceaxis.cli.common import Folder, Positive, Verb, as_json
-from forceaxis.cli.identify import band, newtons
+from forceaxis.cli.measure import band, newtons
 
 
 @click.command(
@@ -13,8 +14,7 @@ from forceaxis.cli.identify import band, newtons
     epilog="""forceaxis tune --sim press/contact.toml --model press/model.toml \\
     --force 30,150 --over k_w=30%,m_w=30% --force-max 250 --out out/tuned""",
 )
-@click.option("--sim", required=True, metavar="EXPERIMENT", help="A simulated axis.")
-@click.option("--store", default="", help="File of its parameter store.")
+@live_options.live
 @click.option("--model", required=True, help="What is known of it, as of `forceaxis new`.")
 @click.option(
     "--force", "forces", required=True, callback=newtons, metavar="N,N", help="Two or more, N."
@@ -31,7 +31,7 @@ from forceaxis.cli.identify import band, newtons
 @click.option("--only", help="This step alone, done before or not.")
 @click.option("--out", type=Folder(), required=True, help="Folder; with one of before it goes on.")
 @as_json
-def tune(sim, store, only, out, as_json, **options):
+def tune(way, only, out, as_json, **options):
     """Give a live axis the force law with most bandwidth: measured, designed, verified, stored.
 
     Steps: check (at rest, tare), free (response apart), measure (responses in contact at each
@@ -46,8 +46,6 @@ def tune(sim, store, only, out, as_json, **options):
      "levels": {name: {"Ms": measured, "Ms_predicted": at the same lines, ...}},
      "stored": true, "seconds": {step: ...}, "refused": null | {"step", "name", "text"}}
     """
-    from forceaxis.axis.axis import Axis
-    from forceaxis.axis.sim import SimLink
     from forceaxis.commission import tune as tuning
     from forceaxis.commission.refusal import Refusal
 
@@ -58,7 +56,7 @@ def tune(sim, store, only, out, as_json, **options):
         given["band_hz"] = tuple(given["band_hz"])
     order = tuning.Order(**given)
     try:
-        with Axis(SimLink(sim, store=store)) as axis:
+        with live_options.owned(way) as axis:
             steps = tuning.Tuning(axis, order, out, lambda text: click.echo(text, err=as_json))
             summary = steps.run(only)
     except Refusal as refusal:
