@@ -4,6 +4,7 @@ import json
 
 import click
 
+from forceaxis import paths
 from forceaxis.cli import live_options
 from forceaxis.cli.common import Folder, Positive, Verb, as_json
 from forceaxis.cli.measure import band, newtons
@@ -47,7 +48,7 @@ def tune(way, only, out, as_json, **options):
      "stored": true, "seconds": {step: ...}, "refused": null | {"step", "name", "text"}}
     """
     from forceaxis.commission import tune as tuning
-    from forceaxis.commission.refusal import Refusal
+    from forceaxis.commission import tune_page
 
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")
@@ -55,16 +56,17 @@ def tune(way, only, out, as_json, **options):
     if "band_hz" in given:
         given["band_hz"] = tuple(given["band_hz"])
     order = tuning.Order(**given)
-    try:
-        with live_options.owned(way) as axis:
-            steps = tuning.Tuning(axis, order, out, lambda text: click.echo(text, err=as_json))
-            summary = steps.run(only)
-    except Refusal as refusal:
-        if as_json:
-            click.echo(json.dumps({"refused": {"name": refusal.name, "text": refusal.text}}))
-        raise
-    if as_json:
-        click.echo(json.dumps(summary, allow_nan=False))
+    with live_options.owned(way) as axis:
+        steps = tuning.Tuning(axis, order, out, lambda text: click.echo(text, err=as_json))
+        try:
+            steps.run(only)
+        finally:
+            summary = steps.summary()
+            tune_page.write(steps, summary)
+            if as_json:
+                click.echo(json.dumps(summary, allow_nan=False))
+    if not as_json:
+        click.echo(f"page         {paths.quoted(out / tune_page.FILE)}")
 
 
 VERBS = (tune,)

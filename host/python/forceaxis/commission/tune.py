@@ -1,6 +1,6 @@
 """A force law for a live axis: measured, identified, designed, simulated, written, verified, kept.
 
-`Tuning(axis, order, folder).run()` does STEPS one after the other. Each is a module of functions
+`Tuning(axis, order, folder).run()` does STEPS one after the other. Each is a function of tune_steps
 that ends with a result, a JSON file of its own in the folder, or with a Refusal. What is there is
 not done again, so a tuning goes on where it was broken off.
 """
@@ -52,7 +52,7 @@ class Tuning:
                 "levels", f"expected at least two forces, got {len(order.forces)}: what depends on "
                 "the force cannot be told from what does not; give --force 30,150"
             )  # fmt: skip
-        self.model = linear.find_model(order.model)
+        self.model, self.refused = linear.find_model(order.model), None
         self._claim()
 
     def _claim(self):
@@ -97,7 +97,11 @@ class Tuning:
             for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
                 (self.folder / f"{later}.json").unlink(missing_ok=True)
             began = time.monotonic()
-            result, line = getattr(tune_steps, step)(self)
+            try:
+                result, line = getattr(tune_steps, step)(self)
+            except Refusal as refusal:
+                self.refused = {"step": step, "name": refusal.name, "text": refusal.text}
+                raise
             took = time.monotonic() - began
             self.write(f"{step}.json", {"seconds": round(took, 3), "result": result})
             self.say(f"{step}: {line} ({took:.1f} s)")
@@ -122,5 +126,5 @@ class Tuning:
             "certificate_state": held.get("write", {}).get("certificate_state"),
             "stored": held.get("store", {}).get("stored", False),
             "seconds": {step: done[step]["seconds"] for step in held},
-            "refused": None,
+            "refused": self.refused,
         }

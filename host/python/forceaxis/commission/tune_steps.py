@@ -23,7 +23,8 @@ from forceaxis.linear.bank import Bank
 SHARE = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
 SCALE_WITHIN = 0.1
-RESERVE = 8.0  # rated force over the largest force, for what a law without integral leaves
+RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)  # of the integral to measure with
+CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force stands within seconds
 COHERENT = 0.9
 MS_WITHIN = 0.3
 NEAR = 0.15  # of the limiting frequency
@@ -71,31 +72,42 @@ def check(tuning):
             f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
             "ADC of more bits or less filtering"
         )  # fmt: skip
-    gain, highest = measuring_law(tuning)
+    bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
     result = {
-        "rest": vars(rest), "settings": settings, "force_gain": gain, "band_hz": [low, high],
+        "rest": vars(rest), "settings": settings, "law": bank.keys(), "band_hz": [low, high],
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
-    line = f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with P {gain:.3g}"
-    return result, line
+    law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
+    return result, f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
 
 
 def measuring_law(tuning):
-    """(gain of P that the axis bears by what is known of it, in codes a count, with a reserve;
-    highest frequency, Hz, at which P may lose stability)."""
+    """(bank that the axis bears by what is known of it, with a reserve; highest frequency, Hz, at
+    which it may lose stability). Its integral makes the reading stand where it is to."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
-    gains, highest = [], 0.0
-    for factors in np.array(np.meshgrid(*[SPREAD] * len(values))).T.reshape(-1, len(values)):
-        changed = {n: f * v for f, (n, v) in zip(factors, values.items(), strict=True)}
-        loop = loops.force_loop(model, "p", "zoh+1", changed)
-        limit = loop.limit()
-        if limit.gain is not None:
-            gains.append(loop.firmware_gain(limit.gain))
-            highest = max(highest, limit.frequency_hz)
-    return max(1, math.floor(SHARE * min(gains, default=256.0) * 256)) / 256, highest
+    factors = np.array(np.meshgrid(*[SPREAD] * len(values))).T.reshape(-1, len(values))
+    members = [{n: f * values[n] for n, f in zip(values, row, strict=True)} for row in factors]
+    best = None
+    for rate in RATES_RAD_PER_S:
+        bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
+        for changed in members:
+            loop = loops.force_loop(model, "bank", "zoh+1", changed, bank=bank)
+            limit = loop.limit()
+            if limit.gain is not None:
+                gains.append(loop.firmware_gain(limit.gain))
+                highest = max(highest, limit.frequency_hz)
+            plant = linear.linearise(model, outputs=("adc0",), overrides=changed)
+            static = abs(plant.at(0.0).item()) * linear.facts(model)["volts_per_code"]
+            slowest = min(slowest, rate * static)
+        gain = max(1, math.floor(SHARE * min(gains) * 256)) / 256
+        if best is None or gain * slowest > best[0]:
+            best = gain * slowest, replace(bank, force_gain=gain), highest
+        if best[0] > CROSSOVER_RAD_PER_S:
+            break
+    return best[1].quantised(), best[2]
 
 
 def free(tuning):
@@ -108,16 +120,12 @@ def measure(tuning):
     """The responses of codes to the reading, at each force."""
     done, lines, first = {}, [], 1
     order = replace(tuning.order, band_hz=tuple(tuning.result("check")["band_hz"]))
-    law = _settings(tuning) | {
-        "force_bank": 0,
-        "force_gain": tuning.result("check")["force_gain"],
-        "bump_decay_shift": 0,
-    }
+    held = tuning.result("check")["law"]
+    bank = Bank(held["gain"], held["integral_rad_per_s"])
+    law = _objects(tuning, bank, {}) | {"bump_decay_shift": 0} | _reach(tuning)
     for force in tuning.order.forces:
         name = f"{force:g}N"
-        _, done[name] = _measured(
-            tuning, name, lambda a, f=force: a.contact(f), law | _reach(tuning), order, first
-        )
+        _, done[name] = _measured(tuning, name, lambda a, f=force: a.contact(f), law, order, first)
         first = max(1, done[name]["amplitude"] // 2)
         lines.append(_line(name, done[name]))
     return done, "; ".join(lines)
@@ -128,13 +136,11 @@ def _settings(tuning):
 
 
 def _reach(tuning):
-    """Rated force and slope with which a law without integral reaches the forces."""
-    largest = max(tuning.order.forces)
+    """Rated force and slope of the force, for the largest of the forces and what it swings by."""
     return {
-        "rated_force": round(1e3 * RESERVE * largest),
-        "force_limit": 1000,
-        "force_slope": round(2e3 / RESERVE),
-    }
+        "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
+        "force_slope": 2000,
+    }  # fmt: skip
 
 
 def _analyzer(tuning, order=None, first=1):
@@ -173,12 +179,17 @@ class Settings:
 
     def __enter__(self):
         self.before = self.axis.get(*self.values) if self.values else {}
-        self.axis.set(**self.values)
+        self._write(self.values)
 
     def __exit__(self, *_):
         with contextlib.suppress(NoAnswer, Refused):  # another's, or lost; nothing is stored
             _off(self.axis)
-            self.axis.set(**self.before)
+            self._write(self.before)
+
+    def _write(self, values):
+        if "force_bank" in values:  # a selected bank is not written
+            self.axis.set(force_bank=0)
+        self.axis.set(**values)
 
 
 def _off(axis):
@@ -250,23 +261,25 @@ def design(tuning):
         raise Refusal("design", str(error)) from None
     worst = found.worst
     result = outcome.plain(found.summary())
-    result["objects"] = _objects(tuning, found)
+    result["objects"] = _objects(
+        tuning, found.bank, found.loss, files.largest_ms(worst), found.ranges, found.units
+    )
     return result, f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
 
 
-def _objects(tuning, found):
-    """{object: engineering value} of the bank, in order, with the certificate for this axis."""
-    known = tuning.axis.get("force_scale", "adc_bits") | _settings(tuning)
-    plant = Design(str(tuning.model), found.plants.overrides)
-    with plant:
-        bench = simulation.Bench(plant, found.bits)
-        bench.settings["force_scale"] = known["force_scale"]
-        text = bench.text(bench.cases[1], found.bank, found.loss)
+def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
+    """{object: engineering value} of a bank, in order, with its certificate for this axis, and of
+    what check() found never to have been set."""
+    own = _settings(tuning)
+    known = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
+    with Design(str(tuning.model)) as plant:
+        bench = simulation.Bench(plant, known["adc_bits"])
+        bench.settings |= known
         values = files.bank_objects(
-            plant.file("bank.toml", text), files.largest_ms(found.worst), found.ranges,
-            found.units, datetime.date.today(),
+            plant.file("bank.toml", bench.text(bench.cases[1], bank, loss)), ms, ranges or {},
+            units or {}, datetime.date.today(),
         )  # fmt: skip
-    return {n: v for n, v in values.items() if n != "adc_bits"}
+    return own | {n: v for n, v in values.items() if n not in ("adc_bits", "force_scale")}
 
 
 def simulate(tuning):
@@ -300,7 +313,7 @@ def _bank(designed):
 def write(tuning):
     """The bank into the axis; what was there before is kept in a file first."""
     axis = tuning.axis
-    values = _settings(tuning) | tuning.result("design")["objects"]
+    values = tuning.result("design")["objects"]
     _off(axis)
     if tuning.read(BEFORE) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
@@ -337,9 +350,8 @@ def put_back(tuning):
 def verify(tuning):
     """The responses once more, with the bank in force, and Ms of its loop as measured."""
     designed = tuning.result("design")
-    bank, largest = _bank(designed), max(tuning.order.forces)
+    bank = _bank(designed)
     late = tuning.axis.read("latency_ticks")
-    reach = {"rated_force": round(1.5e3 * largest), "force_limit": 1000}
     high = min(BAND_OF_FT * designed["worst"]["fT_Hz"], HIGHEST_HZ)
     order = replace(
         tuning.order,
@@ -351,7 +363,7 @@ def verify(tuning):
         for force in order.forces:
             name = f"verified-{force:g}N"
             done, about = _measured(
-                tuning, name, lambda a, f=force: a.contact(f, True), reach, order, first
+                tuning, name, lambda a, f=force: a.contact(f, True), _reach(tuning), order, first
             )
             first = max(1, about["amplitude"] // 2)
             about |= _peaks(tuning, bank, late, done)
