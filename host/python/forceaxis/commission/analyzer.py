@@ -38,6 +38,7 @@ BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 MOST_CODES = 1024
+FAR = 8.0  # from the swing that is aimed at
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
 FREE_SETTLE = 0.3  # of the time to settle in contact
@@ -54,7 +55,8 @@ class Order:
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: from where a level or the free response begins
-    amplitude: int = 0  #: codes; 0: searched
+    amplitude: int = 0  #: codes; 0: searched, from `first` on
+    first: int = 1
     seed: int = 1
 
 
@@ -282,9 +284,9 @@ class Analyzer:
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
     def _search(self, level, play, still, swing, output, seed):
-        """Codes of amplitude: from 1, doubled until the signal swings enough, or the response is to
-        be expected within DEVIATION."""
-        amplitude, unit = 1, self.newton if output == "adc0" else 1.0
+        """Codes of amplitude: doubled, far from the aim taken four times, until the signal swings
+        enough, or the response is to be expected within DEVIATION."""
+        amplitude, unit = self.order.first, self.newton if output == "adc0" else 1.0
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
         while True:
@@ -302,7 +304,9 @@ class Analyzer:
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= MOST_CODES:
                 return amplitude
             room = swing / max(moved, 1e-9)
-            amplitude = min(max(amplitude + 1, int(amplitude * min(2.0, room))), MOST_CODES)
+            far = room > FAR and error > FAR / 2 * DEVIATION[output]
+            factor = min(4.0 if far else 2.0, room)
+            amplitude = min(max(amplitude + 1, int(amplitude * factor)), MOST_CODES)
 
     def _halve(self, level, amplitude, ended):
         level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
@@ -411,7 +415,7 @@ class Analyzer:
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self._wait(FREE_SETTLE * self.order.settle_s, self._free)
-        count = min(2 * n, self._most_samples(APART))
+        count = min(n + n // 4, self._most_samples(APART))  # the drift shows in what repeats
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._free()

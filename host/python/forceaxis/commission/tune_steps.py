@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from forceaxis import _core, linear
+from forceaxis import _core, linear, toml
 from forceaxis._core import InputError
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import analyzer, measuring
@@ -28,7 +28,8 @@ COHERENT = 0.9
 MS_WITHIN = 0.3
 NEAR = 0.15  # of the limiting frequency
 SURE = 0.1  # relative standard error of |S|
-BAND_OF_FT, HIGHEST_HZ = 3.0, 400.0  # how far |S| is verified
+# How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
+BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
 BEFORE = "before.json"
 
 
@@ -70,34 +71,43 @@ def check(tuning):
             f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
             "ADC of more bits or less filtering"
         )  # fmt: skip
-    gain = measuring_gain(tuning)
-    result = {"rest": vars(rest), "settings": settings, "force_gain": gain}
+    gain, highest = measuring_law(tuning)
+    low, high = tuning.order.band_hz
+    high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
+    result = {
+        "rest": vars(rest), "settings": settings, "force_gain": gain, "band_hz": [low, high],
+    }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
-    return result, f"at rest, reading {rest.reading:.2g} counts{noise}; measured with P {gain:.3g}"
+    line = f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with P {gain:.3g}"
+    return result, line
 
 
-def measuring_gain(tuning):
-    """Gain of P that what is known of the axis bears, in codes a count, with a reserve."""
+def measuring_law(tuning):
+    """(gain of P that the axis bears by what is known of it, in codes a count, with a reserve;
+    highest frequency, Hz, at which P may lose stability)."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
-    gains = []
+    gains, highest = [], 0.0
     for factors in np.array(np.meshgrid(*[SPREAD] * len(values))).T.reshape(-1, len(values)):
         changed = {n: f * v for f, (n, v) in zip(factors, values.items(), strict=True)}
         loop = loops.force_loop(model, "p", "zoh+1", changed)
-        limit = loop.limit().gain
-        gains.append(256.0 if limit is None else loop.firmware_gain(limit))
-    return max(1, math.floor(SHARE * min(gains) * 256)) / 256
+        limit = loop.limit()
+        if limit.gain is not None:
+            gains.append(loop.firmware_gain(limit.gain))
+            highest = max(highest, limit.frequency_hz)
+    return max(1, math.floor(SHARE * min(gains, default=256.0) * 256)) / 256, highest
 
 
 def free(tuning):
     """The response of codes to the encoder."""
-    _, about = _measured(tuning, "free", lambda a: a.free(), _settings(tuning))
+    _, about = _measured(tuning, "free", lambda a: a.free(), _settings(tuning), first=4)
     return about, _line("codes to the encoder", about)
 
 
 def measure(tuning):
     """The responses of codes to the reading, at each force."""
-    done, lines = {}, []
+    done, lines, first = {}, [], 1
+    order = replace(tuning.order, band_hz=tuple(tuning.result("check")["band_hz"]))
     law = _settings(tuning) | {
         "force_bank": 0,
         "force_gain": tuning.result("check")["force_gain"],
@@ -106,8 +116,9 @@ def measure(tuning):
     for force in tuning.order.forces:
         name = f"{force:g}N"
         _, done[name] = _measured(
-            tuning, name, lambda a, f=force: a.contact(f), law | _reach(tuning)
+            tuning, name, lambda a, f=force: a.contact(f), law | _reach(tuning), order, first
         )
+        first = max(1, done[name]["amplitude"] // 2)
         lines.append(_line(name, done[name]))
     return done, "; ".join(lines)
 
@@ -126,21 +137,21 @@ def _reach(tuning):
     }
 
 
-def _analyzer(tuning, order=None):
+def _analyzer(tuning, order=None, first=1):
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model)["encoder"]["scale"])
     asked = analyzer.Order(
         band_hz=tuple(order.band_hz), averages=order.averages, force_max_N=order.force_max_N,
-        travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed,
+        travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
     )  # fmt: skip
     return analyzer.Analyzer(tuning.axis, asked, model, {}, tuning.say)
 
 
-def _measured(tuning, name, take, settings, order=None):
+def _measured(tuning, name, take, settings, order=None, first=1):
     """(Level, what is said of it) of a response that is taken under some settings, written to a
     folder of its own."""
     _off(tuning.axis)
-    with Settings(tuning.axis, settings), _analyzer(tuning, order) as measures:
+    with Settings(tuning.axis, settings), _analyzer(tuning, order, first) as measures:
         rest = measures.rest() if name == "free" else analyzer.Rest(0.0, None, 0)
         level = take(measures)
     done = measuring.result_of(tuning.axis, measures.order, level, rest)
@@ -185,7 +196,8 @@ def fit(tuning):
     model, order = str(tuning.model), tuning.order
     folder = tuning.folder / f"{max(order.forces):g}N"
     measured = fit_response.read_response(folder, model)
-    names = [text.partition("=")[0] for given in order.over for text in given.split(",")]
+    names = list(plant_set.ranges_of(model, order.over))
+    names += [n for n in _dampings(model, names) if n not in names]
     found = fit_response.fit(measured, fit_response.starts_of(names, measured)[0])
     if found.rejected:
         raise Refusal(
@@ -196,6 +208,14 @@ def fit(tuning):
     summary = fit_response.summarise(found, measured, {n: "" for n in values})
     text = ", ".join(f"{n} = {v:.5g}" for n, v in values.items())
     return summary | {"values": values, "limiting_hz": limiting}, text
+
+
+def _dampings(model, stiffnesses):
+    """Parameters that are the damping of springs with such a stiffness, if it is not 0."""
+    known = linear.facts(model)["parameters"]
+    springs = toml.read(linear.find_model(model)).get("spring", ())
+    named = [s.get("damping") for s in springs if s.get("stiffness") in stiffnesses]
+    return [name for name in named if name in known and known[name][0] > 0]
 
 
 def _coherent(tuning, values):
@@ -322,15 +342,18 @@ def verify(tuning):
     reach = {"rated_force": round(1.5e3 * largest), "force_limit": 1000}
     high = min(BAND_OF_FT * designed["worst"]["fT_Hz"], HIGHEST_HZ)
     order = replace(
-        tuning.order, band_hz=(tuning.order.band_hz[0], max(high, tuning.order.band_hz[1]))
+        tuning.order,
+        band_hz=(tuning.order.band_hz[0], max(high, tuning.order.band_hz[1])),
+        averages=max(5, tuning.order.averages // 2),
     )
-    levels, lines = {}, []
+    levels, lines, first = {}, [], 1
     try:
         for force in order.forces:
             name = f"verified-{force:g}N"
             done, about = _measured(
-                tuning, name, lambda a, f=force: a.contact(f, True), reach, order
+                tuning, name, lambda a, f=force: a.contact(f, True), reach, order, first
             )
+            first = max(1, about["amplitude"] // 2)
             about |= _peaks(tuning, bank, late, done)
             levels[name] = about
             if about["Ms"] is None or about["Ms"] > about["Ms_predicted"] + MS_WITHIN:
