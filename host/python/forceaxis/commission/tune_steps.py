@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from forceaxis import _core, linear, toml
+from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import analyzer, measuring
+from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
@@ -203,56 +204,30 @@ def _default(name):
 
 
 def fit(tuning):
-    """The model's parameters from the responses."""
+    """The model's parameters from all responses and what was known before."""
     model, order = str(tuning.model), tuning.order
-    folder = tuning.folder / f"{max(order.forces):g}N"
-    measured = fit_response.read_response(folder, model)
-    names = list(plant_set.ranges_of(model, order.over))
-    names += [n for n in _dampings(model, names) if n not in names]
-    found = fit_response.fit(measured, fit_response.starts_of(names, measured)[0])
+    names = ["free", *(f"{force:g}N" for force in order.forces)]
+    measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
+    known = joint_fit.priors(model, order.over, order.priors)
+    found = joint_fit.joint(model, known, measured, order.over)
     if found.rejected:
-        raise Refusal(
-            "fit", f"expected a model that explains the responses, p = {found.p_value:.2g}"
-        )
-    values = dict(zip(found.names, found.values.tolist(), strict=True))
-    limiting = _coherent(tuning, values)
-    summary = fit_response.summarise(found, measured, {n: "" for n in values})
-    text = ", ".join(f"{n} = {v:.5g}" for n, v in values.items())
-    return summary | {"values": values, "limiting_hz": limiting}, text
-
-
-def _dampings(model, stiffnesses):
-    """Parameters that are the damping of springs with such a stiffness, if it is not 0."""
-    known = linear.facts(model)["parameters"]
-    springs = toml.read(linear.find_model(model)).get("spring", ())
-    named = [s.get("damping") for s in springs if s.get("stiffness") in stiffnesses]
-    return [name for name in named if name in known and known[name][0] > 0]
-
-
-def _coherent(tuning, values):
-    """Hz at which P loses stability; refuses responses that say nothing there."""
-    limit = loops.force_loop(str(tuning.model), "p", "zoh", values).limit()
-    if limit.frequency_hz is None:
-        return None
-    for force in tuning.order.forces:
-        measured = fit_response.read_response(tuning.folder / f"{force:g}N", tuning.model)
-        near = abs(np.log(measured.frequency_hz / limit.frequency_hz)) < NEAR
-        best = float(measured.coherence[near].max()) if near.any() else 0.0
-        if best < COHERENT:
-            raise Refusal(
-                "coherence", f"expected {COHERENT:g} or more at the limiting "
-                f"{limit.frequency_hz:.3g} Hz with {force:g} N, got {best:.2g}: take more averages "
-                "or a larger force"
-            )  # fmt: skip
-    return limit.frequency_hz
+        raise Refusal(found.rejected, found.text)
+    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    rows = {
+        n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
+        for n, v in found.values.items()
+    }
+    named = plant_set.ranges_of(model, order.over)
+    text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
+    return found.summary() | {"parameters": rows}, f"{text}, p = {found.p:.2g}"
 
 
 def design(tuning):
     """A bank for the set about what was fitted."""
     order = tuning.order
-    fitted = tuning.result("fit")["values"]
+    fitted = tuning.result("fit")
     asked = outcome.Order(
-        str(tuning.model), over=tuple(order.over), overrides=fitted, ms=order.ms,
+        str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"], ms=order.ms,
         ms_late=1.1 * order.ms,
     )  # fmt: skip
     try:
