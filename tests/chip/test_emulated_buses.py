@@ -17,6 +17,9 @@ import pytest
 from canopen.profiles.p402 import BaseNode402
 from chip import BOARD, EMULATED, ROOT
 from forceaxis import objects
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.can import CanLink
+from forceaxis.axis.link import Refused
 from forceaxis.chip import emulator as chip
 
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -165,6 +168,25 @@ def test_python_canopen_drives_the_chip_through_its_states(frames):
         assert drive.sdo[BY_NAME["tick_count"].index].raw > before[1]
     finally:
         network.disconnect()
+
+
+def test_an_axis_on_the_chip_is_one_as_any_other(frames):
+    """What the axis verbs use: objects, a recording by block transfer, the watched heartbeat."""
+    link = CanLink("tunnel", NODE, bus=SerialBus(frames), timeout_s=2.0)
+    with Axis(link) as axis:
+        axis.set(force_gain=6.5, watchdog=700)
+        assert axis.get("force_gain", "watchdog") == {"force_gain": 6.5, "watchdog": 700}
+        with pytest.raises(Refused, match="force_bank: "):
+            axis.set(force_bank=1)
+        held = axis.capture(["tick_count", "force"], samples=300, decimation=2)
+        ticks = held.values("tick_count").tolist()
+        assert ticks == list(range(ticks[0], ticks[0] + 600, 2))
+        axis.enable("open loop", first_motion_test=0, open_loop_code=0)
+        assert axis.read("consumer_heartbeat_1") >> 16 == 127
+        link._keeper.close()  # as if it were killed
+        found = axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 10.0)
+        assert found["fault"] == "heartbeat_lost"
+        assert axis.read("drive_state") == "fault"
 
 
 def objects_version():

@@ -27,6 +27,7 @@ HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as o
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
+READS = 2
 FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
 # SDO abort codes, by the reason they stand for.
 ABORTS = {
@@ -117,8 +118,7 @@ class CanLink(Link):
         found = {}
         for name in names:
             known = BY_NAME[name]
-            with self._asking(name):
-                data = self._sdo.upload(known.index, known.sub)
+            data = self._upload(name, known.index, known.sub)
             try:
                 (found[name],) = struct.unpack(FORMATS[known.type], data)
             except struct.error:
@@ -130,8 +130,17 @@ class CanLink(Link):
 
     def text(self, index):
         """A text such as the name of the device, 1008h."""
-        with self._asking(f"{index:04X}h"):
-            return self._sdo.upload(index, 0).decode(errors="replace")
+        return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
+
+    def _upload(self, name, index, sub):
+        """Bytes of an object; asked again where a frame may have been lost."""
+        for remaining in range(READS, 0, -1):
+            try:
+                with self._asking(name):
+                    return self._sdo.upload(index, sub)
+            except NoAnswer:
+                if remaining == 1:
+                    raise
 
     def write(self, values):
         for name, raw in values.items():
