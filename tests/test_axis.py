@@ -15,7 +15,7 @@ import pytest
 from forceaxis._core import InputError
 from forceaxis.axis import actions, modbus, quantity
 from forceaxis.axis.axis import Axis, trigger_on
-from forceaxis.axis.can import CanLink
+from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
@@ -100,7 +100,7 @@ def test_what_the_axis_refuses_is_status_1():
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
         (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
         (["--can", "nocan7"], "--can nocan7: expected a CAN interface that is up"),
-        (["--can", "can0", "--node", "127"], "node 127, own node 127: expected two numbers"),
+        (["--can", "can0", "--node", "126"], "node 126, own node 126: expected two numbers"),
         (["--modbus", "http://x"], "--modbus http://x: expected tcp://HOST[:PORT], or a serial"),
         (["--sim", "nowhere.toml"], "nowhere.toml"),
     ],
@@ -315,7 +315,7 @@ def node(request):
     network.connect(interface="virtual", channel=channel)
     local = network.create_node(1, str(EDS))
     heard = []
-    network.subscribe(0x77F, lambda *message: heard.append(message))
+    network.subscribe(0x700 + OWN_NODE, lambda *message: heard.append(message))
     local.heard = heard
 
     def value(name):
@@ -335,7 +335,7 @@ def consumers(local):
     return [local.value(f"consumer_heartbeat_{i}").raw for i in range(1, 5)]
 
 
-OURS = 127 << 16 | 1000
+OURS = OWN_NODE << 16 | 1000
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ OURS = 127 << 16 | 1000
         # What a killed program of this kind has left is its own entry.
         ([0, OURS, 0, 0], [0, OURS, 0, 0], [0, 0, 0, 0]),
         # A time that somebody has set for this id is put back.
-        ([0, 127 << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, 127 << 16 | 400, 0, 0]),
+        ([0, OWN_NODE << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, OWN_NODE << 16 | 400, 0, 0]),
     ],
 )
 def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, meanwhile, after):
@@ -359,12 +359,14 @@ def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, me
         link.acquire()
         link.write({"force_gain": 1792})
         assert consumers(local) == before  # parameters need no supervision
-        link.write({"controlword": 6})
+        link.write({"controlword": 7})
+        assert consumers(local) == before  # this enables nothing
+        link.write({"controlword": 15})
         assert consumers(local) == meanwhile
         assert local.heard
         link.write({"store_all": 0x65766173})
         assert consumers(local) == after  # the stored set has no entry of this program
-        link.write({"controlword": 6})
+        link.write({"controlword": 15})
         assert OURS in consumers(local)
         link.release()
         assert consumers(local) == after
@@ -381,8 +383,22 @@ def test_can_no_free_place_refuses_before_the_controlword(node):
     try:
         link.acquire()
         with pytest.raises(Refused, match="free heartbeat consumer"):
-            link.write({"controlword": 6})
+            link.write({"controlword": 15})
         assert local.value("controlword").raw == 0
+    finally:
+        link.close()
+
+
+def test_can_another_node_of_the_own_id_is_refused(node):
+    local, bus = node
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        local.network.send_message(0x700 + OWN_NODE, [5])
+        link.read(["fault"])
+        with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
+            link.write({"controlword": 15})
+        assert OURS not in consumers(local)
     finally:
         link.close()
 

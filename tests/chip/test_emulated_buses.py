@@ -4,6 +4,7 @@ Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RT
 the board.
 """
 
+import contextlib
 import re
 import select
 import socket
@@ -18,8 +19,9 @@ from canopen.profiles.p402 import BaseNode402
 from chip import BOARD, EMULATED, ROOT
 from forceaxis import objects
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.can import CanLink
-from forceaxis.axis.link import Refused
+from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.modbus import ModbusLink
 from forceaxis.chip import emulator as chip
 
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -182,11 +184,34 @@ def test_an_axis_on_the_chip_is_one_as_any_other(frames):
         ticks = held.values("tick_count").tolist()
         assert ticks == list(range(ticks[0], ticks[0] + 600, 2))
         axis.enable("open loop", first_motion_test=0, open_loop_code=0)
-        assert axis.read("consumer_heartbeat_1") >> 16 == 127
+        assert axis.read("consumer_heartbeat_1") >> 16 == OWN_NODE
         link._keeper.close()  # as if it were killed
         found = axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 10.0)
         assert found["fault"] == "heartbeat_lost"
         assert axis.read("drive_state") == "fault"
+
+
+def test_an_axis_on_the_chip_by_modbus():
+    """Registers of 16 and 32 bits, ownership kept by the watchdog's writes."""
+    process = emulator(modbus="pty")
+    try:
+        tty = re.search(r"redirected to (\S+)", process.stdout.readline())[1]
+        axis = Axis(ModbusLink(tty, NODE, timeout_s=2.0))
+        for _ in range(3):  # the emulator opens its end within a second
+            with contextlib.suppress(NoAnswer):
+                axis.read("fault")
+                break
+        with axis:
+            axis.set(force_gain=6.5, target_position=-70_000, watchdog=300)
+            axis.link.wait(1.0)
+            found = axis.get("force_gain", "target_position", "watchdog", "command_source")
+        assert found == {
+            "force_gain": 6.5, "target_position": -70_000, "watchdog": 300,
+            "command_source": "modbus",
+        }  # fmt: skip
+    finally:
+        process.kill()
+        process.wait()
 
 
 def objects_version():
