@@ -116,7 +116,7 @@ class CanLink(Link):
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
-                    f"{error}; is it on, with this node id?"
+                    f"{error}; is it on, with this node id, and not stopped by NMT?"
                 ) from None
 
     def read(self, names):
