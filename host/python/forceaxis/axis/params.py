@@ -131,7 +131,7 @@ def load(axis, path, skip=(), measured=False, dry_run=False):
         raise Refused(f"{axis.link.where}: expected it disabled, {axis.about()}")
     before = read(axis)
     try:
-        _write(axis, {change.name: change.file for change in changes}, before)
+        write(axis, {change.name: change.file for change in changes}, before)
         _expect_written(axis, before | {change.name: change.file for change in changes})
     except (Refused, NoAnswer, KeyboardInterrupt) as error:
         _put_back(axis, before, error)
@@ -157,7 +157,7 @@ def bank(axis):
 def _put_back(axis, before, reason):
     try:
         now = axis.link.read(list(before))
-        _write(axis, {n: raw for n, raw in before.items() if now[n] != raw}, now)
+        write(axis, {n: raw for n, raw in before.items() if now[n] != raw}, now)
     except (Refused, NoAnswer) as error:
         raise Refused(
             f"{reason or 'interrupted'}; and what it had before could not be put back ({error}): "
@@ -196,7 +196,7 @@ def _parked(changes, present):
     return park | dict.fromkeys(heartbeats, 0)
 
 
-def _write(axis, changes, present):
+def write(axis, changes, present):
     """Writes {object: raw value} in rounds: what is refused is tried again after the others. Raises
     Refused for the first one that is never taken."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
