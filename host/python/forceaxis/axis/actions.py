@@ -4,7 +4,7 @@ import datetime
 
 from forceaxis._core import InputError
 from forceaxis.axis.axis import POWERED
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.quantity import force_per_count
 from forceaxis.bus import state_names
 
@@ -32,7 +32,13 @@ def state(axis):
 def stop(axis):
     """A quick stop, which acts whoever owns the axis; waits until it is off, or held at a stand
     where quick_stop_option says so. Its state() then. Raises NoAnswer, Refused."""
-    axis.link.write({"controlword": QUICK_STOP})
+    for remaining in (2, 1, 0):  # another master may disturb one
+        try:
+            axis.link.write({"controlword": QUICK_STOP})
+            break
+        except NoAnswer:
+            if not remaining:
+                raise
     axis.wait_for(
         lambda s: state_names.drive_state(s["statusword"]) != "operation enabled",
         ("statusword", "fault"),
@@ -85,13 +91,19 @@ def calibrate(axis, points):
         values[f"calibration_force_{i}"] = newton * 1e3
     today = (datetime.date.today() - FIRST_DAY).days
     axis.set(**values, calibration_points=len(points), date=today)
-    axis.set(calibrate=1)
-    axis.link.wait(POLL_S)
+    refusal = None
+    try:
+        axis.set(calibrate=1)
+        axis.link.wait(POLL_S)
+    except Refused as error:  # the reason is an object of its own
+        refusal = error
     found = axis.get("calibration_state", "calibration_linearity", "force_scale")
-    if found["calibration_state"] != "done":
+    if refusal or found["calibration_state"] != "done":
+        if found["calibration_state"] in ("idle", "done"):
+            raise refusal
         raise Refused(
             f"{axis.link.where}: calibration {found['calibration_state'].replace('_', ' ')}, "
-            f"linearity {found['calibration_linearity']:g} per mille"
+            f"linearity error {found['calibration_linearity']:g} per mille"
         )
     return {
         "force_scale_N_per_count": found["force_scale"] * 1e-6,

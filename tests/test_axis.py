@@ -1,0 +1,573 @@
+"""`forceaxis axis` and what carries an axis: on a simulated one in its own time, and on stand-ins
+of a CAN bus and of a Modbus client. tests/wire/test_axis_ways.py has them on real buses."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import can
+import canopen
+import numpy as np
+import pytest
+from forceaxis._core import InputError
+from forceaxis.axis import actions, modbus, quantity
+from forceaxis.axis.axis import Axis, trigger_on
+from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.modbus import ModbusLink
+from forceaxis.axis.sim import SimLink
+from forceaxis.bus.keeper import WatchdogKeeper
+from forceaxis.objects import BY_NAME
+from verbs import forceaxis
+
+ROOT = Path(__file__).resolve().parents[1]
+CONTACT = ROOT / "sim/experiments/contact.toml"
+HOLD = ROOT / "sim/experiments/hold_biquad.toml"
+EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
+GAINS = ["firmware.position_gain=4", "firmware.velocity_gain=20"]
+SIM = ["--sim", CONTACT, *(word for gain in GAINS for word in ("--set", gain))]
+
+
+@pytest.fixture
+def axis():
+    with Axis(SimLink(CONTACT, GAINS)) as axis:
+        yield axis
+
+
+def said(done, status=0):
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout
+
+
+def refusal(done, status):
+    """The one line of a verb that ends with this status."""
+    assert done.returncode == status, done.stdout + done.stderr
+    assert done.stderr.startswith("forceaxis: ") and done.stderr.count("\n") == 1
+    return done.stderr.removeprefix("forceaxis: ").strip()
+
+
+# Reading and writing.
+
+
+def test_get_has_units_and_patterns():
+    lines = said(forceaxis("axis", "get", *SIM, "force_gain", "tare_st*")).splitlines()
+    assert lines == ["force_gain  5 code/count", "tare_state  idle"]
+    found = json.loads(said(forceaxis("axis", "get", *SIM, "force_scale", "fault", "--json")))
+    assert found == {"force_scale": 2_500_000, "fault": "none"}
+
+
+def test_set_reads_back_what_the_axis_has():
+    done = forceaxis("axis", "set", *SIM, "force_gain=6.999", "force_setpoint=75 N", "--json")
+    # 1/256 is the least step; 2.5 N a count.
+    assert json.loads(said(done)) == {"force_gain": 1792 / 256, "force_setpoint": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["force_gain=7", "nonsense=1"], "nonsense: expected an object of"),
+        (["force_gain=7", "watchdog=5"], "watchdog: expected 10 to 65535 ms, got 5"),
+        (["force_gain=7", "force=1"], "force: expected an object that can be written"),
+        (["force_gain=7", "fault"], "fault: expected NAME=VALUE"),
+        (["force_gain=7 N"], "force_gain: expected a value in code/count, got 7 N"),
+        (["force_setpoint=7 kg"], "force_setpoint: expected a value in count or N, got 7 kg"),
+        (["mode=sideways"], "mode: expected one of disabled"),
+    ],
+)
+def test_set_refuses_by_name(words, says):
+    assert refusal(forceaxis("axis", "set", *SIM, *words), 2).startswith(says)
+
+
+def test_nothing_is_written_if_one_value_is_wrong(axis):
+    for wrong in ({"watchdog": 5}, {"force": 1.0}, {"nonsense": 1}):
+        with pytest.raises(InputError):
+            axis.set(force_gain=7.0, **wrong)
+    assert axis.read("force_gain") == 5.0
+
+
+def test_what_the_axis_refuses_is_status_1():
+    done = forceaxis("axis", "set", *SIM, "force_bank=1")  # a bank that is not valid
+    assert refusal(done, 1) == "force_bank: not in this state of the axis"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ([], "expected one way to an axis: --axis N, --can INTERFACE, --modbus URL or --sim"),
+        (["--axis", "1", "--can", "can0"], "expected one way to an axis"),
+        (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
+        (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
+        (["--can", "nocan7"], "--can nocan7: expected a CAN interface that is up"),
+        (["--can", "can0", "--node", "126"], "node 126, own node 126: expected two numbers"),
+        (["--modbus", "http://x"], "--modbus http://x: expected tcp://HOST[:PORT], or a serial"),
+        (["--sim", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_one_way_and_no_more(options, says):
+    assert refusal(forceaxis("axis", "get", *options, "force"), 2).startswith(says)
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "canopen", None)
+    done = forceaxis("axis", "get", "--can", "can0", "force")
+    assert "pip install 'forceaxis[can]'" in refusal(done, 2)
+    monkeypatch.setitem(sys.modules, "pymodbus.client", None)
+    done = forceaxis("axis", "get", "--modbus", "tcp://localhost", "force")
+    assert "pip install 'forceaxis[modbus]'" in refusal(done, 2)
+
+
+def test_list_shows_the_simulated_axis():
+    (row,) = json.loads(said(forceaxis("axis", "list", *SIM, "--json")))
+    assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
+    assert row["table"] == f"{row['table']:>08}" and len(row["table"]) == 8
+
+
+# Moving.
+
+
+def test_move_reaches_and_disables():
+    done = json.loads(said(forceaxis("axis", "move", *SIM, "-1800", "--speed", "900", "--json")))
+    assert abs(done["position"] + 1800) <= 10
+    with Axis(SimLink(CONTACT, GAINS)) as axis:
+        axis.enable("profile position")
+        axis.move(-1800)
+    # After close() nothing of the link may be used but the simulated axis itself.
+    assert axis.link.axis.read(BY_NAME["drive_state"].number) == 2  # ready_to_switch_on
+    assert axis.link.axis.read(BY_NAME["command_source"].number) == 0
+
+
+def test_a_position_that_is_not_reached_is_said(axis):
+    axis.enable("profile position", trajectory_velocity=1000)
+    with pytest.raises(NoAnswer, match="expected position -20000 to be reached"):
+        axis.move(-20_000, timeout_s=0.1)
+
+
+def test_press_in_newtons_holds_them_with_the_bank():
+    found = json.loads(said(forceaxis("axis", "press", "--sim", HOLD, "75 N", "--json")))
+    assert found["force_N"] == pytest.approx(75, abs=1)
+    assert found["peak_N"] < 80.1  # sim/experiments/hold_biquad.toml
+
+
+def test_press_in_counts_is_the_p_law():
+    lines = said(forceaxis("axis", "press", *SIM, "30", "--seconds", "1.5")).splitlines()
+    # Figure 3.14: k_f = 5, f_d = 30 hold 26 or 27 counts.
+    assert lines[-1].startswith("held 66") and len(lines) > 3
+
+
+def test_press_bounds_the_approach_and_restores_what_it_set(axis):
+    before = axis.get("touch_velocity_max", "approach_timeout", "force_setpoint")
+    axis.arm(["velocity_actual", "contact"], 2200)
+    actions.press(axis, 30.0, False, 1000, 10.0, 0.1)
+    held = axis.link.recording(1.0)
+    approach = held.values("velocity_actual")[held.values("contact") == 0]
+    # touch.h: it overshoots by a tenth; the velocity comes in steps of 1500 / 16.
+    assert 900 < approach.max() < 1300
+    assert axis.get(*before) == before
+    assert axis.read("drive_state") == "ready_to_switch_on"
+    axis.set(force_setpoint=0.0)
+    with pytest.raises(NoAnswer, match=r"expected contact.*fault no_contact"):
+        actions.press(axis, -30.0, False, 1000, 0.5, 0.1)  # away from the workpiece
+    assert axis.read("drive_state") == "fault"
+
+
+def test_press_without_a_bound_of_the_speed_is_refused():
+    done = forceaxis("axis", "press", "--sim", CONTACT, "30")
+    assert "expected a position_gain" in refusal(done, 1)
+
+
+@pytest.mark.parametrize("force", ["60 kg", "much", "", "1 2 3"])
+def test_press_wants_a_force(force):
+    assert "expected a force as" in refusal(forceaxis("axis", "press", *SIM, force), 2)
+
+
+def test_enable_holds_for_a_while_and_ends_with_a_fault():
+    done = forceaxis(
+        "axis", "enable", *SIM, "profile velocity", "target_velocity=-3000", "--seconds", "0.5"
+    )
+    assert said(done).splitlines()[-1].startswith("after: operation enabled, profile velocity")
+    done = forceaxis(
+        "axis", "enable", *SIM, "force counts", "approach_timeout=100", "force_setpoint=-5"
+    )
+    last = said(done, 1).splitlines()[-1]
+    assert last.startswith("no longer enabled: fault, force counts, fault no_contact")
+    done = forceaxis("axis", "enable", *SIM, "sideways")
+    assert "expected a mode of operation" in refusal(done, 2)
+
+
+def test_reset_and_stop(axis):
+    axis.enable("force counts", approach_timeout=100, force_setpoint=-5.0)
+    with pytest.raises(NoAnswer):
+        axis.wait_for(lambda s: False, ("statusword",), "the fault", 1.0)
+    axis.reset_fault()
+    assert axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "no fault")
+    axis.enable("profile velocity", target_velocity=0)
+    axis.set(target_velocity=-5000)
+    axis.link.wait(0.5)
+    now = actions.stop(axis)
+    assert (now["state"], now["fault"]) == ("switch on disabled", "none")
+    assert said(forceaxis("axis", "stop", *SIM)).startswith("stopped: switch on disabled")
+    assert said(forceaxis("axis", "reset", *SIM)).startswith("reset: switch on disabled")
+
+
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_disables_and_says_so(sent, status):
+    process = subprocess.Popen(
+        [Path(sys.executable).parent / "forceaxis", "axis", "enable", *SIM, "profile velocity"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    assert process.stdout.readline().startswith("enabled: operation enabled")
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == status
+    assert errors == (
+        f"forceaxis: interrupted, the simulated axis of {CONTACT} is disabled and released\n"
+    )
+
+
+# The force sensor.
+
+
+def test_tare_at_rest_and_the_reason_where_it_is_refused(axis):
+    assert actions.tare(axis) == {"force_tare": 0.0, "force": 0.0}
+    axis.enable("profile velocity")
+    with pytest.raises(Refused, match="tare: not in this state of the axis"):
+        actions.tare(axis)
+    lines = said(forceaxis("axis", "tare", *SIM)).splitlines()
+    assert lines == ["force_tare  0 count", "force       0 count"]
+
+
+def test_calibration_by_points(axis):
+    found = actions.calibrate(axis, [(0.0, 0.0), (20.0, 50.0), (40.0, 100.2)])
+    # Least squares by NumPy.
+    slope = np.polyfit([0.0, 20.0, 40.0], [0.0, 50.0, 100.2], 1)[0]
+    assert found["force_scale_N_per_count"] == pytest.approx(slope, abs=1e-6)
+    assert axis.read("date") > 15_000  # days since 1984
+    with pytest.raises(Refused, match="calibration refused spread"):
+        actions.calibrate(axis, [(0.0, 0.0), (20.0, 50.0)])
+    with pytest.raises(Refused, match="calibration refused linearity, linearity error"):
+        actions.calibrate(axis, [(0.0, 0.0), (20.0, 70.0), (40.0, 100.0)])
+    with pytest.raises(InputError, match="expected 2 to 8 points, got 1"):
+        actions.calibrate(axis, [(0.0, 0.0)])
+
+
+def test_calibrate_takes_points_or_asks():
+    done = forceaxis("axis", "calibrate", *SIM, "--point", "0,0", "--point", "40,101")
+    assert said(done).startswith("force_scale 2.525 N/count, linearity error 0 per mille")
+    # Nothing presses: both readings are 0, which the axis refuses.
+    done = forceaxis("axis", "calibrate", *SIM, stdin="0\n50\n\n")
+    assert "0 count = 50 N" in done.stdout
+    assert "calibration refused spread" in refusal(done, 1)
+    done = forceaxis("axis", "calibrate", *SIM, "--point", "40")
+    assert refusal(done, 2) == "--point 40: expected COUNT,N as 20.4,50"
+
+
+# Recording.
+
+
+def test_capture_of_a_touch_with_its_files(tmp_path):
+    """The trigger is a force in N, which comes while a verb of another kind presses."""
+    with Axis(SimLink(CONTACT, GAINS)) as axis:
+        settings = quantity.trigger(axis, "force rising 25 N")
+        assert settings == trigger_on("force", 10.0)
+        axis.arm(["force", "position", "tick_count"], 300, pretrigger=50, **settings)
+        axis.enable("force counts", force_setpoint=30.0)
+        held = axis.link.recording(5.0)
+    force, ticks = held.values("force"), held.values("tick_count")
+    assert (len(force), held.trigger_sample) == (300, 50)
+    assert (np.diff(ticks) == 1).all()
+    assert (force[:50] < 10).all() and force[50] >= 10
+    assert held.time_s[50] == 0 and held.time_s[-1] == pytest.approx(249 / 1500)
+    done = forceaxis(
+        "axis", "capture", *SIM, "force", "position", "--samples", "90", "--decimation", "3",
+        "--out", tmp_path / "held", "--json",
+    )  # fmt: skip
+    found = json.loads(said(done))
+    assert found["samples"] == 90 and found["signals"]["position"]["mean"] == -1575
+    rows = (tmp_path / "held/capture.csv").read_text().splitlines()
+    assert rows[0] == "time_s,force_count,position_count" and len(rows) == 91
+    assert np.load(tmp_path / "held/capture.npz")["time_s"][1] == pytest.approx(3 / 1500)
+    assert (tmp_path / "held/capture.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_trigger_that_does_not_fire_is_said():
+    done = forceaxis(
+        "axis", "capture", *SIM, "force", "--trigger", "force rising 31", "--timeout", "0.5"
+    )
+    assert refusal(done, 1).endswith("its recorder is armed; its trigger has not fired")
+    done = forceaxis("axis", "capture", *SIM, "force", "--trigger", "force up 31")
+    assert 'expected "NAME rising|falling|either LEVEL"' in refusal(done, 2)
+    done = forceaxis("axis", "capture", *SIM, *["force"] * 9)
+    assert refusal(done, 2) == "capture: expected 1 to 8 signals, got 9"
+
+
+# What carries an axis, and keeps it.
+
+
+def test_the_watchdog_is_fed_several_times_within_it():
+    fed, refused = [], []
+
+    def write(value):
+        if len(fed) == 3 and not refused:
+            refused.append(value)
+            raise Refused("not now")
+        fed.append((time.monotonic(), value))
+
+    keeper = WatchdogKeeper(lambda: 100, write)
+    time.sleep(0.15)
+    with keeper.unchanged:
+        time.sleep(0.02)
+        held = len(fed)
+        time.sleep(0.08)
+        assert len(fed) == held  # nobody's new value is overwritten
+    time.sleep(0.4)
+    keeper.close()
+    assert {value for _, value in fed} == {100} and refused == [100]
+    assert fed[2][0] - fed[0][0] < 0.3  # 25 ms apart, where the machine is not busy
+    assert len(fed) > 5  # a refusal ended nothing
+
+
+class Lost(SimLink):
+    """An axis that stops answering, or is taken by another client."""
+
+    error = None
+
+    def read(self, names):
+        if self.error:
+            raise self.error
+        return super().read(names)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (None, "is disabled and released"),
+        (NoAnswer("silent"), "does not answer; its watchdog disables it"),
+        (Refused("locked"), "is owned by another client"),
+    ],
+)
+def test_close_says_what_came_of_it(error, says):
+    axis = Axis(Lost(CONTACT, GAINS))
+    axis.acquire()
+    axis.enable("profile velocity")
+    axis.link.error = error
+    assert axis.close() == says
+    assert axis.close() == "was not owned"
+
+
+def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis):
+    axis.enable("profile velocity")
+    other = Axis(axis.link)
+    with pytest.raises(Refused, match="it is operation enabled by another client of this bus"):
+        other.acquire()
+    other.acquire(shared=True)
+    other.set(velocity_window=123)
+    other.close()
+    assert axis.read("drive_state") == "operation_enabled"
+    assert axis.get("velocity_window", "command_source") == {
+        "velocity_window": 123, "command_source": "lcm",
+    }  # fmt: skip
+
+
+def test_what_was_not_enabled_is_left_as_it_was():
+    with Axis(SimLink(CONTACT)) as axis:
+        axis.set(force_gain=6.0)
+    assert axis.link.axis.read(BY_NAME["drive_state"].number) == 1  # switch_on_disabled
+
+
+# CAN: a node of python-canopen stands in for the axis.
+
+
+@pytest.fixture
+def node(request):
+    """(the stand-in's values by name, a bus at which it is)."""
+    channel = request.node.name
+    network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.05
+    network.connect(interface="virtual", channel=channel)
+    local = network.create_node(1, str(EDS))
+    heard = []
+    network.subscribe(0x700 + OWN_NODE, lambda *message: heard.append(message))
+    local.heard = heard
+
+    def value(name):
+        known = BY_NAME[name]
+        record = local.sdo[known.index]
+        return record[known.sub] if known.sub else record
+
+    local.value = value
+    for i in range(1, 5):
+        value(f"consumer_heartbeat_{i}").raw = 0
+    value("command_source").raw = 0
+    yield local, can.Bus(interface="virtual", channel=channel)
+    network.disconnect()
+
+
+def consumers(local):
+    return [local.value(f"consumer_heartbeat_{i}").raw for i in range(1, 5)]
+
+
+OURS = OWN_NODE << 16 | 1000
+
+
+@pytest.mark.parametrize(
+    ("before", "meanwhile", "after"),
+    [
+        ([0, 0, 0, 0], [OURS, 0, 0, 0], [0, 0, 0, 0]),
+        # Another master is watched, and stays so.
+        ([5 << 16 | 300, 0, 0, 0], [5 << 16 | 300, OURS, 0, 0], [5 << 16 | 300, 0, 0, 0]),
+        # What a killed program of this kind has left is its own entry.
+        ([0, OURS, 0, 0], [0, OURS, 0, 0], [0, 0, 0, 0]),
+        # A time that somebody has set for this id is put back.
+        ([0, OWN_NODE << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, OWN_NODE << 16 | 400, 0, 0]),
+    ],
+)
+def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, meanwhile, after):
+    local, bus = node
+    for i, raw in enumerate(before, 1):
+        local.value(f"consumer_heartbeat_{i}").raw = raw
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        link.write({"force_gain": 1792})
+        assert consumers(local) == before  # parameters need no supervision
+        link.write({"controlword": 7})
+        assert consumers(local) == before  # this enables nothing
+        link.write({"controlword": 15})
+        assert consumers(local) == meanwhile
+        assert local.heard
+        link.write({"store_all": 0x65766173})
+        assert consumers(local) == after  # the stored set has no entry of this program
+        link.write({"controlword": 15})
+        assert OURS in consumers(local)
+        link.release()
+        assert consumers(local) == after
+    finally:
+        link.close()
+
+
+def test_can_no_free_place_refuses_before_the_controlword(node):
+    local, bus = node
+    for i in range(1, 5):
+        local.value(f"consumer_heartbeat_{i}").raw = i << 16 | 500
+    local.value("controlword").raw = 0
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        with pytest.raises(Refused, match="free heartbeat consumer"):
+            link.write({"controlword": 15})
+        assert local.value("controlword").raw == 0
+    finally:
+        link.close()
+
+
+def test_can_another_node_of_the_own_id_is_refused(node):
+    local, bus = node
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        local.network.send_message(0x700 + OWN_NODE, [5])
+        link.read(["fault"])
+        with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
+            link.write({"controlword": 15})
+        assert OURS not in consumers(local)
+    finally:
+        link.close()
+
+
+def test_can_refusals_and_silence_are_named(node):
+    local, bus = node
+    del local.object_dictionary[BY_NAME["force_gain"].index]
+    link = CanLink("virtual", 1, bus=bus, timeout_s=0.3)
+    try:
+        with pytest.raises(Refused, match="force_gain: there is no such object") as caught:
+            link.read(["force_gain"])
+        assert caught.value.code == 0x06020000
+        local.network.unsubscribe(0x601)
+        with pytest.raises(NoAnswer, match="node 1 on virtual: expected an answer about force"):
+            link.read(["force"])
+    finally:
+        link.close()
+
+
+# Modbus: a client that has registers of its own.
+
+
+class Registers:
+    """What pymodbus' client does, on a dictionary of registers."""
+
+    class Answer:
+        def __init__(self, registers=(), exception_code=0):
+            self.registers, self.exception_code = list(registers), exception_code
+
+        def isError(self):
+            return self.exception_code != 0
+
+    def __init__(self):
+        self.holding, self.input, self.asked = {}, {}, 0
+
+    def _read(self, table, address, count):
+        self.asked += 1
+        return self.Answer(table.get(address + i, 0) for i in range(count))
+
+    def read_holding_registers(self, address, *, count, device_id):
+        return self._read(self.holding, address, count)
+
+    def read_input_registers(self, address, *, count, device_id):
+        return self._read(self.input, address, count)
+
+    def write_registers(self, address, words, *, device_id):
+        self.asked += 1
+        if device_id != 1:
+            return self.Answer(exception_code=10)
+        self.holding |= {address + i: word for i, word in enumerate(words)}
+        return self.Answer()
+
+    def write_register(self, address, word, *, device_id):
+        return self.write_registers(address, [word], device_id=device_id)
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def registers(monkeypatch):
+    made = Registers()
+    monkeypatch.setattr(modbus, "client", lambda url, timeout_s: made)
+    return made
+
+
+@pytest.mark.parametrize("low_first", [0, 1])
+def test_modbus_words_signs_and_widths(registers, low_first):
+    registers.holding[BY_NAME["modbus_word_order"].modbus] = low_first
+    link = ModbusLink("tcp://somewhere")
+    values = {
+        "target_position": -70_000, "target_force": -750, "modes_of_operation": -1,
+        "force_scale": 3_000_000_000 // 2, "recorder_length": 65535,
+    }  # fmt: skip
+    link.write(values)
+    assert link.read(values) == values
+    at = BY_NAME["target_position"].modbus
+    words = [registers.holding[at], registers.holding[at + 1]]
+    # -70000 = FFFE EE90h
+    assert words == ([0xEE90, 0xFFFE] if low_first else [0xFFFE, 0xEE90])
+    registers.input[BY_NAME["position_actual"].modbus] = 0xFFFF
+    registers.input[BY_NAME["position_actual"].modbus + 1] = 0xFFFF
+    assert link.read(["position_actual"]) == {"position_actual": -1}
+
+
+def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
+    link = ModbusLink("tcp://somewhere")
+    with pytest.raises(Refused, match="bank_gain_1: it has no Modbus register; use --axis or --"):
+        link.write({"force_gain": 1, "bank_gain_1": 1})
+    with pytest.raises(Refused, match="bank_gain_1"):
+        link.read(["force_gain", "bank_gain_1"])
+    with pytest.raises(Refused, match="a recording cannot be read over Modbus"):
+        link.arm(["force"], {})
+    assert registers.asked == 0
+    with pytest.raises(Refused, match="force_gain: the gateway has no axis of this unit"):
+        ModbusLink("tcp://somewhere", 2).write({"force_gain": 1})

@@ -1,0 +1,172 @@
+"""The session of test_axis_ways.py on real CAN, in one guest: run under tools/vcan with a folder to
+write to. One axis is moved, pressed and recorded by each way to it, and owners are killed.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+
+from forceaxis.axis import actions, present
+from forceaxis.axis.axis import Axis, trigger_on
+from forceaxis.axis.can import CanLink
+from forceaxis.axis.gateway import GatewayLink
+from forceaxis.axis.link import Refused
+from forceaxis.axis.modbus import ModbusLink
+from forceaxis.objects import OBJECTS
+from forceaxis.thesis import session as thesis_session
+from gateway_clients import PORT, gateway, operational, until
+
+URL = f"tcp://127.0.0.1:{PORT}"
+WAYS = {
+    "can": lambda: CanLink("vcan0", 1),
+    "gateway": lambda: GatewayLink(1),
+    "modbus": lambda: ModbusLink(URL, 1, timeout_s=3.0),
+}
+GAINS = {"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0}
+PARAMETERS = [
+    o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.modbus >= 0
+]
+
+
+def use(way):
+    """What one way finds and does: everything but what Modbus cannot carry."""
+    found = {}
+    with Axis(WAYS[way]()) as axis:
+        found["parameters"] = axis.get(*PARAMETERS)
+        axis.set(**GAINS, trajectory_velocity=100_000)
+        found["gains"] = axis.get(*GAINS)
+        try:
+            axis.set(force_gain=6.0, adc_bits=8, watchdog=5)
+        except Exception as error:
+            found["nothing_written"] = [str(error), axis.read("force_gain")]
+        axis.enable("profile position")
+        try:
+            axis.set(adc_bits=10)  # only while disabled
+        except Refused as error:
+            found["refused"] = str(error)
+        found["reached"] = axis.move(-3000)["position"]
+        axis.off()
+        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 0.8)
+        try:
+            held = axis.capture(["tick_count", "force", "position"], samples=300, pretrigger=20)
+            ticks = held.values("tick_count").tolist()
+            found["capture"] = [
+                len(ticks), ticks[-1] - ticks[0], held.values("force").tolist()[:3], held.decimation
+            ]  # fmt: skip
+        except Refused as error:
+            found["capture"] = str(error)
+        found["owner"] = axis.read("command_source")
+    return found | {"after": leftovers(way)}
+
+
+def leftovers(way):
+    """What the axis is when an owner has closed it."""
+    axis = Axis(WAYS[way]())
+    try:
+        now = actions.state(axis)
+        found = {key: now[key] for key in ("state", "fault", "command_source")}
+        if way == "can":
+            found["watched"] = axis.read("consumer_heartbeat_1")
+        return found
+    finally:
+        axis.close()
+
+
+def killed(way):
+    """A process that has enabled the axis is killed: seconds until it is disabled, and why."""
+    ready, said = os.pipe()
+    child = os.fork()
+    if child == 0:
+        axis = Axis(WAYS[way]())
+        axis.acquire()
+        axis.enable("profile velocity")
+        axis.arm(["force"], 100, **trigger_on("force", 250.0))  # which never comes
+        os.write(said, b"enabled")
+        time.sleep(60)
+        os._exit(0)
+    os.close(said)
+    assert os.read(ready, 7) == b"enabled"
+    axis = Axis(WAYS[way]())
+    try:
+        found = {"before": axis.read("drive_state"), "shared": share(axis)}
+        os.kill(child, signal.SIGKILL)
+        since = time.monotonic()
+        os.waitpid(child, 0)
+        end = since + 5
+        while axis.read("drive_state") == "operation_enabled" and time.monotonic() < end:
+            time.sleep(0.01)
+        found |= {"seconds": time.monotonic() - since, "fault": axis.read("fault")}
+        found["owner"] = axis.read("command_source")
+    finally:
+        axis.close()
+    with Axis(WAYS[way]()) as axis:  # the next one finds it usable
+        axis.reset_fault()
+        axis.enable("profile velocity")
+        found["again"] = axis.read("drive_state")
+        found["recorded"] = len(axis.capture(["force"], samples=50).raw)
+    return found | {"after": leftovers(way)}
+
+
+def share(axis):
+    """What a second client of the same bus may do: write, not own."""
+    try:
+        axis.acquire()
+        return "owned"
+    except Refused as error:
+        axis.acquire(shared=True)
+        axis.set(velocity_window=300)
+        return [str(error), axis.read("velocity_window"), axis.read("drive_state")]
+
+
+def stopped_by_another():
+    """A stop over CAN of an axis that a client of the gateway has enabled."""
+    with Axis(WAYS["gateway"]()) as axis:
+        axis.enable("profile velocity")
+        other = Axis(WAYS["modbus"]())
+        try:
+            after = actions.stop(other)
+        finally:
+            other.close()
+        found = {"state": after["state"], "stopped_by": axis.read("stopped_by")}
+        axis.enable("profile velocity")
+        found["again"] = axis.read("drive_state")
+    return found
+
+
+def main():
+    folder, found = Path(sys.argv[1]), {}
+
+    def step(name, do, *arguments):
+        since = time.monotonic()
+        try:
+            found[name] = do(*arguments)
+        except Exception:
+            found[name] = {"error": traceback.format_exc()}
+        print(f"{name}: {time.monotonic() - since:.1f} s", file=sys.stderr)
+
+    with contextlib.ExitStack() as stack:
+        programs = ("axis_node", "plant_node")
+        stack.enter_context(thesis_session.machine(folder, programs=programs, endless=True))
+        step("list can", lambda: list(present.on_can("vcan0", seconds=0.2)))
+        step("use can", use, "can")
+        step("killed can", killed, "can")
+        supervisor = gateway("--axes", "1", "--watch-ms", "1000")
+        stack.callback(supervisor.kill)
+        with GatewayLink(1).client as client:
+            until(lambda: operational(client), 10)
+        step("list gateway", lambda: list(present.at_gateway(seconds=0.3)))
+        step("use gateway", use, "gateway")
+        step("killed gateway", killed, "gateway")
+        step("list modbus", lambda: list(present.on_modbus(URL)))
+        step("use modbus", use, "modbus")
+        step("stopped", stopped_by_another)
+    (folder / "found.json").write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
