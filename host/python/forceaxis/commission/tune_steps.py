@@ -11,6 +11,7 @@ from forceaxis import _core, linear, toml
 from forceaxis._core import InputError
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import analyzer, measuring
+from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
@@ -149,6 +150,7 @@ def _analyzer(tuning, order=None, first=1):
     asked = analyzer.Order(
         band_hz=tuple(order.band_hz), averages=order.averages, force_max_N=order.force_max_N,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
+        most=joint_fit.linear_codes(model) or analyzer.MOST_CODES,
     )  # fmt: skip
     return analyzer.Analyzer(tuning.axis, asked, model, {}, tuning.say)
 
