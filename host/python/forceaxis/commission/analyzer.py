@@ -61,6 +61,7 @@ class Order:
     travel: int = 500  #: from where a level or the free response begins
     amplitude: int = 0  #: codes; 0: searched, from `first` on
     first: int = 1
+    most: int = MOST_CODES  #: codes that are searched up to
     seed: int = 1
 
 
@@ -301,7 +302,10 @@ class Analyzer:
     def _search(self, level, play, still, swing, output, seed):
         """Codes of amplitude: doubled, far from the aim taken four times, until the signal swings
         enough, or the response is to be expected within DEVIATION."""
-        amplitude, unit = self.order.first, self.newton if output == "adc0" else 1.0
+        amplitude, unit = (
+            min(self.order.first, self.order.most),
+            self.newton if output == "adc0" else 1.0,
+        )
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
         before = None
@@ -317,7 +321,7 @@ class Analyzer:
                 f"amplitude {amplitude} codes: swing {moved:.3g} {'N' if unit != 1 else 'counts'}, "
                 f"deviation {100 * error:.2g} %"
             )
-            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= MOST_CODES:
+            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
             if before and error > before[1] * math.sqrt(before[0] / amplitude):
                 return before[0]  # more of it distorts instead
@@ -326,7 +330,7 @@ class Analyzer:
                 before = amplitude, error
             far = room > FAR and error > FAR / 2 * DEVIATION[output]
             factor = min(4.0 if far else 2.0, room)
-            amplitude = min(max(amplitude + 1, int(amplitude * factor)), MOST_CODES)
+            amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)
 
     def _halve(self, level, amplitude, ended):
         level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})

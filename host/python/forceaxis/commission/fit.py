@@ -32,6 +32,9 @@ GRID = 9  # starts of each wide parameter, evaluated; the best are searched from
 SEARCHES = 4
 NEAR = 0.15  # logarithm of the frequency: lines at the limiting mode
 STEP = 1e-5
+LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
+FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
+UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,26 @@ def priors(model, over=(), given=(), overrides=None):
             )
         found[name] = prior
     return found
+
+
+def linear_codes(model, overrides=None):
+    """Codes of noise that leave the drive's voltage and current within their limits, by the model;
+    None without limits. Beyond, the amplifier answers with less than its gain."""
+    path = linear.find_model(model)
+    known, table = linear.facts(path, overrides), toml.read(path).get("drive", {})
+    found = []
+    for signal, key in LIMITED:
+        limit = table.get(key)
+        limit = known["parameters"].get(limit, (limit,))[0]
+        if signal not in known["signals"] or not isinstance(limit, int | float):
+            continue
+        step = linear.linearise(path, outputs=(signal,), overrides=overrides).sampled(dt=FINE_S)
+        x, peak = np.zeros(len(step.A)), abs(step.D[0, 0])
+        for _ in range(FINE_STEPS):
+            x = step.A @ x + step.B[:, 0]
+            peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
+        found.append(UNSATURATED * limit / (peak * known["volts_per_code"]))
+    return max(1, int(min(found))) if found else None
 
 
 def _workpiece(table):

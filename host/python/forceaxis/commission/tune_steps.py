@@ -150,6 +150,7 @@ def _analyzer(tuning, order=None, first=1):
     asked = analyzer.Order(
         band_hz=tuple(order.band_hz), averages=order.averages, force_max_N=order.force_max_N,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
+        most=joint_fit.linear_codes(model) or analyzer.MOST_CODES,
     )  # fmt: skip
     return analyzer.Analyzer(tuning.axis, asked, model, {}, tuning.say)
 
