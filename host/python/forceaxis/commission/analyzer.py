@@ -325,7 +325,7 @@ class Analyzer:
             )
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
-            if before and error > before[1] * math.sqrt(before[0] / amplitude):
+            if before and error > before[1]:
                 return before[0]  # more of it distorts instead
             room = swing / max(moved, 1e-9)
             if output == "adc0" and error < NOISY and room < FAR:
@@ -385,8 +385,12 @@ class Analyzer:
 
         before = self.axis.read("contact_losses")
         names = ("contact", "contact_losses", "dac_code")
-        self.axis.wait_for(touches, names, "a contact", APPROACH_S)
-        self.set(contact_loss_cap=max(fastest, self.known["contact_loss_cap"]))
+        try:
+            self.axis.wait_for(touches, names, "a contact", APPROACH_S)
+        except NoAnswer as late:
+            raise Refusal("contact", str(late)) from None
+        if fastest > self.known["contact_loss_cap"]:
+            self.set(contact_loss_cap=fastest)
 
     def _per_mille(self, force_N):
         per_mille = 1e3 * force_N / self.rated_N
