@@ -165,7 +165,7 @@ def main():
         step("list can", lambda: list(present.on_can("vcan0", seconds=0.2)))
         step("use can", use, "can")
         step("killed can", killed, "can")
-        supervisor = gateway("--axes", "1", "--watch-ms", "1000")
+        supervisor = gateway("--axes", "1", "--watch-ms", "3000")
         stack.callback(supervisor.kill)
         with GatewayLink(1).client as client:
             until(lambda: operational(client), 10)
