@@ -40,6 +40,10 @@ PDO = {
 }  # fmt: skip
 
 
+def by_register(name):
+    return not name.startswith("tpdo_")
+
+
 @pytest.fixture
 def owned():
     """Axes of experiments, acquired."""
@@ -91,7 +95,7 @@ def test_a_dump_makes_another_axis_the_same(owned, tmp_path, everything):
         d.name for d in before
     }
     loaded = params.load(second, file)
-    assert loaded.changed == before
+    assert (loaded.changed, loaded.managed) == (before, [])
     assert loaded.bank == {
         "force_bank": 1, "bank_state": "valid", "certificate_state": "fits",
     }  # fmt: skip
@@ -299,6 +303,31 @@ def test_a_file_of_the_table_of_0_1_0(owned, tmp_path):
     assert "position_gain" in changed and axis.read("position_gain") == 0
 
 
+def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_path):
+    first = configured(owned)
+    whole = written(tmp_path, params.dump(first), "whole.toml")
+    first.link.manages = lambda name: name.startswith("tpdo_")
+    first.link.reaches = lambda name: not name.startswith("rpdo_")
+    text = params.dump(first)
+    about = toml.read_text(text)["about"]
+    assert {"rpdo_mapping", "tpdo_mapping", "tpdo_cob_id"} < set(about["without"])
+    assert "\ntpdo_" not in text and "\nrpdo_" not in text
+    # A file without them leaves them as they are.
+    second = configured(owned)
+    second.link.write({"rpdo_timeout_2": 70})
+    loaded = params.load(second, written(tmp_path, text))
+    assert loaded.changed == [] and second.read("rpdo_timeout_2") == 70
+    # What a gateway sets up itself is not written by it; what has no register is refused.
+    third = owned()
+    third.link.manages = first.link.manages
+    loaded = params.load(third, whole)
+    assert {"tpdo_cob_id_3", "tpdo_mapping_17"} < set(loaded.managed)
+    assert third.read("tpdo_mapped_3") == 2 and third.read("watchdog") == 250
+    third.link.manages, third.link.reaches = (lambda name: False), by_register
+    with pytest.raises(Refused, match="tpdo_cob_id_1: it has no Modbus register"):
+        params.load(third, whole)
+
+
 def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
     store, file = tmp_path / "axis.store", tmp_path / "axis.toml"
     way = ("--sim", PLAIN, "--store", store)
@@ -328,7 +357,7 @@ def test_the_verbs_write_files_whole_and_dry_runs_not_at_all(tmp_path):
     result = json.loads(ran.stdout)
     assert result["dry_run"] and result["bank"] == {} and len(result["changes"]) == 17
     ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN)
-    assert ran.stdout.splitlines()[-1] == "force_bank 1: valid, certificate fits"
+    assert ran.stdout.splitlines()[-1] == "force bank 1, bank valid, certificate fits"
     # A folder that is not there: nothing is left half-written.
     ran = verbs.forceaxis("axis", "params", "dump", tmp_path / "no/axis.toml", "--sim", PLAIN)
     assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1

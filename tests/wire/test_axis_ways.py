@@ -57,6 +57,15 @@ def test_all_ways_read_the_same_parameters(found):
         assert len({str(values[name]) for values in read}) == 1, name
 
 
+@pytest.mark.parametrize("way", ["can", "gateway"])
+def test_parameters_are_loaded_and_taken_back(found, way):
+    loaded = found[f"load {way}"]
+    changed = {"homing_travel", "rpdo_mapping_25", "rpdo_mapped_4"}
+    assert set(loaded["changed"]) == set(loaded["back"]) == changed
+    assert loaded["homing_travel"] == 4321
+    assert "no memory" in loaded["store"]  # this node has none
+
+
 def test_recordings_have_every_tick(found):
     for way in ("can", "gateway"):
         samples, ticks, _, decimation = found[f"use {way}"]["capture"]
