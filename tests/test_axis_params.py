@@ -11,7 +11,7 @@ from forceaxis import toml
 from forceaxis._core import InputError
 from forceaxis.axis import params, params_file
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,14 +74,14 @@ def written(tmp_path, text, name="axis.toml"):
     return file
 
 
-@pytest.mark.parametrize("known", params_file.PARAMETERS, ids=lambda known: known.name)
-def test_every_raw_value_reads_back_bit_for_bit(known):
-    drawn = random.Random(known.name)
-    raws = {known.min, known.max, known.default, *(drawn.randint(known.min, known.max)
-                                                  for _ in range(20))}  # fmt: skip
-    lines = "\n".join(f"v{i} = {params_file.text(known, raw, 5)}" for i, raw in enumerate(raws))
-    values = toml.read_text(lines).values()
-    assert [params_file.raw_value(known, value, 5) for value in values] == list(raws)
+def test_every_raw_value_of_every_parameter_reads_back_bit_for_bit():
+    drawn = random.Random(18)
+    for known in params_file.PARAMETERS:
+        raws = [known.min, known.max, known.default]
+        raws += [drawn.randint(known.min, known.max) for _ in range(20)]
+        lines = [f"v{i} = {params_file.text(known, raw, 5)}" for i, raw in enumerate(raws)]
+        values = toml.read_text("\n".join(lines)).values()
+        assert [params_file.raw_value(known, v, 5) for v in values] == raws, known.name
 
 
 @pytest.mark.parametrize("everything", [False, True])
@@ -184,7 +184,8 @@ def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path
         params.read(axis)
 
 
-def test_a_lost_connection_is_undone_where_it_comes_back(owned, tmp_path):
+@pytest.mark.parametrize("error", [NoAnswer("no answer"), KeyboardInterrupt()])
+def test_a_load_that_ends_in_between_is_undone(owned, tmp_path, error):
     file = written(tmp_path, params.dump(configured(owned)))
     axis = owned()
     before, write, count = params.read(axis), axis.link.write, 0
@@ -193,12 +194,13 @@ def test_a_lost_connection_is_undone_where_it_comes_back(owned, tmp_path):
         nonlocal count
         count += 1
         if count == 12:
-            raise params.NoAnswer("no answer")
+            raise error
         write(values)
 
     axis.link.write = failing
-    with pytest.raises(Refused, match="no answer; everything is as it was before"):
+    with pytest.raises((Refused, KeyboardInterrupt)) as ended:
         params.load(axis, file)
+    assert str(ended.value) in ("", f"{file}: no answer; everything is as it was before")
     assert count > 12 and params.read(axis) == before
 
 
