@@ -286,8 +286,8 @@ def press(force, seconds, speed, approach, way, as_json):
             click.echo(f"{at}force {count:.4g} count, {count * per_count:.4g} N")
 
         per_count = quantity.force_per_count(axis)
-        shown = {} if as_json else {"shown": report}
-        held = actions.press(axis, wanted, newton, speed, approach, seconds, **shown)
+        reports = {} if as_json else {"shown": report}
+        held = actions.press(axis, wanted, newton, speed, approach, seconds, **reports)
     if as_json:
         click.echo(json.dumps(held))
     else:
