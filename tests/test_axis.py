@@ -21,7 +21,7 @@ from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.keeper import WatchdogKeeper
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, OBJECTS_HASH
 from verbs import forceaxis
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -123,7 +123,11 @@ def test_a_library_that_is_missing_is_named(monkeypatch):
 def test_list_shows_the_simulated_axis():
     (row,) = json.loads(said(forceaxis("axis", "list", *SIM, "--json")))
     assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
-    assert row["table"] == f"{row['table']:>08}" and len(row["table"]) == 8
+    assert row["table"] == OBJECTS_HASH[:8]
+    done = forceaxis("axis", "list", "--axis", "1")
+    assert refusal(done, 2) == "expected one bus: --lcm-url URL, --can, --modbus or --sim"
+    done = forceaxis("axis", "list", "--lcm-url", "udpm://239.255.76.67:7699?ttl=0", "--json")
+    assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
 
 # Moving.

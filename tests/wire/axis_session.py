@@ -11,7 +11,7 @@ import time
 import traceback
 from pathlib import Path
 
-from forceaxis.axis import actions, params, present
+from forceaxis.axis import actions, params, scan
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.gateway import GatewayLink
@@ -179,7 +179,7 @@ def main():
     with contextlib.ExitStack() as stack:
         programs = ("axis_node", "plant_node")
         stack.enter_context(thesis_session.machine(folder, programs=programs, endless=True))
-        step("list can", lambda: list(present.on_can("vcan0", seconds=0.2)))
+        step("list can", lambda: list(scan.on_can("vcan0", seconds=0.2)))
         step("use can", use, "can")
         step("killed can", killed, "can")
         step("load can", loaded, "can", folder)
@@ -188,11 +188,11 @@ def main():
         with GatewayLink(1).client as client:
             until(lambda: operational(client), 10)
         step("can beside gateway", beside)
-        step("list gateway", lambda: list(present.at_gateway(seconds=0.3)))
+        step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")
         step("killed gateway", killed, "gateway")
         step("load gateway", loaded, "gateway", folder)
-        step("list modbus", lambda: list(present.on_modbus(URL)))
+        step("list modbus", lambda: list(scan.on_modbus(URL)))
         step("use modbus", use, "modbus")
         step("stopped", stopped_by_another)
     (folder / "found.json").write_text(json.dumps(found))

@@ -81,7 +81,7 @@ def network(interface, bus=None):
 
 class CanLink(Link):
     """A node of a CAN interface, such as "can0". A gateway that polls it at the same time uses the
-    node's one SDO channel too: answers then get lost now and then.
+    node's one SDO channel too, and then interrupts recordings (NoAnswer).
 
     From the first controlword that enables, the axis watches this program's heartbeat in 1016h: a
     program that dies lets it be disabled after HEARTBEAT_MS; the entry is put back at release, and
