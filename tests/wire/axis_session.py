@@ -124,6 +124,15 @@ def share(axis):
         return [str(error), axis.read("velocity_window"), axis.read("drive_state")]
 
 
+def beside():
+    """What a client over CAN reads while a gateway polls the same node."""
+    axis = Axis(WAYS["can"]())
+    try:
+        return [axis.get(*PARAMETERS), axis.get(*PARAMETERS)]
+    finally:
+        axis.close()
+
+
 def loaded(way, folder):
     """A file is loaded by one way, with a PDO that has another entry, and taken back."""
     before, new = (folder / f"{name}_{way}.toml" for name in ("before", "new"))
@@ -139,15 +148,6 @@ def loaded(way, folder):
         except Refused as error:
             found["store"] = str(error)
     return found
-
-
-def beside():
-    """What a client over CAN reads while a gateway polls the same node."""
-    axis = Axis(WAYS["can"]())
-    try:
-        return [axis.get(*PARAMETERS), axis.get(*PARAMETERS)]
-    finally:
-        axis.close()
 
 
 def stopped_by_another():

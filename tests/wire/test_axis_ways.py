@@ -57,6 +57,11 @@ def test_all_ways_read_the_same_parameters(found):
         assert len({str(values[name]) for values in read}) == 1, name
 
 
+def test_reading_over_can_works_beside_a_gateway(found):
+    first, second = found["can beside gateway"]
+    assert len(first) > 100 and first == second
+
+
 @pytest.mark.parametrize("way", ["can", "gateway"])
 def test_parameters_are_loaded_and_taken_back(found, way):
     loaded = found[f"load {way}"]
@@ -64,11 +69,6 @@ def test_parameters_are_loaded_and_taken_back(found, way):
     assert set(loaded["changed"]) == set(loaded["back"]) == changed
     assert loaded["homing_travel"] == 4321
     assert "no memory" in loaded["store"]  # this node has none
-
-
-def test_reading_over_can_works_beside_a_gateway(found):
-    first, second = found["can beside gateway"]
-    assert len(first) > 100 and first == second
 
 
 def test_recordings_have_every_tick(found):
