@@ -186,6 +186,12 @@ def test_a_fault_comes_first(experiment):
     assert found["first motion"].verdict == "skipped" and not run.passed
 
 
+def test_a_limit_of_the_user_stays_in_force(experiment):
+    run, axis, _ = checked(experiment(firmware={"output_limit": 20}))
+    assert run.passed and axis.read("output_limit") == 20
+    assert next(s.text for s in run.steps if s.step == "move").endswith("at most code 20")
+
+
 def test_what_stands_in_the_way_ends_the_move(experiment):
     """No room away from the workpiece, which stands 1 mm, 157 counts, ahead."""
     run, axis, way = checked(experiment({"approach": 0.001}, {"position_min": -300}))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import verbs
-from forceaxis import toml
+from forceaxis import _core, toml
 from forceaxis._core import InputError
 from forceaxis.axis import params, params_file
 from forceaxis.axis.axis import Axis
@@ -104,6 +104,15 @@ def test_a_dump_makes_another_axis_the_same(owned, tmp_path, everything):
     assert second.read("force_tare") == -2.0
     params.load(second, file, measured=True)
     assert params.read(second) == params.read(first)
+
+
+def test_a_dump_says_whose_it_is(owned):
+    about = toml.read_text(params.dump(owned(BANK)))["about"]
+    assert about.items() >= {
+        "format": 1, "object_table": params_file.table_hash(), "firmware": _core.FIRMWARE_VERSION,
+        "name": "simulator", "node_id": 1, "serial_number": "0x00000000",
+    }.items()  # fmt: skip
+    assert about["written"] and str(BANK) in about["axis"]
 
 
 def test_what_differs_is_shown_by_name_with_both_values(owned, tmp_path):
@@ -303,6 +312,24 @@ def test_a_file_of_the_table_of_0_1_0(owned, tmp_path):
     axis = owned(overrides=["firmware.position_gain=4"])
     changed = {d.name for d in params.load(axis, file).changed}
     assert "position_gain" in changed and axis.read("position_gain") == 0
+
+
+def test_an_axis_with_a_store_of_0_1_0_is_dumped_for_another(owned, tmp_path):
+    data = ROOT / "tests/unit/data"
+    store = tmp_path / "axis.store"
+    store.write_bytes((data / "store_0_1_0.bin").read_bytes())
+    first, second = owned(store=store), owned()
+    assert first.read("store_state").startswith("loaded")
+    file = written(tmp_path, params.dump(first))
+    params.load(second, file, measured=True)
+    now, addresses = params.read(second), {(o.index, o.sub): o.name for o in params_file.PARAMETERS}
+    assert now == params.read(first)
+    compared = 0
+    for line in (data / "store_0_1_0.txt").read_text().splitlines():
+        address, value = line.split()
+        name = addresses.get(tuple(int(part, 16) for part in address.split(":")))
+        compared += name in now and now[name] == int(value)
+    assert compared > 20
 
 
 def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_path):

@@ -20,7 +20,7 @@ LAST = ("_mapped_", "_cob_id", "force_bank")  # written in this order after all 
 RANKS = 1 + len(LAST)
 STORE_S = 10.0  # a sector of flash takes up to a second to erase
 POLL_S = 0.02
-SOFTWARE = 0x100A
+NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen
 
 
 class Difference(NamedTuple):
@@ -77,6 +77,7 @@ def about(axis):
         "object_table": params_file.table_hash(),
         "firmware": axis.link.text(SOFTWARE),
         "axis": axis.link.where,
+        "name": axis.link.text(NAME),
         "serial_number": None if serial is None else f"0x{serial:08x}",
         "node_id": found["node_id"],
     }

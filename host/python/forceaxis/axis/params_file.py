@@ -45,7 +45,7 @@ FORMAT = 1
 NODE = re.compile(r"\$NODEID\+0x([0-9a-fA-F]{1,8})")
 COB_ID, COB_FLAGS = 0x7FF, 0xC0000000
 HEXADECIMAL = ("bank_crc", "certificate_hash", "certificate_parts")
-TEXTS = ("object_table", "firmware", "axis", "serial_number", "written")
+TEXTS = ("object_table", "firmware", "axis", "name", "serial_number", "written")
 
 
 def _arrays():

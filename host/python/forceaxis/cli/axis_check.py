@@ -16,7 +16,7 @@ from forceaxis.cli.live_options import live, owned
 )
 @click.option("--yes", is_flag=True, help="Let the axis move without asking.")
 @click.option(
-    "--travel", type=click.IntRange(50, 100_000), default=400, show_default=True,
+    "--travel", type=click.IntRange(50, 20_000), default=400, show_default=True,
     help="Counts of the move out and back.",
 )  # fmt: skip
 @click.option(

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from forceaxis.axis import actions, params, params_file
-from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission.analyzer import noise_of
 
 SAMPLES = 750  # half a second at rest
@@ -16,8 +16,9 @@ STANDING_CNT = 2  # of an encoder at a stand, as the firmware's own test has it
 DITHER_LSB = 0.4  # noise below it hides what is smaller than a code
 REACH = 8  # first_motion_counts that the firmware's test moves at most
 TRAVEL_CNT, OUTPUT_CODES = 400, 250  # of the move out and back
-MOVE_S = 2.0  # each way
-MOVE_SPEED_MAX = 8  # counts a tick: ten times as fast as the move is
+MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # each way, and the most counts a tick
+SETTLE_S = 1.3
+MOVE_SPEED_MAX = 8  # counts a tick: at least four times as fast as the move is
 ARRIVED_CNT = 20
 RESTORE_TRIES = 4
 STAND_S = 5.0  # a disabled axis coasts
@@ -101,7 +102,8 @@ class Check:
         return (
             f"It moves {counts} counts in open loop, at most {REACH * counts} with {code} of 2047 "
             f"codes, then {self.travel} counts {way} the workpiece and back with at most "
-            f"{self._output()} codes, never more than {self._span()} counts from here."
+            f"{self._output()} codes, never more than {self._span()} counts from here. The tare is "
+            "taken where the reading is near zero."
         )
 
     def _done(self, step, verdict, text, value=None, limit=None):
@@ -220,6 +222,10 @@ class Check:
         """How far the axis may be from its start, whatever happens."""
         return max(self.travel, REACH * self.known["first_motion_counts"]) + ARRIVED_CNT
 
+    def _speed(self):
+        """Of the move, counts a tick."""
+        return min(self.travel / MOVE_TICKS, MOVE_SPEED)
+
     def _output(self):
         return min(self.output, self.known["output_limit"])
 
@@ -230,13 +236,15 @@ class Check:
         bounds = {
             "position_min": max(known["position_min"], self.start - self._span()),
             "position_max": min(known["position_max"], self.start + self._span()),
-            "output_limit": max(self._output(), known["first_motion_code"]),
+            "output_limit": min(
+                known["output_limit"], max(self.output, known["first_motion_code"])
+            ),
             "following_error_max": _least(known["following_error_max"], self.travel),
             "speed_max": _least(known["speed_max"], 2 * known["first_motion_speed"]),
             "force_max": _least(known["force_max"], force),
             "profile_enable": "trapezoid",
-            "profile_velocity_max": self.travel / 1000,
-            "profile_acceleration_max": self.travel / 100_000,
+            "profile_velocity_max": self._speed(),
+            "profile_acceleration_max": self._speed() / 100,
         }
         names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation"]
         before = self.axis.link.read(names)
@@ -278,7 +286,7 @@ class Check:
             try:
                 self.axis.set(position_setpoint=target)
                 passed = 0.0
-                while passed < MOVE_S:
+                while passed < self.travel / self._speed() / TICKS_PER_S + SETTLE_S:
                     now = self.axis.get("position", "dac_code", "fault", "limit_reason")
                     largest = max(largest, abs(now["dac_code"]))
                     if now["fault"] != "none":
