@@ -160,7 +160,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(axis_file, firmware, plant, n
 
 def test_the_free_response_does_not_touch(axis_file):
     file = axis_file()
-    file.write_text(file.read_text().replace('"4 mm"', '"0.2 mm"'))
+    file.write_text(file.read_text().replace('"4 mm"', '"0.02 mm"'))
     with (
         Axis(SimLink(file)) as axis,
         Analyzer(axis, Order(travel=500)) as analyzer,

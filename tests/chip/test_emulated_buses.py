@@ -4,6 +4,7 @@ Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RT
 the board.
 """
 
+import contextlib
 import re
 import select
 import socket
@@ -17,6 +18,10 @@ import pytest
 from canopen.profiles.p402 import BaseNode402
 from chip import BOARD, EMULATED, ROOT
 from forceaxis import objects
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.modbus import ModbusLink
 from forceaxis.chip import emulator as chip
 
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
@@ -165,6 +170,48 @@ def test_python_canopen_drives_the_chip_through_its_states(frames):
         assert drive.sdo[BY_NAME["tick_count"].index].raw > before[1]
     finally:
         network.disconnect()
+
+
+def test_an_axis_on_the_chip_is_one_as_any_other(frames):
+    """What the axis verbs use: objects, a recording by block transfer, the watched heartbeat."""
+    link = CanLink("tunnel", NODE, bus=SerialBus(frames), timeout_s=2.0)
+    with Axis(link) as axis:
+        axis.set(force_gain=6.5, watchdog=700)
+        assert axis.get("force_gain", "watchdog") == {"force_gain": 6.5, "watchdog": 700}
+        with pytest.raises(Refused, match="force_bank: "):
+            axis.set(force_bank=1)
+        held = axis.capture(["tick_count", "force"], samples=300, decimation=2)
+        ticks = held.values("tick_count").tolist()
+        assert ticks == list(range(ticks[0], ticks[0] + 600, 2))
+        axis.enable("open loop", first_motion_test=0, open_loop_code=0)
+        assert axis.read("consumer_heartbeat_1") >> 16 == OWN_NODE
+        link._keeper.close()  # as if it were killed
+        found = axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 10.0)
+        assert found["fault"] == "heartbeat_lost"
+        assert axis.read("drive_state") == "fault"
+
+
+def test_an_axis_on_the_chip_by_modbus():
+    """Registers of 16 and 32 bits, ownership kept by the watchdog's writes."""
+    process = emulator(modbus="pty")
+    try:
+        tty = re.search(r"redirected to (\S+)", process.stdout.readline())[1]
+        axis = Axis(ModbusLink(tty, NODE, timeout_s=2.0))
+        for _ in range(3):  # the emulator opens its end within a second
+            with contextlib.suppress(NoAnswer):
+                axis.read("fault")
+                break
+        with axis:
+            axis.set(force_gain=6.5, target_position=-70_000, watchdog=300)
+            axis.link.wait(1.0)
+            found = axis.get("force_gain", "target_position", "watchdog", "command_source")
+        assert found == {
+            "force_gain": 6.5, "target_position": -70_000, "watchdog": 300,
+            "command_source": "modbus",
+        }  # fmt: skip
+    finally:
+        process.kill()
+        process.wait()
 
 
 def objects_version():

@@ -12,7 +12,7 @@ import traceback
 from pathlib import Path
 
 from forceaxis.axis import actions, present
-from forceaxis.axis.axis import Axis
+from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
@@ -85,6 +85,7 @@ def killed(way):
         axis = Axis(WAYS[way]())
         axis.acquire()
         axis.enable("profile velocity")
+        axis.arm(["force"], 100, **trigger_on("force", 250.0))  # which never comes
         os.write(said, b"enabled")
         time.sleep(60)
         os._exit(0)
@@ -107,6 +108,7 @@ def killed(way):
         axis.reset_fault()
         axis.enable("profile velocity")
         found["again"] = axis.read("drive_state")
+        found["recorded"] = len(axis.capture(["force"], samples=50).raw)
     return found | {"after": leftovers(way)}
 
 
@@ -150,14 +152,14 @@ def main():
     with contextlib.ExitStack() as stack:
         programs = ("axis_node", "plant_node")
         stack.enter_context(thesis_session.machine(folder, programs=programs, endless=True))
-        step("list can", lambda: list(present.on_can("vcan0")))
+        step("list can", lambda: list(present.on_can("vcan0", seconds=0.2)))
         step("use can", use, "can")
         step("killed can", killed, "can")
         supervisor = gateway("--axes", "1", "--watch-ms", "1000")
         stack.callback(supervisor.kill)
         with GatewayLink(1).client as client:
             until(lambda: operational(client), 10)
-        step("list gateway", lambda: list(present.at_gateway()))
+        step("list gateway", lambda: list(present.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")
         step("killed gateway", killed, "gateway")
         step("list modbus", lambda: list(present.on_modbus(URL)))

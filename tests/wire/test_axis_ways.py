@@ -77,6 +77,7 @@ def test_a_killed_owner_leaves_a_disabled_axis(found, way, fault):
     assert 0.5 < killed["seconds"] < 1.5
     assert (killed["fault"], killed["owner"]) == (fault, "canopen")
     assert killed["again"] == "operation_enabled"
+    assert killed["recorded"] == 50  # though the killed one had armed the recorder
     assert killed["after"].items() >= KEPT.items()
 
 

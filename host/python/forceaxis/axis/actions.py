@@ -4,7 +4,7 @@ import datetime
 
 from forceaxis._core import InputError
 from forceaxis.axis.axis import POWERED
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.quantity import force_per_count
 from forceaxis.bus import state_names
 
@@ -32,7 +32,13 @@ def state(axis):
 def stop(axis):
     """A quick stop, which acts whoever owns the axis; waits until it is off, or held at a stand
     where quick_stop_option says so. Its state() then. Raises NoAnswer, Refused."""
-    axis.link.write({"controlword": QUICK_STOP})
+    for remaining in (2, 1, 0):  # another master may disturb one
+        try:
+            axis.link.write({"controlword": QUICK_STOP})
+            break
+        except NoAnswer:
+            if not remaining:
+                raise
     axis.wait_for(
         lambda s: state_names.drive_state(s["statusword"]) != "operation enabled",
         ("statusword", "fault"),

@@ -28,6 +28,7 @@ from forceaxis.bus.gateway import (
 __all__ = ["MODES", "Axis", "trigger_on"]
 
 POLL_S = 0.02
+DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
 OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
 # CiA 402 states in which the amplifier is on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
@@ -145,8 +146,12 @@ class Axis:
         self.link.write({"controlword": SHUTDOWN})
 
     def off(self):
-        """Disables the axis and waits until it is. Raises Refused, NoAnswer."""
-        self.disable()
+        """Disables the axis if it is enabled, and waits until it is not. Raises Refused,
+        NoAnswer."""
+        state = state_names.drive_state(self.read("statusword"))
+        if state not in (*POWERED, "switched on"):
+            return
+        self.link.write({"controlword": DISABLE_VOLTAGE if "quick" in state else SHUTDOWN})
         self.wait_for(
             lambda s: state_names.drive_state(s["statusword"]) not in POWERED,
             ("statusword", "fault"),

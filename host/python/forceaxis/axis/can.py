@@ -21,12 +21,15 @@ from forceaxis.bus.keeper import Keeper
 from forceaxis.bus.state_names import BY_NAME
 
 OPERATIONAL, START = 5, 1
+OWN_NODE = 126  # 127 is a gateway's
+LISTEN_S = 0.5
 HEARTBEAT_ID = 0x700
 NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
 HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
+READS = 2
 FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
 # SDO abort codes, by the reason they stand for.
 ABORTS = {
@@ -75,17 +78,18 @@ def network(interface, bus=None):
 
 
 class CanLink(Link):
-    """A node of a CAN interface, such as "can0". There is no gateway that polls it at the same
-    time: both would use the node's one SDO channel.
+    """A node of a CAN interface, such as "can0". A gateway that polls it at the same time uses the
+    node's one SDO channel too: answers then get lost now and then.
 
-    While it is enabled the axis watches this program's heartbeat in 1016h: a program that dies
-    lets the axis be disabled after HEARTBEAT_MS. own_node: node id of that heartbeat, which no
-    other node may have. bus: a python-can bus in place of the interface. Raises InputError.
+    From the first controlword that enables, the axis watches this program's heartbeat in 1016h: a
+    program that dies lets it be disabled after HEARTBEAT_MS; the entry is put back at release, and
+    before parameters are stored. own_node: node id of that heartbeat, which no other node may have.
+    bus: a python-can bus in place of the interface. Raises InputError.
     """
 
     source = BY_NAME["command_source"].enum.index("canopen")
 
-    def __init__(self, interface="can0", node=1, own_node=127, bus=None, timeout_s=1.0):
+    def __init__(self, interface="can0", node=1, own_node=OWN_NODE, bus=None, timeout_s=1.0):
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
             raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
         canopen, self._can = libraries()
@@ -97,6 +101,8 @@ class CanLink(Link):
         self._sdo.RESPONSE_TIMEOUT = timeout_s
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._keeper, self._armed, self._watched = threading.RLock(), None, None, None
+        self._rival = threading.Event()  # another node sends the heartbeat of our id
+        self._network.subscribe(HEARTBEAT_ID + own_node, lambda *_: self._rival.set())
 
     @contextlib.contextmanager
     def _asking(self, what):
@@ -110,15 +116,14 @@ class CanLink(Link):
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
-                    f"{error}; is it on, with this node id?"
+                    f"{error}; is it on, with this node id, and not stopped by NMT?"
                 ) from None
 
     def read(self, names):
         found = {}
         for name in names:
             known = BY_NAME[name]
-            with self._asking(name):
-                data = self._sdo.upload(known.index, known.sub)
+            data = self._upload(name, known.index, known.sub)
             try:
                 (found[name],) = struct.unpack(FORMATS[known.type], data)
             except struct.error:
@@ -130,12 +135,22 @@ class CanLink(Link):
 
     def text(self, index):
         """A text such as the name of the device, 1008h."""
-        with self._asking(f"{index:04X}h"):
-            return self._sdo.upload(index, 0).decode(errors="replace")
+        return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
+
+    def _upload(self, name, index, sub):
+        """Bytes of an object; asked again where a frame may have been lost."""
+        for remaining in range(READS, 0, -1):
+            try:
+                with self._asking(name):
+                    return self._sdo.upload(index, sub)
+            except NoAnswer:
+                if remaining == 1:
+                    raise
 
     def write(self, values):
         for name, raw in values.items():
-            if name == "controlword" and self._keeper and self._watched is None:
+            enables = name == "controlword" and raw & 0x8F == 0x0F
+            if enables and self._keeper and self._watched is None:
                 self._be_watched()
             if name in STORING:
                 self._be_unwatched()  # this program's heartbeat belongs to no stored set
@@ -149,7 +164,8 @@ class CanLink(Link):
     def acquire(self):
         if self.read(["command_source"])["command_source"] != self.source:
             self._download("command_source", self.source)
-        self._network.send_message(0, [START, self._id])
+        with self._asking("NMT start"):
+            self._network.send_message(0, [START, self._id])
         self._keeper = Keeper(self._beat)
 
     def release(self):
@@ -165,6 +181,11 @@ class CanLink(Link):
         entries = self.read(CONSUMERS)
         ours = self._own << 16 | HEARTBEAT_MS
         place = next((n for n, raw in entries.items() if raw >> 16 == self._own), None)
+        if self._rival.wait(LISTEN_S if place else 0):
+            raise Refused(
+                f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
+                "another id by --own-node"
+            )
         place = place or next((n for n, raw in entries.items() if not raw & 0xFFFF), None)
         if place is None:
             raise Refused(f"{self.where}: expected a free heartbeat consumer in 1016h, all are set")

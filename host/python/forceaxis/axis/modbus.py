@@ -13,6 +13,7 @@ from forceaxis.bus.state_names import BY_NAME
 TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD = 115_200  # the firmware's default; 8 data bits, even parity
+PARITIES = "EN"
 EXCEPTIONS = {
     2: "there is no such register",
     3: "outside its range or at odds with another object",
@@ -39,18 +40,22 @@ def client(url, timeout_s=1.0):
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
     if tcp:
         port = int(tcp[2] or 502)
-        made = ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)
+        made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     else:
-        made = ModbusSerialClient(
-            serial[1], baudrate=int(serial[2] or BAUD), parity="E", timeout=timeout_s, retries=0
-        )
-    try:
-        connected = made.connect()
-    except (OSError, ValueError) as error:
-        raise InputError(f"--modbus {url}: expected to open it, {error}") from None
-    if not connected:
-        raise NoAnswer(f"{url}: expected a Modbus server here, none answered")
-    return made
+        baud = int(serial[2] or BAUD)
+        # A pseudo-terminal has no parity and does not open with one.
+        made = [
+            ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
+            for p in PARITIES
+        ]
+    for one in made:
+        try:
+            if one.connect():
+                return one
+        except (OSError, ValueError) as error:
+            raise InputError(f"--modbus {url}: expected to open it, {error}") from None
+    what = "a Modbus server here, none answered" if tcp else "a serial device that can be opened"
+    raise NoAnswer(f"{url}: expected {what}")
 
 
 class ModbusLink(Link):
@@ -79,9 +84,12 @@ class ModbusLink(Link):
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 
+    def reaches(self, name):
+        return BY_NAME[name].modbus >= 0
+
     def _expect_registers(self, names):
         for name in names:
-            if BY_NAME[name].modbus < 0:
+            if not self.reaches(name):
                 raise Refused(f"{name}: it has no Modbus register; use --axis or --can for it")
 
     def _read(self, name):

@@ -57,7 +57,7 @@ def on_can(interface, bus=None, seconds=SCAN_S):
         time.sleep(seconds)
         numbers = sorted(set(found.scanner.nodes))
     for number in numbers:
-        link = CanLink(interface, number, 127 if number != 127 else 126, timeout_s=0.3)
+        link = CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3)
         try:
             texts = {}
             for key, index in (("name", NODE_NAME), ("version", SOFTWARE)):

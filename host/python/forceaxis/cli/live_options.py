@@ -11,6 +11,7 @@ import click
 from forceaxis._core import InputError
 from forceaxis.cli.common import fail
 
+OWN_NODE = 126  # as axis.can's, which is not loaded here
 WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 
@@ -22,7 +23,7 @@ class Way:
     lcm_url: str | None = None
     can: str | None = None
     node: int = 1
-    own_node: int = 127
+    own_node: int = OWN_NODE
     modbus: str | None = None
     sim: str | None = None
     overrides: tuple[str, ...] = ()
@@ -77,7 +78,7 @@ OPTIONS = (
     click.option(
         "--own-node",
         type=click.IntRange(1, 127),
-        default=127,
+        default=OWN_NODE,
         show_default=True,
         help="Node id of this program's heartbeat with --can, which the axis watches.",
     ),

@@ -38,6 +38,10 @@ BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 MOST_CODES = 1024
+JUDGED = 3  # realisations that distortion is judged by
+# How much more they may differ than noise makes them; rounding of slow motions is no white noise.
+DISTORTED = {"adc0": 1.35, "encoder": 6.0}
+NOISY = 0.4  # deviation above which it is not sure itself
 FAR = 8.0  # from the swing that is aimed at
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
@@ -243,9 +247,10 @@ class Analyzer:
         records = None
         if not level.amplitude:
             level.amplitude = self._search(level, play, still, swing, output, seeds[0])
+        rest = still.values("dac_code"), self._output(still, output)
         for _ in range(BACKS):
             try:
-                records = [play(level.amplitude, seed) for seed in seeds]
+                records = self._realisations(level, play, seeds, rest, output)
                 break
             except Ended as ended:
                 level.amplitude = self._halve(level, level.amplitude, ended)
@@ -281,6 +286,16 @@ class Analyzer:
             resolution_hz=TICKS_PER_S / self.samples,
         )
 
+    def _realisations(self, level, play, seeds, rest, output):
+        """Of all seeds, with an amplitude that the first of them do not show to distort."""
+        records = [play(level.amplitude, seed) for seed in seeds[:JUDGED]]
+        r, u, y = (np.array([record[i] for record in records]) for i in range(3))
+        found = response.excess(r, u, y, rest, self.lines, self._steps(output))
+        self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
+        if found > DISTORTED[output] and level.amplitude > 1:
+            raise Ended("distorted")
+        return records + [play(level.amplitude, seed) for seed in seeds[JUDGED:]]
+
     def _steps(self, output):
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
@@ -293,6 +308,7 @@ class Analyzer:
         )
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
+        before = None
         while True:
             try:
                 _, u, y = play(amplitude, seed)
@@ -307,7 +323,11 @@ class Analyzer:
             )
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
+            if before and error > before[1] * math.sqrt(before[0] / amplitude):
+                return before[0]  # more of it distorts instead
             room = swing / max(moved, 1e-9)
+            if output == "adc0" and error < NOISY and room < FAR:
+                before = amplitude, error
             far = room > FAR and error > FAR / 2 * DEVIATION[output]
             factor = min(4.0 if far else 2.0, room)
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)

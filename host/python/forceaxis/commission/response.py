@@ -72,6 +72,18 @@ def deviation(inputs, outputs, still, lines, steps, averages):
     )
 
 
+def excess(waveform, inputs, outputs, still, lines, steps):
+    """How many times more the realisations differ than noise makes them, mean of the lines: what is
+    above 1 is distortion, as of a drive that saturates. Arguments as of estimate, deviation."""
+    R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
+    H = (R.conj() * Y).sum(0) / (R.conj() * U).sum(0)
+    found = (abs(Y - H * U) ** 2).sum(0) / (len(R) - 1)
+    noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
+    expected = _smooth(abs(noise[1] - H * noise[0]) ** 2)
+    expected += waveform.shape[1] / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
+    return float(np.mean(found / expected))
+
+
 def _smooth(power, lines=11):
     width = min(lines, len(power))
     return np.convolve(power, np.ones(width) / width, "same")

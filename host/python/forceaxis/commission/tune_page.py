@@ -56,7 +56,7 @@ def _table(summary):
     if summary["parameters"]:
         rows = [["fitted", "value", "95 % interval", "unit"]]
         for name, row in summary["parameters"].items():
-            ends = " .. ".join(_number(end) for end in row["interval"] or ())
+            ends = " .. ".join(_number(end) for end in row["interval"])
             rows.append([name, _number(row["value"]), ends, row["unit"]])
         text += _rows(rows)
     return text
