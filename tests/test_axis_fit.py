@@ -187,4 +187,6 @@ def test_designs_for_drawn_axes_hold_on_the_true_plants(tmp_path):
     assert len(done) >= 16
     for row in done:
         assert abs(row["Ms"] - row["Ms_predicted"]) <= 0.3, row
-        assert row["stable"], row
+        assert row["stable"] and max(map(abs, row["static_error_percent"])) <= 1.0, row
+    inside, of = (sum(row[key] for row in done) for key in ("inside", "of"))
+    assert inside >= 0.93 * of, (inside, of)
