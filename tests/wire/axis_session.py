@@ -11,7 +11,7 @@ import time
 import traceback
 from pathlib import Path
 
-from forceaxis.axis import actions, scan
+from forceaxis.axis import actions, params, scan
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.gateway import GatewayLink
@@ -133,6 +133,23 @@ def beside():
         axis.close()
 
 
+def loaded(way, folder):
+    """A file is loaded by one way, with a PDO that has another entry, and taken back."""
+    before, new = (folder / f"{name}_{way}.toml" for name in ("before", "new"))
+    more = "[more]\nhoming_travel = 4321\nrpdo_mapping_25 = 0x607a0020\nrpdo_mapped_4 = 1\n"
+    with Axis(WAYS[way]()) as axis:
+        before.write_text(params.dump(axis))
+        new.write_text(before.read_text().replace("[objects]", f"{more}[objects]"))
+        found = {"changed": [d.name for d in params.load(axis, new).changed]}
+        found["homing_travel"] = axis.read("homing_travel")
+        found["back"] = [d.name for d in params.load(axis, before).changed]
+        try:
+            params.store(axis)
+        except Refused as error:
+            found["store"] = str(error)
+    return found
+
+
 def stopped_by_another():
     """A stop over CAN of an axis that a client of the gateway has enabled."""
     with Axis(WAYS["gateway"]()) as axis:
@@ -165,6 +182,7 @@ def main():
         step("list can", lambda: list(scan.on_can("vcan0", seconds=0.2)))
         step("use can", use, "can")
         step("killed can", killed, "can")
+        step("load can", loaded, "can", folder)
         supervisor = gateway("--axes", "1", "--watch-ms", "3000")
         stack.callback(supervisor.kill)
         with GatewayLink(1).client as client:
@@ -173,6 +191,7 @@ def main():
         step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")
         step("killed gateway", killed, "gateway")
+        step("load gateway", loaded, "gateway", folder)
         step("list modbus", lambda: list(scan.on_modbus(URL)))
         step("use modbus", use, "modbus")
         step("stopped", stopped_by_another)

@@ -62,6 +62,15 @@ def test_reading_over_can_works_beside_a_gateway(found):
     assert len(first) > 100 and first == second
 
 
+@pytest.mark.parametrize("way", ["can", "gateway"])
+def test_parameters_are_loaded_and_taken_back(found, way):
+    loaded = found[f"load {way}"]
+    changed = {"homing_travel", "rpdo_mapping_25", "rpdo_mapped_4"}
+    assert set(loaded["changed"]) == set(loaded["back"]) == changed
+    assert loaded["homing_travel"] == 4321
+    assert "no memory" in loaded["store"]  # this node has none
+
+
 def test_recordings_have_every_tick(found):
     for way in ("can", "gateway"):
         samples, ticks, _, decimation = found[f"use {way}"]["capture"]

@@ -12,6 +12,7 @@ READY_S = 10.0
 STOPPED_S = 2.0  # a stopped recording is noticed by the gateway within its poll
 NOT_YET = "not set up yet"  # the gateway's words
 AT_ONCE = 64  # objects of one command
+MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")  # set up by each gateway
 
 
 class GatewayLink(Link):
@@ -23,6 +24,9 @@ class GatewayLink(Link):
         self.client = AxisClient(axis, url, timeout_s)
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url, self._keeper, self._armed = axis, url, None, None
+
+    def manages(self, name):
+        return name.startswith(MANAGED)
 
     def read(self, names):
         found = {}
