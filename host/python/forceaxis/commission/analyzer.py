@@ -42,7 +42,6 @@ MOST_CODES = 1024
 JUDGED = 3  # realisations that distortion is judged by
 # How much more they may differ than noise makes them; rounding of slow motions is no white noise.
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
-NOISY = 0.4  # deviation above which it is not sure itself
 FAR = 8.0  # from the swing that is aimed at
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
@@ -310,7 +309,6 @@ class Analyzer:
         )
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
-        before = None
         while True:
             try:
                 _, u, y = play(amplitude, seed)
@@ -325,11 +323,7 @@ class Analyzer:
             )
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
-            if before and error > before[1]:
-                return before[0]  # more of it distorts instead
             room = swing / max(moved, 1e-9)
-            if output == "adc0" and error < NOISY and room < FAR:
-                before = amplitude, error
             far = room > FAR and error > FAR / 2 * DEVIATION[output]
             factor = min(4.0 if far else 2.0, room)
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)

@@ -26,12 +26,15 @@ from forceaxis.linear import loops, plant_set
 MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.log(5)
 DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
 OUTSIDE = 3.0  # standard deviations from its prior: rejected
-EDGE = 3.5  # how far is searched
+EDGE = 6.0  # how far is searched
 MODEL_ERROR = 0.01  # of a response, that is no fault of the parameters
-GRID = 9  # starts of each wide parameter, evaluated; the best are searched from
-SEARCHES = 4
+GRID, ANTIRESONANCES = 7, 28  # starts of each wide parameter, evaluated; the best are searched from
+SEARCHES = 2
 NEAR = 0.15  # logarithm of the frequency: lines at the limiting mode
 STEP = 1e-5
+KEPT = 200
+COMBINATIONS = 9  # of modes at the levels
+APART, CHANGED = 0.3, 0.02  # logarithms: levels that are one plant still; that count as another
 LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
 FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
 UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
@@ -69,6 +72,8 @@ class Found:
     correlation: np.ndarray | None = None  #: in the order of `best`
     plants: plant_set.PlantSet | None = None  #: for a design
     limiting_hz: float | None = None
+    #: each force has parameters of its own: `values` is their mean, the ranges hold all of them
+    levels_differ: bool = False
 
     @property
     def p(self):
@@ -95,6 +100,7 @@ class Found:
             "dof": self.dof,
             "p_value": self.p,
             "responses": self.levels,
+            "levels_differ": self.levels_differ,
             "rejected": self.rejected,
             "why": self.text,
             "limiting_hz": self.limiting_hz,
@@ -189,21 +195,40 @@ class _Responses:
         self.centre = np.log([p.value for p in self.priors.values()])
         self.spread = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
+        self.known = {}  # predictions by response and what it depends on
+        self.acting = {}
         self.variance = [m.variance + (MODEL_ERROR * abs(m.response)) ** 2 for m in self.measured]
 
     def values(self, x):
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def predictions(self, x):
-        """What the model gives; contact levels of the same modes and lines are predicted once."""
-        values, known, found = self.values(x), {}, []
+        """What the model gives for each response. Levels of the same modes and lines share it, and
+        it stands while only parameters change on which it does not depend."""
+        found = []
         for m, modes in zip(self.measured, self.modes, strict=True):
-            key = (m.free, m.output, m.input, m.scale, m.window, tuple(sorted(modes.items())),
-                   m.frequency_hz.tobytes())  # fmt: skip
-            if key not in known:
-                known[key] = replace(m, modes=modes).predict(values)
-            found.append(known[key])
+            one = (
+                m.output,
+                m.free,
+                m.scale,
+                tuple(sorted(modes.items())),
+                m.frequency_hz.tobytes(),
+            )
+            if one not in self.acting:
+                self.acting[one] = self._acting(replace(m, modes=modes))
+            key = (one, x[self.acting[one]].tobytes())
+            if key not in self.known:
+                if len(self.known) > KEPT:
+                    self.known.clear()
+                self.known[key] = replace(m, modes=modes).predict(self.values(x))
+            found.append(self.known[key])
         return found
+
+    def _acting(self, measured):
+        """Which parameters a response depends on."""
+        exact = measured.predict(self.values(self.centre))
+        moved = [measured.predict(self.values(self.centre + d)) for d in np.diag(self.spread / 10)]
+        return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x):
         """By the logarithm of the ratio, which converges from afar."""
@@ -241,26 +266,53 @@ class _Responses:
         return lines, lines + np.diag(self.spread**-2.0)
 
     def starts(self):
-        """The best of a grid of the wide parameters, everything else as known: [x]."""
-        wide = [i for i, p in enumerate(self.priors.values()) if p.wide]
-        steps = np.linspace(-2, 2, GRID if len(wide) < 3 else 7)
-        damped = [i for i in wide if self.names[i].startswith("b")]
-        grids = [np.array([-1.0, 0.0, 1.0]) if i in damped else steps for i in wide]
+        """The best of a grid of the wide parameters, everything else as known: [x].
+
+        A workpiece's mass follows from its antiresonance, which is sought among all frequencies of
+        the lines: a sharp one is not found by steps of stiffness and mass. Dampings begin large,
+        which makes it broad.
+        """
+        units = {n: unit for n, (_, unit) in linear.facts(self.model)["parameters"].items()}
+        wide = {i: units.get(self.names[i]) for i, p in enumerate(self.priors.values()) if p.wide}
+        grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID)
+                 for i, unit in wide.items()}  # fmt: skip
+        (k, *ks), (m, *ms) = (
+            [i for i, unit in wide.items() if unit == wanted] or [None] for wanted in ("N/m", "kg")
+        )
+        paired = None not in (k, m) and not ks and not ms
+        if paired:
+            hz = np.concatenate([one.frequency_hz for one in self.measured if not one.free])
+            grids[m] = np.log(2 * math.pi * np.geomspace(hz.min(), hz.max(), ANTIRESONANCES))
         found = []
-        for shifts in itertools.product(*grids):
+        for chosen in itertools.product(*grids.values()):
             x = self.centre.copy()
-            x[wide] += np.array(shifts) * self.spread[wide]
-            size = np.sum(2 * (np.sqrt(1 + self.coarse(x) ** 2) - 1))
-            found.append((float(size), x))
+            for i, shift in zip(grids, chosen, strict=True):
+                x[i] += shift * self.spread[i]
+            if paired:
+                x[m] = x[k] - 2 * chosen[list(grids).index(m)]
+            if np.all(abs(x - self.centre) < 0.9 * EDGE * self.spread):
+                size = np.sum(2 * (np.sqrt(1 + self.coarse(x) ** 2) - 1))
+                found.append((float(size), x))
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES]]
 
+    def _bounds(self, inside=0.0):
+        reach = (EDGE - inside) * self.spread
+        return self.centre - reach, self.centre + reach
+
+    def near(self, begin, evaluations):
+        """Searched by the logarithm from `begin`: what least_squares gives."""
+        return optimize.least_squares(
+            self.coarse, begin, loss="soft_l1", bounds=self._bounds(), x_scale=self.spread,
+            max_nfev=evaluations,
+        )  # fmt: skip
+
     def search(self, begin):
-        low, high = self.centre - EDGE * self.spread, self.centre + EDGE * self.spread
-        options = {"bounds": (low, high), "x_scale": self.spread, "max_nfev": 40}
-        near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
-        inside = 1e-3 * self.spread
-        near = np.clip(near, low + inside, high - inside)
-        return optimize.least_squares(self.fine, near, xtol=1e-9, ftol=1e-9, **options)
+        """First by the logarithm, then by the likelihood: what least_squares gives."""
+        near = np.clip(self.near(begin, 20).x, *self._bounds(1e-3))
+        return optimize.least_squares(
+            self.fine, near, bounds=self._bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
+            ftol=1e-7,
+        )  # fmt: skip
 
 
 def _real(values):
@@ -280,20 +332,35 @@ def joint(model, priors, measurements, over=(), coherent=COHERENT):
     measured = [replace(m, model=model) for m in measurements]
     if not priors or not any(not m.free for m in measured):
         raise InputError("fit: expected parameters to find, and a response in contact")
-    problem = _Responses(model, priors, measured)
+    problem = _in_modes(_Responses(model, priors, measured))
     best = _searched(problem)
-    slopes = [{}, *(modes for modes in sets.slopes(model) if modes)]
-    if len(slopes) > 1:
-        for _ in range(2):
-            chosen = _modes(problem, best.x, slopes)
-            if chosen == problem.modes:
-                break
-            problem.modes = chosen
-            best = min([problem.search(best.x), _searched(problem)], key=lambda r: r.cost)
-    return _judged(problem, best.x, over, coherent)
+    found = _judged(problem, best, over, coherent)
+    if found.rejected == "chi2":
+        apart = _by_level(problem, best)
+        if apart is not None:
+            return _judged(problem, apart.mean(0), over, coherent, apart)
+    return found
+
+
+def _in_modes(problem):
+    """The problem in the modes of the amplifier whose best start explains the responses best."""
+    slopes = [{}, *(modes for modes in sets.slopes(problem.model) if modes)]
+    pressed = sum(not m.free for m in problem.measured)
+    if len(slopes) == 1:
+        return problem
+    every = list(itertools.product(slopes, repeat=pressed))
+    if len(every) > COMBINATIONS:
+        every = [(modes,) * pressed for modes in slopes]
+    tried = []
+    for chosen in every:
+        left = iter(chosen)
+        one = replace(problem, modes=[{} if m.free else next(left) for m in problem.measured])
+        tried.append((one.near(one.starts()[0], 8).cost, one))
+    return min(tried, key=lambda pair: pair[0])[1]
 
 
 def _searched(problem):
+    """The best parameters, x."""
     best = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -301,42 +368,63 @@ def _searched(problem):
         best = found if best is None or found.cost < best.cost else best
         if 2 * best.cost < enough:
             break
-    return best
+    return best.x
 
 
-def _modes(problem, x, slopes):
-    """The modes in which each response in contact is explained best."""
-    sizes = []
-    for modes in slopes:
-        tried = replace(problem, modes=[{} if m.free else modes for m in problem.measured])
-        sizes.append([float(np.sum(s**2)) for s in tried.scores(x)])
-    pick = np.argmin(sizes, 0)
-    return [
-        {} if m.free else slopes[i] for m, i in zip(problem.measured, pick.tolist(), strict=True)
-    ]
+def _by_level(problem, best):
+    """The best parameters of each level in contact without the others, (levels, p); None where
+    one is not explained so either, or the levels are too far apart to be one plant."""
+    pressed = [i for i, m in enumerate(problem.measured) if not m.free]
+    found = []
+    for level in pressed:
+        kept = [i for i, m in enumerate(problem.measured) if m.free or i == level]
+        one = replace(problem, measured=[problem.measured[i] for i in kept],
+                      modes=[problem.modes[i] for i in kept])  # fmt: skip
+        x = one.search(best).x
+        if any(_score(s)["p"] < MISFIT / len(kept) for s in one.scores(x)):
+            return None
+        found.append(x)
+    apart = np.array(found)
+    return apart if len(apart) > 1 and np.ptp(apart, 0).max() < APART else None
 
 
-def _judged(problem, x, over, coherent):
-    """The Found of the best parameters."""
+def _score(residuals):
+    chi2, dof = float(np.sum(residuals**2)), len(residuals)
+    return {"chi2": chi2, "dof": dof, "p": float(stats.chi2.sf(chi2, dof))}
+
+
+def _judged(problem, x, over, coherent, apart=None):
+    """The Found of the best parameters; apart: those of each level, where levels differ."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
-        chi2, dof = float(np.sum(score**2)), 2 * len(m.frequency_hz)
-        levels.append({
-            "name": "apart" if m.free else "in contact", "points": len(m.frequency_hz),
-            "chi2": chi2, "dof": dof, "p": float(stats.chi2.sf(chi2, dof)), "modes": modes,
-        })  # fmt: skip
+        name = "apart" if m.free else "in contact"
+        levels.append(
+            {"name": name, "points": len(m.frequency_hz), "modes": modes, **_score(score)}
+        )
     away = (x - problem.centre) / problem.spread
-    chi2 = sum(level["chi2"] for level in levels) + float(np.sum(away**2))
     best = problem.values(x)
-    found = Found(problem.model, best, chi2, sum(level["dof"] for level in levels), levels)
-    limit = loops.force_loop(problem.model, "p", "zoh", best).limit()
-    found.limiting_hz = limit.frequency_hz
+    chi2, dof = (sum(level[key] for level in levels) for key in ("chi2", "dof"))
+    found = Found(problem.model, best, chi2 + float(np.sum(away**2)), dof, levels)
+    found.levels_differ = apart is not None
+    found.limiting_hz = loops.force_loop(problem.model, "p", "zoh", best).limit().frequency_hz
     _reject(found, problem, away, coherent)
     if found.rejected:
         return found
     scales = [max(1.0, level["chi2"] / level["dof"]) for level in levels]
     lines, information = problem.information(x, scales)
     covariance = np.linalg.inv(information)
+    ranges = plant_set.ranges_of(problem.model, over, best)
+    # What the freedom of all the others adds does not show in a response, so no law meets it.
+    shown = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
+    varied = [i for i, name in enumerate(problem.names) if name in ranges]
+    if varied:
+        block = lines[np.ix_(varied, varied)] + np.diag(problem.spread[varied] ** -2.0)
+        shown[varied] = np.sqrt(np.diag(np.linalg.inv(block)))
+    changed = set()
+    if apart is not None:
+        shift = apart - x
+        covariance = covariance + shift.T @ shift / max(1, len(apart) - 1)
+        changed = set(np.flatnonzero(abs(shift).max(0) > np.maximum(3 * shown, CHANGED)).tolist())
     spread = np.sqrt(np.diag(covariance))
     size = stats.norm.ppf((1 + SHARE) / 2)
     found.values = best
@@ -346,14 +434,13 @@ def _judged(problem, x, over, coherent):
     }
     found.correlation = covariance / np.outer(spread, spread)
     found.ratios = _ratios(best, covariance, size)
-    # What the others' freedom adds does not show in a response, so no law meets it.
-    alone = size / np.sqrt(np.maximum(np.diag(lines), 1e-12))
-    ranges = plant_set.ranges_of(problem.model, over, best)
     for i, name in enumerate(problem.names):
-        if name in ranges:
-            value, low, high = ranges[name]
-            wider = math.exp(min(alone[i], size * spread[i]))
-            ranges[name] = (value, low / wider, high * wider)
+        wider = size * min(shown[i], spread[i])
+        if i in changed:
+            wider += float(abs(shift[:, i]).max())
+        if name in ranges or (i in changed and len(ranges) < plant_set.RANGES_MAX):
+            value, low, high = ranges.get(name, (best[name],) * 3)
+            ranges[name] = (value, low * math.exp(-wider), high * math.exp(wider))
     visited = [modes for i, modes in enumerate(problem.modes) if not problem.measured[i].free]
     modes = tuple({tuple(sorted(m.items())): m for m in visited}.values())
     found.plants = plant_set.PlantSet(problem.model, best, ranges, modes)
@@ -364,7 +451,7 @@ def _reject(found, problem, away, coherent):
     """Says why a fit is not taken, if it is not."""
     worst = int(abs(away).argmax())
     misfits = [level for level in found.levels if level["p"] < MISFIT / len(found.levels)]
-    if found.p < MISFIT or misfits:
+    if (found.p < MISFIT or misfits) and not found.levels_differ:
         p = min([found.p, *(level["p"] for level in misfits)])
         found.rejected = "chi2"
         found.text = (
