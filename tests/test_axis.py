@@ -21,7 +21,7 @@ from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.keeper import WatchdogKeeper
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, OBJECTS_HASH
 from verbs import forceaxis
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -123,7 +123,11 @@ def test_a_library_that_is_missing_is_named(monkeypatch):
 def test_list_shows_the_simulated_axis():
     (row,) = json.loads(said(forceaxis("axis", "list", *SIM, "--json")))
     assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
-    assert row["table"] == f"{row['table']:>08}" and len(row["table"]) == 8
+    assert row["table"] == OBJECTS_HASH[:8]
+    done = forceaxis("axis", "list", "--axis", "1")
+    assert refusal(done, 2) == "expected one bus: --lcm-url URL, --can, --modbus or --sim"
+    done = forceaxis("axis", "list", "--lcm-url", "udpm://239.255.76.67:7699?ttl=0", "--json")
+    assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
 
 # Moving.
@@ -421,7 +425,7 @@ OURS = OWN_NODE << 16 | 1000
         # Another master is watched, and stays so.
         ([5 << 16 | 300, 0, 0, 0], [5 << 16 | 300, OURS, 0, 0], [5 << 16 | 300, 0, 0, 0]),
         # What a killed program of this kind has left is its own entry.
-        ([0, OURS, 0, 0], [0, OURS, 0, 0], [0, 0, 0, 0]),
+        ([0, OURS, 0, 0], [OURS, 0, 0, 0], [0, 0, 0, 0]),
         # A time that somebody has set for this id is put back.
         ([0, OWN_NODE << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, OWN_NODE << 16 | 400, 0, 0]),
     ],
@@ -434,9 +438,10 @@ def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, me
     try:
         link.acquire()
         link.write({"force_gain": 1792})
-        assert consumers(local) == before  # parameters need no supervision
         link.write({"controlword": 7})
-        assert consumers(local) == before  # this enables nothing
+        # What enables nothing needs no supervision, and makes none.
+        assert consumers(local) == [raw if raw != OURS else 0 for raw in before]
+        assert not local.heard
         link.write({"controlword": 15})
         assert consumers(local) == meanwhile
         assert local.heard
@@ -475,6 +480,25 @@ def test_can_another_node_of_the_own_id_is_refused(node):
         with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
             link.write({"controlword": 15})
         assert OURS not in consumers(local)
+    finally:
+        link.close()
+
+
+def test_can_the_heartbeat_goes_on_during_a_long_transfer(node):
+    local, bus = node
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        link.write({"controlword": 15})
+        with link._asking("a transfer"):
+            before = len(local.heard)
+            time.sleep(0.5)
+            assert len(local.heard) >= before + 2  # one in 100 ms
+        link.release()
+        time.sleep(0.05)
+        before = len(local.heard)
+        time.sleep(0.2)
+        assert len(local.heard) == before  # nobody waits for it any more
     finally:
         link.close()
 

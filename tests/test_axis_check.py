@@ -9,6 +9,7 @@ import pytest
 import verbs
 from forceaxis.axis import params
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import NoAnswer
 from forceaxis.axis.sim import SimLink
 from forceaxis.commission.check import Check
 
@@ -208,6 +209,58 @@ def test_another_object_table_ends_the_check(experiment):
     run, _, way = checked(experiment(), change=change)
     assert [s.step for s in run.steps] == ["connection", "object table"]
     assert not run.passed and way == 0
+
+
+@pytest.mark.parametrize("lost", [2, 100])
+def test_what_cannot_be_restored_is_said(experiment, lost):
+    """The link is lost for so many writes when the check disables the axis after the move."""
+
+    def change(link):
+        write, remaining = link.write, lost
+
+        def failing(values):
+            nonlocal remaining
+            moved = link.axis.extremes["position_max_cnt"] - link.axis.extremes["position_min_cnt"]
+            if moved > 300 and values == {"controlword": 6} and remaining:
+                remaining -= 1
+                raise NoAnswer("it does not answer")
+            write(values)
+
+        link.write = failing
+
+    file = experiment()
+    before = params.read(Axis(SimLink(file)))
+    axis = Axis(SimLink(file))
+    axis.acquire()
+    axis.link.axis.reset_extremes()
+    change(axis.link)
+    run = Check(axis)
+    run.run(lambda text: True)
+    if lost == 2:
+        assert run.passed and params.read(axis) == before
+    else:
+        assert verdicts(run)["restore"] == "failed" and verdicts(run)["tare"] == "skipped"
+
+
+@pytest.mark.parametrize("after", [3, 12, 18, 20, 24])
+def test_ctrl_c_restores_what_was_set(experiment, after):
+    file = experiment()
+    before = params.read(Axis(SimLink(file)))
+    axis = Axis(SimLink(file))
+    axis.acquire()
+    write, count = axis.link.write, 0
+
+    def interrupted(values):
+        nonlocal count
+        count += 1
+        if count == after:
+            raise KeyboardInterrupt
+        write(values)
+
+    axis.link.write = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        Check(axis).run(lambda text: True)
+    assert params.read(axis) == before and axis.read("drive_state") != "operation_enabled"
 
 
 def test_the_verb(experiment):

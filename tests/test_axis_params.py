@@ -11,7 +11,7 @@ from forceaxis import toml
 from forceaxis._core import InputError
 from forceaxis.axis import params, params_file
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,6 +38,10 @@ PDO = {
     "tpdo_mapping_18": 0x60740010, "tpdo_mapping_19": 0x60410010, "tpdo_mapped_3 ": 3,
     "tpdo_inhibit_time_3": 1000, "tpdo_cob_id_3 ": 0x40000381,
 }  # fmt: skip
+
+
+def by_register(name):
+    return not name.startswith("tpdo_")
 
 
 @pytest.fixture
@@ -70,14 +74,14 @@ def written(tmp_path, text, name="axis.toml"):
     return file
 
 
-@pytest.mark.parametrize("known", params_file.PARAMETERS, ids=lambda known: known.name)
-def test_every_raw_value_reads_back_bit_for_bit(known):
-    drawn = random.Random(known.name)
-    raws = {known.min, known.max, known.default, *(drawn.randint(known.min, known.max)
-                                                  for _ in range(20))}  # fmt: skip
-    lines = "\n".join(f"v{i} = {params_file.text(known, raw, 5)}" for i, raw in enumerate(raws))
-    values = toml.read_text(lines).values()
-    assert [params_file.raw_value(known, value, 5) for value in values] == list(raws)
+def test_every_raw_value_of_every_parameter_reads_back_bit_for_bit():
+    drawn = random.Random(18)
+    for known in params_file.PARAMETERS:
+        raws = [known.min, known.max, known.default]
+        raws += [drawn.randint(known.min, known.max) for _ in range(20)]
+        lines = [f"v{i} = {params_file.text(known, raw, 5)}" for i, raw in enumerate(raws)]
+        values = toml.read_text("\n".join(lines)).values()
+        assert [params_file.raw_value(known, v, 5) for v in values] == raws, known.name
 
 
 @pytest.mark.parametrize("everything", [False, True])
@@ -91,7 +95,7 @@ def test_a_dump_makes_another_axis_the_same(owned, tmp_path, everything):
         d.name for d in before
     }
     loaded = params.load(second, file)
-    assert loaded.changed == before
+    assert (loaded.changed, loaded.managed) == (before, [])
     assert loaded.bank == {
         "force_bank": 1, "bank_state": "valid", "certificate_state": "fits",
     }  # fmt: skip
@@ -180,7 +184,8 @@ def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path
         params.read(axis)
 
 
-def test_a_lost_connection_is_undone_where_it_comes_back(owned, tmp_path):
+@pytest.mark.parametrize("error", [NoAnswer("no answer"), KeyboardInterrupt()])
+def test_a_load_that_ends_in_between_is_undone(owned, tmp_path, error):
     file = written(tmp_path, params.dump(configured(owned)))
     axis = owned()
     before, write, count = params.read(axis), axis.link.write, 0
@@ -189,12 +194,13 @@ def test_a_lost_connection_is_undone_where_it_comes_back(owned, tmp_path):
         nonlocal count
         count += 1
         if count == 12:
-            raise params.NoAnswer("no answer")
+            raise error
         write(values)
 
     axis.link.write = failing
-    with pytest.raises(Refused, match="no answer; everything is as it was before"):
+    with pytest.raises((Refused, KeyboardInterrupt)) as ended:
         params.load(axis, file)
+    assert str(ended.value) in ("", f"{file}: no answer; everything is as it was before")
     assert count > 12 and params.read(axis) == before
 
 
@@ -299,6 +305,31 @@ def test_a_file_of_the_table_of_0_1_0(owned, tmp_path):
     assert "position_gain" in changed and axis.read("position_gain") == 0
 
 
+def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_path):
+    first = configured(owned)
+    whole = written(tmp_path, params.dump(first), "whole.toml")
+    first.link.manages = lambda name: name.startswith("tpdo_")
+    first.link.reaches = lambda name: not name.startswith("rpdo_")
+    text = params.dump(first)
+    about = toml.read_text(text)["about"]
+    assert {"rpdo_mapping", "tpdo_mapping", "tpdo_cob_id"} < set(about["without"])
+    assert "\ntpdo_" not in text and "\nrpdo_" not in text
+    # A file without them leaves them as they are.
+    second = configured(owned)
+    second.link.write({"rpdo_timeout_2": 70})
+    loaded = params.load(second, written(tmp_path, text))
+    assert loaded.changed == [] and second.read("rpdo_timeout_2") == 70
+    # What a gateway sets up itself is not written by it; what has no register is refused.
+    third = owned()
+    third.link.manages = first.link.manages
+    loaded = params.load(third, whole)
+    assert {"tpdo_cob_id_3", "tpdo_mapping_17"} < set(loaded.managed)
+    assert third.read("tpdo_mapped_3") == 2 and third.read("watchdog") == 250
+    third.link.manages, third.link.reaches = (lambda name: False), by_register
+    with pytest.raises(Refused, match="tpdo_cob_id_1: it has no Modbus register"):
+        params.load(third, whole)
+
+
 def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
     store, file = tmp_path / "axis.store", tmp_path / "axis.toml"
     way = ("--sim", PLAIN, "--store", store)
@@ -328,7 +359,7 @@ def test_the_verbs_write_files_whole_and_dry_runs_not_at_all(tmp_path):
     result = json.loads(ran.stdout)
     assert result["dry_run"] and result["bank"] == {} and len(result["changes"]) == 17
     ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN)
-    assert ran.stdout.splitlines()[-1] == "force_bank 1: valid, certificate fits"
+    assert ran.stdout.splitlines()[-1] == "force bank 1, bank valid, certificate fits"
     # A folder that is not there: nothing is left half-written.
     ran = verbs.forceaxis("axis", "params", "dump", tmp_path / "no/axis.toml", "--sim", PLAIN)
     assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1

@@ -186,25 +186,14 @@ def test_a_contact_that_does_not_settle_in_simulation_is_refused(plants, designe
         assert parameters(axis) == before
 
 
-@pytest.mark.long
-def test_a_law_that_peaks_higher_than_predicted_is_taken_back(plants, designed, monkeypatch):
-    """A fast law; what it is verified by has a sensor that is five times softer."""
-    (designed / "simulate.json").unlink()
-    gain = json.loads((designed / "design.json").read_text())["result"]["bank"]["force_gain"]
-    altered(designed, "fit", lambda r: r["values"].update(k_s=0.2 * r["values"]["k_s"]))
-    monkeypatch.setattr(tune_steps, "simulate", lambda tuning: ({}, ""))
+def test_a_law_that_is_not_verified_is_taken_back(plants, designed, monkeypatch):
+    """Judged by a bound that no measured loop keeps: Ms below what is predicted by 2."""
+    monkeypatch.setattr(tune_steps, "MS_WITHIN", -2.0)
     with Axis(link(plants)) as axis:
         before = parameters(axis)
-        tuning = tune.Tuning(axis, order(plants), designed)
-        held = tuning.result("design")["bank"]
-        fast = Bank(
-            1.9 * gain, held["integral_rad_per_s"], 0.0, tuple(map(tuple, held["sections"]))
-        )
-        values = tune_steps._objects(tuning, fast.quantised(), {})
-        altered(designed, "design", lambda r: r.update(objects=values))
         with pytest.raises(Refusal) as refused:
-            tuning.run()
-        assert refused.value.name in ("verify", "contact", "force", "bias")
+            tune.Tuning(axis, order(plants), designed).run()
+        assert refused.value.name == "verify"
         assert refused.value.text.endswith("the law before is in force again")
         assert parameters(axis) == before
         assert not (designed / "write.json").exists()

@@ -16,6 +16,8 @@ from forceaxis.bus.state_names import BY_NAME, texts
 
 INVALID = 1 << 31  # of a COB-ID: its PDO may be changed
 PDOS, ENTRIES = 4, 8
+LAST = ("_mapped_", "_cob_id", "force_bank")  # written in this order after all others
+RANKS = 1 + len(LAST)
 STORE_S = 10.0  # a sector of flash takes up to a second to erase
 POLL_S = 0.02
 SOFTWARE = 0x100A
@@ -46,9 +48,13 @@ def shown(known, raw):
 
 
 def read(axis):
-    """{object: raw value} of all parameters that the link reaches. Raises Refused, NoAnswer."""
+    """{object: raw value} of all parameters that the link reaches and does not manage itself.
+    Raises Refused, NoAnswer."""
     expect_table(axis)
-    return axis.link.read([o.name for o in PARAMETERS if axis.link.reaches(o.name)])
+    link = axis.link
+    return link.read(
+        [o.name for o in PARAMETERS if link.reaches(o.name) and not link.manages(o.name)]
+    )
 
 
 def expect_table(axis):
@@ -64,56 +70,51 @@ def expect_table(axis):
 
 def about(axis):
     """What [about] of a file says of the axis."""
-    found = axis.link.read(["node_id", "serial_number"])
+    names = ["node_id", "serial_number"]
+    found = axis.link.read([name for name in names if axis.link.reaches(name)])
+    serial = found.get("serial_number")
     return {
         "object_table": params_file.table_hash(),
         "firmware": axis.link.text(SOFTWARE),
         "axis": axis.link.where,
-        "serial_number": f"0x{found['serial_number']:08x}",
+        "serial_number": None if serial is None else f"0x{serial:08x}",
         "node_id": found["node_id"],
     }
 
 
 def dump(axis, everything=False):
     """Text of a file with the axis' parameters; everything: defaults too."""
-    values = read(axis)
-    reached = None if len(values) == len(PARAMETERS) else set(values)
-    return params_file.dump(values, about(axis), everything, reached)
+    return params_file.dump(read(axis), about(axis), everything)
 
 
 def differences(axis, path, skip=(), measured=False):
     """[Difference] between an axis and a file, where it has another value. measured: [measured] of
     the file too. Raises InputError, Refused, NoAnswer."""
-    return _wanted(axis, path, skip, measured)[0]
+    return _compared(axis, read(axis), path, skip, measured).changed
 
 
-def _wanted(axis, path, skip, measured):
-    """[Difference], in the file's order, and how many parameters it concerns."""
-    before = read(axis)
+def _compared(axis, before, path, skip, measured):
+    """What a file would change of {object: raw value}, as Loaded without a bank."""
     node_id = axis.link.read(["node_id"])["node_id"]
     file = params_file.read(path, node_id, skip)
-    wanted = dict(file.values)
+    managed = [name for name in file.values if axis.link.manages(name)]
+    wanted = {name: raw for name, raw in file.values.items() if name not in managed}
     if measured:
         wanted |= file.measured
-    if file.complete:
-        left_out = {
-            o.name for o in PARAMETERS if {o.name, params_file.STEM.get(o.name)} & set(skip)
-        }
-        for o in PARAMETERS:
-            if o.name in before and o.name not in left_out and (measured or o.name not in MEASURED):
-                wanted.setdefault(o.name, params_file.default(o, node_id))
     for name in wanted:
         if name not in before:
-            raise Refused(
-                f"{name}: {axis.link.where} does not reach it; use --axis or --can for it"
-            )
+            raise Refused(f"{name}: it has no Modbus register; use --axis or --can, or --skip it")
+    for name in file.defaults:
+        if name in before and (measured or name not in MEASURED):
+            wanted[name] = params_file.default(BY_NAME[name], node_id)
     rows = [Difference(n, before[n], raw) for n, raw in wanted.items() if before[n] != raw]
-    return rows, len(wanted)
+    return Loaded(rows, len(wanted), managed, {})
 
 
 class Loaded(NamedTuple):
     changed: list  # of Difference
     concerned: int  # parameters that the file sets, changed or not
+    managed: list  # names of what the file has and the link's gateway sets itself: left out
     bank: dict  # {"force_bank", "bank_state", "certificate_state"}; empty where none is selected
 
 
@@ -123,22 +124,23 @@ def load(axis, path, skip=(), measured=False, dry_run=False):
     All or nothing: raises InputError before anything is written, Refused after everything was put
     back, with the parameter that the axis did not take. dry_run writes nothing.
     """
-    changes, concerned = _wanted(axis, path, skip, measured)
-    if dry_run or not changes:
-        return Loaded(changes, concerned, bank(axis))
+    before = read(axis)
+    loaded = _compared(axis, before, path, skip, measured)
+    if dry_run or not loaded.changed:
+        return loaded._replace(bank=bank(axis))
     word = axis.link.read(["statusword"])["statusword"]
     if state_names.drive_state(word) in POWERED:
         raise Refused(f"{axis.link.where}: expected it disabled, {axis.about()}")
-    before = read(axis)
+    changes = {change.name: change.file for change in loaded.changed}
     try:
-        write(axis, {change.name: change.file for change in changes}, before)
-        _expect_written(axis, before | {change.name: change.file for change in changes})
+        write(axis, changes, before)
+        _expect_written(axis, before | changes)
     except (Refused, NoAnswer, KeyboardInterrupt) as error:
         _put_back(axis, before, error)
         if isinstance(error, KeyboardInterrupt):
             raise
         raise Refused(f"{path}: {error}; everything is as it was before") from None
-    return Loaded(changes, concerned, bank(axis))
+    return loaded._replace(bank=bank(axis))
 
 
 def bank(axis):
@@ -146,12 +148,9 @@ def bank(axis):
     number = axis.read("force_bank")
     if not number:
         return {}
-    found = axis.get(f"bank_state_{number}", f"certificate_state_{number}")
-    return {
-        "force_bank": number,
-        "bank_state": found[f"bank_state_{number}"],
-        "certificate_state": found[f"certificate_state_{number}"],
-    }
+    names = [n for n in ("bank_state", "certificate_state") if axis.link.reaches(f"{n}_{number}")]
+    states = axis.get(*(f"{name}_{number}" for name in names))
+    return {"force_bank": number} | {name: states[f"{name}_{number}"] for name in names}
 
 
 def _put_back(axis, before, reason):
@@ -202,7 +201,11 @@ def write(axis, changes, present):
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
-    remaining = {name: wanted[name] for name in sorted(wanted, key=_rank)}
+    for rank in range(RANKS):
+        _write_rounds(axis, {n: raw for n, raw in wanted.items() if _rank(n) == rank})
+
+
+def _write_rounds(axis, remaining):
     while remaining:
         refused = {}
         for name, raw in remaining.items():
@@ -218,34 +221,34 @@ def write(axis, changes, present):
 
 def _rank(name):
     """Entries of a PDO, then how many count, then what makes it valid; a bank's choice last."""
-    ends = ("_mapped_", "_cob_id", "force_bank")
-    return next((i for i, end in enumerate(ends, 1) if end in name), 0)
+    return next((i for i, end in enumerate(LAST, 1) if end in name), 0)
 
 
 def _explained(axis, name, raw):
     """A value that was refused, and of a bank why."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
+    state = f"bank_state_{raw}"
     words = f"expected the axis to take {name} = {shown(known, raw)}{unit} beside the others"
-    if name == "force_bank" and raw:
-        words += f", the bank is {axis.read(f'bank_state_{raw}').replace('_', ' ')}"
+    if name == "force_bank" and raw and axis.link.reaches(state):
+        words += f", the bank is {axis.read(state).replace('_', ' ')}"
     return words
 
 
 def store(axis):
     """Keeps all parameters of an owned, disabled axis over a power cut, and waits for the end of
     that. Raises Refused, with the store's state, NoAnswer."""
-    _command(axis, "store_all", "saved")
+    _command(axis, "store_parameters", "saved")
 
 
 def restore(axis):
     """Lets the axis start with the defaults at the next power-up or reset of the node; until then
     nothing changes. Raises Refused, NoAnswer."""
-    _command(axis, "restore_all", "restored")
+    _command(axis, "restore_defaults", "restored")
 
 
 def _command(axis, name, done):
-    axis.link.write({name: BY_NAME[name].min})  # the texts "save" and "load"
+    axis.link.write({name: 1})
     passed = 0.0
     while (state := axis.read("store_state")) == "saving" or passed == 0.0:
         if passed >= STORE_S:

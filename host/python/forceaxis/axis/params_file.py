@@ -17,8 +17,9 @@ tare, calibration) belong to one sensor; they are in [measured], which is loaded
 where that is asked for. force_scale, what a calibration is for, is a parameter: the law and its
 certificate depend on it.
 
-others = "defaults": the file holds what differs from the defaults, all else is a default. Without
-it, as in the bank.toml of `forceaxis design`, the file concerns what it names and nothing else.
+others = "defaults": the file holds what differs from the defaults; all else is a default, but for
+what `without` names, which could not be read or belonged to a gateway. Without `others`, as in the
+bank.toml of `forceaxis design`, a file concerns what it names and nothing else.
 """
 
 import datetime
@@ -70,7 +71,7 @@ class ParameterFile(NamedTuple):
 
     about: dict
     values: dict
-    complete: bool  # all else is at its default
+    defaults: tuple  # names of what is at its default
     measured: dict
 
 
@@ -111,17 +112,14 @@ def signature(known):
     return facts | ({"enum": list(texts(known))} if texts(known) else {})
 
 
-def dump(values, about, everything=False, reached=None):
-    """Text of a file with {object: raw value} of all parameters, identity apart.
-
-    everything: what is at its default too. reached: names of those that could be read; where they
-    are not all, the file has them all and says nothing of the others.
-    """
+def dump(values, about, everything=False):
+    """Text of a file with {object: raw value} of parameters; everything: what is at its default
+    too. Parameters that are not among the values are named in `without`."""
     node_id = about["node_id"]
-    everything = everything or reached is not None
-    groups, named = {}, []
+    groups, named, without = {}, [], []
     for name, elements in _entries():
-        if reached is not None and any(o.name not in reached for o in elements):
+        if any(o.name not in values for o in elements):
+            without.append(name)
             continue
         raw = [values[o.name] for o in elements]
         if everything or any(r != default(o, node_id) for o, r in zip(elements, raw, strict=True)):
@@ -135,8 +133,9 @@ def dump(values, about, everything=False, reached=None):
         if about.get(key) is not None:
             value = about[key]
             lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else value}")
-    if reached is None:
-        lines.append('others = "defaults"  # of what is not named below')
+    lines.append('others = "defaults"  # of what is not named below')
+    if without:
+        lines.append(f"without = {_toml(without)}")
     for group in (*dict.fromkeys(o.part for o in PARAMETERS), "measured"):
         if group in groups:
             lines += ["", f"[{group}]", *groups[group]]
@@ -195,6 +194,9 @@ def read(path, node_id, skip=()):
     others = about.get("others")
     if others not in (None, "defaults"):
         raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
+    without = about.get("without", [])
+    if not isinstance(without, list):
+        raise InputError(f"{path}: about.without: expected a list of names, got {without}")
     unused = set(skip)
     for group, table in tables.items():
         if not isinstance(table, dict):
@@ -224,7 +226,14 @@ def read(path, node_id, skip=()):
         where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
         hint = "; correct it or leave it out (--skip NAME)"
         raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
-    return ParameterFile(about, parameters, others == "defaults", measured)
+    left_out = {*without, *skip}
+    defaults = [
+        o.name
+        for o in PARAMETERS
+        if others and not {o.name, STEM.get(o.name)} & left_out and o.name not in parameters
+        and o.name not in measured
+    ]  # fmt: skip
+    return ParameterFile(about, parameters, tuple(defaults), measured)
 
 
 def table_hash():

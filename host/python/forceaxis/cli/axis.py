@@ -88,14 +88,14 @@ def list_axes(way, as_json):
     answer or are heard; with --modbus the units 1 to 127, which takes a serial line 20 s. Exit
     status 1 where there is none.
     """
-    from forceaxis.axis import present
+    from forceaxis.axis import scan
 
     with live_options.errors():
-        rows = present.found(way)
+        rows = scan.found(way)
     if as_json:
         click.echo(json.dumps(rows))
     elif rows:
-        columns = [c for c in present.COLUMNS if any(row[c] is not None for row in rows)]
+        columns = [c for c in scan.COLUMNS if any(row[c] is not None for row in rows)]
         table = [columns, *([shown(row[c]) if row[c] is not None else "-" for c in columns]
                             for row in rows)]  # fmt: skip
         widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
@@ -280,15 +280,14 @@ def press(force, seconds, speed, approach, way, as_json):
     begin = time.monotonic()
     with owned(way) as axis:
 
-        def tell(now):
+        def report(now):
             count = now["force"]
             at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
             click.echo(f"{at}force {count:.4g} count, {count * per_count:.4g} N")
 
         per_count = quantity.force_per_count(axis)
-        held = actions.press(
-            axis, wanted, newton, speed, approach, seconds, (lambda now: None) if as_json else tell
-        )
+        reports = {} if as_json else {"shown": report}
+        held = actions.press(axis, wanted, newton, speed, approach, seconds, **reports)
     if as_json:
         click.echo(json.dumps(held))
     else:

@@ -47,8 +47,9 @@ def dump(file, everything, way, as_json):
     """Write the parameters that differ from their defaults to FILE, or print them.
 
     FILE also has what each value means (type, scale, unit, range), so that a later forceaxis can
-    tell what it cannot load. Over Modbus a file has what has a register, all of it. --json prints
-    {"file", "parameters": {name: value}} of those that FILE would have.
+    tell what it cannot load. Over Modbus a file has only what has a register, and by a gateway not
+    the TPDOs and heartbeats that it sets up; `without` names them. --json prints {"file",
+    "parameters": {name: value}} of those that FILE would have.
     """
     from forceaxis.axis import params as parameters
 
@@ -110,7 +111,7 @@ def load(file, dry_run, skip, measured, way, as_json):
     `forceaxis design`, then nothing else changes. What does not fit this object table is named and
     nothing is written; if the axis refuses a value, everything is put back. It is in force at once
     and kept by `params store`. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}],
-    "unchanged": n, "bank": {...}}.
+    "unchanged": n, "bank": {...}, "managed": [names that the gateway sets itself: left out]}.
     """
     from forceaxis.axis import params as parameters
 
@@ -119,19 +120,19 @@ def load(file, dry_run, skip, measured, way, as_json):
     rows = [change.row() for change in loaded.changed]
     same = loaded.concerned - len(rows)
     if as_json:
-        result = {"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank}
+        result = {"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank,
+                  "managed": loaded.managed}  # fmt: skip
         click.echo(json.dumps(result))
         return
     for line in table(rows, ("name", "axis", "file", "unit")):
         click.echo(line)
     done = "would be written" if dry_run else "written"
     click.echo(f"{len(rows)} parameters {done}, {same} have their values")
+    if loaded.managed:
+        click.echo(f"left to the gateway: {', '.join(loaded.managed)}")
     if loaded.bank and not dry_run:
-        words = {key: str(value).replace("_", " ") for key, value in loaded.bank.items()}
-        click.echo(
-            f"force_bank {words['force_bank']}: {words['bank_state']}, certificate "
-            f"{words['certificate_state']}"
-        )
+        states = [f"{key.removesuffix('_state')} {value}" for key, value in loaded.bank.items()]
+        click.echo(", ".join(states).replace("_", " "))
 
 
 @params.command(epilog="forceaxis axis params store --axis 1")

@@ -33,6 +33,7 @@ DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
 RAMP_S = 0.1
+APPROACH_S = 60.0
 POLL_S = 0.1
 BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
@@ -122,7 +123,8 @@ class Analyzer:
         self.model, self.overrides = str(model), dict(overrides or {})
         self._before = {}
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
-                 "contact_force", "force_max", "tare_band", "position")  # fmt: skip
+                 "contact_force", "force_max", "tare_band", "contact_loss_cap",
+                 "position")  # fmt: skip
         known = axis.get(*names)
         self.bits, self.sign, self.zero = (known[n] for n in names[:3])
         self.newton = known["force_scale"] * 1e-6  # a count of the reading
@@ -352,6 +354,7 @@ class Analyzer:
         wanted = force_N
         self.set(target_force=self._per_mille(wanted))
         axis.enable("force")
+        self._touch()
         for _ in range(BIAS_TRIES):
             reached = self._standing()
             if abs(reached - force_N) <= BIAS_WITHIN * force_N:
@@ -362,6 +365,26 @@ class Analyzer:
             "bias", f"expected the reading to stand at {force_N:g} N, it stands at {reached:.3g} N "
             "with the law that the axis has; raise force_limit, rated_force or the law's gain"
         )  # fmt: skip
+
+    def _touch(self):
+        """Waits for the contact. What presses after a loss may then be as fast as this approach
+        was: held still meanwhile, as by default, a weak law leaves a light contact that noise ends
+        for a tick."""
+        fastest = 0
+
+        def touches(state):
+            nonlocal fastest
+            fastest = max(fastest, abs(state["dac_code"])) if not state["contact"] else fastest
+            return state["contact"] or state["contact_losses"] > before
+
+        before = self.axis.read("contact_losses")
+        names = ("contact", "contact_losses", "dac_code")
+        try:
+            self.axis.wait_for(touches, names, "a contact", APPROACH_S)
+        except NoAnswer as late:
+            raise Refusal("contact", str(late)) from None
+        if fastest > self.known["contact_loss_cap"]:
+            self.set(contact_loss_cap=fastest)
 
     def _per_mille(self, force_N):
         per_mille = 1e3 * force_N / self.rated_N

@@ -19,6 +19,7 @@ TRAVEL_CNT, OUTPUT_CODES = 400, 250  # of the move out and back
 MOVE_S = 2.0  # each way
 MOVE_SPEED_MAX = 8  # counts a tick: ten times as fast as the move is
 ARRIVED_CNT = 20
+RESTORE_TRIES = 4
 STAND_S = 5.0  # a disabled axis coasts
 ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
 NO_LIMIT = 2**31 - 1
@@ -303,12 +304,29 @@ class Check:
                     "is too low")  # fmt: skip
 
     def _put_back(self, before):
-        """Disables the axis and restores what was set for the motion."""
-        try:
-            self.axis.off()
-        finally:
-            now = self.axis.link.read(list(before))
-            params.write(self.axis, {n: v for n, v in before.items() if now[n] != v}, now)
+        """Disables the axis and restores what was set for the motion. A link that is lost for a
+        moment is tried again; a first Ctrl-C acts after it."""
+        interrupt = reason = None
+        for again in range(RESTORE_TRIES):
+            try:
+                self.axis.off()
+                now = self.axis.link.read(list(before))
+                params.write(self.axis, {n: v for n, v in before.items() if now[n] != v}, now)
+                reason = None
+                break
+            except KeyboardInterrupt as error:
+                if interrupt:
+                    raise
+                interrupt = error
+            except (Refused, NoAnswer) as error:
+                reason = str(error)
+                if again + 1 < RESTORE_TRIES:
+                    self.axis.link.wait(0.5)
+        if reason:
+            self._done("restore", "failed", f"{reason}; the limits of the check stay in force "
+                       "until the axis is switched off and on")  # fmt: skip
+        if interrupt:
+            raise interrupt
 
     def _stand(self):
         """Waits until the axis, which coasts since it was disabled, stands."""
