@@ -36,7 +36,7 @@ bool recording_needs_drive(const fw_t *fw) {
   return needed;
 }
 
-int recording_arm(fw_t *fw) {
+static int arm_recorder(fw_t *fw) {
   const recorder_params_t *params = &fw->recorder.params;
   const uint8_t edge = params->recorder_trigger_edge;
   recorder_channel_t channels[RECORDER_CHANNELS];
@@ -66,6 +66,19 @@ int recording_arm(fw_t *fw) {
     fw->recorder.trigger_previous = fw->drive.signals.excitation_state;
     fw->recorder.trigger_primed = 1;
   }
+  return FW_OK;
+}
+
+int recording_command(fw_t *fw, bool arm) {
+  if (arm) {
+    const int refusal = arm_recorder(fw);
+    if (refusal != FW_OK) {
+      return refusal;
+    }
+  } else {
+    recorder_stop(&fw->recorder);
+  }
+  canopen_recording_replaced(&fw->canopen);
   return FW_OK;
 }
 

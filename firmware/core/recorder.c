@@ -14,6 +14,19 @@ void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {
   recorder->channel_count = 0;
 }
 
+void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *channels,
+                           uint8_t count) {
+  uint8_t sample_bytes = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    const uint8_t bytes = value_bytes(channels[i].type);
+    recorder->channels[i] = channels[i];
+    recorder->channels[i].bytes = bytes;
+    sample_bytes = (uint8_t)(sample_bytes + bytes);
+  }
+  recorder->channel_count = count;
+  recorder->sample_bytes = sample_bytes;
+}
+
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger) {
   if (count == 0 || count > RECORDER_CHANNELS) {
@@ -29,13 +42,8 @@ int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8
   if (capacity == 0 || capacity > room || recorder->params.recorder_pretrigger >= capacity) {
     return -1;
   }
-  for (uint8_t i = 0; i < count; i++) {
-    recorder->channels[i] = channels[i];
-    recorder->channels[i].bytes = value_bytes(channels[i].type);
-  }
+  recorder_set_channels(recorder, channels, count);
   recorder->trigger = trigger;
-  recorder->channel_count = count;
-  recorder->sample_bytes = sample_bytes;
   recorder->trigger_primed = 0;
   recorder->decimation_remaining = 0;
   recorder->write_index = 0;

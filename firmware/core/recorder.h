@@ -57,6 +57,9 @@ void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes);
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger);
 
+/* The channels that a recording of `count` has, 1 to RECORDER_CHANNELS. */
+void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count);
+
 /* Idle at once; a recording that was done can no longer be read. */
 void recorder_stop(recorder_t *recorder);
 
