@@ -96,7 +96,9 @@ def fetch(axis):
     axis.link.fetch(SIGNALS)
     recording = axis.link.recording(COMPLETE_S)
     if zlib.crc32(packed(recording)) != about["incident_crc"]:
-        raise NoAnswer(f"{axis.link.where}: expected an incident whose CRC is right; fetch it again")
+        raise NoAnswer(
+            f"{axis.link.where}: expected an incident whose CRC is right; fetch it again"
+        )
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
         + ["modes_of_operation", "force_setpoint"]
@@ -168,9 +170,7 @@ def load(path):
         incident = Incident(Recording(tuple(samples), raw, 1, trigger), **held)
         is_right = zlib.crc32(packed(incident.recording)) == crc
     except (ValueError, KeyError, TypeError, struct.error, json.JSONDecodeError):
-        raise InputError(
-            f"{path}: expected an incident as `forceaxis incident` keeps it"
-        ) from None
+        raise InputError(f"{path}: expected an incident as `forceaxis incident` keeps it") from None
     if not is_right:
         raise InputError(f"{path}: expected samples whose CRC is right; fetch the incident again")
     return incident

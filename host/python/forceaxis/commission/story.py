@@ -185,7 +185,9 @@ class _Story:
 
     def error(self):
         """Distance to the set-point, where one is followed."""
-        lag = (self.incident.column("profile_position") - self.incident.column("position"))[: self.at]
+        lag = (self.incident.column("profile_position") - self.incident.column("position"))[
+            : self.at
+        ]
         if not len(lag) or not np.any(lag[-3:]):
             return None
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
@@ -202,7 +204,9 @@ class _Story:
         if abs(way) <= 4:
             return f"it stood for {ticks * MS:.0f} ms under codes of {codes.min()} to {codes.max()}"
         if way * codes[-1] < 0:
-            return f"it moved {self.length(way)} against its codes of {codes.min()} to {codes.max()}"
+            return (
+                f"it moved {self.length(way)} against its codes of {codes.min()} to {codes.max()}"
+            )
         return None
 
 
