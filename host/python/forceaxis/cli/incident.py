@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli.common import Folder, Positive, Verb, as_json
-from forceaxis.cli.live_options import connected, live, owned
+from forceaxis.cli.live_options import connected, live
 
 
 @click.command(
@@ -32,13 +32,13 @@ def incident(way, out, clear, wait_s, counts_per_mm, as_json):
     from forceaxis.commission import incident as incidents
     from forceaxis.commission import story
 
-    if wait_s:
-        with connected(way) as axis:
+    with connected(way) as axis:
+        if wait_s:
             incidents.wait(axis, wait_s)
-            done = _fetched(axis, clear) if way.sim else None
-    if not (wait_s and way.sim):
-        with owned(way) as axis:
-            done = _fetched(axis, clear)
+        axis.acquire()
+        done = incidents.fetch(axis)
+        if clear:
+            incidents.clear(axis)
     lines = story.tell(done, counts_per_mm)
     if out:
         incidents.write(done, out, incidents.figure(done, counts_per_mm))
@@ -52,15 +52,6 @@ def incident(way, out, clear, wait_s, counts_per_mm, as_json):
             click.echo(f"  {line}")
         if out:
             click.echo(f"files        {paths.quoted(out)}")
-
-
-def _fetched(axis, clear):
-    from forceaxis.commission import incident as incidents
-
-    done = incidents.fetch(axis)
-    if clear:
-        incidents.clear(axis)
-    return done
 
 
 VERBS = (incident,)

@@ -96,9 +96,7 @@ def fetch(axis):
     axis.link.fetch(SIGNALS)
     recording = axis.link.recording(COMPLETE_S)
     if zlib.crc32(packed(recording)) != about["incident_crc"]:
-        raise NoAnswer(
-            f"{axis.link.where}: expected an incident whose CRC is right; fetch it again"
-        )
+        raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
         + ["modes_of_operation", "force_setpoint"]
@@ -162,15 +160,15 @@ def load(path):
     try:
         held = json.loads(path.read_text())
         version = held.pop("forceaxis_incident")
-        if version != VERSION:
-            raise InputError(f"{path}: expected an incident of version {VERSION}, got {version}")
         samples = held.pop("samples")
         trigger, crc = samples.pop("trigger_sample"), samples.pop("crc")
         raw = np.array(list(samples.values()), dtype=np.int64).T
         incident = Incident(Recording(tuple(samples), raw, 1, trigger), **held)
         is_right = zlib.crc32(packed(incident.recording)) == crc
-    except (ValueError, KeyError, TypeError, struct.error, json.JSONDecodeError):
+    except (ValueError, KeyError, TypeError, AttributeError, struct.error):
         raise InputError(f"{path}: expected an incident as `forceaxis incident` keeps it") from None
+    if version != VERSION:
+        raise InputError(f"{path}: expected an incident of version {VERSION}, got {version}")
     if not is_right:
         raise InputError(f"{path}: expected samples whose CRC is right; fetch the incident again")
     return incident

@@ -197,6 +197,8 @@ class _Story:
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
+        if self.contact[-ticks - 1 : -1].any():
+            return None  # a held force
         codes = self.code[-ticks - 1 : -1]
         if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
             return None
