@@ -292,7 +292,7 @@ class Host:
         self.lib = ctypes.CDLL(str(library))
         self.axis = ctypes.c_uint32.in_dll(self.lib, "probe_axis").value
         self.fw = ctypes.create_string_buffer(16384)
-        self.lib.fw_init(self.fw, ctypes.create_string_buffer(64))  # fw_config_t: all 0
+        self.lib.fw_init(self.fw, ctypes.create_string_buffer(72))  # fw_config_t: all 0
         self.outputs = Outputs()
 
     def write(self, number, value):

@@ -20,7 +20,7 @@ static inline void incident_tick(fw_t *fw, uint8_t fault) {
   }
 }
 
-/* In fw_between(): starts, follows and shows the black box; CRC of an incident in steps, 0.3 s. */
+/* In fw_between(): starts, follows and shows the black box; CRC of an incident in steps, 1.2 s. */
 void incident_serve(fw_t *fw);
 
 /* A recording was armed. */

@@ -63,8 +63,7 @@ static int arm_recorder(fw_t *fw) {
   }
   if (starts) {
     /* A start before the first tick counts. */
-    fw->recorder.trigger_previous = fw->drive.signals.excitation_state;
-    fw->recorder.trigger_primed = 1;
+    recorder_prime(&fw->recorder, fw->drive.signals.excitation_state);
   }
   return FW_OK;
 }

@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-enum { CHECK_BYTES = 64 };
+enum { CHECK_BYTES = 16 };
 
 static void forget(blackbox_t *blackbox) {
   blackbox->tick = 0;

@@ -82,7 +82,7 @@ static inline void blackbox_tick(blackbox_t *blackbox, const void *base, uint8_t
  * second before. */
 void blackbox_follow(blackbox_t *blackbox, bool enabled, uint16_t error_code, uint32_t tick);
 
-/* Between ticks: up to 64 bytes more of the CRC of an incident. True: blackbox->crc is complete. */
+/* Between ticks: up to 16 bytes more of the CRC of an incident. True: blackbox->crc is complete. */
 bool blackbox_check(blackbox_t *blackbox);
 
 /* The incident as the finished recording of a recorder with the same buffer. */

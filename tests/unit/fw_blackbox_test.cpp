@@ -40,7 +40,7 @@ class BlackBox : public BusFixture {
     Tick();
   }
 
-  void Complete() { Tick(BLACKBOX_AFTER + 32768 / 64); }
+  void Complete() { Tick(BLACKBOX_AFTER + 32768 / 16); }
 
   int State() { return Read(AXIS_OBJ_BLACKBOX_STATE); }
 

@@ -27,7 +27,7 @@ SIGNALS = (
 FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 ABOUT = ("incident_fault", "incident_error_code", "incident_tick", "incident_later", "incident_crc")
 STATES = ("incident", "incident_kept")
-COMPLETE_S = 2.0  # an incident's end, and its CRC
+COMPLETE_S = 5.0  # an incident's end, and its CRC
 FULL_SCALE_BITS = 8  # counts of the force are those of an 8-bit reading
 
 
