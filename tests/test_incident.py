@@ -138,6 +138,20 @@ def test_the_file_is_the_incident(tmp_path):
         incident.load(kept)
 
 
+def test_a_replay_names_what_an_incident_lacks(tmp_path):
+    texts = {}
+    for name in ("force too large", "force sensor that is stuck"):
+        found = incident.fetch(at_end_of(tmp_path, BY_NAME[name].provoked))
+        incident.write(found, tmp_path / name, incident.figure(found))
+        done = forceaxis("replay", tmp_path / name / "incident.json")
+        assert done.returncode == 1
+        texts[name] = done.stderr
+    assert all("targets and controlwords" in text for text in texts.values())
+    # The first one was enabled within its second: everything before is as at power-up.
+    assert "force_integral" not in texts["force too large"]
+    assert "force_integral" in texts["force sensor that is stuck"]
+
+
 def test_the_verb(tmp_path):
     file = tmp_path / "hard.toml"
     file.write_text(experiment(pressing("force_max = 20"), ENABLE, sets=NEAR))

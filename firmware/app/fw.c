@@ -372,7 +372,8 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   incident_tick(fw, fault_of(fw));
   if (fw->config.buses != 0) {
-    const bool defer = reports_contact_seen(fw) != fw->contact_seen ||
+    /* A sample and a TPDO in one interrupt would be too long. */
+    const bool defer = incident_samples(fw) || reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }

@@ -20,6 +20,13 @@ static inline void incident_tick(fw_t *fw, uint8_t fault) {
   }
 }
 
+/* Whether one of the two took samples in this tick. */
+static inline bool incident_samples(const fw_t *fw) {
+  const uint8_t state = fw->recorder.signals.recorder_state;
+  return fw->boxed != 0 || state == AXIS_RECORDER_STATE_ARMED ||
+         state == AXIS_RECORDER_STATE_RECORDING;
+}
+
 /* In fw_between(): starts, follows and shows the black box; CRC of an incident in steps, 1.2 s. */
 void incident_serve(fw_t *fw);
 

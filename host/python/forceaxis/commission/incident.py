@@ -174,6 +174,18 @@ def load(path):
     return incident
 
 
+def missing(incident):
+    """What a replay of an incident would need beside its samples, by name."""
+    enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
+    lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
+    if len(enabled) and enabled[0]:
+        lacks.append(
+            "the state at its first sample of force law (force_integral, sections, bump_bias), "
+            "trajectory, shapers and supervision"
+        )
+    return lacks
+
+
 def figure(incident, counts_per_mm=None):
     """Force, position and code over the time from the error."""
     import matplotlib.pyplot as plt
