@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import can
@@ -19,6 +20,7 @@ from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
+from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.objects import BY_NAME
 from verbs import forceaxis
 
@@ -303,6 +305,80 @@ def test_a_trigger_that_does_not_fire_is_said():
     assert refusal(done, 2) == "capture: expected 1 to 8 signals, got 9"
 
 
+# What carries an axis, and keeps it.
+
+
+def test_the_watchdog_is_fed_several_times_within_it():
+    fed, refused = [], []
+
+    def write(value):
+        if len(fed) == 3 and not refused:
+            refused.append(value)
+            raise Refused("not now")
+        fed.append((time.monotonic(), value))
+
+    keeper = WatchdogKeeper(lambda: 100, write)
+    time.sleep(0.15)
+    with keeper.unchanged:
+        time.sleep(0.02)
+        held = len(fed)
+        time.sleep(0.08)
+        assert len(fed) == held  # nobody's new value is overwritten
+    time.sleep(0.4)
+    keeper.close()
+    assert {value for _, value in fed} == {100} and refused == [100]
+    assert fed[2][0] - fed[0][0] < 0.3  # 25 ms apart, where the machine is not busy
+    assert len(fed) > 5  # a refusal ended nothing
+
+
+class Lost(SimLink):
+    """An axis that stops answering, or is taken by another client."""
+
+    error = None
+
+    def read(self, names):
+        if self.error:
+            raise self.error
+        return super().read(names)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (None, "is disabled and released"),
+        (NoAnswer("silent"), "does not answer; its watchdog disables it"),
+        (Refused("locked"), "is owned by another client"),
+    ],
+)
+def test_close_says_what_came_of_it(error, says):
+    axis = Axis(Lost(CONTACT, GAINS))
+    axis.acquire()
+    axis.enable("profile velocity")
+    axis.link.error = error
+    assert axis.close() == says
+    assert axis.close() == "was not owned"
+
+
+def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis):
+    axis.enable("profile velocity")
+    other = Axis(axis.link)
+    with pytest.raises(Refused, match="it is operation enabled by another client of this bus"):
+        other.acquire()
+    other.acquire(shared=True)
+    other.set(velocity_window=123)
+    other.close()
+    assert axis.read("drive_state") == "operation_enabled"
+    assert axis.get("velocity_window", "command_source") == {
+        "velocity_window": 123, "command_source": "lcm",
+    }  # fmt: skip
+
+
+def test_what_was_not_enabled_is_left_as_it_was():
+    with Axis(SimLink(CONTACT)) as axis:
+        axis.set(force_gain=6.0)
+    assert axis.link.axis.read(BY_NAME["drive_state"].number) == 1  # switch_on_disabled
+
+
 # CAN: a node of python-canopen stands in for the axis.
 
 
@@ -345,7 +421,7 @@ OURS = OWN_NODE << 16 | 1000
         # Another master is watched, and stays so.
         ([5 << 16 | 300, 0, 0, 0], [5 << 16 | 300, OURS, 0, 0], [5 << 16 | 300, 0, 0, 0]),
         # What a killed program of this kind has left is its own entry.
-        ([0, OURS, 0, 0], [0, OURS, 0, 0], [0, 0, 0, 0]),
+        ([0, OURS, 0, 0], [OURS, 0, 0, 0], [0, 0, 0, 0]),
         # A time that somebody has set for this id is put back.
         ([0, OWN_NODE << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, OWN_NODE << 16 | 400, 0, 0]),
     ],
@@ -358,9 +434,10 @@ def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, me
     try:
         link.acquire()
         link.write({"force_gain": 1792})
-        assert consumers(local) == before  # parameters need no supervision
         link.write({"controlword": 7})
-        assert consumers(local) == before  # this enables nothing
+        # What enables nothing needs no supervision, and makes none.
+        assert consumers(local) == [raw if raw != OURS else 0 for raw in before]
+        assert not local.heard
         link.write({"controlword": 15})
         assert consumers(local) == meanwhile
         assert local.heard
@@ -399,6 +476,25 @@ def test_can_another_node_of_the_own_id_is_refused(node):
         with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
             link.write({"controlword": 15})
         assert OURS not in consumers(local)
+    finally:
+        link.close()
+
+
+def test_can_the_heartbeat_goes_on_during_a_long_transfer(node):
+    local, bus = node
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        link.write({"controlword": 15})
+        with link._asking("a transfer"):
+            before = len(local.heard)
+            time.sleep(0.5)
+            assert len(local.heard) >= before + 2  # one in 100 ms
+        link.release()
+        time.sleep(0.05)
+        before = len(local.heard)
+        time.sleep(0.2)
+        assert len(local.heard) == before  # nobody waits for it any more
     finally:
         link.close()
 

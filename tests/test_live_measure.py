@@ -160,7 +160,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(axis_file, firmware, plant, n
 
 def test_the_free_response_does_not_touch(axis_file):
     file = axis_file()
-    file.write_text(file.read_text().replace('"4 mm"', '"0.2 mm"'))
+    file.write_text(file.read_text().replace('"4 mm"', '"0.02 mm"'))
     with (
         Axis(SimLink(file)) as axis,
         Analyzer(axis, Order(travel=500)) as analyzer,
@@ -186,9 +186,10 @@ def test_noise_fed_back_biases_the_quotient_but_not_the_estimate():
     u = (r - law * noise) / (1 + law * gain)
     y = gain * u + noise
     lines = np.arange(1, 30)
-    found = response.estimate(r, u, y, lines, (0.0, 0.0))
+    found, sensitivity, _ = response.estimate(r, u, y, lines, (0.0, 0.0))
     error = abs(found["response"] - gain)
     assert error.mean() < 0.1
+    assert np.allclose(sensitivity, 1 / (1 + law * gain), atol=0.1)
     inside = error**2 < 3.0 * found["variance"]  # F(2, 3198) at 95 %
     assert inside.mean() > 0.85
     U, Y = (np.fft.rfft(v, axis=1)[:, lines] for v in (u, y))
@@ -203,7 +204,7 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("measure",), "expected TARGET"),
+        (("measure",), "expected one way to an axis"),
         (("measure", "--sim", "session"), "expected --free, --force or both"),
         (("measure", "fig3_9", "--sim", "session"), "expected either TARGET or an axis"),
         (("measure", "--sim", "session", "--force", "0,3"), "--force: 0,3: expected forces in N"),

@@ -49,14 +49,18 @@ class Axis:
         self.close()
 
     def acquire(self, shared=False):
-        """Owns the axis. One that another client of the same bus has enabled is refused (Refused);
-        shared: it is that client's still, is written to, and stays enabled at close()."""
+        """Owns the axis. One that another client has enabled is refused (Refused); shared: if that
+        is one of the same bus, the axis stays its own, is written to, and not disabled at close().
+        """
         found = self.link.read(["command_source", "statusword"])
         state = state_names.drive_state(found["statusword"])
-        if found["command_source"] == self.link.source and state in POWERED:
-            if shared:
+        if state in POWERED:
+            ours = found["command_source"] == self.link.source
+            if ours and shared:
                 return
-            raise Refused(f"{self.link.where}: it is {state} by another client of this bus")
+            owner = state_names.enum("command_source", found["command_source"])
+            whose = "another client of this bus" if ours else f"the client that owns it, {owner}"
+            raise Refused(f"{self.link.where}: it is {state} by {whose}")
         self.link.acquire()
         self._owned = True
 
@@ -128,8 +132,11 @@ class Axis:
         number = MODES.get(mode, mode)
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
+        found = self.get("drive_state", "fault")
+        if found["fault"] != "none":
+            raise Refused(f"{self.link.where}: fault {found['fault']}, it has to be reset first")
         self.set(**parameters, modes_of_operation=number)
-        if self.read("drive_state") != "operation_enabled":
+        if found["drive_state"] != "operation_enabled":
             for word in (SHUTDOWN, SWITCH_ON, ENABLE):
                 self.set(controlword=word)
                 self.link.wait(POLL_S)

@@ -23,7 +23,9 @@ from forceaxis.bus.state_names import BY_NAME
 OPERATIONAL, START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's
 LISTEN_S = 0.5
-HEARTBEAT_ID = 0x700
+REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
+TEXTS = range(0x1008, 0x100B)
+TRANSFER_ABORTS = (0x0503, 0x0504)  # toggle bit, time-out, command specifier, block
 NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
 HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
@@ -97,26 +99,43 @@ class CanLink(Link):
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
         self._open = contextlib.ExitStack()
         self._network = self._open.enter_context(network(interface, bus))
-        self._sdo = self._network.add_node(canopen.RemoteNode(node, canopen.ObjectDictionary())).sdo
-        self._sdo.RESPONSE_TIMEOUT = timeout_s
+        self._sdo = canopen.sdo.SdoClient(
+            REQUEST_ID + node, ANSWER_ID + node, canopen.ObjectDictionary()
+        )
+        self._sdo.network, self._sdo.RESPONSE_TIMEOUT = self._network, timeout_s
+        self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._keeper, self._armed, self._watched = threading.RLock(), None, None, None
+        self._expected, self._owns = None, False
         self._rival = threading.Event()  # another node sends the heartbeat of our id
         self._network.subscribe(HEARTBEAT_ID + own_node, lambda *_: self._rival.set())
 
+    def _answered(self, can_id, data, timestamp):
+        """Drops an answer to another client of the same channel, such as a gateway that polls."""
+        about = struct.unpack_from("<HB", data, 1) if len(data) == 8 else None
+        if self._expected is None or about == self._expected:
+            self._sdo.on_response(can_id, data, timestamp)
+
     @contextlib.contextmanager
-    def _asking(self, what):
+    def _asking(self, what, about=None):
+        """An access to the object at `about`, (index, sub-index), or a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
+            self._expected = about
             try:
                 yield
             except aborted as error:
+                if error.code >> 16 in TRANSFER_ABORTS:
+                    raise NoAnswer(
+                        f"{self.where}: {what} was interrupted, {error}; is another client, or a "
+                        "gateway, at this node? then use --axis"
+                    ) from None
                 text = REASONS.get(ABORTS.get(error.code), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
                     f"{self.where}: expected an answer about {what} within {self._timeout_s:g} s, "
-                    f"{error}; is it on, with this node id?"
+                    f"{error}; is it on, with this node id, and not stopped by NMT?"
                 ) from None
 
     def read(self, names):
@@ -134,14 +153,14 @@ class CanLink(Link):
         return found
 
     def text(self, index):
-        """A text such as the name of the device, 1008h."""
+        """A text of TEXTS, such as the name of the device, 1008h."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name, index, sub):
         """Bytes of an object; asked again where a frame may have been lost."""
         for remaining in range(READS, 0, -1):
             try:
-                with self._asking(name):
+                with self._asking(name, None if index in TEXTS else (index, sub)):
                     return self._sdo.upload(index, sub)
             except NoAnswer:
                 if remaining == 1:
@@ -150,7 +169,7 @@ class CanLink(Link):
     def write(self, values):
         for name, raw in values.items():
             enables = name == "controlword" and raw & 0x8F == 0x0F
-            if enables and self._keeper and self._watched is None:
+            if enables and self._owns and self._watched is None:
                 self._be_watched()
             if name in STORING:
                 self._be_unwatched()  # this program's heartbeat belongs to no stored set
@@ -158,46 +177,66 @@ class CanLink(Link):
 
     def _download(self, name, raw):
         known = BY_NAME[name]
-        with self._asking(name):
+        with self._asking(name, (known.index, known.sub)):
             self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
 
     def acquire(self):
         if self.read(["command_source"])["command_source"] != self.source:
             self._download("command_source", self.source)
-        with self._asking("NMT start"):
+        with self._asking("NMT start"):  # a node that missed a heartbeat is pre-operational
             self._network.send_message(0, [START, self._id])
-        self._keeper = Keeper(self._beat)
+        place, raw = self._entry()
+        if raw == self._ours:  # of a program of this kind that was killed
+            self._expect_alone()
+            self._download(place, 0)
+        self._owns = True
 
     def release(self):
         self._be_unwatched()
-        self._end_keeper()
+        self._owns = False
 
-    def _beat(self):
-        with self._asking("a heartbeat"):
-            self._network.send_message(HEARTBEAT_ID + self._own, [OPERATIONAL])
-        return HEARTBEAT_MS / 10_000
+    @property
+    def _ours(self):
+        return self._own << 16 | HEARTBEAT_MS
 
-    def _be_watched(self):
-        entries = self.read(CONSUMERS)
-        ours = self._own << 16 | HEARTBEAT_MS
-        place = next((n for n, raw in entries.items() if raw >> 16 == self._own), None)
-        if self._rival.wait(LISTEN_S if place else 0):
+    def _entry(self):
+        """(object, raw value) of the entry in 1016h for our id, else of a free one, else None."""
+        entries = self.read(CONSUMERS).items()
+        own = [entry for entry in entries if entry[1] >> 16 == self._own]
+        free = [entry for entry in entries if not entry[1] & 0xFFFF]
+        return next(iter(own + free), (None, 0))
+
+    def _expect_alone(self):
+        """Raises Refused where another node sends the heartbeat of our id."""
+        if self._rival.wait(LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
                 "another id by --own-node"
             )
-        place = place or next((n for n, raw in entries.items() if not raw & 0xFFFF), None)
+
+    def _beat(self):
+        try:  # beside a transfer, which may take longer than the axis waits
+            self._network.send_message(HEARTBEAT_ID + self._own, [OPERATIONAL])
+        except (OSError, self._can.CanError) as error:
+            raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None
+        return HEARTBEAT_MS / 10_000
+
+    def _be_watched(self):
+        place, before = self._entry()
         if place is None:
             raise Refused(f"{self.where}: expected a free heartbeat consumer in 1016h, all are set")
-        # The same entry is one of this program that was killed.
-        self._watched = place, 0 if entries[place] == ours else entries[place]
-        self._download(place, ours)
-        self._beat()
+        if before & 0xFFFF or self._rival.is_set():
+            self._expect_alone()
+        self._watched = place, before
+        self._download(place, self._ours)
+        self._beat()  # watched from the first one on, so before what follows
+        self._keeper = Keeper(self._beat)
 
     def _be_unwatched(self):
         if self._watched:
             (place, before), self._watched = self._watched, None
             self._download(place, before)
+        self._end_keeper()
 
     def arm(self, signals, settings):
         self.write({"recorder_arm": 0})

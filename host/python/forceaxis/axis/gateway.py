@@ -10,7 +10,9 @@ from forceaxis.bus.keeper import GatewayKeeper
 
 READY_S = 10.0
 STOPPED_S = 2.0  # a stopped recording is noticed by the gateway within its poll
+NOT_YET = "not set up yet"  # the gateway's words
 AT_ONCE = 64  # objects of one command
+MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")  # set up by each gateway
 
 
 class GatewayLink(Link):
@@ -22,6 +24,9 @@ class GatewayLink(Link):
         self.client = AxisClient(axis, url, timeout_s)
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url, self._keeper, self._armed = axis, url, None, None
+
+    def manages(self, name):
+        return name.startswith(MANAGED)
 
     def read(self, names):
         found = {}
@@ -39,14 +44,20 @@ class GatewayLink(Link):
         end = time.monotonic() + READY_S
         while True:
             state = self.client.state()
-            if state.nmt_state == state.NMT_OPERATIONAL and state.statusword != state.NOT_AVAILABLE:
-                break
+            ready = state.nmt_state == state.NMT_OPERATIONAL
+            try:
+                if ready and state.statusword != state.NOT_AVAILABLE:
+                    self.client.take()
+                    break
+            except Refused as refusal:  # operational, but not yet by this gateway
+                if NOT_YET not in str(refusal) or time.monotonic() > end:
+                    raise
+                time.sleep(0.1)
             if time.monotonic() > end:
                 raise NoAnswer(
                     f"{self.where}: expected it operational within {READY_S:g} s, it is "
                     f"{state_names.node_state(state.nmt_state)}"
                 )
-        self.client.take()
         self._keeper = GatewayKeeper(self._axis, self._url)
 
     def release(self):

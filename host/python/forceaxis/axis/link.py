@@ -68,6 +68,20 @@ class Link(abc.ABC):
     def read(self, names):
         """{name: raw value} of objects. Raises Refused, NoAnswer."""
 
+    def reaches(self, name):
+        """Whether the link carries an object: over Modbus it needs a register."""
+        return True
+
+    def manages(self, name):
+        """Whether what carries the link sets a parameter for its own use, as a gateway does its
+        process data; then it is no user's."""
+        return False
+
+    def text(self, index):
+        """A text of CANopen, such as the name of the device, 1008h; None where the link carries
+        no texts."""
+        return None
+
     @abc.abstractmethod
     def write(self, values):
         """Writes {name: raw value} in order; the first that is refused ends it. Raises Refused,

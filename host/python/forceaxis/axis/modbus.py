@@ -84,9 +84,12 @@ class ModbusLink(Link):
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 
+    def reaches(self, name):
+        return BY_NAME[name].modbus >= 0
+
     def _expect_registers(self, names):
         for name in names:
-            if BY_NAME[name].modbus < 0:
+            if not self.reaches(name):
                 raise Refused(f"{name}: it has no Modbus register; use --axis or --can for it")
 
     def _read(self, name):

@@ -1,5 +1,6 @@
 """Who is on a bus: one row for each axis found, {name: value}, None where it is not known."""
 
+import contextlib
 import time
 
 from forceaxis._core import InputError
@@ -59,14 +60,13 @@ def on_can(interface, bus=None, seconds=SCAN_S):
     for number in numbers:
         link = CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3)
         try:
-            texts = {}
+            found = row(number, Axis(link))
             for key, index in (("name", NODE_NAME), ("version", SOFTWARE)):
-                texts[key] = link.text(index)
-            yield row(number, Axis(link), **texts)
-        except (Refused, NoAnswer):
-            yield {key: None for key in COLUMNS} | {
-                "id": number, "note": "heard, without an SDO server: a master or a gateway",
-            }  # fmt: skip
+                with contextlib.suppress(Refused, NoAnswer):
+                    found[key] = link.text(index) if found["table"] else None
+            if found["table"] is None:
+                found["note"] = "heard, but it has none of these objects: a master, or a gateway"
+            yield found
         finally:
             link.close()
 

@@ -41,6 +41,9 @@ class SimLink(Link):
                 raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
         return found
 
+    def text(self, index):
+        return {0x1008: "simulator", 0x100A: _core.FIRMWARE_VERSION}.get(index)
+
     def write(self, values):
         for name, raw in values.items():
             error = self.axis.write(BY_NAME[name].number, raw)

@@ -85,7 +85,8 @@ def list_axes(way, as_json):
     """Who is on a bus: id, name, version, object table, state, mode, fault, owner.
 
     Without an option the axes of the gateways on the LCM bus; with --can the nodes 1 to 127 that
-    answer or are heard; with --modbus the units 1 to 127. Exit status 1 where there is none.
+    answer or are heard; with --modbus the units 1 to 127, which takes a serial line 20 s. Exit
+    status 1 where there is none.
     """
     from forceaxis.axis import present
 

@@ -85,7 +85,11 @@ OPTIONS = (
     click.option("--modbus", metavar="URL", help="tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD]."),
     click.option("--sim", metavar="EXPERIMENT", help="A simulated axis, in its own time."),
     click.option(
-        "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Of --sim, as with run."
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="A model's parameter; of --sim as with run.",
     ),
     click.option("--store", default="", metavar="FILE", help="Parameter store of --sim."),
 )

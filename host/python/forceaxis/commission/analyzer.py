@@ -29,17 +29,24 @@ from forceaxis.identify.measurement import Measurement
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
 SWING = 0.4  # of the bias force, from peak to peak
-DEVIATION = 0.05  # relative, median of the lines
+DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
 RAMP_S = 0.1
+APPROACH_S = 60.0
 POLL_S = 0.1
 BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 MOST_CODES = 1024
+JUDGED = 3  # realisations that distortion is judged by
+# How much more they may differ than noise makes them; rounding of slow motions is no white noise.
+DISTORTED = {"adc0": 1.35, "encoder": 6.0}
+NOISY = 0.4  # deviation above which it is not sure itself
+FAR = 8.0  # from the swing that is aimed at
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
+FREE_SETTLE = 0.3  # of the time to settle in contact
 STANDING = 4  # counts within which an axis stands
 
 
@@ -53,7 +60,9 @@ class Order:
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: from where a level or the free response begins
-    amplitude: int = 0  #: codes; 0: searched
+    amplitude: int = 0  #: codes; 0: searched, from `first` on
+    first: int = 1
+    most: int = MOST_CODES  #: codes that are searched up to
     seed: int = 1
 
 
@@ -74,22 +83,29 @@ class Level:
 
     measured: Measurement
     amplitude: int
+    #: (n,) complex, of the loop that was measured in, and its standard error
+    sensitivity: np.ndarray | None = None
+    sensitivity_error: np.ndarray | None = None
     bias_N: float | None = None
     force_min_N: float | None = None
     force_max_N: float | None = None
     swing: float = 0.0  #: from peak to peak, N in contact, counts apart
     noise_lsb: float | None = None
     aborts: list = field(default_factory=list)
+    of_loop: bool = False
 
     def about(self):
         """For JSON."""
-        return {k: v for k, v in vars(self).items() if k != "measured"}
+        return {k: v for k, v in vars(self).items() if not isinstance(v, ARRAYS)}
 
 
 def noise_of(raw):
     """Noise of readings that stand, rms in their unit: from sample to sample, so that a slow limit
     cycle between two codes is none."""
     return float(np.std(np.diff(raw)) / math.sqrt(2))
+
+
+ARRAYS = (Measurement, np.ndarray)
 
 
 class Ended(Exception):
@@ -108,7 +124,8 @@ class Analyzer:
         self.model, self.overrides = str(model), dict(overrides or {})
         self._before = {}
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
-                 "contact_force", "force_max", "tare_band", "position")  # fmt: skip
+                 "contact_force", "force_max", "tare_band", "contact_loss_cap",
+                 "position")  # fmt: skip
         known = axis.get(*names)
         self.bits, self.sign, self.zero = (known[n] for n in names[:3])
         self.newton = known["force_scale"] * 1e-6  # a count of the reading
@@ -174,8 +191,9 @@ class Analyzer:
         noise = None if ends else noise_of(raw)
         return Rest(reading, noise, int(np.median(place)))
 
-    def contact(self, force_N):
-        """The response from DAC codes to the reading, pressed with `force_N`: a Level."""
+    def contact(self, force_N, of_loop=False):
+        """The response from DAC codes to the reading, pressed with `force_N`: a Level. of_loop: the
+        amplitude is searched for the loop's sensitivity, which less of it shows."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -187,7 +205,7 @@ class Analyzer:
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
         self.set(
             excitation_waveform="noise", excitation_point="output", excitation_code=0,
-            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * order.band_hz[1]))),
+            excitation_hold=self._hold(),
             excitation_period=self.samples, excitation_ramp=1e3 * RAMP_S,
             excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
             excitation_travel=order.travel,
@@ -195,7 +213,9 @@ class Analyzer:
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
         level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
-        self._measure(level, self._pressed, still, SWING * bias, "adc0")
+        seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
+        level.of_loop = of_loop
+        self._measure(level, self._pressed, still, SWING * bias, "adc0", seeds)
         return level
 
     def free(self):
@@ -205,7 +225,7 @@ class Analyzer:
         self.set(
             position_min=start - travel, position_max=start + travel, open_loop_code=0,
             excitation_waveform="noise", excitation_amplitude=0,
-            excitation_hold=max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1]))),
+            excitation_hold=self._hold(),
             excitation_period=self.samples,
         )  # fmt: skip
         self.home = start
@@ -213,21 +233,26 @@ class Analyzer:
         still = self.axis.capture(APART, samples=self.samples)
         level = Level(None, self.order.amplitude)
         try:
-            self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder")
+            seeds = response.calm_seeds(
+                self.order.averages, self.samples, self._hold(), self.order.seed
+            )
+            self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder", seeds)
         finally:
             self.close()
         return level
 
-    def _measure(self, level, play, still, swing, output):
+    def _hold(self):
+        return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
+
+    def _measure(self, level, play, still, swing, output, seeds):
         """Searches the amplitude, unless it is given, then measures; fills in `level`."""
         records = None
         if not level.amplitude:
-            level.amplitude = self._search(level, play, still, swing, output)
+            level.amplitude = self._search(level, play, still, swing, output, seeds[0])
+        rest = still.values("dac_code"), self._output(still, output)
         for _ in range(BACKS):
             try:
-                records = [
-                    play(level.amplitude, self.order.seed + i) for i in range(self.order.averages)
-                ]
+                records = self._realisations(level, play, seeds, rest, output)
                 break
             except Ended as ended:
                 level.amplitude = self._halve(level, level.amplitude, ended)
@@ -235,7 +260,9 @@ class Analyzer:
             raise Refusal("amplitude", f"expected one that the bounds permit, got {level.aborts}")
         r, u, y = (np.array([record[i] for record in records]) for i in range(3))
         steps = self._steps(output)
-        found = response.estimate(r, u, y, self.lines, steps)
+        found, level.sensitivity, level.sensitivity_error = response.estimate(
+            r, u, y, self.lines, steps
+        )
         scale = self.sign if output == "adc0" else 1
         found["response"] = found["response"] * scale
         level.swing = float(np.ptp(y, axis=1).max())
@@ -261,30 +288,51 @@ class Analyzer:
             resolution_hz=TICKS_PER_S / self.samples,
         )
 
+    def _realisations(self, level, play, seeds, rest, output):
+        """Of all seeds, with an amplitude that the first of them do not show to distort."""
+        records = [play(level.amplitude, seed) for seed in seeds[:JUDGED]]
+        r, u, y = (np.array([record[i] for record in records]) for i in range(3))
+        found = response.excess(r, u, y, rest, self.lines, self._steps(output))
+        self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
+        if found > DISTORTED[output] and level.amplitude > 1:
+            raise Ended("distorted")
+        return records + [play(level.amplitude, seed) for seed in seeds[JUDGED:]]
+
     def _steps(self, output):
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
-    def _search(self, level, play, still, swing, output):
-        """Codes of amplitude: from 1, doubled until the signal swings enough, or the response is to
-        be expected within DEVIATION."""
-        amplitude, unit = 1, self.newton if output == "adc0" else 1.0
+    def _search(self, level, play, still, swing, output, seed):
+        """Codes of amplitude: doubled, far from the aim taken four times, until the signal swings
+        enough, or the response is to be expected within DEVIATION."""
+        amplitude, unit = (
+            min(self.order.first, self.order.most),
+            self.newton if output == "adc0" else 1.0,
+        )
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
+        before = None
         while True:
             try:
-                r, u, y = play(amplitude, self.order.seed)
+                _, u, y = play(amplitude, seed)
             except Ended as ended:
                 return self._halve(level, amplitude, ended)
             moved = np.ptp(y) * unit
-            error = response.deviation(r, u, y, rest, self.lines, steps, self.order.averages)
+            errors = response.deviation(u, y, rest, self.lines, steps, self.order.averages)
+            error = errors[level.of_loop]
             self.say(
                 f"amplitude {amplitude} codes: swing {moved:.3g} {'N' if unit != 1 else 'counts'}, "
                 f"deviation {100 * error:.2g} %"
             )
-            if moved >= 0.9 * swing or error < DEVIATION or amplitude >= MOST_CODES:
+            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
+            if before and error > before[1]:
+                return before[0]  # more of it distorts instead
             room = swing / max(moved, 1e-9)
-            amplitude = min(max(amplitude + 1, int(amplitude * min(2.0, room))), MOST_CODES)
+            if output == "adc0" and error < NOISY and room < FAR:
+                before = amplitude, error
+            far = room > FAR and error > FAR / 2 * DEVIATION[output]
+            factor = min(4.0 if far else 2.0, room)
+            amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)
 
     def _halve(self, level, amplitude, ended):
         level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
@@ -312,6 +360,7 @@ class Analyzer:
         wanted = force_N
         self.set(target_force=self._per_mille(wanted))
         axis.enable("force")
+        self._touch()
         for _ in range(BIAS_TRIES):
             reached = self._standing()
             if abs(reached - force_N) <= BIAS_WITHIN * force_N:
@@ -322,6 +371,26 @@ class Analyzer:
             "bias", f"expected the reading to stand at {force_N:g} N, it stands at {reached:.3g} N "
             "with the law that the axis has; raise force_limit, rated_force or the law's gain"
         )  # fmt: skip
+
+    def _touch(self):
+        """Waits for the contact. What presses after a loss may then be as fast as this approach
+        was: held still meanwhile, as by default, a weak law leaves a light contact that noise ends
+        for a tick."""
+        fastest = 0
+
+        def touches(state):
+            nonlocal fastest
+            fastest = max(fastest, abs(state["dac_code"])) if not state["contact"] else fastest
+            return state["contact"] or state["contact_losses"] > before
+
+        before = self.axis.read("contact_losses")
+        names = ("contact", "contact_losses", "dac_code")
+        try:
+            self.axis.wait_for(touches, names, "a contact", APPROACH_S)
+        except NoAnswer as late:
+            raise Refusal("contact", str(late)) from None
+        if fastest > self.known["contact_loss_cap"]:
+            self.set(contact_loss_cap=fastest)
 
     def _per_mille(self, force_N):
         per_mille = 1e3 * force_N / self.rated_N
@@ -356,7 +425,7 @@ class Analyzer:
     def _pressed(self, amplitude, seed):
         """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
         axis = self.axis
-        self.set(excitation_code=amplitude, excitation_seed=seed % 65536)
+        self.set(excitation_code=amplitude, excitation_seed=seed)
         try:
             axis.set(excitation_run="start")
         except Refused:
@@ -390,10 +459,10 @@ class Analyzer:
         """A realisation apart: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
         self._home()
-        self.set(excitation_amplitude=amplitude, excitation_seed=seed % 65536)
+        self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
-        self._wait(self.order.settle_s, self._free)
-        count = min(2 * n, self._most_samples(APART))
+        self._wait(FREE_SETTLE * self.order.settle_s, self._free)
+        count = min(n + n // 4, self._most_samples(APART))  # the drift shows in what repeats
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._free()

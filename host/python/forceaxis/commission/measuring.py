@@ -22,10 +22,10 @@ def measure(axis, order, forces=(), free=False, model="", overrides=None, say=la
         rest = analyzer.rest()
         if free:
             say("apart, commands to the encoder")
-            done[FREE] = _result(axis, order, analyzer.free(), rest)
+            done[FREE] = result_of(axis, order, analyzer.free(), rest)
         for force in forces:
             say(f"pressed with {force:g} N, commands to the reading")
-            done[f"{force:g}N"] = _result(axis, order, analyzer.contact(force), rest)
+            done[f"{force:g}N"] = result_of(axis, order, analyzer.contact(force), rest)
     return done
 
 
@@ -47,7 +47,7 @@ def hints(level, rest):
     return texts
 
 
-def _result(axis, order, level, rest):
+def result_of(axis, order, level, rest):
     measured = level.measured
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)

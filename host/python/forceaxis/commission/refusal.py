@@ -7,4 +7,4 @@ class Refusal(Exception):
 
     def __init__(self, name, text):
         super().__init__(f"{name}: {text}")
-        self.name = name
+        self.name, self.text = name, text

@@ -13,6 +13,7 @@ In open loop r is u, and this is H1.
 import numpy as np
 
 LEAST = 1e-300
+CANDIDATES = 400
 
 
 def lines_of(samples, band_hz, rate_hz):
@@ -23,11 +24,12 @@ def lines_of(samples, band_hz, rate_hz):
 
 
 def estimate(waveform, inputs, outputs, lines, steps):
-    """{response, variance, coherence, floor} at `lines`.
+    """({response, variance, coherence, floor}, S, standard error of S) at `lines`.
 
     waveform, inputs, outputs: (K, n), a whole period of each of K >= 2 realisations in the same
     ticks; steps: what a code is worth in units of (input, output), for the floor that rounding
     alone leaves. The coherence is that of the waveform with input and with output, the smaller one.
+    S is the input over the waveform: the sensitivity of the loop that it acts in, complex.
     """
     count, samples = waveform.shape
     R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
@@ -39,25 +41,64 @@ def estimate(waveform, inputs, outputs, lines, steps):
     spread = (abs(Y - H * U) ** 2).sum(0) / (count - 1)
     shown = [abs(a) ** 2 / np.maximum(power * (abs(b) ** 2).sum(0), LEAST)
              for a, b in ((RU, U), (RY, Y))]  # fmt: skip
-    return {
+    found = {
         "response": H,
         # Records that repeat to the code say nothing of the rounding that they share.
         "variance": np.maximum(spread, 1e-3 * rounding) * gain,
         "coherence": np.minimum(np.minimum(*shown), 1.0),
         "floor": np.sqrt(rounding * gain),
     }
+    S = RU / power
+    return found, S, np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power))
 
 
-def deviation(waveform, inputs, outputs, still, lines, steps, averages):
-    """Median relative standard deviation to expect of so many realisations like this one.
+def deviation(inputs, outputs, still, lines, steps, averages):
+    """Median relative standard deviations to expect of the response and of the sensitivity, from so
+    many realisations like this one.
 
     inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
     """
     U, Y = (np.fft.rfft(values)[lines] for values in (inputs, outputs))
     H = Y / np.where(U == 0, LEAST, U)
     noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
-    power = abs(noise[1] - H * noise[0]) ** 2
-    width = min(11, len(power))
-    power = np.convolve(power, np.ones(width) / width, "same")
-    power += len(waveform) / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
-    return float(np.median(np.sqrt(power / averages) / np.maximum(abs(Y), LEAST)))
+    rounding = [len(inputs) / 12 * step**2 for step in steps]
+    errors = (
+        _smooth(abs(noise[1] - H * noise[0]) ** 2) + rounding[1] + abs(H) ** 2 * rounding[0],
+        _smooth(abs(noise[0]) ** 2) + rounding[0],
+    )
+    return tuple(
+        float(np.median(np.sqrt(power / averages) / np.maximum(abs(signal), LEAST)))
+        for power, signal in zip(errors, (Y, U), strict=True)
+    )
+
+
+def excess(waveform, inputs, outputs, still, lines, steps):
+    """How many times more the realisations differ than noise makes them, mean of the lines: what is
+    above 1 is distortion, as of a drive that saturates. Arguments as of estimate, deviation."""
+    R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
+    H = (R.conj() * Y).sum(0) / (R.conj() * U).sum(0)
+    found = (abs(Y - H * U) ** 2).sum(0) / (len(R) - 1)
+    noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
+    expected = _smooth(abs(noise[1] - H * noise[0]) ** 2)
+    expected += waveform.shape[1] / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
+    return float(np.mean(found / expected))
+
+
+def _smooth(power, lines=11):
+    width = min(lines, len(power))
+    return np.convolve(power, np.ones(width) / width, "same")
+
+
+def calm_seeds(count, samples, hold, first):
+    """Seeds of the firmware's noise whose integral over a period stays nearest to 0, so that an
+    axis that integrates stays where it is. first: another number gives other seeds."""
+    seeds = (np.arange(CANDIDATES) + CANDIDATES * first) % 65536
+    random = (seeds * 2654435769 % 2**32).astype(np.uint32)  # firmware/core/excitation.c
+    integral = np.zeros(CANDIDATES)
+    furthest = np.zeros(CANDIDATES)
+    for start in range(0, samples, hold):
+        random = random * np.uint32(1664525) + np.uint32(1013904223)
+        integral += random.view(np.int32) * float(min(hold, samples - start))
+        furthest = np.maximum(furthest, abs(integral))
+    # The integral at the end is passed on to the next period.
+    return seeds[np.argsort(furthest + 4 * abs(integral))[:count]].tolist()

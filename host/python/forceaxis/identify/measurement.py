@@ -54,6 +54,8 @@ class Measurement:
     saturated: float = 0.0  #: share of the samples in which an ADC stood at one of its ends
     #: {element: {state: share of the measured time}} of what switches: contacts, the drive's limits
     states: dict = field(default_factory=dict)
+    #: {element: state} that `predict()` takes, besides contacts: the slope of an amplifier
+    modes: dict = field(default_factory=dict)
     input_bias: float = 0.0  #: share by which the converter's noise in the input makes H1 too small
 
     def predict(self, overrides=None, frequency_hz=None):
@@ -164,7 +166,7 @@ def sampled(measured, overrides):
         for name in (measured.input, measured.output)
     ]
     system = linear.linearise(
-        measured.model, ("drive.command",), plain, overrides, free=measured.free
+        measured.model, ("drive.command",), plain, overrides, measured.modes, measured.free
     )
     if measured.inject == "codes":
         factor = linear.facts(measured.model, overrides)["volts_per_code"]

@@ -1,0 +1,289 @@
+"""Parameters of an axis as a TOML file.
+
+    [about]                         # object table, firmware, node and date; see `others` below
+    [axis], [law], [drive], ...     # a table for each part of the object table
+    force_gain = 7.5                # code/count
+    bank_gain = [4.37, 0.0, 0.0, 0.0]
+    [measured]                      # of this axis' own sensor: tare, points of the calibration
+    [objects]                       # type, scale, unit and range of what stands above
+    force_gain = { type = "u16", ... }
+
+A value is in the unit of the object table, with as many digits as give its raw value back; an enum
+is its text, an array a list, a COB-ID that follows the node id "$NODEID+0x180", as in an EDS.
+
+A parameter is what the axis stores, with two exceptions. Identity (IDENTITY: node id, bit rate, the
+time stamp of 1020h) is in no file, because two axes must not have the same. Measurements (MEASURED:
+tare, calibration) belong to one sensor; they are in [measured], which is loaded and compared only
+where that is asked for. force_scale, what a calibration is for, is a parameter: the law and its
+certificate depend on it.
+
+others = "defaults": the file holds what differs from the defaults; all else is a default, but for
+what `without` names, which could not be read or belonged to a gateway. Without `others`, as in the
+bank.toml of `forceaxis design`, a file concerns what it names and nothing else.
+"""
+
+import datetime
+import itertools
+import re
+from typing import NamedTuple
+
+from forceaxis import objects, toml
+from forceaxis._core import InputError
+from forceaxis.bus.client import to_raw
+from forceaxis.bus.state_names import texts
+
+IDENTITY = {"stored_node_id", "stored_bit_rate", "configuration_date", "configuration_time"}
+MEASURED = {
+    "force_tare",
+    "calibration_points",
+    "calibration_date",
+    *(f"calibration_{what}_{i}" for what in ("reading", "force") for i in range(1, 9)),
+}
+PARAMETERS = tuple(o for o in objects.OBJECTS if o.stored and o.name not in IDENTITY)
+BY_NAME = {o.name: o for o in PARAMETERS}
+FORMAT = 1
+NODE = re.compile(r"\$NODEID\+0x([0-9a-fA-F]{1,8})")
+COB_ID, COB_FLAGS = 0x7FF, 0xC0000000
+HEXADECIMAL = ("bank_crc", "certificate_hash", "certificate_parts")
+TEXTS = ("object_table", "firmware", "axis", "serial_number", "written")
+
+
+def _arrays():
+    """{stem: its objects} of the table's arrays: alike, numbered from 1, side by side."""
+    found = {}
+    for o in PARAMETERS:
+        stem, _, number = o.name.rpartition("_")
+        before = found.get(stem, [])
+        if number == str(len(before) + 1) and all(
+            (b.type, b.unit, b.scale, b.meaning) == (o.type, o.unit, o.scale, o.meaning)
+            for b in before
+        ):
+            found[stem] = [*before, o]
+    return {stem: tuple(all_) for stem, all_ in found.items() if len(all_) > 1}
+
+
+ARRAYS = _arrays()
+STEM = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
+
+
+class ParameterFile(NamedTuple):
+    """What a file asks for: {object: raw value}, in its order."""
+
+    about: dict
+    values: dict
+    defaults: tuple  # names of what is at its default
+    measured: dict
+
+
+def default(known, node_id):
+    """Raw default of an object on a node."""
+    return known.default + (node_id if known.node_id else 0)
+
+
+def engineering(known, raw):
+    """The value in the unit of the table with the fewest digits that give `raw` back."""
+    if known.scale == 1:
+        return raw
+    for digits in range(1, 17):
+        value = float(f"{raw * known.scale:.{digits}g}")
+        if round(value / known.scale) == raw:
+            return value
+    return raw * known.scale
+
+
+def text(known, raw, node_id=0):
+    """A raw value as it stands in a file."""
+    for name, value in texts(known).items():
+        if value == raw:
+            return f'"{name}"'
+    if known.node_id and (raw ^ default(known, node_id)) & ~COB_FLAGS == 0:
+        return f'"$NODEID+{raw - node_id:#x}"'
+    stem = STEM.get(known.name, known.name)
+    if known.type == "u32" and known.unit == "1" and (
+        known.part == "canopen" or stem in HEXADECIMAL
+    ):  # fmt: skip
+        return f"{raw:#x}"
+    return repr(engineering(known, raw))
+
+
+def signature(known):
+    """What a value of the object means: {type, scale, unit, min, max}, enum."""
+    facts = {key: getattr(known, key) for key in ("type", "scale", "unit", "min", "max")}
+    return facts | ({"enum": list(texts(known))} if texts(known) else {})
+
+
+def dump(values, about, everything=False):
+    """Text of a file with {object: raw value} of parameters; everything: what is at its default
+    too. Parameters that are not among the values are named in `without`."""
+    node_id = about["node_id"]
+    groups, named, without = {}, [], []
+    for name, elements in _entries():
+        if any(o.name not in values for o in elements):
+            without.append(name)
+            continue
+        raw = [values[o.name] for o in elements]
+        if everything or any(r != default(o, node_id) for o, r in zip(elements, raw, strict=True)):
+            first = elements[0]
+            group = "measured" if first.name in MEASURED else first.part
+            groups.setdefault(group, []).append(_line(name, elements, raw, node_id))
+            named.append((name, first))
+    lines = [f"# Parameters of {about['axis']}", "", "[about]", f"format = {FORMAT}"]
+    about = about | {"written": f"{datetime.date.today()}"}
+    for key in (*TEXTS, "node_id"):
+        if about.get(key) is not None:
+            value = about[key]
+            lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else value}")
+    lines.append('others = "defaults"  # of what is not named below')
+    if without:
+        lines.append(f"without = {_toml(without)}")
+    for group in (*dict.fromkeys(o.part for o in PARAMETERS), "measured"):
+        if group in groups:
+            lines += ["", f"[{group}]", *groups[group]]
+    lines += ["", "# What the values above mean; checked when the file is loaded.", "[objects]"]
+    lines += [f"{name} = {_inline(signature(known))}" for name, known in named]
+    return "\n".join(lines) + "\n"
+
+
+def _entries():
+    """(name, objects) of what stands on a line of its own: an array or a single object."""
+    for stem, elements in itertools.groupby(PARAMETERS, lambda o: STEM.get(o.name, o.name)):
+        yield stem, tuple(elements)
+
+
+def _line(name, elements, raw, node_id):
+    """An assignment, its unit beside it; a list goes on in a new line for another index."""
+    unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
+    pairs = zip(elements, raw, strict=True)
+    if name not in ARRAYS:
+        return f"{name} = {text(elements[0], raw[0], node_id)}{unit}"
+    rows = [
+        ", ".join(text(o, r, node_id) for o, r in row)
+        for _, row in itertools.groupby(pairs, lambda pair: pair[0].index)
+    ]
+    if len(rows) == 1 or len(rows) == len(elements):
+        return f"{name} = [{', '.join(rows)}]{unit}"
+    return "\n".join([f"{name} = [{unit}", *(f"    {row}," for row in rows), "]"])
+
+
+def _inline(facts):
+    return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in facts.items()) + " }"
+
+
+def _toml(value):
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return _quoted(value) if isinstance(value, str) else repr(value)
+
+
+def _quoted(value):
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def read(path, node_id, skip=()):
+    """A ParameterFile. skip: names that are left out, of objects or arrays. Raises InputError with
+    everything that does not fit the object table."""
+    tables = toml.read(path)
+    about = tables.pop("about", {})
+    described = tables.pop("objects", {})
+    problems, parameters, measured = [], {}, {}
+    for name, table in (("about", about), ("objects", described)):
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: {name}: expected a table, [{name}]")
+    if about.get("format", FORMAT) != FORMAT:
+        raise InputError(f"{path}: about.format: expected {FORMAT}, take a newer forceaxis")
+    others = about.get("others")
+    if others not in (None, "defaults"):
+        raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
+    without = about.get("without", [])
+    if not isinstance(without, list):
+        raise InputError(f"{path}: about.without: expected a list of names, got {without}")
+    unused = set(skip)
+    for group, table in tables.items():
+        if not isinstance(table, dict):
+            raise InputError(
+                f"{path}: {group}: expected it in a table such as [axis], with other objects"
+            )
+        for key, given in table.items():
+            if key in skip:
+                unused.discard(key)
+                continue
+            try:
+                for known, value in _elements(key, given):
+                    if known.name in skip:
+                        unused.discard(known.name)
+                        continue
+                    _expect_same(known, described.get(key))
+                    into = measured if known.name in MEASURED else parameters
+                    if known.name in into:
+                        raise InputError(f"{known.name}: expected it once, it is named twice")
+                    into[known.name] = raw_value(known, value, node_id)
+            except InputError as error:
+                problems.append(str(error))
+    problems += [f"--skip {name}: expected a name of the file" for name in sorted(unused)]
+    if problems:
+        theirs = str(about.get("object_table", ""))
+        other = theirs and theirs != table_hash()
+        where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
+        hint = "; correct it or leave it out (--skip NAME)"
+        raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
+    left_out = {*without, *skip}
+    defaults = [
+        o.name
+        for o in PARAMETERS
+        if others and not {o.name, STEM.get(o.name)} & left_out and o.name not in parameters
+        and o.name not in measured
+    ]  # fmt: skip
+    return ParameterFile(about, parameters, tuple(defaults), measured)
+
+
+def table_hash():
+    """Of this program's object table, as object_table_hash has it."""
+    return f"0x{objects.OBJECTS_HASH[:8]}"
+
+
+def raw_value(known, value, node_id):
+    """Raw value of what stands in a file. Raises InputError."""
+    if isinstance(value, str) and (match := NODE.fullmatch(value)):
+        if not known.node_id:
+            raise InputError(f"{known.name}: expected a number, only COB-IDs follow the node id")
+        return to_raw(known.name, int(match[1], 16) + node_id)
+    whole = known.scale == 1 and isinstance(value, float) and not value.is_integer()
+    listed = value not in texts(known) if isinstance(value, str) else bool(texts(known))
+    if isinstance(value, bool | dict | list) or whole or listed:
+        wanted = "one of " + ", ".join(texts(known)) if texts(known) else "a number"
+        whole_number = " without decimals" if whole else ""
+        raise InputError(f"{known.name}: expected {wanted}{whole_number}, got {value}")
+    return to_raw(known.name, value)
+
+
+def _elements(key, given):
+    """(object, value) of a line of a file. Raises InputError."""
+    if key in BY_NAME:
+        return [(BY_NAME[key], given)]
+    if key in ARRAYS:
+        elements = ARRAYS[key]
+        if not isinstance(given, list) or len(given) != len(elements):
+            raise InputError(f"{key}: expected a list of {len(elements)} values, got {given}")
+        return list(zip(elements, given, strict=True))
+    if key in IDENTITY:
+        raise InputError(f"{key}: expected no identity of an axis in a file; set it on its own")
+    if key in objects.BY_NAME:
+        raise InputError(f"{key}: expected a parameter that an axis stores")
+    raise InputError(f"{key}: expected an object of this table, it has none of this name")
+
+
+def _expect_same(known, described):
+    """A value keeps its meaning only if type, scale, unit and texts are the same; the range may
+    have grown, as for what a store holds."""
+    if described is None:
+        return
+    if not isinstance(described, dict):
+        raise InputError(f"{known.name}: expected a table of what it means in [objects]")
+    ours = signature(known)
+    theirs = {"min": ours["min"], "max": ours["max"]} | described
+    same = all(theirs.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
+    if not (same and ours["min"] <= theirs["min"] and theirs["max"] <= ours["max"]):
+        differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]
+        theirs = ", ".join(f"{k} {described.get(k)}" for k in differing)
+        here = ", ".join(f"{k} {ours.get(k)}" for k in differing)
+        raise InputError(f"{known.name}: expected {here} as in this table, the file has {theirs}")

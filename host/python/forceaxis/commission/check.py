@@ -1,0 +1,365 @@
+"""A guided first motion: what can be seen of an axis at rest, then a test at low output, then a
+small move out and back. Each step has a verdict; the first that fails keeps the axis from moving.
+"""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from forceaxis.axis import actions, params, params_file
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.commission.analyzer import noise_of
+
+SAMPLES = 750  # half a second at rest
+POLLS, POLL_S = 25, 0.02  # of a link that carries no recording
+STANDING_CNT = 2  # of an encoder at a stand, as the firmware's own test has it
+DITHER_LSB = 0.4  # noise below it hides what is smaller than a code
+REACH = 8  # first_motion_counts that the firmware's test moves at most
+TRAVEL_CNT, OUTPUT_CODES = 400, 250  # of the move out and back
+MOVE_S = 2.0  # each way
+MOVE_SPEED_MAX = 8  # counts a tick: ten times as fast as the move is
+ARRIVED_CNT = 20
+RESTORE_TRIES = 4
+STAND_S = 5.0  # a disabled axis coasts
+ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
+NO_LIMIT = 2**31 - 1
+# What a fault that stops the first motion mostly means.
+CAUSES = {
+    "force_sensor_failed": "the reading is at an end of its range or does not stand still: check "
+    "cable, supply and force_zero_code",
+    "current_sensor_failed": "the current's reading is at its upper end or jumps: check its wiring",
+    "not_standing": "the axis does not come to a stand: check brake and encoder's cable",
+    "amplifier_offset": "the axis drifts at code 0: trim the amplifier's offset",
+    "encoder_reversed": "encoder and amplifier disagree: swap the encoder's channels or the "
+    "motor's leads, whichever makes a positive code move toward the workpiece",
+    "no_motion": "the encoder has not moved: check amplifier, enable, brake and encoder's cable",
+    "runaway": "the axis moves faster or further than it should: check amplifier and encoder",
+    "force_reversed": "compression reads negative: turn force_sign",
+    "position_gain_zero": "set position_gain",
+    "following_error": "the axis lags behind: it is held up, or position_gain is too low",
+    "force_max": "it met something on its way: make room, or tare it",
+    "overspeed": "the axis moved faster than its target: check gains and signs",
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """verdict: "passed", "noted" (no failure, but worth a look), "skipped" or "failed"; value and
+    limit of what was judged, a number or a name, None where there is none."""
+
+    step: str
+    verdict: str
+    text: str
+    value: float | str | None = None
+    limit: float | str | None = None
+
+
+class Check:
+    """The steps for an Axis that is owned and disabled; it is disabled after run(), its parameters
+    as before, force_tare apart."""
+
+    def __init__(self, axis, travel=TRAVEL_CNT, output=OUTPUT_CODES, say=lambda step: None):
+        """travel: of the move, counts; output: the largest code meanwhile. say(Step) is called as
+        each step ends."""
+        self.axis, self.travel, self.output, self.say = axis, travel, output, say
+        self.steps = []
+
+    @property
+    def passed(self):
+        return all(step.verdict != "failed" for step in self.steps)
+
+    def result(self):
+        """For JSON."""
+        steps = [asdict(step) for step in self.steps]
+        return {"axis": self.axis.link.where, "passed": self.passed, "steps": steps}
+
+    def run(self, consent):
+        """All steps; consent(text) is asked before the axis moves, where all passed so far."""
+        self._connection()
+        if not self._table():
+            return
+        self.known = self.axis.get(
+            "adc_bits", "force_zero_code", "contact_force", "force_max", "position_min",
+            "position_max", "position_gain", "output_limit", "following_error_max", "speed_max",
+            "inputs_fitted", "tare_band", "first_motion_counts", "first_motion_code",
+            "first_motion_speed", "force_scale",
+        )  # fmt: skip
+        for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
+            step()
+        if not self.passed:
+            self._skip("what failed comes first", "first motion", "move", "tare")
+        elif not consent(self.asked()):
+            self._skip("nobody allowed it to move", "first motion", "move", "tare")
+        else:
+            self._motion()
+            self._tare()
+
+    def asked(self):
+        """What a person has to know before the axis moves."""
+        counts, code = (self.known[f"first_motion_{n}"] for n in ("counts", "code"))
+        way = "away from" if self.direction < 0 else "toward"
+        return (
+            f"It moves {counts} counts in open loop, at most {REACH * counts} with {code} of 2047 "
+            f"codes, then {self.travel} counts {way} the workpiece and back with at most "
+            f"{self._output()} codes, never more than {self._span()} counts from here."
+        )
+
+    def _done(self, step, verdict, text, value=None, limit=None):
+        made = Step(step, verdict, text, value, limit)
+        self.steps.append(made)
+        self.say(made)
+        return verdict != "failed"
+
+    def _skip(self, why, *names):
+        for name in names:
+            self._done(name, "skipped", why)
+
+    def _judge(self, step, fine, text, value=None, limit=None, hint=""):
+        return self._done(step, "passed" if fine else "failed", text if fine else text + hint,
+                          value, limit)  # fmt: skip
+
+    def _connection(self):
+        found = self.axis.get("node_id", "command_source")
+        text = (
+            f"{self.axis.link.where}, node {found['node_id']}, owned by {found['command_source']}"
+        )
+        self._done("connection", "passed", text, found["node_id"])
+
+    def _table(self):
+        raw = self.axis.link.read(["object_table_hash"])["object_table_hash"]
+        theirs, ours = f"0x{raw:08x}", params_file.table_hash()
+        hint = f", this program has {ours}: take the forceaxis of the axis' firmware"
+        return self._judge("object table", theirs == ours, theirs, theirs, ours, hint)
+
+    def _faults(self):
+        found = self.axis.get("fault", "stopped_by")
+        fault, by = found["fault"], found["stopped_by"]
+        if fault != "none":
+            hint = CAUSES.get(fault, "find its cause")
+            self._done("faults", "failed", f"{_words(fault)}: {hint}, then `axis reset`", fault,
+                       "none")  # fmt: skip
+        else:
+            self._done("faults", "passed", "none" if by == "nobody" else f"none, stopped by {by}",
+                       fault, "none")  # fmt: skip
+
+    def _inputs(self):
+        bits = self.axis.read("digital_inputs")
+        fitted = self.known["inputs_fitted"]
+        self.switches = bits & fitted & (LIMIT_POS | LIMIT_NEG)
+        on = [text for bit, text in ((LIMIT_NEG, "negative"), (LIMIT_POS, "positive"))
+              if self.switches & bit]  # fmt: skip
+        chain = "enable chain closed" if bits & ENABLE_CHAIN else "enable chain open"
+        text = f"{chain}, limit switches {' and '.join(on) if on else 'off'}"
+        if not fitted & (LIMIT_POS | LIMIT_NEG):
+            text = f"{chain}, no limit switches (inputs_fitted)"
+        fine = bits & ENABLE_CHAIN and len(on) < 2
+        self._judge("inputs", bool(fine), text, bits, ENABLE_CHAIN,
+                    ": close the chain; two limit switches at once are a broken cable")  # fmt: skip
+
+    def _gains(self):
+        gain = self.known["position_gain"]
+        self._judge("position gain", gain > 0 and self._output() > 0,
+                    f"{gain:g} code/count, output limited to {self._output()} codes", gain,
+                    "above 0", ": set them, the axis would not move")  # fmt: skip
+
+    def _rest(self):
+        names = ("force_raw", "force", "current_raw", "position")
+        try:
+            held = self.axis.capture(list(names), samples=SAMPLES)
+            raw, force, current, place = (held.values(name) for name in names)
+        except Refused:  # this link carries no recording
+            rows = []
+            for _ in range(POLLS):
+                rows.append([self.axis.read(name) for name in names])
+                self.axis.link.wait(POLL_S)
+            raw, force, current, place = np.array(rows).T
+        top, zero = 2 ** self.known["adc_bits"] - 1, self.known["force_zero_code"]
+        railed = raw.max() >= top or (raw.min() <= 0 and zero != 0)
+        code = float(np.mean(raw))
+        self._judge("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
+                    ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
+        swing, band = float(np.ptp(force)), self.known["contact_force"]
+        noise = noise_of(raw)
+        text = f"{noise:.3g} LSB rms, {swing:.3g} counts from peak to peak"
+        if swing > band:
+            self._done("force at rest", "failed", f"{text}: expected at most contact_force; check "
+                       "shield and supply", swing, band)  # fmt: skip
+        elif noise < DITHER_LSB:
+            self._done("force at rest", "noted", f"{text}; below {DITHER_LSB:g} LSB a measurement "
+                       "in contact sees its codes", noise, DITHER_LSB)  # fmt: skip
+        else:
+            self._done("force at rest", "passed", text, noise, DITHER_LSB)
+        self.reading = float(np.mean(force))
+        newton = self.reading * self.known["force_scale"] * 1e-6
+        apart = abs(self.reading) <= band
+        self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} counts "
+                   f"({newton:.4g} N)" + ("" if apart else ": in contact, or without its tare"),
+                   self.reading, band)  # fmt: skip
+        self._judge("current", current.max() < top, f"code {float(np.mean(current)):.4g}",
+                    float(current.max()), top, ": at its upper end; check its wiring")  # fmt: skip
+        moved = int(np.ptp(place))
+        self.start = int(place[-1])
+        self._judge("encoder at rest", moved <= STANDING_CNT, f"position {self.start}, {moved} "
+                    "counts from peak to peak", moved, STANDING_CNT,
+                    ": the axis moves, or its cable picks up noise")  # fmt: skip
+
+    def _limits(self):
+        """Where the limits leave room; away from the workpiece is preferred."""
+        low, high = self.known["position_min"], self.known["position_max"]
+        room = {-1: self.start - low, 1: high - self.start}
+        free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
+                if room[way] >= self._span() and not self.switches & switch]  # fmt: skip
+        self.direction = free[0] if free else -1
+        named = [f"{n} {v}" for n, v in (("position_min", low), ("position_max", high))
+                 if abs(v) < NO_LIMIT]  # fmt: skip
+        text = f"{', '.join(named)}, position {self.start}" if named else "no soft limits"
+        self._judge("limits", bool(free), text, max(room.values()), self._span(),
+                    f": expected room for {self._span()} counts on one side")  # fmt: skip
+
+    def _span(self):
+        """How far the axis may be from its start, whatever happens."""
+        return max(self.travel, REACH * self.known["first_motion_counts"]) + ARRIVED_CNT
+
+    def _output(self):
+        return min(self.output, self.known["output_limit"])
+
+    def _motion(self):
+        """First motion and move, with limits of their own meanwhile."""
+        known = self.known
+        force = abs(self.reading) + 4 * known["contact_force"]
+        bounds = {
+            "position_min": max(known["position_min"], self.start - self._span()),
+            "position_max": min(known["position_max"], self.start + self._span()),
+            "output_limit": max(self._output(), known["first_motion_code"]),
+            "following_error_max": _least(known["following_error_max"], self.travel),
+            "speed_max": _least(known["speed_max"], 2 * known["first_motion_speed"]),
+            "force_max": _least(known["force_max"], force),
+            "profile_enable": "trapezoid",
+            "profile_velocity_max": self.travel / 1000,
+            "profile_acceleration_max": self.travel / 100_000,
+        }
+        names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation"]
+        before = self.axis.link.read(names)
+        try:
+            self.axis.set(**bounds, first_motion_test="off")
+            self.axis.set(first_motion_test="on")  # written anew: it is not passed yet
+            if not self._first_motion():
+                self._skip("what failed comes first", "move")
+                return
+            slow = _least(known["speed_max"], MOVE_SPEED_MAX)
+            self.axis.set(output_limit=self._output(), speed_max=slow)
+            self._move()
+        finally:
+            self._put_back(before)
+
+    def _first_motion(self):
+        names = [f"first_motion_{n}" for n in ("result", "moved", "code_reached", "force")]
+        try:
+            self.axis.enable("native position")
+            error = ""
+        except (Refused, NoAnswer) as refusal:
+            error = str(refusal)
+        found = self.axis.get(*names, "fault", "position")
+        result, moved = found["first_motion_result"], found["first_motion_moved"]
+        text = (f"{_words(result)}: {moved} counts at code {found['first_motion_code_reached']}, "
+                f"force changed by {found['first_motion_force']:.3g} counts")  # fmt: skip
+        if result == "passed" and not error:
+            seen = abs(found["first_motion_force"]) > self.known["contact_force"]
+            sign = "" if seen else "; the sign of the force shows at the first contact"
+            return self._done("first motion", "passed", text + sign, result, "passed")
+        name = found["fault"] if result in ("passed", "running", "not_run") else result
+        cause = CAUSES.get(name, error)
+        return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
+
+    def _move(self):
+        """Out and back by the position law; the largest error of the places reached."""
+        largest, errors = 0, []
+        for target in (self.start + self.direction * self.travel, self.start):
+            try:
+                self.axis.set(position_setpoint=target)
+                passed = 0.0
+                while passed < MOVE_S:
+                    now = self.axis.get("position", "dac_code", "fault", "limit_reason")
+                    largest = max(largest, abs(now["dac_code"]))
+                    if now["fault"] != "none":
+                        break
+                    self.axis.link.wait(POLL_S)
+                    passed += POLL_S
+            except (Refused, NoAnswer) as error:
+                self._done("move", "failed", str(error))
+                return
+            if now["fault"] != "none":
+                cause = CAUSES.get(now["fault"], f"at position {now['position']}")
+                self._done("move", "failed", f"{_words(now['fault'])}: {cause}", now["fault"],
+                           "none")  # fmt: skip
+                return
+            errors.append(now["position"] - target)
+            if abs(errors[-1]) > ARRIVED_CNT:
+                break
+        worst = max(errors, key=abs)
+        self._judge("move", abs(worst) <= ARRIVED_CNT, f"{self.travel} counts out and back, "
+                    f"{worst} counts beside its target, at most code {largest}", worst,
+                    ARRIVED_CNT,
+                    f", {_words(now['limit_reason'])} limits it: it is held up, or position_gain "
+                    "is too low")  # fmt: skip
+
+    def _put_back(self, before):
+        """Disables the axis and restores what was set for the motion. A link that is lost for a
+        moment is tried again; a first Ctrl-C acts after it."""
+        interrupt = reason = None
+        for again in range(RESTORE_TRIES):
+            try:
+                self.axis.off()
+                now = self.axis.link.read(list(before))
+                params.write(self.axis, {n: v for n, v in before.items() if now[n] != v}, now)
+                reason = None
+                break
+            except KeyboardInterrupt as error:
+                if interrupt:
+                    raise
+                interrupt = error
+            except (Refused, NoAnswer) as error:
+                reason = str(error)
+                if again + 1 < RESTORE_TRIES:
+                    self.axis.link.wait(0.5)
+        if reason:
+            self._done("restore", "failed", f"{reason}; the limits of the check stay in force "
+                       "until the axis is switched off and on")  # fmt: skip
+        if interrupt:
+            raise interrupt
+
+    def _stand(self):
+        """Waits until the axis, which coasts since it was disabled, stands."""
+        before, passed = None, 0.0
+        while (now := self.axis.read("position")) != before and passed < STAND_S:
+            before = now
+            self.axis.link.wait(0.2)
+            passed += 0.2
+
+    def _tare(self):
+        band = self.known["tare_band"] or self.known["contact_force"]
+        if not self.passed:
+            self._skip("what failed comes first", "tare")
+        elif abs(self.reading) > band:
+            self._done("tare", "skipped", f"{self.reading:.4g} counts at rest: beyond "
+                       f"{'tare_band' if self.known['tare_band'] else 'contact_force'}",
+                       self.reading, band)  # fmt: skip
+        else:
+            try:
+                self._stand()
+                found = actions.tare(self.axis)
+            except (Refused, NoAnswer) as error:
+                self._done("tare", "failed", str(error), self.reading, band)
+                return
+            self._done("tare", "passed", f"{found['force_tare']:.4g} counts, the reading is "
+                       f"{found['force']:.4g}; `axis params store` keeps it", found["force_tare"],
+                       band)  # fmt: skip
+
+
+def _least(own, bound):
+    """The smaller one of a limit, 0 for none, and of a bound; whole numbers stay whole."""
+    return min(own, bound) if own else bound
+
+
+def _words(name):
+    return str(name).replace("_", " ")

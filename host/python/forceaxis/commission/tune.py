@@ -1,0 +1,130 @@
+"""A force law for a live axis: measured, identified, designed, simulated, written, verified, kept.
+
+`Tuning(axis, order, folder).run()` does STEPS one after the other. Each is a function of tune_steps
+that ends with a result, a JSON file of its own in the folder, or with a Refusal. What is there is
+not done again, so a tuning goes on where it was broken off.
+"""
+
+import hashlib
+import json
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from forceaxis import linear, paths
+from forceaxis._core import InputError
+from forceaxis.commission import tune_steps
+from forceaxis.commission.refusal import Refusal
+
+STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
+FILE = "tune.json"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked for. model: path or stem of the axis' model, whose values are what is known
+    of it; priors: NAME=VALUE or NAME=VALUE+-PERCENT% of what is known better or worse."""
+
+    model: str
+    forces: tuple
+    over: tuple
+    priors: tuple = ()
+    ms: float = 2.0
+    force_max_N: float = math.inf
+    band_hz: tuple = (1.0, 100.0)
+    averages: int = 8
+    travel_mm: float = 1.0
+    seed: int = 1
+
+
+class Tuning:
+    """The steps on an Axis that is owned and disabled, in `folder`, which need not exist.
+
+    say(text): a line for each step and for what it does. Raises InputError where the folder holds
+    another tuning.
+    """
+
+    def __init__(self, axis, order, folder, say=lambda text: None):
+        self.axis, self.order, self.folder, self.say = axis, order, Path(folder), say
+        if len(order.forces) < 2:
+            raise Refusal(
+                "levels", f"expected at least two forces, got {len(order.forces)}: what depends on "
+                "the force cannot be told from what does not; give --force 30,150"
+            )  # fmt: skip
+        self.model, self.refused = linear.find_model(order.model), None
+        self._claim()
+
+    def _claim(self):
+        """Refuses a folder of another order, model or axis; writes down whose it is."""
+        known = self.axis.get("object_table_hash", "serial_number")
+        identity = {
+            "order": json.loads(json.dumps(asdict(self.order), default=str)),
+            "model_sha256": hashlib.sha256(self.model.read_bytes()).hexdigest(),
+            **known,
+        }
+        held = self.read(FILE)
+        if held is not None and held != identity:
+            other = [key for key in identity if held.get(key) != identity[key]]
+            raise InputError(
+                f"{self.folder}: expected a tuning of the same order, model and axis, got another "
+                f"{', '.join(other)}; give another --out"
+            )
+        self.write(FILE, identity)
+
+    def read(self, name):
+        """A JSON file of the folder, or None."""
+        file = self.folder / name
+        return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
+
+    def write(self, name, value):
+        with paths.replacing(self.folder, name) as (file,):
+            file.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+    def result(self, step):
+        """What a step that is done came to. Raises Refusal for one that is not."""
+        held = self.read(f"{step}.json")
+        if held is None:
+            raise Refusal(step, f"expected that step to be done before; run --only {step}")
+        return held["result"]
+
+    def run(self, only=None):
+        """Does the steps that are not done, or `only` that one, done or not; the summary."""
+        for step in (only,) if only else STEPS:
+            if not only and self.read(f"{step}.json") is not None:
+                self.say(f"{step}: done before")
+                continue
+            for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
+                (self.folder / f"{later}.json").unlink(missing_ok=True)
+            began = time.monotonic()
+            try:
+                result, line = getattr(tune_steps, step)(self)
+            except Refusal as refusal:
+                self.refused = {"step": step, "name": refusal.name, "text": refusal.text}
+                raise
+            took = time.monotonic() - began
+            self.write(f"{step}.json", {"seconds": round(took, 3), "result": result})
+            self.say(f"{step}: {line} ({took:.1f} s)")
+        return self.summary()
+
+    def summary(self):
+        """What is known so far, as `--json` prints it."""
+        done = {step: self.read(f"{step}.json") for step in STEPS}
+        held = {step: value["result"] for step, value in done.items() if value is not None}
+        fitted, designed = held.get("fit", {}), held.get("design", {})
+        verified = held.get("verify", {})
+        return {
+            "axis": self.axis.link.where,
+            "folder": str(self.folder),
+            "parameters": fitted.get("parameters"),
+            "bank": designed.get("bank"),
+            "worst": designed.get("worst"),
+            "p": designed.get("p"),
+            "limited_by": designed.get("limited_by"),
+            "Ms_predicted": designed.get("worst", {}).get("Ms"),
+            "levels": verified.get("levels"),
+            "certificate_state": held.get("write", {}).get("certificate_state"),
+            "stored": held.get("store", {}).get("stored", False),
+            "seconds": {step: done[step]["seconds"] for step in held},
+            "refused": self.refused,
+        }
