@@ -114,7 +114,7 @@ static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 void start(void) {
   axis_inputs_t inputs = {0, {0, 0}, 0, 0};
   volatile axis_outputs_t sink;
-  const fw_config_t config = {.recorder_buffer = recorder_buffer,
+  static const fw_config_t config = {.recorder_buffer = recorder_buffer,
                               .recorder_bytes = sizeof(recorder_buffer)};
   fw_init(&fw, &config);
   for (;;) {
