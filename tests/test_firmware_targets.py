@@ -114,7 +114,7 @@ static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 void start(void) {
   axis_inputs_t inputs = {0, {0, 0}, 0, 0};
   volatile axis_outputs_t sink;
-  const fw_config_t config = {.recorder_buffer = recorder_buffer,
+  static const fw_config_t config = {.recorder_buffer = recorder_buffer,
                               .recorder_bytes = sizeof(recorder_buffer)};
   fw_init(&fw, &config);
   for (;;) {
@@ -292,7 +292,7 @@ class Host:
         self.lib = ctypes.CDLL(str(library))
         self.axis = ctypes.c_uint32.in_dll(self.lib, "probe_axis").value
         self.fw = ctypes.create_string_buffer(16384)
-        self.lib.fw_init(self.fw, ctypes.create_string_buffer(64))  # fw_config_t: all 0
+        self.lib.fw_init(self.fw, ctypes.create_string_buffer(72))  # fw_config_t: all 0
         self.outputs = Outputs()
 
     def write(self, number, value):

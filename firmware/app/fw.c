@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/incident.h"
 #include "firmware/app/law.h"
 #include "firmware/app/layers.h"
 #include "firmware/app/ownership.h"
@@ -98,14 +99,6 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
 }
 
-/* A recording of what the drive has needs the drive. */
-static int arm_recorder(fw_t *fw) {
-  if (fw->live == 0 && recording_needs_drive(fw)) {
-    wake(fw);
-  }
-  return recording_arm(fw);
-}
-
 /* store_state shows at once that the store is at work. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
@@ -132,15 +125,18 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
       return sensing_command(fw, object);
     case AXIS_OBJ_EXCITATION_RUN:
       return cia402_excite(&fw->drive, &fw->axis, value == AXIS_EXCITATION_RUN_START);
+    case AXIS_OBJ_INCIDENT_COMMAND:
+      return incident_command(fw, value);
     default:
+      /* A recording of what the drive has needs the drive. */
+      if (value != 0 && fw->live == 0 && recording_needs_drive(fw)) {
+        wake(fw);
+      }
       break;
   }
-  if (value == 0) {
-    recorder_stop(&fw->recorder);
-  }
-  const int refusal = (value != 0) ? arm_recorder(fw) : FW_OK;
-  if (refusal == FW_OK) {
-    canopen_recording_replaced(&fw->canopen);
+  const int refusal = recording_command(fw, value != 0);
+  if (refusal == FW_OK && value != 0) {
+    incident_yield(fw);
   }
   return refusal;
 }
@@ -250,6 +246,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   store_init(&fw->store, config->memory);
   power_up(fw);
+  incident_init(fw);
   if (config->buses != 0) {
     wake(fw);
     boot(fw);
@@ -373,9 +370,10 @@ bool fw_report(fw_t *fw) {
     return true;
   }
   cia402_after(&fw->drive, &fw->axis);
-  recorder_tick(&fw->recorder, &fw->objects);
+  incident_tick(fw, fault_of(fw));
   if (fw->config.buses != 0) {
-    const bool defer = reports_contact_seen(fw) != fw->contact_seen ||
+    /* A sample and a TPDO in one interrupt would be too long. */
+    const bool defer = incident_samples(fw) || reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);
   }
@@ -397,6 +395,7 @@ void fw_between(fw_t *fw) {
     modbus_tick(&fw->modbus, &fw->objects);
     fw->on_serial = 0;
     execute_reset(fw);
+    incident_serve(fw);
   }
   sensing_serve(fw);
   serve_store(fw);

@@ -12,6 +12,7 @@
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
 #include "firmware/core/axis.h"
+#include "firmware/core/blackbox.h"
 #include "firmware/core/law_bank.h"
 #include "firmware/core/recorder.h"
 #include "firmware/drive/drive.h"
@@ -41,6 +42,9 @@ enum { FW_NODE_ID_BY_LSS = 255 };
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
   uint32_t recorder_bytes;
+  blackbox_t
+      *blackbox; /* needs no initial value; lies with recorder_buffer in memory that a restart
+                    does not clear, or keeps no incident over one; NULL: no black box */
   const store_memory_t *memory; /* NULL: parameters are not stored */
   const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
@@ -72,6 +76,7 @@ typedef struct {
   uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
   uint8_t on_serial;               /* 1: what is written now is received over the serial line */
   uint8_t owner_on_can;            /* 1: the owner reaches the axis over CAN; ownership.h */
+  uint8_t boxed;                   /* 1: the black box records, not the recorder; incident.h */
   uint8_t live;                    /* drive and protocols are served; see fw_tick() */
 } fw_t;
 

@@ -36,7 +36,7 @@ bool recording_needs_drive(const fw_t *fw) {
   return needed;
 }
 
-int recording_arm(fw_t *fw) {
+static int arm_recorder(fw_t *fw) {
   const recorder_params_t *params = &fw->recorder.params;
   const uint8_t edge = params->recorder_trigger_edge;
   recorder_channel_t channels[RECORDER_CHANNELS];
@@ -63,9 +63,21 @@ int recording_arm(fw_t *fw) {
   }
   if (starts) {
     /* A start before the first tick counts. */
-    fw->recorder.trigger_previous = fw->drive.signals.excitation_state;
-    fw->recorder.trigger_primed = 1;
+    recorder_prime(&fw->recorder, fw->drive.signals.excitation_state);
   }
+  return FW_OK;
+}
+
+int recording_command(fw_t *fw, bool arm) {
+  if (arm) {
+    const int refusal = arm_recorder(fw);
+    if (refusal != FW_OK) {
+      return refusal;
+    }
+  } else {
+    recorder_stop(&fw->recorder);
+  }
+  canopen_recording_replaced(&fw->canopen);
   return FW_OK;
 }
 

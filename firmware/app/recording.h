@@ -19,8 +19,8 @@ recorder_channel_t recording_channel(const fw_t *fw, uint16_t object);
 bool recording_is_without_drive(uint16_t object);
 bool recording_needs_drive(const fw_t *fw);
 
-/* Arms the recorder with the objects chosen; FW_OK or FW_ERROR_RANGE. */
-int recording_arm(fw_t *fw);
+/* Arms the recorder with the objects chosen, or stops it; FW_OK or FW_ERROR_RANGE. */
+int recording_command(fw_t *fw, bool arm);
 
 /* dictionary_domain_size() and dictionary_domain_read(). */
 uint32_t recording_size(const dictionary_t *objects);

@@ -14,6 +14,48 @@ void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes) {
   recorder->channel_count = 0;
 }
 
+void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *channels,
+                           uint8_t count) {
+  uint8_t sample_bytes = 0;
+  for (uint8_t i = 0; i < count; i++) {
+    const uint8_t bytes = value_bytes(channels[i].type);
+    recorder->channels[i] = channels[i];
+    recorder->channels[i].bytes = bytes;
+    sample_bytes = (uint8_t)(sample_bytes + bytes);
+  }
+  recorder->channel_count = count;
+  recorder->sample_bytes = sample_bytes;
+  recorder->wide_count = 0;
+  while (sample_bytes >= 4) {
+    sample_bytes = (uint8_t)(sample_bytes - recorder->channels[recorder->wide_count].bytes);
+    recorder->wide_count = (uint8_t)(recorder->wide_count + 1);
+  }
+}
+
+/* The value of the source so that unsigned comparisons order it. */
+static uint32_t ordered(const recorder_t *recorder, int32_t value) {
+  return (uint32_t)value ^ recorder->trigger_flip;
+}
+
+/* The edge that the parameters select, once for all ticks. */
+static void set_trigger(recorder_t *recorder, recorder_channel_t trigger) {
+  const uint8_t edge = recorder->params.recorder_trigger_edge;
+  const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
+  const bool either = edge == AXIS_RECORDER_TRIGGER_EDGE_EITHER;
+  recorder->trigger = trigger;
+  recorder->trigger_primed = 0;
+  recorder->trigger_rising = starts || either || edge == AXIS_RECORDER_TRIGGER_EDGE_RISING;
+  recorder->trigger_falling = either || edge == AXIS_RECORDER_TRIGGER_EDGE_FALLING;
+  recorder->trigger_flip = (trigger.type == AXIS_TYPE_U32) ? 0 : UINT32_C(0x80000000);
+  recorder->trigger_level = ordered(recorder, starts ? AXIS_EXCITATION_STATE_RAMPING_UP
+                                                     : recorder->params.recorder_trigger_level);
+}
+
+void recorder_prime(recorder_t *recorder, int32_t value) {
+  recorder->trigger_previous = ordered(recorder, value);
+  recorder->trigger_primed = 1;
+}
+
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger) {
   if (count == 0 || count > RECORDER_CHANNELS) {
@@ -29,14 +71,8 @@ int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8
   if (capacity == 0 || capacity > room || recorder->params.recorder_pretrigger >= capacity) {
     return -1;
   }
-  for (uint8_t i = 0; i < count; i++) {
-    recorder->channels[i] = channels[i];
-    recorder->channels[i].bytes = value_bytes(channels[i].type);
-  }
-  recorder->trigger = trigger;
-  recorder->channel_count = count;
-  recorder->sample_bytes = sample_bytes;
-  recorder->trigger_primed = 0;
+  recorder_set_channels(recorder, channels, count);
+  set_trigger(recorder, trigger);
   recorder->decimation_remaining = 0;
   recorder->write_index = 0;
   recorder->first_index = 0;
@@ -50,42 +86,40 @@ void recorder_stop(recorder_t *recorder) {
   recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
 }
 
-/* a < b; u32 values are compared unsigned. */
-static bool is_below(int32_t a, int32_t b, uint8_t type) {
-  return (type == AXIS_TYPE_U32) ? (uint32_t)a < (uint32_t)b : a < b;
-}
-
 /* True in the tick in which the source crosses the level in the selected direction. */
 static bool triggered(recorder_t *recorder, const void *base) {
-  const uint8_t edge = recorder->params.recorder_trigger_edge;
-  if (edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
+  if (recorder->params.recorder_trigger_edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
     return true;
   }
-  const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
-  const int32_t level =
-      starts ? AXIS_EXCITATION_STATE_RAMPING_UP : recorder->params.recorder_trigger_level;
-  const int32_t before = recorder->trigger_previous;
-  const uint8_t type = recorder->trigger.type;
-  const int32_t now = value_load(base, recorder->trigger.offset, type);
-  const bool primed = recorder->trigger_primed != 0;
+  const uint32_t level = recorder->trigger_level;
+  const uint32_t before = recorder->trigger_previous;
+  const uint32_t now =
+      ordered(recorder, value_load(base, recorder->trigger.offset, recorder->trigger.type));
+  if (recorder->trigger_primed == 0) {
+    recorder->trigger_primed = 1;
+    recorder->trigger_previous = now;
+    return false;
+  }
   recorder->trigger_previous = now;
-  recorder->trigger_primed = 1;
-  const bool rising = is_below(before, level, type) && !is_below(now, level, type);
-  const bool falling = is_below(level, before, type) && !is_below(level, now, type);
-  return primed && ((rising && edge != AXIS_RECORDER_TRIGGER_EDGE_FALLING) ||
-                    (falling && edge != AXIS_RECORDER_TRIGGER_EDGE_RISING && !starts));
+  return (before < level) ? recorder->trigger_rising && now >= level
+                          : before > level && recorder->trigger_falling && now <= level;
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
   /* Samples are packed little-endian, as the processor stores its values. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
-  const recorder_channel_t *end = &recorder->channels[recorder->channel_count];
-  for (const recorder_channel_t *channel = recorder->channels; channel != end; channel++) {
+  const recorder_channel_t *channel = recorder->channels;
+  /* Four bytes of each, which the next ones write over, cost less than to look at its width. */
+  const recorder_channel_t *end = channel + recorder->wide_count;
+  for (; channel != end; channel++) {
+    fx_copy_4(to, (const uint8_t *)base + channel->offset);
+    to += channel->bytes;
+  }
+  end = &recorder->channels[recorder->channel_count];
+  for (; channel != end; channel++) {
     const uint8_t *at = (const uint8_t *)base + channel->offset;
     const uint32_t bytes = channel->bytes;
-    if (bytes == 4) {
-      fx_copy_4(to, at);
-    } else if (bytes == 2) {
+    if (bytes == 2) {
       fx_copy_2(to, at);
     } else {
       to[0] = at[0];

@@ -16,6 +16,7 @@
  * of every sample from recorder_trigger_index on, the age of the waveform is its distance from
  * there times the decimation, if the recorder is armed before the excitation is started. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/generated/axis_objects.h"
@@ -37,9 +38,14 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
+  uint8_t wide_count; /* the first of them, behind whose start a sample has 4 bytes or more */
   uint8_t sample_bytes;
   uint8_t trigger_primed; /* trigger_previous holds the value of the last tick */
-  int32_t trigger_previous;
+  bool trigger_rising;    /* edges that count */
+  bool trigger_falling;
+  uint32_t trigger_flip; /* of level and previous value, so that unsigned comparisons order them */
+  uint32_t trigger_level;
+  uint32_t trigger_previous;
   uint16_t decimation_remaining; /* ticks until the next sample */
   uint32_t write_index;          /* slot of the next sample, 0..capacity-1 */
   uint32_t first_index;          /* slot of sample 0 */
@@ -57,10 +63,17 @@ void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes);
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger);
 
+/* The channels that a recording of `count` has, 1 to RECORDER_CHANNELS. */
+void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count);
+
+/* The value of the trigger's source before the first tick of an armed recorder, so that an edge in
+ * that tick counts. */
+void recorder_prime(recorder_t *recorder, int32_t value);
+
 /* Idle at once; a recording that was done can no longer be read. */
 void recorder_stop(recorder_t *recorder);
 
-/* One tick: samples the structure at `base`. */
+/* One tick: samples the structure at `base`, of which up to 3 bytes behind a value may be read. */
 void recorder_tick(recorder_t *recorder, const void *base);
 
 /* Sample `index` (0 the oldest) of a recording that is done: values[0..channel_count-1], u32 as the

@@ -317,14 +317,16 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
     answer.text = "another capture is under way; stop it by writing 0 to recorder_arm";
     co_return answer;
   }
+  // An incident is a recording that is there already.
+  const bool fetches = command.object == std::vector<std::string>{"incident_command"};
   for (const std::string &name : command.object) {
-    if (!name.starts_with("recorder_")) {
+    if (!name.starts_with("recorder_") && !fetches) {
       answer.text = name + ": expected a setting of the recorder";
       co_return answer;
     }
   }
   axis_command_t settings = command;
-  for (std::size_t i = 0; i < RECORDER_CHANNELS; ++i) {
+  for (std::size_t i = 0; i < RECORDER_CHANNELS && !fetches; ++i) {
     std::int64_t where = 0;
     if (i < command.signal.size()) {
       const auto object = host::find_object(command.signal[i]);
@@ -338,11 +340,13 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
     settings.object.push_back("recorder_signal_" + std::to_string(i + 1));
     settings.value.push_back(where);
   }
-  settings.object.push_back("recorder_arm");
-  settings.value.push_back(1);
+  if (!fetches) {
+    settings.object.push_back("recorder_arm");
+    settings.value.push_back(1);
+  }
   answer = co_await write_items(settings);
   if (answer.kind != axis_event_t::EVENT_DONE) co_return answer;
-  answer.text = "recorder armed";
+  answer.text = fetches ? "incident fetched" : "recorder armed";
   capturing_ = true;
   loop_.spawn(follow_capture(command));
   co_return answer;

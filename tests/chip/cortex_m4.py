@@ -26,7 +26,7 @@ COMPILER = [BOARD.build.tools + "gcc", *BOARD.build.flags]
 FLAGS = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-ffunction-sections"]
 CODE, RAM, STACK_TOP, EXIT = 0x08000000, 0x20000000, 0x20010000, 0x0F000000
 FW, RECORDER = RAM, RAM + 0x8000
-CONFIG, INPUTS, OUTPUTS, FRAME, BYTES = (RAM + 0x4000 + 0x200 * i for i in range(5))
+CONFIG, INPUTS, OUTPUTS, FRAME, BYTES, BLACKBOX = (RAM + 0x4000 + 0x200 * i for i in range(6))
 RECORDER_BYTES = 12288
 LOCAL = 3  # FW_SOURCE_LOCAL
 NODE = 5
@@ -162,7 +162,9 @@ class Chip:
         self.outputs = b"\0\0\0\0"
         self.places = {}
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
-        buses = struct.pack("<IIIIIIBB10x", RECORDER, RECORDER_BYTES, 0, 0, 0, 0, NODE, 1)
+        buses = struct.pack(
+            "<IIIIIIIBB10x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, NODE, 1
+        )
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
 
@@ -298,9 +300,9 @@ class Host:
         self.lib = ctypes.CDLL(str(library))
         self.fw = ctypes.create_string_buffer(16384)
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
-        config = struct.pack(
-            "<QI4xQQIIBB22x", ctypes.addressof(self.recorder), RECORDER_BYTES, 0, 0, 0, 0, NODE, 1
-        )
+        self.blackbox = ctypes.create_string_buffer(0x200)
+        places = [ctypes.addressof(self.recorder), RECORDER_BYTES, ctypes.addressof(self.blackbox)]
+        config = struct.pack("<QI4xQQQIIBB22x", *places, 0, 0, 0, 0, NODE, 1)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(4)

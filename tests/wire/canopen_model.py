@@ -930,7 +930,10 @@ class Node:
             raise Abort(0x08000021)
         elif o.kind == "command" and o.part in ("canopen", "device"):
             # Saving is refused for lack of memory only where the axis could be saved.
-            refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06060000, 0x08000022)]
+            refusals = [
+                self.frame(0x80, o.index, o.sub, code)
+                for code in (0x06060000, 0x08000022, 0x08000024)
+            ]
             self.answer(server, *(choice for f in refusals for choice in exactly(f)))
             return
         elif at == (0x2302, 0):

@@ -529,8 +529,16 @@ enum {
   AXIS_OBJ_TPDO_MAPPING_31 = 519,
   AXIS_OBJ_TPDO_MAPPING_32 = 520,
   AXIS_OBJ_NMT_STATE = 521,
-  AXIS_OBJ_SYNC_COUNT = 522,
-  AXIS_OBJ_COUNT = 523 /* one past the last number */
+  AXIS_OBJ_BLACKBOX_OPTION = 522,
+  AXIS_OBJ_BLACKBOX_STATE = 523,
+  AXIS_OBJ_INCIDENT_FAULT = 524,
+  AXIS_OBJ_INCIDENT_ERROR_CODE = 525,
+  AXIS_OBJ_INCIDENT_TICK = 526,
+  AXIS_OBJ_INCIDENT_LATER = 527,
+  AXIS_OBJ_INCIDENT_CRC = 528,
+  AXIS_OBJ_INCIDENT_COMMAND = 529,
+  AXIS_OBJ_SYNC_COUNT = 530,
+  AXIS_OBJ_COUNT = 531 /* one past the last number */
 };
 
 enum {
@@ -868,6 +876,27 @@ enum {
 };
 
 enum {
+  AXIS_BLACKBOX_OPTION_OFF = 0,
+  AXIS_BLACKBOX_OPTION_ON = 1,
+  AXIS_BLACKBOX_OPTION_COUNT = 2
+};
+
+enum {
+  AXIS_BLACKBOX_STATE_OFF = 0,
+  AXIS_BLACKBOX_STATE_RECORDING = 1,
+  AXIS_BLACKBOX_STATE_COMPLETING = 2,
+  AXIS_BLACKBOX_STATE_INCIDENT = 3,
+  AXIS_BLACKBOX_STATE_INCIDENT_KEPT = 4,
+  AXIS_BLACKBOX_STATE_RECORDER = 5,
+  AXIS_BLACKBOX_STATE_COUNT = 6
+};
+
+enum {
+  AXIS_INCIDENT_COMMAND_FETCH = 1,
+  AXIS_INCIDENT_COMMAND_CLEAR = 2
+};
+
+enum {
   AXIS_COIL_ENABLE = 0,
   AXIS_COIL_FAULT_RESET = 1,
   AXIS_COIL_HALT = 2,
@@ -1188,24 +1217,31 @@ typedef struct {
   uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
   uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, where the board's straps select none [1] */
+  uint8_t blackbox_option; /* whether the last second before an error is kept while nobody records [enum] */
 } device_params_t;
 
 typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of what this table means: addresses, names, types, units, scales, ranges, access, names of values [1] */
   uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
+  uint32_t incident_tick; /* tick_count at the incident; of an incident without a fault that of the last step of the main loop [tick] */
+  uint32_t incident_crc; /* CRC-32 of the incident's samples, as recorder_data gives them [1] */
   uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
   uint16_t overruns; /* ticks that came too late [1] */
   uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
+  uint16_t incident_error_code; /* error_code of the incident [1] */
+  uint16_t incident_later; /* errors since the incident [1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
+  uint8_t blackbox_state; /* what the black box does; recorder: a recording has its buffer, until the recorder is stopped [enum] */
+  uint8_t incident_fault; /* fault of the incident [enum] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xfeb44aed)
-#define AXIS_OBJECTS_HASH_TEXT "feb44aed"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x904ee356)
+#define AXIS_OBJECTS_HASH_TEXT "904ee356"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1281,10 +1317,10 @@ typedef struct {
 extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
-  AXIS_STORED_COUNT = 357,
-  AXIS_ADDRESSES_COUNT = 576,
-  AXIS_HOLDING_COUNT = 158,
-  AXIS_INPUT_COUNT = 73
+  AXIS_STORED_COUNT = 358,
+  AXIS_ADDRESSES_COUNT = 585,
+  AXIS_HOLDING_COUNT = 159,
+  AXIS_INPUT_COUNT = 79
 };
 
 /* By index, then sub-index. */

@@ -32,8 +32,8 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "feb44aedfd1389390c0e1c2210bcfbe917b22a3f291b0e62939590f669de0c32"
-#define AXIS_OBJECTS_META_COUNT 522
+#define AXIS_OBJECTS_HASH "904ee3569ac7acb00bde689a2035e4fc2586f5f0d810a96fe7aef41ad03f0f97"
+#define AXIS_OBJECTS_META_COUNT 530
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -1079,7 +1079,23 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x1A03, 8, -1, 1, "Mapped object 8", 0, 0},
     {521, 1, "nmt_state", "signal", "canopen", "state of the CANopen node", "u8", "1",
      1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x230A, 0, 341, 0, "NMT state", 0, 0},
-    {522, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
+    {522, 1, "blackbox_option", "parameter", "device", "whether the last second before an error is kept while nobody records", "u8", "1",
+     1.0, INT64_C(0), INT64_C(1), INT64_C(1), "rw", "any", "off,on", 0x2420, 0, 896, 1, "Blackbox option", 0, 0},
+    {523, 1, "blackbox_state", "signal", "device", "what the black box does; recorder: a recording has its buffer, until the recorder is stopped", "u8", "1",
+     1.0, INT64_C(0), INT64_C(5), INT64_C(0), "ro", "any", "off,recording,completing,incident,incident_kept,recorder", 0x2421, 0, 896, 0, "Blackbox state", 0, 1},
+    {524, 1, "incident_fault", "signal", "device", "fault of the incident", "u8", "1",
+     1.0, INT64_C(0), INT64_C(29), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected", 0x2422, 1, 897, 0, "Incident fault", 0, 1},
+    {525, 2, "incident_error_code", "signal", "device", "error_code of the incident", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2422, 2, 898, 0, "Incident error code", 0, 1},
+    {526, 4, "incident_tick", "signal", "device", "tick_count at the incident; of an incident without a fault that of the last step of the main loop", "u32", "tick",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2422, 3, 899, 0, "Incident tick", 0, 1},
+    {527, 2, "incident_later", "signal", "device", "errors since the incident", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2422, 4, 901, 0, "Incident later", 0, 1},
+    {528, 4, "incident_crc", "signal", "device", "CRC-32 of the incident's samples, as recorder_data gives them", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2422, 5, 902, 0, "Incident crc", 0, 1},
+    {529, 1, "incident_command", "command", "device", "fetch makes the incident the finished recording of the recorder, clear ends it and starts the next one", "u8", "1",
+     1.0, INT64_C(1), INT64_C(2), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 1},
+    {530, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0, "SYNC count", 0, 0},
 };
 
@@ -1090,7 +1106,7 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 85
+#define AXIS_VALUE_TEXTS_COUNT 134
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {185, 0, "none"},
     {185, 21808, "store_failed"},
@@ -1177,6 +1193,55 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {521, 4, "stopped"},
     {521, 5, "operational"},
     {521, 127, "pre_operational"},
+    {525, 0, "none"},
+    {525, 21808, "store_failed"},
+    {525, 24592, "source_lost"},
+    {525, 24832, "main_loop_lost"},
+    {525, 25376, "parameter_refused"},
+    {525, 28961, "no_motion"},
+    {525, 29440, "adc_range"},
+    {525, 29445, "sensor_invalid"},
+    {525, 29456, "overspeed"},
+    {525, 33040, "can_overrun"},
+    {525, 33056, "can_passive"},
+    {525, 33072, "heartbeat_lost"},
+    {525, 33088, "can_off"},
+    {525, 33296, "pdo_short"},
+    {525, 33312, "pdo_long"},
+    {525, 33344, "sync_length"},
+    {525, 33360, "pdo_timeout"},
+    {525, 34321, "following_error"},
+    {525, 34322, "limit_switches"},
+    {525, 65281, "contact_lost"},
+    {525, 65282, "force_saturated"},
+    {525, 65283, "limit_cycle"},
+    {525, 65284, "overrun"},
+    {525, 65285, "enable_lost"},
+    {525, 65286, "force_max"},
+    {525, 65287, "watchdog_reset"},
+    {525, 65288, "stopped"},
+    {525, 65289, "owner_unsupervised"},
+    {525, 65290, "duplicate_node"},
+    {525, 65291, "force_sensor_failed"},
+    {525, 65292, "current_sensor_failed"},
+    {525, 65293, "not_standing"},
+    {525, 65294, "amplifier_offset"},
+    {525, 65295, "encoder_reversed"},
+    {525, 65296, "runaway"},
+    {525, 65297, "force_reversed"},
+    {525, 65298, "position_gain_zero"},
+    {525, 65299, "law_uncertified"},
+    {525, 65300, "contact_travel"},
+    {525, 65301, "no_contact"},
+    {525, 65302, "contact_unstable"},
+    {525, 65303, "gain_halved"},
+    {525, 65306, "force_railed"},
+    {525, 65307, "force_stuck"},
+    {525, 65308, "calibration_expired"},
+    {525, 65309, "force_disconnected"},
+    {525, 65310, "force_jump"},
+    {529, 1, "fetch"},
+    {529, 2, "clear"},
 };
 
 /* Stored objects of version 0.1.0 at whose addresses there is none any more. */

@@ -4,6 +4,7 @@
 
 typedef struct {
   fw_t fw; /* the first member: what is handed out */
+  blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
 } axis_host_t;
 
@@ -16,6 +17,9 @@ fw_t *axis_host_create_with(const fw_config_t *config) {
   if (own.recorder_buffer == NULL) {
     own.recorder_buffer = host->recorder_buffer;
     own.recorder_bytes = sizeof(host->recorder_buffer);
+  }
+  if (own.blackbox == NULL && own.buses != 0) {
+    own.blackbox = &host->blackbox;
   }
   fw_init(&host->fw, &own);
   return &host->fw;

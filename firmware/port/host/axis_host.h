@@ -15,7 +15,8 @@ extern "C" {
  * memory. */
 fw_t *axis_host_create(void);
 
-/* The same with a configuration; where that has no recorder buffer, one is allocated. */
+/* The same with a configuration; where that has no recorder buffer, one is allocated, and
+ * on buses a black box. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
 /* Of one that was made here; NULL is allowed. */

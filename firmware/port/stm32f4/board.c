@@ -6,7 +6,9 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/tick.h"
 
-static uint8_t recorder_buffer[FW_RECORDER_BYTES];
+/* Not cleared at start-up: an incident outlives a reset. */
+static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
+static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 static fw_config_t config;
 
 void port_init(void) {
@@ -17,6 +19,7 @@ void port_init(void) {
 const fw_config_t *port_config(void) {
   config.recorder_buffer = recorder_buffer;
   config.recorder_bytes = sizeof(recorder_buffer);
+  config.blackbox = &blackbox;
   config.memory = flash_memory();
   config.hardware = "stm32f446";
   config.software = identity_software;

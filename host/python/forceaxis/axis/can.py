@@ -244,6 +244,10 @@ class CanLink(Link):
         self.write({"recorder_arm": 1})
         self._armed = tuple(signals), settings.get("decimation", 1)
 
+    def fetch(self, signals):
+        self.write({"incident_command": 1})
+        self._armed = tuple(signals), 1
+
     def recording(self, timeout_s):
         wait_recorded(self, timeout_s)
         signals, decimation = self._armed
@@ -253,6 +257,7 @@ class CanLink(Link):
             self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
         ):
             data = stream.read()
+        self.write({"recorder_arm": 0})
         row = np.dtype([(f"{i}", FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
         raw = np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)

@@ -78,6 +78,9 @@ class GatewayLink(Link):
             self.client.write_raw({"recorder_arm": 0})
             time.sleep(0.1)
 
+    def fetch(self, signals):
+        self._armed = self.client.fetch(list(signals))
+
     def recording(self, timeout_s):
         held = self.client.captured(self._armed, timeout_s)
         if not held.complete:
@@ -85,6 +88,7 @@ class GatewayLink(Link):
                 f"{self.where}: {held.missing} of {held.total} samples were lost on the way; "
                 "record again"
             )
+        self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)
 
     def close(self):

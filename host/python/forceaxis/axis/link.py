@@ -105,8 +105,14 @@ class Link(abc.ABC):
         raw value}, length, decimation, pretrigger, trigger_source, _edge, _level."""
 
     @abc.abstractmethod
+    def fetch(self, signals):
+        """Makes the incident of the black box, which has these signals, the recording that is read
+        next. Raises Refused where there is none."""
+
+    @abc.abstractmethod
     def recording(self, timeout_s):
-        """Waits for the armed recording, of the axis' time: a Recording. Raises NoAnswer."""
+        """Waits for the armed recording, of the axis' time: a Recording. The recorder is idle then,
+        so the black box goes on. Raises NoAnswer."""
 
     @abc.abstractmethod
     def close(self):

@@ -148,6 +148,9 @@ class ModbusLink(Link):
             f"{self.where}: a recording cannot be read over Modbus; use --axis or --can for it"
         )
 
+    def fetch(self, signals):
+        self.arm(signals, {})
+
     def recording(self, timeout_s):
         self.arm((), {})
 

@@ -74,11 +74,16 @@ class SimLink(Link):
         self.write({"recorder_arm": 1})
         self._armed = tuple(signals), settings.get("decimation", 1)
 
+    def fetch(self, signals):
+        self.write({"incident_command": 1})
+        self._armed = tuple(signals), 1
+
     def recording(self, timeout_s):
         wait_recorded(self, timeout_s)
         signals, decimation = self._armed
         about = self.read(["recorder_count", "recorder_trigger_index"])
         raw = self.axis.samples(0, about["recorder_count"], len(signals)).astype("int64")
+        self.write({"recorder_arm": 0})
         for i, name in enumerate(signals):
             if BY_NAME[name].type == "u32":
                 raw[:, i] %= 2**32

@@ -174,6 +174,12 @@ class AxisClient:
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
         return self._command_id
 
+    def fetch(self, signals):
+        """Makes the incident of the black box, with these signals, the recording that captured()
+        gets: its number."""
+        self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
+        return self._command_id
+
     def captured(self, number, timeout_s=30.0):
         """Waits for the samples of an armed recording: a capture_assembly.Assembly, whose `missing`
         counts the samples lost in transit."""

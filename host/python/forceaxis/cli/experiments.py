@@ -78,8 +78,14 @@ def replay(journal, out, as_json):
     """Repeat in process the run of a firmware on buses, from the journal of its axis_node.
 
     The same trace hash comes out; the exit status is 1 if it does not, or if the journal ends
-    without one, because the node was killed: then the recorded part is replayed.
+    without one, because the node was killed: then the recorded part is replayed. An incident of
+    `forceaxis incident` does not hold all that a replay needs: what is missing is named.
     """
+    from forceaxis.commission import incident
+
+    if incident.is_incident(journal):
+        missing = ", ".join(incident.missing(incident.load(journal)))
+        fail(f"{journal}: expected all inputs of the axis, this incident lacks {missing}", status=1)
     done, journalled = runs.replay(journal)
     same = done.summary["trace_hash"] == journalled["trace_hash"]
     done.summary["replay"] = journalled | {"same": same}

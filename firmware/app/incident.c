@@ -1,0 +1,120 @@
+#include "firmware/app/incident.h"
+
+#include <stddef.h>
+
+#include "firmware/app/recording.h"
+
+/* Objects by their addresses: what led to an error. */
+static const uint32_t recorded[RECORDER_CHANNELS] = {
+    0x202300, /* position */
+    0x202B00, /* profile_position */
+    0x202600, /* force_raw */
+    0x607400, /* force_demand */
+    0x202900, /* dac_code */
+    0x604100, /* statusword */
+    0x202200, /* limit_reason */
+    0x202800, /* digital_inputs */
+};
+
+static void channels_of(const fw_t *fw, recorder_channel_t channels[RECORDER_CHANNELS]) {
+  for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
+    channels[i] = recording_channel(fw, dictionary_object_at(recorded[i]));
+  }
+}
+
+void incident_init(fw_t *fw) {
+  fw->boxed = 0;
+  if (fw->config.blackbox != NULL) {
+    recorder_channel_t channels[RECORDER_CHANNELS];
+    channels_of(fw, channels);
+    blackbox_init(fw->config.blackbox, fw->config.recorder_buffer, fw->config.recorder_bytes,
+                  channels, fw->config.watchdog_fired != 0);
+  }
+}
+
+static void start(fw_t *fw) {
+  recorder_channel_t channels[RECORDER_CHANNELS];
+  channels_of(fw, channels);
+  blackbox_start(fw->config.blackbox, channels, recording_channel(fw, AXIS_OBJ_ERROR_CODE));
+}
+
+/* Records while it is wanted and nobody else does. */
+static uint8_t keep_recording(fw_t *fw) {
+  blackbox_t *blackbox = fw->config.blackbox;
+  const bool is_used = fw->recorder.signals.recorder_state != AXIS_RECORDER_STATE_IDLE;
+  const bool is_wanted = fw->device.blackbox_option == AXIS_BLACKBOX_OPTION_ON && !is_used;
+  if (is_wanted != blackbox_is_recording(blackbox)) {
+    if (is_wanted) {
+      start(fw);
+    } else {
+      blackbox_stop(blackbox);
+    }
+  }
+  if (is_used) {
+    return AXIS_BLACKBOX_STATE_RECORDER;
+  }
+  if (!blackbox_is_recording(blackbox)) {
+    return AXIS_BLACKBOX_STATE_OFF;
+  }
+  return (blackbox->ring.signals.recorder_state == AXIS_RECORDER_STATE_ARMED)
+             ? AXIS_BLACKBOX_STATE_RECORDING
+             : AXIS_BLACKBOX_STATE_COMPLETING;
+}
+
+static void show(fw_t *fw, uint8_t state) {
+  const blackbox_t *blackbox = fw->config.blackbox;
+  device_signals_t *signals = &fw->device_signals;
+  const bool is_over =
+      state == AXIS_BLACKBOX_STATE_INCIDENT || state == AXIS_BLACKBOX_STATE_INCIDENT_KEPT;
+  signals->blackbox_state = state;
+  signals->incident_fault = blackbox->fault;
+  signals->incident_error_code = blackbox->error_code;
+  signals->incident_tick = (blackbox->error_code != AXIS_ERROR_CODE_NONE) ? blackbox->tick : 0;
+  signals->incident_later = blackbox->later;
+  signals->incident_crc = is_over ? blackbox->crc : 0;
+}
+
+void incident_serve(fw_t *fw) {
+  blackbox_t *blackbox = fw->config.blackbox;
+  if (blackbox == NULL) {
+    return;
+  }
+  blackbox_follow(blackbox, fw->axis.signals.active_mode != AXIS_MODE_DISABLED,
+                  fw->drive.signals.error_code, fw->axis.signals.tick_count);
+  uint8_t state = AXIS_BLACKBOX_STATE_COMPLETING;
+  if (!blackbox_has_incident(blackbox)) {
+    state = keep_recording(fw);
+  } else if (blackbox_check(blackbox)) {
+    state =
+        (blackbox->kept != 0) ? AXIS_BLACKBOX_STATE_INCIDENT_KEPT : AXIS_BLACKBOX_STATE_INCIDENT;
+  }
+  fw->boxed = blackbox_is_recording(blackbox) ? 1 : 0;
+  show(fw, state);
+}
+
+void incident_yield(fw_t *fw) {
+  if (fw->config.blackbox != NULL) {
+    blackbox_stop(fw->config.blackbox);
+    fw->boxed = 0;
+    show(fw, AXIS_BLACKBOX_STATE_RECORDER);
+  }
+}
+
+int incident_command(fw_t *fw, int32_t value) {
+  blackbox_t *blackbox = fw->config.blackbox;
+  if (blackbox == NULL || !blackbox_has_incident(blackbox) || !blackbox_check(blackbox)) {
+    return FW_ERROR_NO_DATA;
+  }
+  recorder_stop(&fw->recorder);
+  if (value == AXIS_INCIDENT_COMMAND_FETCH) {
+    blackbox_show(blackbox, &fw->recorder);
+    for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
+      fw->recorder.params.recorder_signal[i] = recorded[i];
+    }
+  } else {
+    blackbox_stop(blackbox);
+    show(fw, AXIS_BLACKBOX_STATE_OFF);
+  }
+  canopen_recording_replaced(&fw->canopen);
+  return FW_OK;
+}

@@ -1,0 +1,57 @@
+"""`forceaxis incident`: what the black box of an axis has kept."""
+
+import json
+
+import click
+
+from forceaxis import paths
+from forceaxis.cli.common import Folder, Positive, Verb, as_json
+from forceaxis.cli.live_options import connected, live
+
+
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis incident --axis 1 --out out/incident
+    forceaxis incident --can can0 --node 3 --clear
+    forceaxis incident --sim sim/experiments/contact.toml --set firmware.mode=force \\
+        --set firmware.force_gain=5 --set firmware.force_max=40 --wait 5""",
+)
+@live
+@click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
+@click.option("--clear", is_flag=True, help="End the incident; the black box records again.")
+@click.option("--wait", "wait_s", type=Positive(0, 1e6), help="Wait so long for one, s.")
+@click.option("--counts-per-mm", type=Positive(1e-6, 1e9), help="Of the encoder: ways in mm.")
+@as_json
+def incident(way, out, clear, wait_s, counts_per_mm, as_json):
+    """Fetch the last second before an error: which fault, and what led to it.
+
+    The black box of an axis keeps the first incident, over a reset too, until it is cleared or a
+    recording is armed. Exit status 1 where there is none. The axis is owned meanwhile, so it has to
+    be disabled, as it is after a fault.
+    """
+    from forceaxis.commission import incident as incidents
+    from forceaxis.commission import story
+
+    with connected(way) as axis:
+        if wait_s:
+            incidents.wait(axis, wait_s)
+        axis.acquire()
+        done = incidents.fetch(axis)
+        if clear:
+            incidents.clear(axis)
+    lines = story.tell(done, counts_per_mm)
+    if out:
+        incidents.write(done, out, incidents.figure(done, counts_per_mm))
+    if as_json:
+        told = {"fault": done.fault, "error_code": done.error_code, "tick": done.tick}
+        told |= {"later": done.later, "kept": done.kept, "story": lines[1:]}
+        click.echo(json.dumps(told))
+    else:
+        click.echo(f"{done.where}: {lines[0]}")
+        for line in lines[1:]:
+            click.echo(f"  {line}")
+        if out:
+            click.echo(f"files        {paths.quoted(out)}")
+
+
+VERBS = (incident,)

@@ -1,0 +1,231 @@
+"""The incident that an axis' black box keeps: fetched, kept as a file, loaded again.
+
+A file is one JSON: version, what the axis said about the incident, its parameters, and the samples
+with the CRC-32 that the axis computed over them.
+"""
+
+import dataclasses
+import datetime
+import json
+import struct
+import zlib
+
+import numpy as np
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
+from forceaxis.bus.client import from_raw
+from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
+
+VERSION = 1
+#: As firmware/app/incident.c records them, in each tick.
+SIGNALS = (
+    "position", "profile_position", "force_raw", "force_demand", "dac_code", "statusword",
+    "limit_reason", "digital_inputs",
+)  # fmt: skip
+FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
+ABOUT = ("incident_fault", "incident_error_code", "incident_tick", "incident_later", "incident_crc")
+STATES = ("incident", "incident_kept")
+COMPLETE_S = 5.0  # an incident's end, and its CRC
+FULL_SCALE_BITS = 8  # counts of the force are those of an 8-bit reading
+
+
+@dataclasses.dataclass(frozen=True)
+class Incident:
+    """One incident. `parameters` are raw values as they were when it was fetched."""
+
+    recording: Recording
+    where: str
+    fetched: str  #: time of day, ISO 8601
+    fault: str
+    error_code: str
+    tick: int
+    later: int  #: errors since
+    kept: bool  #: from before a restart of the axis
+    table: str  #: hash of the object table
+    parameters: dict
+
+    def column(self, name):
+        return self.recording.values(name)
+
+    @property
+    def time_ms(self):
+        """(n,) ms from the tick of the error."""
+        return self.recording.time_s * 1e3
+
+    @property
+    def force_N(self):
+        """(n,) N: the reading after zero, sign and tare."""
+        p = self.parameters
+        scale = 2.0 ** (FULL_SCALE_BITS - p["adc_bits"])
+        counts = (self.column("force_raw") - p["force_zero_code"]) * scale * p["force_sign"]
+        return (counts - from_raw("force_tare", p["force_tare"])) * p["force_scale"] * 1e-6
+
+    @property
+    def travel(self):
+        """(n,) counts from the position at the error; a wrap of the encoder does not show."""
+        steps = np.diff(self.column("position"))
+        way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
+        return way - way[self.recording.trigger_sample]
+
+
+def has_one(axis):
+    return axis.read("blackbox_state") in STATES
+
+
+def wait(axis, seconds):
+    """Waits for an incident, of the axis' time. Raises NoAnswer."""
+    axis.wait_for(
+        lambda s: s["blackbox_state"] in STATES, ("blackbox_state", "fault"), "an incident", seconds
+    )
+
+
+def fetch(axis):
+    """The incident of an axis that is owned. Raises Refused where there is none, NoAnswer."""
+    if axis.read("blackbox_state") == "completing":
+        wait(axis, COMPLETE_S)
+    state = axis.read("blackbox_state")
+    if state not in STATES:
+        why = {
+            "off": "its black box is off (blackbox_option)",
+            "recorder": "a recording has its buffer; write 0 to recorder_arm",
+        }.get(state, "nothing has happened since its black box started to record")
+        raise Refused(f"{axis.link.where}: expected an incident, {why}")
+    about = axis.get(*ABOUT)
+    axis.link.fetch(SIGNALS)
+    recording = axis.link.recording(COMPLETE_S)
+    if zlib.crc32(packed(recording)) != about["incident_crc"]:
+        raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
+    parameters = axis.link.read(
+        [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
+        + ["modes_of_operation", "force_setpoint"]
+    )
+    return Incident(
+        recording=recording,
+        where=axis.link.where,
+        fetched=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        fault=about["incident_fault"],
+        error_code=str(about["incident_error_code"]),
+        tick=about["incident_tick"],
+        later=about["incident_later"],
+        kept=state == "incident_kept",
+        table=OBJECTS_HASH,
+        parameters=parameters,
+    )
+
+
+def clear(axis):
+    """Ends the incident; the black box records again."""
+    axis.set(incident_command="clear")
+
+
+def packed(recording):
+    """The samples as the axis keeps them."""
+    row = struct.Struct("<" + "".join(FORMATS[BY_NAME[n].type] for n in recording.signals))
+    return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
+
+
+def write(incident, folder, figure):
+    """incident.json and .png into `folder`, which is created; both or none. Raises OSError."""
+    recording = incident.recording
+    known = {
+        f.name: getattr(incident, f.name)
+        for f in dataclasses.fields(incident)
+        if f.name != "recording"
+    }
+    samples = {
+        "trigger_sample": recording.trigger_sample,
+        "crc": zlib.crc32(packed(recording)),
+        **{name: recording.raw[:, i].tolist() for i, name in enumerate(recording.signals)},
+    }
+    with paths.replacing(folder, "incident.json", "incident.png") as (text, picture):
+        text.write_text(
+            json.dumps({"forceaxis_incident": VERSION, **known, "samples": samples}) + "\n"
+        )
+        figure.savefig(picture, format="png", dpi=120)
+
+
+def is_incident(path):
+    """Whether a file begins as one of write()."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(32).startswith(b'{"forceaxis_incident"')
+    except OSError:
+        return False
+
+
+def load(path):
+    """The Incident of a file of write(). Raises InputError, OSError."""
+    try:
+        held = json.loads(path.read_text())
+        version = held.pop("forceaxis_incident")
+        samples = held.pop("samples")
+        trigger, crc = samples.pop("trigger_sample"), samples.pop("crc")
+        raw = np.array(list(samples.values()), dtype=np.int64).T
+        incident = Incident(Recording(tuple(samples), raw, 1, trigger), **held)
+        is_right = zlib.crc32(packed(incident.recording)) == crc
+    except (ValueError, KeyError, TypeError, AttributeError, struct.error):
+        raise InputError(f"{path}: expected an incident as `forceaxis incident` keeps it") from None
+    if version != VERSION:
+        raise InputError(f"{path}: expected an incident of version {VERSION}, got {version}")
+    if not is_right:
+        raise InputError(f"{path}: expected samples whose CRC is right; fetch the incident again")
+    return incident
+
+
+def missing(incident):
+    """What a replay of an incident would need beside its samples, by name."""
+    enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
+    lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
+    if len(enabled) and enabled[0]:
+        lacks.append(
+            "the state at its first sample of force law (force_integral, sections, bump_bias), "
+            "trajectory, shapers and supervision"
+        )
+    return lacks
+
+
+def figure(incident, counts_per_mm=None):
+    """Force, position and code over the time from the error."""
+    import matplotlib.pyplot as plt
+
+    from forceaxis.drawing import GOT, INK, THIN, WANTED, style
+
+    time_ms = incident.time_ms
+    unit, scale = ("mm", counts_per_mm) if counts_per_mm else ("count", 1)
+    way = incident.travel / scale
+    demand = way + (incident.column("profile_position") - incident.column("position")) / scale
+    wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
+    columns = (
+        ("force, N", ((incident.force_N, INK), (wanted, WANTED))),
+        (f"way, {unit}", ((way, INK), (demand, WANTED))),
+        ("code", ((incident.column("dac_code"), INK),)),
+    )
+    near = max(-100.0, float(time_ms[0]))
+    made, rows = plt.subplots(3, 2, sharex="col", figsize=(9, 5.5), layout="constrained")
+    for pair, (label, lines) in zip(rows, columns, strict=True):
+        for ax, begin in zip(pair, (float(time_ms[0]), near), strict=True):
+            style(ax)
+            inside = time_ms >= begin
+            for values, color in lines:
+                ax.plot(time_ms[inside], values[inside], color=color, **THIN)
+            ax.axvline(0, color=GOT, linewidth=0.8)
+        pair[0].set_ylabel(label, fontsize=8)
+    for ax in rows[-1]:
+        ax.set_xlabel("time from the error, ms", fontsize=8)
+    rows[0, 0].set_title(
+        f"{incident.where}: {words(incident)}", fontsize=9, loc="left", color=INK, parse_math=False
+    )
+    plt.close(made)
+    return made
+
+
+def words(incident):
+    """The fault, or the error without one."""
+    named = incident.fault if incident.fault != "none" else incident.error_code
+    return named.replace("_", " ")
+
+
+def seconds_since_power_up(incident):
+    return incident.tick / TICKS_PER_S

@@ -1,0 +1,218 @@
+"""What led to an incident, in words: rules on its recorded signals, the decisive ones first."""
+
+import numpy as np
+
+from forceaxis.axis.link import TICKS_PER_S
+from forceaxis.bus.client import from_raw
+from forceaxis.bus.state_names import enum, mode
+from forceaxis.commission.incident import words
+
+ENABLED = 0x27  # of statusword & 0x6F: operation enabled
+MS = 1e3 / TICKS_PER_S
+SWING_TICKS = 450  # 0.3 s
+NEAR_TICKS = 75  # 50 ms
+CLOSE_TICKS = 10
+
+# What a reader should know about a fault, whatever was recorded.
+MEANS = {
+    "enable_lost": "the enable chain opened while the axis was enabled",
+    "limit_switches": "both limit switches were active at once",
+    "source_lost": "the owner of the axis wrote nothing for the time of its watchdog",
+    "heartbeat_lost": "the heartbeat that the axis watches stayed away",
+    "pdo_timeout": "an RPDO stayed away for longer than its deadline",
+    "can_off": "the CAN controller went bus off",
+    "main_loop_lost": "the main loop did not run for more than 15 ticks",
+    "duplicate_node": "another node with the same id is on the bus",
+    "sensor_invalid": "the inputs of a tick could not be read",
+    "contact_travel": "the axis moved on in contact by more than contact_travel_max",
+    "no_contact": "the approach ended without contact",
+    "contact_unstable": "contact was lost again and again, or the force swung",
+    "watchdog_reset": "the watchdog reset the processor in the middle of a tick",
+}
+
+
+def tell(incident, counts_per_mm=None):
+    """Lines of text: the fault, then what led to it."""
+    return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
+
+
+def _headline(incident):
+    place = " (kept over a restart)" if incident.kept else ""
+    later = f"; {incident.later} later error{'s' * (incident.later > 1)}" if incident.later else ""
+    return (
+        f"{words(incident)}{place} at tick {incident.tick}, "
+        f"{mode(incident.parameters['modes_of_operation'])}{later}"
+    )
+
+
+class _Story:
+    def __init__(self, incident, counts_per_mm):
+        self.incident, self.per_mm = incident, counts_per_mm
+        self.at = incident.recording.trigger_sample
+        until = slice(0, self.at + 1)
+        self.force, self.raw = incident.force_N[until], incident.column("force_raw")[until]
+        self.way, self.code = incident.travel[until], incident.column("dac_code")[until]
+        self.speed = np.diff(self.way, prepend=self.way[0])
+        self.inputs = incident.column("digital_inputs")[until]
+        self.reason = incident.column("limit_reason")[until]
+        self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED
+        p = incident.parameters
+        self.threshold = from_raw("contact_force", p["contact_force"]) * p["force_scale"] * 1e-6
+        self.contact = np.abs(self.force) > self.threshold
+
+    def lines(self):
+        fault = self.incident.fault if self.incident.fault != "none" else self.incident.error_code
+        rules = (
+            self.meaning(fault), self.motion(), self.switches(), self.onset(), self.rise(),
+            self.jump(), self.rail(), self.still(), self.losses(), self.swing(), self.limited(),
+            self.error(), self.standing(),
+        )  # fmt: skip
+        return [line for line in rules if line]
+
+    def meaning(self, fault):
+        return MEANS.get(fault)
+
+    def motion(self):
+        """Since when the axis was enabled, and how fast it moved."""
+        on = self.enabled[:-1]
+        if not on.any():
+            return "the axis was not enabled in the recorded second"
+        begin = int(np.argmax(on))
+        since = f"for {(self.at - begin) * MS:.0f} ms" if begin else "all the recorded second"
+        speed = self.mean_speed(self.at)
+        return f"enabled {since}; at the error it moved at {self.rate(speed)}"
+
+    def mean_speed(self, at):
+        """Counts a tick, of the last 4 ticks."""
+        return float(np.mean(self.speed[max(1, at - 3) : at + 1])) if at else 0.0
+
+    def rate(self, speed):
+        if self.per_mm:
+            return f"{speed * TICKS_PER_S / self.per_mm:.1f} mm/s"
+        return f"{speed:.1f} count/tick"
+
+    def length(self, counts):
+        return f"{counts / self.per_mm:.2f} mm" if self.per_mm else f"{counts:.0f} count"
+
+    def switches(self):
+        changed = np.flatnonzero(np.diff(self.inputs))
+        if not len(changed):
+            return None
+        last = int(changed[-1])
+        names = ("enable chain", "positive limit switch", "negative limit switch", "home", "index")
+        bits = int(self.inputs[last]) ^ int(self.inputs[last + 1])
+        which = " and ".join(n for i, n in enumerate(names) if bits >> i & 1)
+        ago = (self.at - last - 1) * MS
+        return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
+
+    def onset(self):
+        """The last contact before the error: when, and how fast."""
+        begins = np.flatnonzero(~self.contact[:-1] & self.contact[1:]) + 1
+        if not len(begins):
+            return None if self.contact.any() else "no contact in the recorded second"
+        at = int(begins[-1])
+        return (
+            f"contact began {(self.at - at) * MS:.1f} ms before the error, "
+            f"at {self.rate(self.mean_speed(at - 1))}"
+        )
+
+    def rise(self):
+        begin = max(0, self.at - NEAR_TICKS)
+        near = self.force[begin:]
+        low, high = int(np.argmin(near)), int(np.argmax(near))
+        change = near[high] - near[low]
+        if change < 2 * self.threshold:
+            return None
+        verb = "rose" if low < high else "fell"
+        return (
+            f"force {verb} {change:.3g} N in {abs(high - low) * MS:.1f} ms, "
+            f"to {near[max(low, high)]:.3g} N"
+        )
+
+    def jump(self):
+        steps = np.abs(np.diff(self.force[-CLOSE_TICKS - 1 :]))
+        others = np.abs(np.diff(self.force[: -CLOSE_TICKS - 1]))
+        if not len(steps) or not len(others):
+            return None
+        at = int(np.argmax(steps))
+        if steps[at] < max(4 * self.threshold, 2 * float(others.max())):
+            return None
+        ago = (len(steps) - 1 - at) * MS
+        return f"the force reading jumped by {steps[at]:.3g} N in one tick, {ago:.1f} ms before"
+
+    def rail(self):
+        highest = 2 ** self.incident.parameters["adc_bits"] - 1
+        at_end = self.raw >= highest
+        if self.incident.parameters["force_zero_code"]:
+            at_end |= self.raw == 0
+        ticks = _last_run(at_end)
+        return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
+
+    def still(self):
+        """A reading that stays, although the axis moves in contact or presses."""
+        ticks = _last_run(self.raw == self.raw[-1])
+        is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
+        if ticks < 5 or not (is_sign or self.contact[-1]):
+            return None
+        moved = self.length(np.ptp(self.way[-ticks:]))
+        code = np.abs(self.code[-ticks:-1]).max(initial=0)
+        return (
+            f"the force reading stayed at one code ({int(self.raw[-1])}) for {ticks * MS:.0f} ms, "
+            f"while the axis moved {moved} under codes up to {code}"
+        )
+
+    def losses(self):
+        count = int(np.count_nonzero(self.contact[:-1] & ~self.contact[1:]))
+        return f"contact was lost {count} times in the recorded second" if count > 1 else None
+
+    def swing(self):
+        part = self.force[-SWING_TICKS - 1 : -1]
+        if len(part) < SWING_TICKS or np.ptp(part) < 2 * self.threshold:
+            return None
+        smooth = part - part.mean()
+        power = np.abs(np.fft.rfft(smooth * np.hanning(len(smooth)))) ** 2
+        peak = int(np.argmax(power[2:])) + 2
+        if power[peak - 1 : peak + 2].sum() < 0.5 * power.sum():
+            return None
+        hz = peak * TICKS_PER_S / len(part)
+        return f"the force swung by {np.ptp(part):.3g} N at some {hz:.0f} Hz in the last 0.3 s"
+
+    def limited(self):
+        ticks = _last_run(self.reason[:-1] != 0)
+        if not ticks:
+            return None
+        return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
+
+    def error(self):
+        """Distance to the set-point, where one is followed."""
+        lag = (self.incident.column("profile_position") - self.incident.column("position"))[
+            : self.at
+        ]
+        if not len(lag) or not np.any(lag[-3:]):
+            return None
+        return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
+
+    def standing(self):
+        """An axis that does not follow its code."""
+        ticks = min(NEAR_TICKS, self.at)
+        if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
+            return None
+        if self.contact[-ticks - 1 : -1].any():
+            return None  # a held force
+        codes = self.code[-ticks - 1 : -1]
+        if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
+            return None
+        way = float(self.way[-1] - self.way[-ticks])
+        if abs(way) <= 4:
+            return f"it stood for {ticks * MS:.0f} ms under codes of {codes.min()} to {codes.max()}"
+        if way * codes[-1] < 0:
+            return (
+                f"it moved {self.length(way)} against its codes of {codes.min()} to {codes.max()}"
+            )
+        return None
+
+
+def _last_run(flags):
+    """How many of the last entries are true without a gap."""
+    off = np.flatnonzero(~flags[::-1])
+    return int(off[0]) if len(off) else len(flags)
