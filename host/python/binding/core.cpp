@@ -299,6 +299,12 @@ PYBIND11_MODULE(_core, m) {
                                                             [](const auto &x) { return x.tick; });
                              })
       .def_property_readonly("objects", &Result::objects, "objects of [trace] -> unit")
+      .def_property_readonly("setpoints", &Result::setpoints,
+                             "(from time_s, N) of each set-point of force; [] where none is read")
+      .def_property_readonly("impulses", &Result::impulses, "(time_s, body, N s)")
+      .def_property_readonly("contacts", &Result::contacts, "their names")
+      .def_property_readonly("converters", &Result::converters,
+                             "column of codes -> signal, unit, per_code, zero, bits")
       .def("columns", &Result::columns,
            "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
 

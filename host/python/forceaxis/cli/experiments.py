@@ -16,10 +16,19 @@ from forceaxis.cli.common import (
     fail,
     link_of,
     linked,
+    show,
     threads,
+    waiting,
 )
 from forceaxis.experiments import link, trace
 from forceaxis.experiments import run as runs
+from forceaxis.experiments import summary as summaries
+
+codes_option = click.option(
+    "--codes",
+    is_flag=True,
+    help="Plot what the converters gave, ADC, DAC and encoder, not N, mm, V.",
+)
 
 
 @click.command(
@@ -41,27 +50,30 @@ from forceaxis.experiments import run as runs
 @click.option(
     "--out",
     type=Folder(),
-    help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
+    help="Folder for trace.csv, trace.npz, events.csv, plot.png, plot.svg and result.json.",
 )
+@codes_option
 @linked
 @as_json
-def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
+def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_json):
     """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
 
-    Prints the verdict, the trace hash, the closest approach to a code edge, the events and the
-    energy audit. An unstable verdict is a result: the exit status is 0 whenever the run was done.
+    Prints the verdict with its reasons and its window, the force held beside the set-point, the
+    events, the energy audit, the closest approach to a code edge and the trace hash. An unstable
+    verdict is a result: the exit status is 0 whenever the run was done.
     With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
     of the trace differ or one falls silent.
     """
-    done = runs.run(experiment, overrides, link_of(kind, lcm_url, link_can, inject))
-    if out:
-        trace.write(done, out)
+    over = link_of(kind, lcm_url, link_can, inject)
+    with waiting(f"running {paths.display(experiment)}"):
+        done = runs.run(experiment, overrides, over)
+        if out:
+            trace.write(done, out, codes)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(runs.describe(done.summary))
-        if out:
-            click.echo(f"files        {paths.quoted(out)}")
+        files = [("files", paths.quoted(out))] if out else []
+        show([*summaries.rows(done.summary), *files])
     if "link" in done.summary:
         link.expect_same(done.summary["link"])
 
@@ -73,26 +85,28 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
 )
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--out", type=Folder(), help="Folder, as for run.")
+@codes_option
 @as_json
-def replay(journal, out, as_json):
+def replay(journal, out, codes, as_json):
     """Repeat in process the run of a firmware on buses, from the journal of its axis_node.
 
     The same trace hash comes out; the exit status is 1 if it does not, or if the journal ends
     without one, because the node was killed: then the recorded part is replayed.
     """
-    done, journalled = runs.replay(journal)
+    with waiting(f"replaying {paths.display(journal)}"):
+        done, journalled = runs.replay(journal)
     same = done.summary["trace_hash"] == journalled["trace_hash"]
     done.summary["replay"] = journalled | {"same": same}
     if out and not journalled["traced"]:
         fail(f"--out: expected a journal of at most 600 s, {journal} has more; its hash is checked")
     if out:
-        trace.write(done, out)
+        trace.write(done, out, codes)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(runs.describe(done.summary))
         known = journalled["trace_hash"] or "none, it is broken off"
-        click.echo(f"journal      {journalled['entries']} entries, trace hash {known}")
+        text = f"{journalled['entries']} entries, trace hash {known}"
+        show([*summaries.rows(done.summary), ("journal", text)])
     if journalled["ticks"] is None:
         fail(
             f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
