@@ -303,6 +303,7 @@ PYBIND11_MODULE(_core, m) {
                              "(from time_s, N) of each set-point of force; [] where none is read")
       .def_property_readonly("impulses", &Result::impulses, "(time_s, body, N s)")
       .def_property_readonly("contacts", &Result::contacts, "their names")
+      .def_property_readonly("signal_units", &Result::signal_units, "signal of the model -> unit")
       .def_property_readonly("converters", &Result::converters,
                              "column of codes -> signal, unit, per_code, zero, bits")
       .def("columns", &Result::columns,

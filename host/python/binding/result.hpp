@@ -153,6 +153,13 @@ struct Result {
     return list;
   }
 
+  pybind11::dict signal_units() const {
+    pybind11::dict d;
+    for (const auto &signal : experiment.model->signal_list())
+      d[pybind11::str(signal.name)] = forceaxis::sim::unit_of(signal.dimension);
+    return d;
+  }
+
   pybind11::list contacts() const {
     pybind11::list names;
     for (const auto &contact : experiment.model->contacts) names.append(contact.name);

@@ -13,6 +13,7 @@ from forceaxis.cli.common import (
     Folder,
     Verb,
     as_json,
+    coloured,
     fail,
     link_of,
     linked,
@@ -221,7 +222,9 @@ def sweep(
 @click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
 @click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
 @click.option("--junit", type=File(), help="Write the results as JUnit XML.")
-@click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
+@click.option(
+    "--out", type=Folder(), help="Folder for figure, table and trace of each failed test."
+)
 @click.option(
     "-k", "pattern", metavar="PATTERN", help="Only files with PATTERN in their name (*, ? allowed)."
 )
@@ -259,7 +262,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
         if outcome.status == "error":
             click.echo(f"forceaxis: {outcome.message}", err=True)
         if not as_json:
-            click.echo(regression.describe(outcome))
+            click.echo(regression.describe(outcome, coloured))
 
     outcomes = regression.run(targets, update, out, threads, pattern, report)
     if junit:

@@ -25,6 +25,7 @@ class Run:
     setpoints: list  # (from time_s, N) of each set-point of force; [] where none is read
     impulses: list  # (time_s, body, N s)
     contacts: list  # their names
+    signal_units: dict  # column that is a signal of the model -> its unit
     overrides: tuple  # as given
 
     @property
@@ -113,5 +114,6 @@ def finished(experiment, result, report, command, overrides=()):
         result.setpoints,
         result.impulses,
         result.contacts,
+        result.signal_units,
         tuple(overrides),
     )
