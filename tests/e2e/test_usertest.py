@@ -217,7 +217,7 @@ DIFFERENCES = [
     ("final_value = { max = 0.4 }", "expected at most 0.4, got 0.5"),
     (
         "settle_s = { min = 1, max = 2 }",
-        "at least 1 and at most 2, got 0.749 (0.251 s below, 25.1%)",
+        "at least 1 and at most 2, got 0.749333 (0.251 s below, 25.1%)",
     ),
     ('settle_s = "never"', "settle_s: expected never, got 0.749"),
     ("overshoot = 0.1", "overshoot: expected 0.1 +-0.01, got "),

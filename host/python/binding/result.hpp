@@ -66,6 +66,29 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   return d;
 }
 
+// Column of codes -> its physical quantity: quantity = (code - zero) * per_code, in `unit`.
+inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
+  pybind11::dict d;
+  const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
+                        double per_code, int zero, int bits) {
+    d[column] = pybind11::dict(pybind11::arg("signal") = signal, pybind11::arg("unit") = unit,
+                               pybind11::arg("per_code") = per_code, pybind11::arg("zero") = zero,
+                               pybind11::arg("bits") = bits);
+  };
+  if (model.encoder) add("encoder", "position", "m", 1.0 / model.encoder->scale, 0, 32);
+  static const char *const kColumns[] = {"adc0", "adc1"};
+  for (std::size_t i = 0; i < model.adc.size(); ++i) {
+    if (!model.adc[i]) continue;
+    const forceaxis::sim::Adc &adc = *model.adc[i];
+    for (const auto &signal : model.signal_list())
+      if (signal.name == adc.signal)
+        add(kColumns[i], adc.signal, forceaxis::sim::unit_of(signal.dimension), adc.per_count,
+            adc.zero_code, adc.bits);
+  }
+  add("dac", "drive.command", "V", model.dac.volts_per_code(), 0, model.dac.bits);
+  return d;
+}
+
 struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
@@ -166,29 +189,7 @@ struct Result {
     return names;
   }
 
-  // Column of codes -> its physical quantity: quantity = (code - zero) * per_code, in `unit`.
-  pybind11::dict converters() const {
-    const forceaxis::sim::Model &model = *experiment.model;
-    pybind11::dict d;
-    const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
-                          double per_code, int zero, int bits) {
-      d[column] = pybind11::dict(pybind11::arg("signal") = signal, pybind11::arg("unit") = unit,
-                                 pybind11::arg("per_code") = per_code, pybind11::arg("zero") = zero,
-                                 pybind11::arg("bits") = bits);
-    };
-    if (model.encoder) add("encoder", "position", "m", 1.0 / model.encoder->scale, 0, 32);
-    static const char *const kColumns[] = {"adc0", "adc1"};
-    for (std::size_t i = 0; i < model.adc.size(); ++i) {
-      if (!model.adc[i]) continue;
-      const forceaxis::sim::Adc &adc = *model.adc[i];
-      for (const auto &signal : model.signal_list())
-        if (signal.name == adc.signal)
-          add(kColumns[i], adc.signal, forceaxis::sim::unit_of(signal.dimension), adc.per_count,
-              adc.zero_code, adc.bits);
-    }
-    add("dac", "drive.command", "V", model.dac.volts_per_code(), 0, model.dac.bits);
-    return d;
-  }
+  pybind11::dict converters() const { return converters_of(*experiment.model); }
 
   pybind11::list events() const {
     pybind11::list list;

@@ -178,7 +178,14 @@ def named(context, option, texts):
     "--out",
     type=Folder(),
     required=True,
-    help="Folder for results.csv, .npz and .parquet, plot.png, sweep.json and journal.jsonl.",
+    help="Folder for results.csv, .npz and .parquet, plot.png and .svg, sweep.json and "
+    "journal.jsonl; with --refine closer.csv.",
+)
+@click.option(
+    "--refine",
+    is_flag=True,
+    help="Look closer where a point of a --grid of one or two parameters stands alone: half-way to "
+    "each of its neighbours.",
 )
 @threads
 @click.option(
@@ -189,7 +196,18 @@ def named(context, option, texts):
 )
 @as_json
 def sweep(
-    experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, as_json
+    experiment,
+    grid,
+    random,
+    count,
+    seed,
+    bisect,
+    overrides,
+    out,
+    refine,
+    threads,
+    scheduler,
+    as_json,
 ):
     """Run one experiment at many points of any parameters, NAME as in `run --set`.
 
@@ -197,18 +215,17 @@ def sweep(
     the same command runs only what is missing. A run that fails is a row with its error; the exit
     status is 1 only if all fail. A boundary is the last stable value on the way to the first
     unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
-    the row reports that.
+    the row reports that. A point of a grid that no neighbour is judged like is marked in the plot.
     """
     from forceaxis.experiments import sweep as sweeps
 
     done = sweeps.sweep(
-        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler
+        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, refine
     )
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(sweeps.describe(done))
-        click.echo(f"files        {paths.quoted(out)}")
+        show([*sweeps.describe(done), ("files", paths.quoted(out))])
     if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
         sys.exit(1)
 
