@@ -1,5 +1,6 @@
 """Experiments as regression tests: every file with an [expect] table is run and compared."""
 
+import contextlib
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -158,6 +159,7 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
     difference. report: called with each Outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
+    fresh = out and not out.exists()
     if out:
         out.mkdir(parents=True, exist_ok=True)
     top = Path(os.path.commonpath([p.resolve().parent for p in tests]))
@@ -174,6 +176,11 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
                 outcomes.append(outcome)
                 if report:
                     report(outcome)
+        except KeyboardInterrupt:
+            if fresh:
+                with contextlib.suppress(OSError):
+                    out.rmdir()  # refused where a difference is there
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
     return outcomes + [Outcome(p, "skipped", message="no [expect] table") for p in skipped]
