@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogFormatter
 
 from forceaxis import paths, toml
 from forceaxis._core import InputError
@@ -197,6 +198,7 @@ def figure(result):
             ax.plot(k, y, "o-", color=colour, markersize=3, linewidth=1.1, label=name)
         ax.axvline(result["present"], color=FAINT, linewidth=0.8, linestyle=":")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
         ax.set_ylabel(label)
         legend(ax)
     axes[-1].set_xlabel(f"{result['element']}, N/m (dotted: present)")
