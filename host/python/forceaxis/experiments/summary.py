@@ -119,7 +119,8 @@ def describe_force(held):
     """Set-point and force held, one line."""
     settled = "not settled" if held["settle_s"] is None else f"settled in {held['settle_s']:.3g} s"
     return (
-        f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N, error {held['error_N']:.3g} N "
+        f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N set-point, error "
+        f"{held['error_N']:.3g} N "
         f"({held['error_percent']:.3g} %), overshoot {held['overshoot_percent']:.3g} %, {settled} "
         f"from {held['from_s']:.3g} s on"
     )

@@ -269,6 +269,8 @@ def write(done, out):
     from forceaxis.experiments import sweep_plots
 
     drawn = sweep_plots.sweep(done)
+    if not done.closer:
+        (out / "closer.csv").unlink(missing_ok=True)  # of an earlier --refine
     names = [*FILES, "closer.csv"] if done.closer else FILES
     with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
         write_table(table, done.columns)
