@@ -363,11 +363,11 @@ def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
     model.write_text((paths.MODELS / "fig4_19.toml").read_text().replace(
         'parameters_file = "', f'parameters_file = "{paths.MODELS}/'))  # fmt: skip
     row = {"change": "grip pad", "thesis": "5.1", "ratio": {"critical_gain": 2, "crossover_hz": 2}}
-    told = {"rows": [row] * 9, "gain_margin": 2, "timing": "zoh", "limiting_mode": None}
+    advice = {"rows": [row] * 9, "gain_margin": 2, "timing": "zoh", "limiting_mode": None}
     for file, name, change in (
         (model, "press", "grip pad"),
         ("fig4_19", "fig4_19", "grip pad [5.1]"),
     ):
-        figure = plots.advice(told | {"model": str(file)})
+        figure = plots.advice(advice | {"model": str(file)})
         assert figure._suptitle.get_text() == f"{name}, zoh"
         assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

@@ -163,7 +163,9 @@ def keys(marks, time_s, rows):
     """Handles of the legend, of what the figure has."""
     low, high = time_s[0], time_s[-1]
     found = []
-    if marks.setpoints and any(line.controlled for row in rows for line in row):
+    if any(newton for _, newton in marks.setpoints) and any(
+        line.controlled for row in rows for line in row
+    ):
         look = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
         found.append(plt.Line2D([], [], label="set-point", **look))
     if any(b > low and a < high for a, b in marks.contacts):

@@ -14,6 +14,11 @@ def quantity(value, unit):
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
+def times(number):
+    """How often."""
+    return f"{number} time{'s' * (number != 1)}"
+
+
 def size_of_count(what, converters):
     """(size, unit) of a count of "force", at 8 bits, or "position"; None: not converted."""
     if what == "position":
@@ -44,7 +49,7 @@ def reasons(criterion, metrics, fault, converters):
         if metrics["peak_force_N"] == 0:
             found.append("never in contact")
         elif metrics["contact_losses"]:
-            found.append(f"contact lost {metrics['contact_losses']} times in the window")
+            found.append(f"contact lost {times(metrics['contact_losses'])} in the window")
         elif not metrics["in_contact"]:
             found.append("not in contact at the end")
     found += force_reasons(criterion, metrics["held_force"])
@@ -134,7 +139,7 @@ def window_text(summary):
         ripple(what, metrics[f"{what}_ripple_count"], summary["converters"])
         for what in ("force", "position")
     ]
-    lost = f"contact lost {metrics['contact_losses']} times"
+    lost = f"contact lost {times(metrics['contact_losses'])}"
     return f"last {seconds:g} s: {', '.join([*rows, lost])}"
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -107,10 +108,15 @@ def write(done, out, codes=False):
     from forceaxis import drawing
 
     names = list(done.columns)
-    drawn = figure(done, codes)
-    with paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result):
-        with trace_npz.open("wb") as file:
-            np.savez_compressed(file, **done.columns)
+    with (
+        paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
+        trace_npz.open("wb") as packed,
+        ThreadPoolExecutor(1) as beside,  # packing needs no interpreter
+    ):
+        packing = beside.submit(np.savez_compressed, packed, **done.columns)
+        drawn = figure(done, codes)
+        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, svg, "svg")
         with trace_csv.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(names)
@@ -119,6 +125,5 @@ def write(done, out, codes=False):
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["time_s", "element", "from", "to"])
             writer.writerows(done.events)
-        drawing.save(drawn, png, "png", 120)
-        drawing.save(drawn, svg, "svg")
         result.write_text(json.dumps(done.summary, indent=2) + "\n")
+        packing.result()
