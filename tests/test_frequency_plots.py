@@ -1,17 +1,20 @@
 """Bode plots, root loci, pole-zero arrays, mode shapes: their data, their figures, their verbs."""
 
+import io
 import json
 import sys
+from dataclasses import replace
 
 import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from forceaxis import drawing, linear
+from forceaxis import drawing, linear, paths
 from forceaxis.cli import main as cli
-from forceaxis.linear import beam, curves, locus, loops, modes, plots
+from forceaxis.linear import beam, curves, limits, locus, loops, modes, plots
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 
 FIGURES = {f.figure: f for f in thesis_figures.thesis_figures()}
 # What the text defines (2.26 and 4.19 are drawings of models).
@@ -92,7 +95,9 @@ def test_a_figure_of_the_thesis_draws_and_is_readable(figure):
                 assert "beyond" in shown
             assert wanted in shown, (wanted, shown)
     picture = drawing.small_png(drawn)
-    assert picture[:4] == b"\x89PNG" and len(picture) < 30_000
+    assert picture[:4] == b"\x89PNG" and len(picture) < 100_000
+    colours = Image.open(io.BytesIO(picture)).getcolors(1 << 20)
+    assert len(colours) > 48  # blends of lines and grid are not merged into a palette
 
 
 @pytest.mark.parametrize(
@@ -318,3 +323,51 @@ def test_a_mistake_is_one_line(capsys, monkeypatch, arguments, says):
     status, out, err = forceaxis(capsys, monkeypatch, *arguments)
     assert status == 2 and out == ""
     assert err.count("\n") == 1 and says in err
+
+
+def test_margins_and_decibels_of_a_drawn_loop():
+    """At k_f = 5 the loop of Figure 4.19 has its limit at twice the gain, at 45.7 Hz."""
+    loop = loops.force_loop("fig4_19")
+    gain = loop.gain_of(5)
+    summary = limits.limit_summary(loop, gain)
+    curve = curves.curve(loop.open, "", (0.5, 500.0))
+    curve = replace(curve, response=gain * curve.response)
+    figure = plots.bode([curve], "t", margins=summary)
+    size, phase, right = figure.axes
+    at = summary["at"]
+    factor, turn = at["gain_margin"], summary["frequency_hz"]
+    notes = " ".join(text.get_text() for text in size.texts)
+    assert f"phase margin {at['phase_margin_deg']:.3g} degrees at" in notes
+    assert (
+        f"gain margin {20 * np.log10(factor):.3g} dB (factor {factor:.3g}) at {turn:.3g}" in notes
+    )
+    drawn = [
+        line.get_xydata() for line in (*size.lines, *phase.lines) if len(line.get_xdata()) == 2
+    ]
+    assert any(xy == pytest.approx(np.array([[turn, 1 / factor], [turn, 1]])) for xy in drawn)
+    # The upper end of the gain's line is 0 dB, its lower end is the curve.
+    assert np.interp(turn, curve.frequency_hz, curve.magnitude) == pytest.approx(1 / factor, 0.05)
+    crossover = at["crossover_hz"]
+    ends = next(xy for xy in drawn if xy[0][0] == crossover == xy[1][0] and xy[0][1] < -1)
+    assert ends[1][1] - ends[0][1] == pytest.approx(at["phase_margin_deg"])
+    assert ends[0][1] % 360 == pytest.approx(180, abs=2)
+    low, high = size.get_ylim()
+    assert right.get_ylim() == pytest.approx((20 * np.log10(low), 20 * np.log10(high)))
+    assert not overlapping(figure)
+
+
+def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
+    folder = tmp_path / "press"
+    folder.mkdir()
+    model = folder / "model.toml"
+    model.write_text((paths.MODELS / "fig4_19.toml").read_text().replace(
+        'parameters_file = "', f'parameters_file = "{paths.MODELS}/'))  # fmt: skip
+    row = {"change": "grip pad", "thesis": "5.1", "ratio": {"critical_gain": 2, "crossover_hz": 2}}
+    advice = {"rows": [row] * 9, "gain_margin": 2, "timing": "zoh", "limiting_mode": None}
+    for file, name, change in (
+        (model, "press", "grip pad"),
+        ("fig4_19", "fig4_19", "grip pad [5.1]"),
+    ):
+        figure = plots.advice(advice | {"model": str(file)})
+        assert figure._suptitle.get_text() == f"{name}, zoh"
+        assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

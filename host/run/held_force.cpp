@@ -60,25 +60,31 @@ double setpoint_of(const Written &written, double newton_per_count) {
 
 }  // namespace
 
-std::optional<ForceTask> force_task(const Experiment &experiment) {
+std::vector<ForceSetpoint> force_setpoints(const Experiment &experiment) {
   Written written;
   for (const ObjectWrite &w : experiment.initial) written.add(w);
-  ForceTask task;
   const double scale = newton_per_count(*experiment.model, written[AXIS_OBJ_FORCE_SIGN]);
-  if (scale == 0.0) return std::nullopt;
-  task.setpoint_N = setpoint_of(written, scale);
+  if (scale == 0.0) return {};
+  std::vector<ForceSetpoint> found{{0, setpoint_of(written, scale)}};
   for (const Action &action : experiment.actions) {
-    bool disturbs = !action.impulses.empty();
-    for (const ObjectWrite &w : action.writes) {
-      written.add(w);
-      disturbs = disturbs || w.object == AXIS_OBJ_EXCITATION_RUN;
-    }
-    const double before = task.setpoint_N;
-    task.setpoint_N = setpoint_of(written, scale);
-    if (task.setpoint_N != before || disturbs) task.from_tick = action.tick;
+    for (const ObjectWrite &w : action.writes) written.add(w);
+    const double setpoint_N = setpoint_of(written, scale);
+    if (setpoint_N != found.back().setpoint_N) found.push_back({action.tick, setpoint_N});
   }
-  if (task.setpoint_N == 0.0) return std::nullopt;
-  task.signal = experiment.model->adc[0]->signal;
+  return found;
+}
+
+std::optional<ForceTask> force_task(const Experiment &experiment) {
+  const std::vector<ForceSetpoint> setpoints = force_setpoints(experiment);
+  if (setpoints.empty() || setpoints.back().setpoint_N == 0.0) return std::nullopt;
+  ForceTask task{setpoints.back().setpoint_N, setpoints.back().tick,
+                 experiment.model->adc[0]->signal};
+  for (const Action &action : experiment.actions) {
+    const bool excites =
+        std::any_of(action.writes.begin(), action.writes.end(),
+                    [](const ObjectWrite &w) { return w.object == AXIS_OBJ_EXCITATION_RUN; });
+    if (excites || !action.impulses.empty()) task.from_tick = std::max(task.from_tick, action.tick);
+  }
   return task;
 }
 

@@ -22,6 +22,15 @@ struct ForceTask {
   std::string signal;          // of the model, read by ADC 0
 };
 
+struct ForceSetpoint {
+  std::int64_t tick = 0;  // applied before it
+  double setpoint_N = 0.0;
+};
+
+// Each set-point of force that the experiment asks for, the first from tick 0; 0 where it controls
+// no force. Empty where ADC 0 reads no force.
+std::vector<ForceSetpoint> force_setpoints(const Experiment &);
+
 // Nothing where the experiment controls no force, its last set-point is 0, or ADC 0 does not read a
 // force. Slopes, limits and fault reactions of the firmware are not considered: a force that they
 // keep from being reached is an error of the force held.

@@ -12,6 +12,7 @@ from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.experiments import expect, trace
 from forceaxis.experiments import run as runs
+from forceaxis.experiments import summary as summary_of
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPERIMENTS = ROOT / "sim/experiments"
@@ -51,7 +52,7 @@ def test_a_run_says_what_it_held(name, error_percent, overshoot_percent, settle_
     assert settle_s[0] <= held["settle_s"] <= settle_s[1]
     outside = time_s[np.abs(force_N - held["held_N"]) > 0.05 * held["held_N"]]
     assert held["from_s"] + held["settle_s"] == pytest.approx(outside[-1] + 1 / 1500)
-    line = next(x for x in runs.describe(done.summary).splitlines() if x.startswith("held"))
+    line = next(x for x in summary_of.describe(done.summary).splitlines() if x.startswith("held"))
     assert f"{held['held_N']:.4g} N of 75 N" in line and f"({held['error_percent']:.3g} %)" in line
 
 
@@ -77,7 +78,7 @@ def test_without_force_control_nothing_is_said():
     for name in ("position_step", "press_hold_retract", "homing"):
         summary = runs.run(EXPERIMENTS / f"{name}.toml").summary
         assert summary["metrics"]["held_force"] is None
-        assert "\nheld " not in runs.describe(summary)
+        assert "\nheld " not in summary_of.describe(summary)
 
 
 @pytest.mark.parametrize(

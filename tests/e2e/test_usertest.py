@@ -211,11 +211,14 @@ DIFFERENCES = [
     ('verdict = "unstable"', "verdict: expected unstable, got stable"),
     ('fault = "sensor_invalid"', "fault: expected sensor_invalid, got none"),
     (f'trace_hash = "{HASH}"', "trace_hash: expected 0000000000000000..., got "),
-    ("final_value = 0.49", "final_value: expected 0.49 +-0.0049, got 0.5"),
+    ("final_value = 0.49", "final_value: expected 0.49 +-0.0049, got 0.5 (0.01 m above, 2.0%)"),
     ("final_value = { value = 0.501, tolerance = 0.0009 }", "expected 0.501 +-0.0009, got 0.5"),
     ("final_value = { value = 0.502, relative = 0.003 }", "expected 0.502 +-0.00151, got 0.5"),
     ("final_value = { max = 0.4 }", "expected at most 0.4, got 0.5"),
-    ("settle_s = { min = 1, max = 2 }", "expected at least 1 and at most 2, got 0.749"),
+    (
+        "settle_s = { min = 1, max = 2 }",
+        "at least 1 and at most 2, got 0.749333 (0.251 s below, 25.1%)",
+    ),
     ('settle_s = "never"', "settle_s: expected never, got 0.749"),
     ("overshoot = 0.1", "overshoot: expected 0.1 +-0.01, got "),
     ('overshoot = "undefined"', "overshoot: expected undefined, got "),
@@ -238,7 +241,11 @@ def test_each_kind_of_difference_is_told(differing, index):
     assert done.returncode == 1, done.stderr
     block = re.search(rf"failed +d{index:02}.toml\n((?:  +.*\n)+)", done.stdout)
     assert DIFFERENCES[index][1] in block[1]
-    assert block[1].count("\n") == 1
+    assert block[1].count("\n") == 2  # the difference, and where both are
+    assert block[1].splitlines()[1].split() == (
+        f"both drawn: out/d{index:02}.png; the trace beside it as .npz".split()
+    )
+    assert "slider.position" in np.load(top / f"out/d{index:02}.npz").files
     case = ET.parse(top / "ci/r.xml").find(f".//testcase[@name='d{index:02}']")
     assert DIFFERENCES[index][1] in case.find("failure").get("message")
     assert "differs" in case.find("failure").text
@@ -357,7 +364,7 @@ def test_a_bare_zero_is_exact(tmp_path):
     assert forceaxis("test", tmp_path).returncode == 0
     (tmp_path / "e/a.toml").write_text(text + "[expect]\npeak_force_N = 0\nfinal_value = 1e-9\n")
     done = forceaxis("test", tmp_path)
-    assert "final_value: expected 1e-09 +-1e-11, got 0\n1 failed" in re.sub("  +", "", done.stdout)
+    assert "final_value: expected 1e-09 +-1e-11, got 0 (1e-09 N below, 100.0%)\n" in done.stdout
     assert "peak" not in done.stdout
 
 
@@ -541,7 +548,9 @@ def test_the_pytest_fixture(tmp_path):
     (tmp_path / "test_axes.py").write_text(FIXTURE)
     done = user_pytest(tmp_path)
     assert "1 failed, 2 passed" in done.stdout, done.stdout
-    assert re.search(r"^E .*final_value: expected 7 \+-0.07, got 0.5$", done.stdout, re.M)
+    assert re.search(
+        r"^E .*final_value: expected 7 \+-0.07, got 0.5 \(6.5 m below, 92.9%\)$", done.stdout, re.M
+    )
     assert "expect.py" not in done.stdout
 
 

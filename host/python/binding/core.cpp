@@ -121,6 +121,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   d["title"] = e.title;
   d["model"] = e.model->file;
   d["contacts"] = contact_names(*e.model);
+  d["converters"] = converters_of(*e.model);
   d["firmware"] = firmware;
   d["expect"] = expect_of(e);
   d["inputs_hash"] = e.hash;
@@ -299,6 +300,13 @@ PYBIND11_MODULE(_core, m) {
                                                             [](const auto &x) { return x.tick; });
                              })
       .def_property_readonly("objects", &Result::objects, "objects of [trace] -> unit")
+      .def_property_readonly("setpoints", &Result::setpoints,
+                             "(from time_s, N) of each set-point of force; [] where none is read")
+      .def_property_readonly("impulses", &Result::impulses, "(time_s, body, N s)")
+      .def_property_readonly("contacts", &Result::contacts, "their names")
+      .def_property_readonly("signal_units", &Result::signal_units, "signal of the model -> unit")
+      .def_property_readonly("converters", &Result::converters,
+                             "column of codes -> signal, unit, per_code, zero, bits")
       .def("columns", &Result::columns,
            "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
 
@@ -306,11 +314,12 @@ PYBIND11_MODULE(_core, m) {
         py::arg("firmware_hash") = false,
         "Run one experiment file with overrides NAME=VALUE. Raises InputError. firmware_hash: the "
         "firmware's side hashes the trace as well.");
-  m.def(
-      "inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
-      "Read an experiment without running it: title, model, contacts, firmware (object -> value at "
-      "the start), expect, inputs_hash, criterion, parameters with value and unit, and the "
-      "overrides that change nothing. Raises InputError.");
+  m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+        "Read an experiment without running it: title, model, contacts, converters, firmware "
+        "(object -> "
+        "value at the start), expect, inputs_hash, criterion, parameters with value and unit, and "
+        "the "
+        "overrides that change nothing. Raises InputError.");
   py::class_<Experiments>(m, "Experiments",
                           "Experiment files as they were first read, with the models and modes "
                           "met last: for several run_many() calls.")

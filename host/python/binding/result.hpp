@@ -8,9 +8,11 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/run/experiment.hpp"
+#include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/result.hpp"
 
@@ -61,6 +63,29 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   d["settle_max_s"] = c->settle_max_s;
   d["contact_held"] = c->contacts.empty() ? pybind11::object(pybind11::bool_(c->contact_held))
                                           : pybind11::cast(c->contacts);
+  return d;
+}
+
+// Column of codes -> its physical quantity: quantity = (code - zero) * per_code, in `unit`.
+inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
+  pybind11::dict d;
+  const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
+                        double per_code, int zero, int bits) {
+    d[column] = pybind11::dict(pybind11::arg("signal") = signal, pybind11::arg("unit") = unit,
+                               pybind11::arg("per_code") = per_code, pybind11::arg("zero") = zero,
+                               pybind11::arg("bits") = bits);
+  };
+  if (model.encoder) add("encoder", "position", "m", 1.0 / model.encoder->scale, 0, 32);
+  static const char *const kColumns[] = {"adc0", "adc1"};
+  for (std::size_t i = 0; i < model.adc.size(); ++i) {
+    if (!model.adc[i]) continue;
+    const forceaxis::sim::Adc &adc = *model.adc[i];
+    for (const auto &signal : model.signal_list())
+      if (signal.name == adc.signal)
+        add(kColumns[i], adc.signal, forceaxis::sim::unit_of(signal.dimension), adc.per_count,
+            adc.zero_code, adc.bits);
+  }
+  add("dac", "drive.command", "V", model.dac.volts_per_code(), 0, model.dac.bits);
   return d;
 }
 
@@ -131,6 +156,40 @@ struct Result {
     }
     return list;
   }
+
+  static double time_of(std::int64_t tick) {
+    return static_cast<double>(tick) / forceaxis::sim::kTickRateHz;
+  }
+
+  pybind11::list setpoints() const {
+    pybind11::list list;
+    for (const auto &s : forceaxis::host::force_setpoints(experiment))
+      list.append(pybind11::make_tuple(time_of(s.tick), s.setpoint_N));
+    return list;
+  }
+
+  pybind11::list impulses() const {
+    pybind11::list list;
+    for (const auto &action : experiment.actions)
+      for (const auto &j : action.impulses)
+        list.append(pybind11::make_tuple(time_of(action.tick), j.body, j.impulse_N_s));
+    return list;
+  }
+
+  pybind11::dict signal_units() const {
+    pybind11::dict d;
+    for (const auto &signal : experiment.model->signal_list())
+      d[pybind11::str(signal.name)] = forceaxis::sim::unit_of(signal.dimension);
+    return d;
+  }
+
+  pybind11::list contacts() const {
+    pybind11::list names;
+    for (const auto &contact : experiment.model->contacts) names.append(contact.name);
+    return names;
+  }
+
+  pybind11::dict converters() const { return converters_of(*experiment.model); }
 
   pybind11::list events() const {
     pybind11::list list;

@@ -1,4 +1,4 @@
-"""Shared by all figures: colours, axes in the thesis's form, writing to files."""
+"""The one style of all figures: colours, axes, legends, titles, and writing them to files."""
 
 import io
 from pathlib import Path
@@ -8,36 +8,60 @@ import matplotlib
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 from forceaxis._core import InputError
 
 INK = "#1b3a5b"
-
-
 WANTED, GOT = "#3f7f5f", "#c0562b"
-
-
+COLORS = [INK, GOT, WANTED, "#8a5fa8", "#b08a00", "#5d6874"]
+DASHES = ["-", "--", "-.", (0, (1, 1.5)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2))]
+FAINT = "#8a95a0"
+GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
+
+# Of a verdict: lines and marks, areas.
+VERDICT = {"stable": "#2f8f78", "unstable": GOT, "": "#777777"}
+AREA = {"stable": "#b9d8cf", "unstable": "#f0c3a8", "no contact": "#f6e6c9", "failed": "#c9c9c9"}
+
+SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def style(ax):
-    """Light grid, no box."""
-    ax.grid(True, linewidth=0.3, color="#c8d0d8")
+    """Light grid, no box, small type."""
+    ax.set_axisbelow(True)
+    ax.grid(True, linewidth=0.3, color=GRID)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(which="both", labelsize=8)
-    ax.set_prop_cycle(color=[INK, "#c0562b", "#3f7f5f", "#8a5fa8"])
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set_fontsize(8)
+        axis.label.set_parse_math(False)
+    ax.set_prop_cycle(color=COLORS)
 
 
-COLORS = [INK, GOT, "#3f7f5f", "#8a5fa8", "#b08a00", "#5d6874"]
+def legend(where, **more):
+    """A legend of axes or of a figure: small, without a frame."""
+    return where.legend(**({"fontsize": 7, "frameon": False} | more))
 
 
-DASHES = ["-", "--", "-.", (0, (1, 1.5)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2))]
+def decibels(ax, unit=""):
+    """A scale in dB, of 1 `unit`, on the right of a logarithmic axis whose limits are final."""
+    right = ax.twinx()
+    low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
+    right.set_ylim(low, high)
+    step = next(s for s in (2, 5, 10, 20, 40, 80, 160) if (high - low) / s <= 6 or s == 160)
+    right.set_yticks(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step)
+    right.spines[["top", "left", "bottom"]].set_visible(False)
+    right.tick_params(which="both", labelsize=8)
+    right.set_ylabel(f"dB re 1 {unit}" if unit else "dB", fontsize=8, parse_math=False)
+    return right
 
 
-FAINT = "#8a95a0"
-
-
-SUFFIXES = (".png", ".svg", ".pdf")
+def name_of(file):
+    """What a figure calls the axis of a file: the file's name, or that of its folder where every
+    axis has a file of that name."""
+    file = Path(file)
+    return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
 def check_name(path):
@@ -46,25 +70,22 @@ def check_name(path):
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
-def save(figure, path):
-    """Write a figure as .png, .svg or .pdf, by the suffix of `path`; equal figures, equal bytes."""
-    check_name(path)
-    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(Path(path).suffix)
+def save(figure, path, kind=None, dpi=130):
+    """Write a figure as `kind`, by default what the name of `path` ends in; equal figures, equal
+    bytes."""
+    if kind is None:
+        check_name(path)
+        kind = Path(path).suffix[1:]
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with plt.rc_context({"svg.hashsalt": "forceaxis"}):
-        figure.savefig(path, dpi=130, metadata=metadata)
+        figure.savefig(path, format=kind, dpi=dpi, metadata=metadata)
 
 
 def small_png(figure, dpi=85):
-    """The figure as the bytes of a PNG with a palette of 48 colours: a few kB."""
-    from PIL import Image
-
-    full, small = io.BytesIO(), io.BytesIO()
-    figure.savefig(full, format="png", dpi=dpi)
-    image = Image.open(full).convert("RGB")
-    image.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-        small, "PNG", optimize=True
-    )
-    return small.getvalue()
+    """The figure as the bytes of a PNG."""
+    file = io.BytesIO()
+    save(figure, file, "png", dpi)
+    return file.getvalue()
 
 
 def finish(figure, ax, title):

@@ -51,3 +51,20 @@ def certificate(bank_crc, adc_bits, force_scale):
     """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
     bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
+
+
+def unit_in_words(known):
+    """The unit of an object for a reader: of what its counts and codes are. Readings of the force
+    have counts of 8 bits, in fractions; whole counts are the encoder's."""
+    unit = "" if known.unit == "1" else known.unit
+    of_force = known.scale != 1.0 if unit == "count" else known.name != "position_gain"
+    force, encoder = "count of force", "encoder count"
+    words = {
+        "count": force if of_force else encoder,
+        "code": "DAC code",
+        "code/count": f"DAC code/{force if of_force else encoder}",
+        "code tick/count": f"DAC code tick/{encoder}",
+        "count/count": f"{force}/{encoder}",
+        "count tick/count": f"{force} tick/{encoder}",
+    }
+    return words.get(unit, f"encoder {unit}" if unit.startswith("count/") else unit)

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import shlex
+import signal
 from pathlib import Path
 
 _package = Path(__file__).resolve().parent
@@ -36,7 +37,9 @@ def quoted(path: Path | str) -> str:
 @contextlib.contextmanager
 def replacing(folder, *names):
     """Paths to write to, which become files `names` of the folder (created) when the block ends
-    without an exception: all of them or, where one cannot be written, none. Raises OSError."""
+    without an exception, Ctrl-C too: all of them or none, then without a new folder. Raises
+    OSError."""
+    fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         if (folder / name).is_dir():
@@ -44,11 +47,18 @@ def replacing(folder, *names):
     new = [folder / f"{name}.new" for name in names]
     try:
         yield new
-        for path, name in zip(new, names, strict=True):
-            os.replace(path, folder / name)
+        masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            for path, name in zip(new, names, strict=True):
+                os.replace(path, folder / name)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
     finally:
         for path in new:
             path.unlink(missing_ok=True)
+        if fresh:
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # refused where the files are there
 
 
 def replace_text(file, text):

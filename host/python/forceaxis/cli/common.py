@@ -1,6 +1,12 @@
 """Shared by verbs: the form of their help, options, errors."""
 
+import contextlib
+import os
+import shutil
 import sys
+import textwrap
+import threading
+import time
 from pathlib import Path
 
 import click
@@ -96,6 +102,63 @@ def link_of(kind, lcm_url, link_can, inject):
     over = link.Link(kind, lcm_url, link_can, inject)
     link.under_vcan(over)
     return over
+
+
+COLOURS = {
+    **dict.fromkeys(("stable", "passed"), "green"),
+    **dict.fromkeys(("unstable", "failed", "error"), "red"),
+    "updated": "yellow",
+}
+
+
+def coloured(text, word=None):
+    """A text in the colour of the outcome that it, or `word`, is; plain under NO_COLOR. click.echo
+    takes colours out where standard output is no terminal."""
+    colour = COLOURS.get((word or text).strip())
+    plain = os.environ.get("NO_COLOR") or not colour
+    return text if plain else click.style(text, fg=colour, bold=True)
+
+
+def show(rows):
+    """Print (key, text) rows; on a terminal within its width, the verdict in its colour."""
+    indent = " " * 13
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    for key, text in rows:
+        line = f"{key:12} {text}"
+        if width and key not in ("trace hash", "axis hash", "again", "files"):  # are copied whole
+            line = textwrap.fill(line, max(width, 40), subsequent_indent=indent,
+                                 break_on_hyphens=False, break_long_words=False)  # fmt: skip
+        if key == "verdict":
+            word = text.partition(":")[0]
+            line = line.replace(word, coloured(word), 1)
+        click.echo(line)
+
+
+@contextlib.contextmanager
+def waiting(what):
+    """On a terminal, say after two seconds what is under way and for how long it has been."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    over, began = threading.Event(), time.monotonic()
+
+    def report():
+        pause = 2.0
+        while not over.wait(pause):
+            pause = 0.5
+            sys.stderr.write(f"\r\x1b[2K{what}, {time.monotonic() - began:.0f} s")
+            sys.stderr.flush()
+
+    thread = threading.Thread(target=report, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        if time.monotonic() - began > 2:
+            sys.stderr.write("\r\x1b[2K")
+            sys.stderr.flush()
 
 
 def fail(message, status=2):

@@ -13,13 +13,23 @@ from forceaxis.cli.common import (
     Folder,
     Verb,
     as_json,
+    coloured,
     fail,
     link_of,
     linked,
+    show,
     threads,
+    waiting,
 )
 from forceaxis.experiments import link, trace
 from forceaxis.experiments import run as runs
+from forceaxis.experiments import summary as summaries
+
+codes_option = click.option(
+    "--codes",
+    is_flag=True,
+    help="Plot what the converters gave, ADC, DAC and encoder, not N, mm, V.",
+)
 
 
 @click.command(
@@ -41,27 +51,30 @@ from forceaxis.experiments import run as runs
 @click.option(
     "--out",
     type=Folder(),
-    help="Folder for trace.csv, trace.npz, events.csv, plot.png and result.json.",
+    help="Folder for trace.csv, trace.npz, events.csv, plot.png, plot.svg and result.json.",
 )
+@codes_option
 @linked
 @as_json
-def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
+def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_json):
     """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
 
-    Prints the verdict, the trace hash, the closest approach to a code edge, the events and the
-    energy audit. An unstable verdict is a result: the exit status is 0 whenever the run was done.
+    Prints the verdict with its reasons and its window, the force held beside the set-point, the
+    events, the energy audit, the closest approach to a code edge and the trace hash. An unstable
+    verdict is a result: the exit status is 0 whenever the run was done.
     With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
     of the trace differ or one falls silent.
     """
-    done = runs.run(experiment, overrides, link_of(kind, lcm_url, link_can, inject))
-    if out:
-        trace.write(done, out)
+    over = link_of(kind, lcm_url, link_can, inject)
+    with waiting(f"running {paths.display(experiment)}"):
+        done = runs.run(experiment, overrides, over)
+        if out:
+            trace.write(done, out, codes)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(runs.describe(done.summary))
-        if out:
-            click.echo(f"files        {paths.quoted(out)}")
+        files = [("files", paths.quoted(out))] if out else []
+        show([*summaries.rows(done.summary), *files])
     if "link" in done.summary:
         link.expect_same(done.summary["link"])
 
@@ -73,8 +86,9 @@ def run(experiment, overrides, out, kind, lcm_url, link_can, inject, as_json):
 )
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--out", type=Folder(), help="Folder, as for run.")
+@codes_option
 @as_json
-def replay(journal, out, as_json):
+def replay(journal, out, codes, as_json):
     """Repeat in process the run of a firmware on buses, from the journal of its axis_node.
 
     The same trace hash comes out; the exit status is 1 if it does not, or if the journal ends
@@ -86,19 +100,20 @@ def replay(journal, out, as_json):
     if incident.is_incident(journal):
         missing = ", ".join(incident.missing(incident.load(journal)))
         fail(f"{journal}: expected all inputs of the axis, this incident lacks {missing}", status=1)
-    done, journalled = runs.replay(journal)
+    with waiting(f"replaying {paths.display(journal)}"):
+        done, journalled = runs.replay(journal)
     same = done.summary["trace_hash"] == journalled["trace_hash"]
     done.summary["replay"] = journalled | {"same": same}
     if out and not journalled["traced"]:
         fail(f"--out: expected a journal of at most 600 s, {journal} has more; its hash is checked")
     if out:
-        trace.write(done, out)
+        trace.write(done, out, codes)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(runs.describe(done.summary))
         known = journalled["trace_hash"] or "none, it is broken off"
-        click.echo(f"journal      {journalled['entries']} entries, trace hash {known}")
+        text = f"{journalled['entries']} entries, trace hash {known}"
+        show([*summaries.rows(done.summary), ("journal", text)])
     if journalled["ticks"] is None:
         fail(
             f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
@@ -169,7 +184,14 @@ def named(context, option, texts):
     "--out",
     type=Folder(),
     required=True,
-    help="Folder for results.csv, .npz and .parquet, plot.png, sweep.json and journal.jsonl.",
+    help="Folder for results.csv, .npz and .parquet, plot.png and .svg, sweep.json and "
+    "journal.jsonl; with --refine closer.csv.",
+)
+@click.option(
+    "--refine",
+    is_flag=True,
+    help="Look closer where a point of a --grid of one or two parameters stands alone: half-way to "
+    "each of its neighbours.",
 )
 @threads
 @click.option(
@@ -180,7 +202,18 @@ def named(context, option, texts):
 )
 @as_json
 def sweep(
-    experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, as_json
+    experiment,
+    grid,
+    random,
+    count,
+    seed,
+    bisect,
+    overrides,
+    out,
+    refine,
+    threads,
+    scheduler,
+    as_json,
 ):
     """Run one experiment at many points of any parameters, NAME as in `run --set`.
 
@@ -188,18 +221,17 @@ def sweep(
     the same command runs only what is missing. A run that fails is a row with its error; the exit
     status is 1 only if all fail. A boundary is the last stable value on the way to the first
     unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
-    the row reports that.
+    the row reports that. A point of a grid that no neighbour is judged like is marked in the plot.
     """
     from forceaxis.experiments import sweep as sweeps
 
     done = sweeps.sweep(
-        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler
+        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, refine
     )
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        click.echo(sweeps.describe(done))
-        click.echo(f"files        {paths.quoted(out)}")
+        show([*sweeps.describe(done), ("files", paths.quoted(out))])
     if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
         sys.exit(1)
 
@@ -213,7 +245,9 @@ def sweep(
 @click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
 @click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
 @click.option("--junit", type=File(), help="Write the results as JUnit XML.")
-@click.option("--out", type=Folder(), help="Folder for a plot and a table of each failed test.")
+@click.option(
+    "--out", type=Folder(), help="Folder for figure, table and trace of each failed test."
+)
 @click.option(
     "-k", "pattern", metavar="PATTERN", help="Only files with PATTERN in their name (*, ? allowed)."
 )
@@ -251,7 +285,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
         if outcome.status == "error":
             click.echo(f"forceaxis: {outcome.message}", err=True)
         if not as_json:
-            click.echo(regression.describe(outcome))
+            click.echo(regression.describe(outcome, coloured))
 
     outcomes = regression.run(targets, update, out, threads, pattern, report)
     if junit:

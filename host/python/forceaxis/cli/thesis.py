@@ -75,16 +75,21 @@ def session(out, as_json):
     """Hold a whole session of the thesis through the gateway alone, on virtual CAN in real time.
 
     Boot, gains, a move of 36,000 counts, contact at k_f = 5 and f_d = 30, a strike, the recorder's
-    upload, a plot; plant, firmware and gateway are processes of their own. Files: session.png, and
-    axis.journal, which `forceaxis replay` runs again to the same trace hash. Where the kernel has
-    no CAN it runs in a guest (tools/vcan).
+    upload, a plot; plant, firmware and gateway are processes of their own. Files: session.png and
+    .svg, and axis.journal, which `forceaxis replay` runs again to the same trace hash. Where the
+    kernel has no CAN it runs in a guest (tools/vcan).
     """
     link.under_vcan(link.Link("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
     # As an interrupt: the programs are ended and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    found = thesis_session.whole(out)
+
+    def report(step):
+        if not as_json:
+            click.echo(f"session      {step}", err=True)
+
+    found = thesis_session.whole(out, report)
     found["folder"] = paths.display(out)
     hashes = {*found["trace_hash"].values(), found["replayed_hash"]}
     if as_json:

@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogFormatter
 
 from forceaxis import paths, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, reduced, sets, simulate
 from forceaxis.design.search import Goal
-from forceaxis.drawing import GOT, INK, finish, style
+from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 
@@ -183,7 +184,7 @@ def figure(result):
     panels = (
         ("bandwidth over the set, Hz", 1.0, ("P", "p_fS_Hz", GOT), ("bank", "fS_Hz", INK)),
         ("error of P, %; motion, mm", None, ("error of P", "p_static_error", GOT),
-         ("motion", "motion_m", "#3f7f5f")),
+         ("motion", "motion_m", WANTED)),
         ("strike survived, N s", 1.0, ("P", "p_strike_N_s", GOT), ("bank", "strike_N_s", INK)),
     )  # fmt: skip
     scales = {"p_static_error": 100.0, "motion_m": 1e3}
@@ -195,11 +196,12 @@ def figure(result):
             y = [np.nan if r[key] is None else scales.get(key, 1.0) * r[key] for r in rows]
             y = [np.nan if value <= 0 else value for value in y]
             ax.plot(k, y, "o-", color=colour, markersize=3, linewidth=1.1, label=name)
-        ax.axvline(result["present"], color="#8a95a0", linewidth=0.8, linestyle=":")
+        ax.axvline(result["present"], color=FAINT, linewidth=0.8, linestyle=":")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        ax.set_ylabel(label, fontsize=8)
-        ax.legend(fontsize=7, frameon=False)
-    axes[-1].set_xlabel(f"{result['element']}, N/m (dotted: present)", fontsize=8)
-    stem = result["model"].rpartition("/")[2].removesuffix(".toml")
-    finish(drawn, axes[0], f"{stem}: soft contact or low gain, over {', '.join(result['over'])}")
+        ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        ax.set_ylabel(label)
+        legend(ax)
+    axes[-1].set_xlabel(f"{result['element']}, N/m (dotted: present)")
+    name, over = name_of(result["model"]), ", ".join(result["over"])
+    finish(drawn, axes[0], f"{name}: soft contact or low gain, over {over}")
     return drawn

@@ -11,7 +11,7 @@ import numpy as np
 from forceaxis import _core, drawing, objects
 from forceaxis.design import files
 from forceaxis.design import outcome as outcomes
-from forceaxis.drawing import GOT, INK, WANTED, style
+from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.system import TICK_S
 
@@ -23,7 +23,7 @@ ROWS = (
     ("Ms, a tick late", "Ms_late"),
     ("gain margin", "gain_margin"),
     ("phase margin, degrees", "phase_margin_deg"),
-    ("gain, codes per 8-bit count", "force_gain"),
+    ("gain, DAC codes per count of force", "force_gain"),
 )
 
 
@@ -68,23 +68,24 @@ def sensitivity(outcome, frequency_hz, loops):
         axes[0, column].set_title(name, fontsize=9, loc="left", color=INK)
         for ax in axes[:, column]:
             style(ax)
-            ax.axhline(-3.01, color="#8a95a0", linewidth=0.8, linestyle=":")
+            ax.axhline(-3.01, color=FAINT, linewidth=0.8, linestyle=":")
             ax.set_xlim(frequency_hz[0], frequency_hz[-1])
             ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes[1, column].set_xlabel("frequency, Hz", fontsize=8)
-    axes[0, 0].set_ylabel("|S|, dB", fontsize=8)
-    axes[1, 0].set_ylabel("|T|, dB", fontsize=8)
+        axes[1, column].set_xlabel("frequency, Hz")
+    axes[0, 0].set_ylabel("|S|, dB")
+    axes[1, 0].set_ylabel("|T|, dB")
     axes[0, 0].set_ylim(-40, 12)
     axes[1, 0].set_ylim(-40, 12)
-    axes[0, -1].legend(
+    legend(
+        axes[0, -1],
         handles=[
             plt.Line2D([], [], color=INK, label="nominal"),
             plt.Line2D([], [], color=GOT, linewidth=0.7, label="corners and random members"),
             plt.Line2D([], [], color=WANTED, label="Ms"),
-            plt.Line2D([], [], color="#8a95a0", linestyle=":", label="-3 dB"),
+            plt.Line2D([], [], color=FAINT, linestyle=":", label="-3 dB"),
         ],
-        fontsize=7, frameon=False, loc="lower right",
-    )  # fmt: skip
+        loc="lower right",
+    )
     figure.tight_layout()
     plt.close(figure)
     return figure
@@ -100,7 +101,7 @@ def nyquist(outcome, loops):
     turn = np.linspace(0, 2 * np.pi, 200)
     for ax, (name, _), found in zip(axes, shown, loops, strict=True):
         style(ax)
-        ax.plot(np.cos(turn), np.sin(turn), color="#8a95a0", linewidth=0.7, linestyle=":")
+        ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
         radius = 1 / outcome.order.ms
         ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
         for L, nominal in found:
@@ -114,8 +115,8 @@ def nyquist(outcome, loops):
         ax.set_ylim(-2.2, 1.6)
         ax.set_aspect("equal")
         ax.set_title(name, fontsize=9, loc="left", color=INK)
-        ax.set_xlabel("real part", fontsize=8)
-    axes[0].set_ylabel("imaginary part", fontsize=8)
+        ax.set_xlabel("real part")
+    axes[0].set_ylabel("imaginary part")
     figure.tight_layout()
     plt.close(figure)
     return figure
@@ -144,9 +145,9 @@ def contact(bench, outcome):
             ax.plot(time_s[shown], force[shown], color=color, linewidth=1.0, label=name)
         ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8)
         ax.set_title(case.name, fontsize=9, loc="left", color=INK)
-        ax.set_xlabel("time, s", fontsize=8)
-    axes[0].set_ylabel("force, N", fontsize=8)
-    axes[0].legend(fontsize=7, frameon=False, loc="lower right")
+        ax.set_xlabel("time, s")
+    axes[0].set_ylabel("force, N")
+    legend(axes[0], loc="lower right")
     figure.tight_layout()
     plt.close(figure)
     return figure

@@ -101,7 +101,8 @@ def describe(result):
     lines = [
         f"model        {result['model']}",
         f"set          {', '.join(result['over'])}; {len(result['modes'])} modes",
-        f"{against:>11}  bandwidth Hz  P's  Ms    late  gain margin  codes/count at high frequency",
+        f"{against:>11}  bandwidth Hz  P's  Ms    late  gain margin  "
+        "DAC codes/count of force at high frequency",
     ]
     for row in result["rows"]:
         worst = row["worst"] or {}
@@ -128,11 +129,11 @@ def figure(result):
     if against == "hf":
         ax.set_xscale("log")
     ax.set_ylim(bottom=0)
-    ax.set_xlabel(result["what"], fontsize=8)
-    ax.set_ylabel("bandwidth fS over the set, Hz", fontsize=8)
-    ax.legend(fontsize=7, frameon=False)
-    stem = result["model"].rpartition("/")[2].removesuffix(".toml")
-    drawing.finish(drawn, ax, f"{stem}: what bandwidth costs, over {', '.join(result['over'])}")
+    ax.set_xlabel(result["what"])
+    ax.set_ylabel("bandwidth fS over the set, Hz")
+    drawing.legend(ax)
+    name, over = drawing.name_of(result["model"]), ", ".join(result["over"])
+    drawing.finish(drawn, ax, f"{name}: what bandwidth costs, over {over}")
     return drawn
 
 

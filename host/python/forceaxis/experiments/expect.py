@@ -108,6 +108,8 @@ class Check:
     key: str
     expected: str | Number
     obtained: str | float
+    unit: str = ""  # of a number
+    why: str = ""  # what the obtained verdict was found for
 
     @property
     def passed(self):
@@ -116,8 +118,23 @@ class Check:
             return self.expected.low <= self.obtained <= self.expected.high
         return self.expected == self.obtained
 
+    @property
+    def difference(self):
+        """How far the obtained value is off: from the expected one, or from the limit it passes."""
+        if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
+            return self.why
+        due = self.expected.value
+        if due is None:
+            due = self.expected.low if self.obtained < self.expected.low else self.expected.high
+        off = self.obtained - due
+        text = f"{abs(off):.3g} {self.unit}".rstrip() + (" above" if off > 0 else " below")
+        return text + (f", {abs(off / due):.1%}" if due else "")
+
     def __str__(self):
-        return f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
+        text = f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
+        if self.passed or not self.difference:
+            return text
+        return f"{text} ({self.difference})"
 
 
 @dataclass(frozen=True)
@@ -296,16 +313,44 @@ def examine(file, overrides=()):
     done = runs.run(file, overrides)
     measured = measure(done, expect or read(file, {"expect": {}}), given["contacts"])
     wanted = expect.wanted if expect else {}
-    checks = [Check(key, value, measured.values[key]) for key, value in wanted.items()]
+    checks = [
+        Check(
+            key,
+            value,
+            measured.values[key],
+            unit_of(key, measured.signal, done),
+            why(key, done.summary),
+        )
+        for key, value in wanted.items()
+    ]
     return Examined(done, expect, measured, checks)
+
+
+CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc1": "ADC code"}
+
+
+def unit_of(key, signal, done):
+    """The unit of a number of [expect], by its name; of final_value that of the signal."""
+    if key != "final_value":
+        return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
+    if signal in done.units:
+        return objects.unit_in_words(objects.BY_NAME[signal])
+    return CODES.get(signal) or done.signal_units.get(signal, "")
+
+
+def why(key, summary):
+    """What the verdict of a run was found for; of other keys nothing."""
+    return ", ".join(summary["because"]) if key == "verdict" else ""
 
 
 def table(checks):
     """Expected beside obtained, one row a key."""
     rows = [("", "expected", "obtained", "")]
-    rows += [
-        (c.key, shown(c.expected), shown(c.obtained), "" if c.passed else "differs") for c in checks
-    ]
+    for c in checks:
+        differs = (
+            "" if c.passed else " ".join(["differs", f"({c.difference})" * bool(c.difference)])
+        )
+        rows.append((c.key, shown(c.expected), shown(c.obtained), differs))
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     return "\n".join(
         "  ".join(f"{cell:{w}}" for cell, w in zip(row, [*widths, 0], strict=True)).rstrip()

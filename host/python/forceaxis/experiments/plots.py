@@ -1,16 +1,19 @@
-"""Traces as figures, in the form of the thesis: one signal below the other over time."""
+"""Traces as figures: one signal below the other over time, and what was asked of them."""
+
+import textwrap
+from dataclasses import dataclass, field
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from forceaxis.drawing import GOT, INK, THIN, WANTED, finish, style
+from forceaxis.drawing import AREA, GOT, INK, THIN, WANTED, legend, style
 
-# Unit and factor of a column, by the last part of its name.
+# Unit and factor of a signal of the model, by the last part of its name.
 UNITS = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
     "velocity": ("mm/s", 1e3),
-    "acceleration": ("m/s$^2$", 1),
+    "acceleration": ("m/s\u00b2", 1),
     "force": ("N", 1),
     "spring_force_rate": ("N/s", 1),
     "spring_force": ("N", 1),
@@ -18,51 +21,166 @@ UNITS = {
     "tach": ("V", 1),
     "voltage": ("V", 1),
     "command": ("V", 1),
-    "encoder": ("count", 1),
-    "adc0": ("count", 1),
-    "adc1": ("count", 1),
-    "dac": ("code", 1),
+    "encoder": ("encoder count", 1),
+    "adc0": ("ADC code", 1),
+    "adc1": ("ADC code", 1),
+    "dac": ("DAC code", 1),
 }
 
 
-def unit_of(name, units=None):
-    """(unit, factor) that a column is shown in; units: those of traced objects."""
-    if units and name in units:
-        return units[name], 1
+def unit_of(name):
+    """(unit, factor) that a column of a trace is shown in."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
-def trace(time_s, rows, title, width=7.2, units=None, names=None, setpoint_N=None):
-    """Figure of rows of signals over time; rows: [{name: values}], in the units of the trace.
+@dataclass
+class Line:
+    """A signal of a row: values over the time of the figure."""
 
-    units: of columns that are objects; names: of their values, for a row of its own. setpoint_N: a
-    line in each row of forces of the model.
-    """
-    figure, axes = plt.subplots(
-        len(rows), 1, sharex=True, figsize=(width, 0.55 + 1.45 * len(rows)), squeeze=False
-    )
+    label: str
+    unit: str
+    values: np.ndarray
+    names: dict = field(default_factory=dict)  # of its values, shown where it has a row of its own
+    controlled: bool = False  # a force, N, that set-points are meant for
+
+
+@dataclass
+class Marks:
+    """What a trace shows besides its signals; times in s, any of them outside the figure."""
+
+    setpoints: list = field(default_factory=list)  # (from time, N)
+    contacts: list = field(default_factory=list)  # (from, to)
+    window: tuple | None = None  # (from, to, verdict)
+    events: list = field(default_factory=list)  # (time, kind of EVENTS, text)
+
+
+# Marker and colour of each kind of event.
+EVENTS = {
+    "touch": ("v", INK),
+    "lost": ("^", GOT),
+    "impulse": ("D", "#8a5fa8"),
+    "fault": ("X", "#b3261e"),
+}
+CONTACT = "#dbe6f1"
+
+
+def trace(time_s, rows, title, notes=(), marks=None, width=7.2):
+    """Figure of rows of Lines over time. notes: (text, colour) of lines below the title."""
+    marks = marks or Marks()
+    notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, 135)]
+    head, foot, tall = 0.3 + 0.14 * len(notes), 0.68, 1.25
+    height = head + tall * len(rows) + foot
+    figure, axes = plt.subplots(len(rows), 1, sharex=True, figsize=(width, height), squeeze=False)
     for ax, row in zip(axes[:, 0], rows, strict=True):
         style(ax)
-        for name, values in row.items():
-            unit, factor = unit_of(name, units)
-            if len(row) == 1 and (known := (names or {}).get(name)):
-                met, values = np.unique(values, return_inverse=True)
-                ax.set_yticks(range(len(met)), [known.get(int(v), str(v)) for v in met])
-            stepped = {"drawstyle": "steps-post"} if (values * factor).dtype.kind in "iu" else {}
-            ax.plot(time_s, values * factor, label=name, **THIN, **stepped)
-        if setpoint_N is not None and unit == "N":
-            ax.axhline(setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, zorder=1)
-            ax.annotate(
-                "set-point", (1, setpoint_N), (2, 0), xycoords=("axes fraction", "data"),
-                textcoords="offset points", fontsize=6, color=WANTED, va="center",
-            )  # fmt: skip
-        ax.set_ylabel(unit if len(row) > 1 else f"{next(iter(row))}\n{unit}", fontsize=8)
-        if len(row) > 1:
-            where = {"loc": "lower right", "bbox_to_anchor": (1, 0.95), "ncols": len(row)}
-            ax.legend(**where, fontsize=7, frameon=False)
+        draw_row(ax, time_s, row)
+        if any(line.controlled for line in row):
+            draw_setpoints(ax, time_s, marks.setpoints)
+    for ax in axes[:, 0]:
+        ax.margins(x=0)
+        shade(ax, marks, time_s)
+    mark_events(axes[0, 0], marks.events, time_s)
     axes[-1, 0].set_xlabel("time, s")
-    finish(figure, axes[0, 0], title)
+    longest = max(
+        (len(n) for r in rows for line in r for n in line.names.values() if len(r) == 1), default=0
+    )
+    left = max(0.75, 0.4 + 0.062 * longest)
+    figure.subplots_adjust(
+        left / width, foot / height, 1 - 0.15 / width, 1 - (head + 0.1) / height, hspace=0.22
+    )
+    figure.suptitle(
+        title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top",
+        y=1 - 0.06 / height,
+    )  # fmt: skip
+    for i, (line, colour) in enumerate(notes):
+        figure.text(
+            0.02, 1 - (0.25 + 0.14 * i) / height, line, fontsize=7, color=colour, va="top",
+            parse_math=False,
+        )  # fmt: skip
+    if handles := keys(marks, time_s, rows):
+        legend(figure, handles=handles, loc="lower left", ncols=len(handles), columnspacing=1.2,
+               handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
+    plt.close(figure)
     return figure
+
+
+def draw_row(ax, time_s, row):
+    """The lines of a row, with its label."""
+    for line in row:
+        values = line.values
+        if len(row) == 1 and line.names:
+            met, values = np.unique(values, return_inverse=True)
+            ax.set_yticks(range(len(met)), [line.names.get(int(v), str(v)) for v in met])
+        stepped = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
+        ax.plot(time_s, values, label=line.label, **THIN, **stepped)
+    units = ", ".join(dict.fromkeys(line.unit for line in row if line.unit))
+    label = row[0].label.replace("_", "_\n", len(row[0].label) // 20)
+    ax.set_ylabel(units if len(row) > 1 else f"{label}\n{units}", parse_math=False)
+    if len(row) > 1:
+        legend(ax, loc="lower right", bbox_to_anchor=(1, 0.93), ncols=len(row))
+
+
+def draw_setpoints(ax, time_s, setpoints):
+    """Set-points of force as steps, nothing where there is none."""
+    if not setpoints or time_s[-1] < setpoints[0][0]:
+        return
+    begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
+    newton = np.where(newton == 0, np.nan, newton)
+    ax.plot(begin, newton, drawstyle="steps-post", color=WANTED, linestyle="--", linewidth=0.8)
+    ax.set_xlim(time_s[0], time_s[-1])
+
+
+def shade(ax, marks, time_s):
+    """Contact and the window that is judged."""
+    low, high = time_s[0], time_s[-1]
+    inside = [(max(a, low), min(b, high)) for a, b in marks.contacts if b > low and a < high]
+    across = ax.get_xaxis_transform()
+    if inside:
+        ax.broken_barh(
+            [(a, b - a) for a, b in inside], (0, 1), transform=across, color=CONTACT, alpha=0.7,
+            linewidth=0, zorder=0,
+        )  # fmt: skip
+    if marks.window and marks.window[1] > low and marks.window[0] < high:
+        a, b, verdict = marks.window
+        a, b = max(a, low), min(b, high)
+        ax.broken_barh(
+            [(a, b - a)], (0, 1), transform=across, color=AREA.get(verdict, AREA["failed"]),
+            alpha=0.55, linewidth=0, zorder=0.5,
+        )  # fmt: skip
+
+
+def mark_events(ax, events, time_s):
+    """A mark above the rows for each event inside the figure."""
+    for kind, (marker, colour) in EVENTS.items():
+        times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
+        ax.plot(
+            times, [1.03] * len(times), marker, color=colour, markersize=4, linestyle="",
+            transform=ax.get_xaxis_transform(), clip_on=False,
+        )  # fmt: skip
+
+
+def keys(marks, time_s, rows):
+    """Handles of the legend, of what the figure has."""
+    low, high = time_s[0], time_s[-1]
+    found = []
+    if any(newton for _, newton in marks.setpoints) and any(
+        line.controlled for row in rows for line in row
+    ):
+        look = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
+        found.append(plt.Line2D([], [], label="set-point", **look))
+    if any(b > low and a < high for a, b in marks.contacts):
+        found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT, label="contact"))
+    if marks.window and marks.window[1] > low and marks.window[0] < high:
+        verdict = marks.window[2]
+        colour = AREA.get(verdict, AREA["failed"])
+        found.append(plt.Rectangle((0, 0), 1, 1, color=colour, label=f"judged: {verdict}"))
+    for kind, (marker, colour) in EVENTS.items():
+        texts = [text for t, k, text in marks.events if k == kind and low <= t <= high]
+        if texts:
+            label = ", ".join(dict.fromkeys(texts)) + (f" ({len(texts)})" if texts[1:] else "")
+            look = {"marker": marker, "linestyle": "", "markersize": 4, "color": colour}
+            found.append(plt.Line2D([], [], label=label, **look))
+    return found
 
 
 def comparison(time_s, rows, levels, settling, table, title):
@@ -88,21 +206,23 @@ def comparison(time_s, rows, levels, settling, table, title):
         ax.set_ylabel(f"{name}\n{unit}" if len(row) == 1 else unit, fontsize=8)
         ax.set_xlim(time_s[0], time_s[-1])
         if len(row) > 1:
-            ax.legend(fontsize=7, frameon=False, loc="lower right")
+            legend(ax, loc="lower right")
     axes[len(rows) - 1].set_xlabel("time, s", fontsize=8)
     for row, *level in levels:
         mark_level(axes[row], unit_of(next(iter(rows[row])))[1], time_s[-1], *level)
     if settling:
         mark_settling(axes[0], unit_of(next(iter(rows[0])))[1], time_s[-1], *settling)
     axes[0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False, pad=14)
-    figure.legend(
+    legend(
+        figure,
         handles=[
             plt.Rectangle((0, 0), 1, 1, color=WANTED, alpha=0.4, label="expected"),
             plt.Line2D([], [], color=GOT, linestyle="--", linewidth=1.3, label="obtained"),
             plt.Line2D([], [], color="#5d6874", linestyle=":", linewidth=1, label="settling band"),
         ],
-        fontsize=7, frameon=False, ncols=3, loc="upper right",
-    )  # fmt: skip
+        ncols=3,
+        loc="upper right",
+    )
     axes[-1].axis("off")
     text = axes[-1].text(
         0, 1, table, family="monospace", fontsize=7.5, va="top", transform=axes[-1].transAxes

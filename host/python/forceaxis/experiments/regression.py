@@ -1,5 +1,6 @@
 """Experiments as regression tests: every file with an [expect] table is run and compared."""
 
+import contextlib
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -23,6 +24,7 @@ class Outcome:
     message: str = ""  # the reason why it could not be examined
     checks: list = field(default_factory=list)
     examined: expect.Examined | None = None  # kept while it is needed for a plot or an update
+    drawn: Path | None = None  # the figure of its differences
 
     @property
     def name(self):
@@ -157,6 +159,7 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
     difference. report: called with each Outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
+    fresh = out and not out.exists()
     if out:
         out.mkdir(parents=True, exist_ok=True)
     top = Path(os.path.commonpath([p.resolve().parent for p in tests]))
@@ -165,24 +168,40 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
         try:
             for outcome in pool.map(run_test, tests):
                 if out and outcome.status == "failed" and outcome.examined:
-                    write_difference(outcome, out / outcome.file.resolve().relative_to(top))
+                    place = out / outcome.file.resolve().relative_to(top)
+                    outcome.drawn = write_difference(outcome, place)
                 if update and outcome.examined:
                     write_update(outcome)
                 outcome.examined = None
                 outcomes.append(outcome)
                 if report:
                     report(outcome)
+        except KeyboardInterrupt:
+            if fresh:
+                with contextlib.suppress(OSError):
+                    out.rmdir()  # refused where a difference is there
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
     return outcomes + [Outcome(p, "skipped", message="no [expect] table") for p in skipped]
 
 
 def write_difference(outcome, place):
-    """place.png: expected and obtained; place.txt: the same as a table."""
-    place.parent.mkdir(parents=True, exist_ok=True)
-    figure(outcome.examined).savefig(place.with_suffix(".png"), dpi=120)
-    text = outcome.name + "\n" + expect.table(outcome.checks) + "\n"
-    paths.replace_text(place.with_suffix(".txt"), text)
+    """place.png and .svg: expected and obtained; .txt: the same as a table; .npz: the trace.
+    Returns the first."""
+    import numpy as np
+
+    from forceaxis import drawing
+
+    drawn = figure(outcome.examined)
+    names = [place.with_suffix(suffix).name for suffix in (".png", ".svg", ".txt", ".npz")]
+    with paths.replacing(place.parent, *names) as (png, svg, text, trace):
+        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, svg, "svg")
+        text.write_text(f"{outcome.name}\n{expect.table(outcome.checks)}\n", encoding="utf-8")
+        with trace.open("wb") as file:
+            np.savez_compressed(file, **outcome.examined.run.columns)
+    return place.with_suffix(".png")
 
 
 def figure(examined):
@@ -219,12 +238,20 @@ def figure(examined):
     return plots.comparison(time_s, rows, levels, settling, text, examined.run.title)
 
 
-def describe(outcome):
-    """An outcome for a terminal: its line, and one below for each difference."""
-    line = f"{outcome.status:7}  {outcome.name}"
-    if outcome.status == "failed":
-        line += "".join(f"\n           {text}" for text in outcome.lines)
-    return line
+def describe(outcome, coloured=str):
+    """An outcome for a terminal: its line, one below for each difference, and how to see both.
+    coloured: makes of the status what is printed."""
+    line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
+    if outcome.status != "failed":
+        return line
+    rows = list(outcome.lines)
+    if outcome.drawn:
+        drawn = paths.quoted(outcome.drawn)
+        rows.append(f"both drawn: {drawn}; the trace beside it as .npz")
+    elif outcome.checks:
+        file = paths.quoted(outcome.file)
+        rows.append(f"to see both: forceaxis test {file} --out FOLDER")
+    return line + "".join(f"\n           {text}" for text in rows)
 
 
 def counts(outcomes):

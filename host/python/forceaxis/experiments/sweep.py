@@ -19,6 +19,7 @@ import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
+from forceaxis.experiments import alone
 from forceaxis.experiments.points import (
     Axis,
     check_names,
@@ -39,6 +40,8 @@ from forceaxis.experiments.sweep_runs import (
     run_columns,
 )
 
+FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
+
 
 @dataclass
 class Sweep:
@@ -54,6 +57,10 @@ class Sweep:
     axes: list  # of the points
     search: Axis | None
     runs: list = field(default_factory=list)  # of a lone boundary search: (value, outcome)
+    converters: dict = field(default_factory=dict)  # of the model, {} if the sweep changes it
+    closer: dict = field(
+        default_factory=dict
+    )  # columns of the points around those that stand alone
 
 
 def sweep(
@@ -67,13 +74,15 @@ def sweep(
     out=None,
     threads=None,
     scheduler=None,
+    refine=False,
 ):
     """Run the experiment at every point and write the results into folder `out`, if given.
 
     grid: {name: values, "VALUE,VALUE,..." or "FROM:TO:COUNT[:log]"}; random: {name:
     "FROM:TO[:log]"} with count and seed; bisect: {name: "FROM:TO:TOLERANCE"}, alone or for every
-    point. Raises InputError for a mistake in what was asked; a run that fails is a row with its
-    error.
+    point. refine: also half-way to the neighbours of each point of the grid that stands alone, see
+    alone.find(). Raises InputError for a mistake in what was asked; a run that fails is a row with
+    its error.
     """
     if grid and random:
         raise InputError("--random: expected either --grid or --random, got both")
@@ -89,6 +98,9 @@ def sweep(
     search = searches[0] if searches else None
     if not axes and not search:
         raise InputError("--grid: expected what to vary: --grid, --random or --bisect")
+
+    if refine and (search or random or len(axes) > 2):
+        raise InputError("--refine: expected a --grid of one or two parameters, without --bisect")
 
     experiment, overrides = Path(experiment), list(overrides)
     inputs = _core.inputs(str(experiment), overrides)
@@ -111,12 +123,13 @@ def sweep(
         names = [a.name for a in axes]
         rows = [dict(zip(names, point, strict=True)) for point in points]
         found = boundaries(runner, rows, search) if search else run_columns(runner(rows))
+        single = alone.find(axes, found["verdict"]) if not (search or random) else []
+        near = [p for i in single for p in alone.around(axes, points[i])] if refine else []
+        near = [dict(zip(names, point, strict=True)) for point in dict.fromkeys(near)]
+        closer = columns_of(names, near) | run_columns(runner(near)) if near else {}
     seconds = time.monotonic() - started
 
-    columns = {"index": np.arange(len(rows))}
-    for name in names:
-        columns[name] = np.array([row[name] for row in rows], dtype=float)
-    columns |= found
+    columns = {"index": np.arange(len(rows))} | columns_of(names, rows) | found
     failed = [i for i, e in enumerate(columns["error"]) if e]
     summary = {
         "experiment": paths.display(experiment),
@@ -126,21 +139,41 @@ def sweep(
         "failures": [
             {"index": i, **rows[i], "error": str(columns["error"][i])} for i in failed[:10]
         ],
+        "alone": [alone_row(rows[i], columns["verdict"][i], axes, closer) for i in single],
         "seed": seed if random else None,
         **identity,
         "objects_hash": objects.OBJECTS_HASH,
         "where": scheduler or f"{threads} thread{'s' * (threads > 1)}",
         "seconds": round(seconds, 3),
         "command": command_of(
-            experiment, grid, random, count, seed, bisect, overrides, out, scheduler
+            experiment, grid, random, count, seed, bisect, overrides, out, scheduler, refine
         ),
     }
-    done = Sweep(summary, columns, axes, search)
+    fixed = all(a.name.startswith(("firmware.", "verdict.")) for a in [*axes, *searches])
+    converters = inputs["converters"] if fixed else {}
+    done = Sweep(summary, columns, axes, search, converters=converters, closer=closer)
     if search and not axes:
         done.runs = [(v, o) for (v,), o in runner.seen]
     if out is not None:
         write(done, Path(out))
     return done
+
+
+def columns_of(names, rows):
+    """The parameters of some points as columns."""
+    return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
+
+
+def alone_row(row, verdict, axes, closer):
+    """A point that stands alone: its parameters and verdict; where one looked closer also how many
+    of the points around it were judged alike."""
+    found = row | {"verdict": str(verdict), "around": None, "alike": None}
+    if closer:
+        near = alone.around(axes, [row[a.name] for a in axes])
+        points = list(zip(*(closer[a.name].tolist() for a in axes), strict=True))
+        verdicts = [closer["verdict"][points.index(p)] for p in near]
+        found |= {"around": len(near), "alike": int(sum(v == verdict for v in verdicts))}
+    return found
 
 
 def counts_of(columns, runner, search):
@@ -155,7 +188,7 @@ def counts_of(columns, runner, search):
     return counts
 
 
-def command_of(experiment, grid, random, count, seed, bisect, overrides, out, scheduler):
+def command_of(experiment, grid, random, count, seed, bisect, overrides, out, scheduler, refine):
     """The command line of the same sweep."""
     command = ["forceaxis", "sweep", paths.display(experiment)]
     for option, given in (("--grid", grid), ("--random", random), ("--bisect", bisect)):
@@ -168,13 +201,15 @@ def command_of(experiment, grid, random, count, seed, bisect, overrides, out, sc
         command += ["--set", text]
     if out is not None:
         command += ["--out", paths.display(out)]
+    if refine:
+        command.append("--refine")
     if scheduler:
         command += ["--scheduler", scheduler]
     return shlex.join(command)
 
 
 def describe(done):
-    """The summary for a terminal."""
+    """The summary for a terminal: rows of (key, text)."""
     summary, counts = done.summary, done.summary["counts"]
     ran = counts["runs"] - counts["resumed"]
     speed = f", {ran / summary['seconds']:.0f} a second" if ran and summary["seconds"] else ""
@@ -191,6 +226,7 @@ def describe(done):
         lines += [("", boundary_line(done, i)) for i in range(min(10, counts["points"]))]
     elif counts["stable"] + counts["unstable"]:
         lines.append(("verdict", f"{counts['stable']} stable, {counts['unstable']} unstable"))
+    lines += [("alone", alone_line(one, done)) for one in summary["alone"][:10]]
     if counts["failed"]:
         first = summary["failures"][0]
         lines.append(
@@ -201,7 +237,15 @@ def describe(done):
             )
         )
     lines.append(("again", summary["command"]))
-    return "\n".join(f"{key:12} {value}" for key, value in lines)
+    return lines
+
+
+def alone_line(one, done):
+    """A point that stands alone, in words."""
+    at = ", ".join(f"{a.name} = {one[a.name]:g}" for a in done.axes)
+    if one["around"]:
+        return f"{at}: {one['verdict']}, as are {one['alike']} of {one['around']} points around it"
+    return f"{at}: {one['verdict']}, its neighbours are not; --refine looks closer"
 
 
 def boundary_line(done, i):
@@ -217,23 +261,33 @@ def boundary_line(done, i):
 
 
 def write(done, out):
-    """Write results.csv, .npz and .parquet, plot.png and sweep.json, each whole or not at all."""
+    """Write FILES, and closer.csv where one looked closer: all of them or none."""
     import pyarrow
     import pyarrow.parquet
 
+    from forceaxis import drawing
     from forceaxis.experiments import sweep_plots
 
-    with paths.replacing(out, "results.csv") as (file,), file.open("w", newline="") as stream:
+    drawn = sweep_plots.sweep(done)
+    if not done.closer:
+        (out / "closer.csv").unlink(missing_ok=True)  # of an earlier --refine
+    names = [*FILES, "closer.csv"] if done.closer else FILES
+    with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
+        write_table(table, done.columns)
+        for file in closer:
+            write_table(file, done.closer)
+        with npz.open("wb") as stream:
+            np.savez_compressed(stream, **done.columns)
+        pyarrow.parquet.write_table(pyarrow.table(done.columns), parquet)
+        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, svg, "svg")
+        summary.write_text(json.dumps(done.summary, indent=2) + "\n")
+
+
+def write_table(file, columns):
+    """Columns as CSV, nothing for NaN."""
+    with file.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(done.columns)
-        columns = (c.tolist() for c in done.columns.values())
-        for row in zip(*columns, strict=True):
-            writer.writerow(["" if v != v else v for v in row])  # NaN: nothing
-    with paths.replacing(out, "results.npz") as (file,), file.open("wb") as stream:
-        np.savez_compressed(stream, **done.columns)
-    with paths.replacing(out, "results.parquet") as (file,):
-        pyarrow.parquet.write_table(pyarrow.table(done.columns), file)
-    with paths.replacing(out, "plot.png") as (file,):
-        sweep_plots.sweep(done).savefig(file, dpi=120, format="png")
-    with paths.replacing(out, "sweep.json") as (file,):
-        file.write_text(json.dumps(done.summary, indent=2) + "\n")
+        writer.writerow(columns)
+        for row in zip(*(c.tolist() for c in columns.values()), strict=True):
+            writer.writerow(["" if v != v else v for v in row])

@@ -6,23 +6,27 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
-from forceaxis.drawing import INK
+from forceaxis import objects
+from forceaxis.drawing import AREA, INK, VERDICT, legend, style
 
-STABLE, UNSTABLE, UNTOUCHED, FAILED = "#b9d8cf", "#f0c3a8", "#f6e6c9", "#c9c9c9"
+STABLE, UNSTABLE, UNTOUCHED, FAILED = (
+    AREA[kind] for kind in ("stable", "unstable", "no contact", "failed")
+)
+MARKERS = (("stable", "o", "stable"), ("unstable", "x", "unstable"), ("", "v", "failed"))
 
 
 def sweep(done):
     """Figure of a sweep, by the first two of its parameters."""
-    figure, ax = plt.subplots(figsize=(6.4, 4.4))
+    figure, ax = plt.subplots(figsize=(6.4, 4.6))
+    style(ax)
     draw = boundary_plot if done.search else run_plot
     title = draw(figure, ax, done)
     if len(done.axes) > 2:
         title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
     title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
-    ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(which="both", labelsize=8)
-    figure.tight_layout()
+    in_newton(ax, done)
+    figure.suptitle(title, fontsize=9, x=0.02, ha="left", color=INK, parse_math=False)
+    figure.tight_layout(rect=(0, 0.05, 1, 1))
     plt.close(figure)
     return figure
 
@@ -43,6 +47,7 @@ def run_plot(figure, ax, done):
     if not all(a.values for a in two):
         if judged.any():
             scatter_verdicts(ax, x, y, verdict)
+            key_below(ax)
             return "Stability of random points"
         coloured(figure, ax, "peak force, N", ax.scatter(x, y, c=peak, s=14))
         return "Peak contact force of random points"
@@ -63,8 +68,27 @@ def run_plot(figure, ax, done):
     colours = ListedColormap([UNSTABLE, STABLE, UNTOUCHED])
     ax.pcolormesh(*edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5)
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
-    legend(ax, (kinds == 1).any(), (kinds == 0).any(), untouched.any(), np.isnan(kinds).any())
+    single = mark_alone(ax, done)
+    kinds_key(
+        ax, (kinds == 1).any(), (kinds == 0).any(), untouched.any(), np.isnan(kinds).any(), single
+    )
     return "Stability map"
+
+
+def mark_alone(ax, done):
+    """A ring around each cell that stands alone, and the points around it that were run too.
+    Returns the handles of their legend."""
+    single = [np.array([one[a.name] for a in done.axes]) for one in done.summary["alone"]]
+    if not single:
+        return []
+    ring = {"marker": "o", "markerfacecolor": "none", "color": INK, "linestyle": ""}
+    ax.plot(*np.transpose(single), markersize=13, **ring)
+    label = "stands alone" + ("" if done.closer else ", --refine looks closer")
+    handles = [plt.Line2D([], [], label=label, **ring, markersize=8)]
+    if done.closer:
+        x, y = (done.closer[a.name] for a in done.axes)
+        scatter_verdicts(ax, x, y, done.closer["verdict"], size=12)
+    return handles
 
 
 def boundary_plot(figure, ax, done):
@@ -109,7 +133,7 @@ def boundary_plot(figure, ax, done):
     ax.fill_between(x, edge, search.high, color=above, linewidth=0)
     ax.plot(x, boundary, color=INK, marker="o", markersize=3, linewidth=1.4)
     ax.set(xlim=(x[0], x[-1]), ylim=(search.low, search.high))
-    legend(ax, True, True, False, np.isnan(edge).any())
+    kinds_key(ax, True, True, False, np.isnan(edge).any())
     return f"Last stable {search.name}"
 
 
@@ -118,31 +142,29 @@ def over_one(ax, done, x, verdict, peak, axis=None):
     along(ax, "x", axis or done.axes[0], done)
     order = np.argsort(x)
     ax.plot(x[order], peak[order], color=INK, linewidth=0.6, zorder=1)
-    kinds = (("stable", "#2f8f78", "o"), ("unstable", "#c0562b", "x"), ("", INK, "."))
-    for kind, colour, marker in kinds:
-        at = (verdict == kind) & np.isfinite(peak)
-        if at.any():
-            ax.scatter(x[at], peak[at], c=colour, marker=marker, s=22, label=kind or None)
+    shown = np.where(np.isfinite(peak), peak, 0)
+    judged = np.isin(verdict, ("stable", "unstable"))
     failed = ~np.isfinite(peak)
-    if failed.any():
-        foot = np.zeros(failed.sum())
-        ax.scatter(x[failed], foot, c="#777777", marker="v", s=22, label="failed")
+    plain = ~judged & ~failed  # no [verdict]
+    ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
+    scatter_verdicts(ax, x[~plain], shown[~plain], np.where(failed, "", verdict)[~plain], size=22)
     ax.set_ylabel("peak contact force, N")
     ax.set_ylim(bottom=0)
-    ax.grid(True, linewidth=0.3, color="#c8d0d8")
+    if not done.search:
+        for one in done.summary["alone"]:
+            at = x == one[done.axes[0].name]
+            ax.plot(x[at], peak[at], "o", markersize=12, markerfacecolor="none", color=INK,
+                    label="stands alone")  # fmt: skip
     if ax.get_legend_handles_labels()[1]:
-        ax.legend(fontsize=7, frameon=False)
+        key_below(ax)
 
 
-def scatter_verdicts(ax, x, y, verdict):
-    """Points by verdict."""
-    for kind, colour, marker in (("stable", "#2f8f78", "o"), ("unstable", "#c0562b", "x")):
+def scatter_verdicts(ax, x, y, verdict, size=14):
+    """Points by verdict; "" has failed."""
+    for kind, marker, label in MARKERS:
         at = verdict == kind
-        ax.scatter(x[at], y[at], c=colour, marker=marker, s=14, label=kind)
-    failed = verdict == ""
-    if failed.any():
-        ax.scatter(x[failed], y[failed], c="#777777", marker="v", s=14, label="failed")
-    ax.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
+        if at.any():
+            ax.scatter(x[at], y[at], c=VERDICT[kind], marker=marker, s=size, label=label, zorder=3)
 
 
 def along(ax, which, axis, done):
@@ -153,28 +175,59 @@ def along(ax, which, axis, done):
 
 
 def label_of(name, done):
-    """A parameter with its unit."""
+    """A parameter with its unit; a count with what it counts."""
+    room, _, key = name.partition(".")
     unit = done.summary["parameters"][name]
+    if room == "firmware":
+        unit = objects.unit_in_words(objects.BY_NAME[key])
+    elif room == "verdict" and unit == "count":
+        unit = "count of force" if key.startswith("force") else "encoder count"
     return f"{name}, {unit}" if unit else name
+
+
+def in_newton(ax, done):
+    """The set-point of force in N, on the other side of its axis."""
+    shown = [a.name for a in (done.axes or [done.search])[:2]]
+    if len(shown) < 2 and done.search and done.axes:
+        shown.append(done.search.name)
+    reading = done.converters.get("adc0")
+    if "firmware.force_setpoint" not in shown or not reading or reading["unit"] != "N":
+        return
+    newton = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
+    scale = {"functions": (lambda count: count * newton, lambda force: force / newton)}
+    if shown[0] == "firmware.force_setpoint":
+        other = ax.secondary_xaxis("top", **scale)
+        other.set_xlabel("set-point, N", fontsize=8)
+    else:
+        other = ax.secondary_yaxis("right", **scale)
+        other.set_ylabel("set-point, N", fontsize=8)
+    other.tick_params(which="both", labelsize=8)
 
 
 def coloured(figure, ax, label, drawn):
     """A colour bar."""
-    figure.colorbar(drawn, ax=ax, label=label)
+    bar = figure.colorbar(drawn, ax=ax)
+    bar.set_label(label, fontsize=8)
+    bar.ax.tick_params(labelsize=8)
 
 
-def legend(ax, *shown):
-    """The kinds of cells that are shown, beside the map."""
+def key_below(ax, handles=None):
+    """The legend, below the axes; as `trace` has it."""
+    handles = handles or ax.get_legend_handles_labels()[0]
+    legend(ax.figure, handles=handles, loc="lower left", ncols=len(handles), columnspacing=1.2,
+           handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
+
+
+def kinds_key(ax, *shown):
+    """The kinds of cells that are shown, and more handles behind them."""
     kinds = zip(
         shown,
         (STABLE, UNSTABLE, UNTOUCHED, FAILED),
         ("stable", "unstable", "no contact", "failed"),
-        strict=True,
+        strict=False,
     )
-    ax.legend(
-        handles=[Patch(color=colour, label=label) for at, colour, label in kinds if at],
-        fontsize=8, loc="upper left", bbox_to_anchor=(1, 1), frameon=False,
-    )  # fmt: skip
+    handles = [Patch(color=colour, label=label) for at, colour, label in kinds if at]
+    key_below(ax, [*handles, *(shown[4] if len(shown) > 4 else ())])
 
 
 def cell_edges(axis):

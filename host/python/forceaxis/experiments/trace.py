@@ -2,55 +2,128 @@
 
 import csv
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from forceaxis import objects
+from forceaxis import objects, paths
+from forceaxis.experiments import summary
+
+FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
 
 
-def figure(done):
-    """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position and force
-    where the experiment names no rows. Objects that a link did not trace are left out."""
+def figure(done, codes=False):
+    """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position, force
+    reading and command where the experiment names no rows. Objects that a link did not trace are
+    left out. codes: what the converters gave, not what it stands for."""
+    from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
     time_s = done.columns["time_s"]
     start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
-    shown = (time_s >= start) & (time_s <= stop)
-    if not shown.any():  # an override made the run shorter than the plot
-        shown[:] = True
+    inside = (time_s >= start) & (time_s <= stop)
+    if not inside.any():  # an override made the run shorter than the plot
+        inside[:] = True
     rows = [
-        {name: done.columns[name][shown] for name in names if name in done.columns}
+        [line(done, name, inside, codes) for name in names if name in done.columns]
         for names in done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
     ]
-    held = done.summary["metrics"]["held_force"]
-    return plots.trace(
-        time_s[shown],
-        [row for row in rows if row],
-        done.title,
-        units=done.units,
-        names={name: value_names(name) for name in done.units},
-        setpoint_N=held and held["setpoint_N"],
-    )
+    notes = [(f"with {', '.join(done.overrides)}", GOT)] if done.overrides else []
+    marks = marks_of(done)
+    if verdict := done.summary["verdict"]:
+        text, judged = summary.verdict_text(done.summary), marks.window
+        if not time_s[inside][0] < judged[1] or not judged[0] < time_s[inside][-1]:
+            text += f", {judged[0]:.4g} to {judged[1]:.4g} s, not in this plot"
+        notes.append((text, VERDICT[verdict]))
+    return plots.trace(time_s[inside], [row for row in rows if row], done.title, notes, marks)
 
 
-def value_names(name):
-    """The names of an object's values: those of an enum, or of single values."""
-    known = objects.BY_NAME[name]
-    return dict(enumerate(known.enum)) or dict(known.values)
+def line(done, name, inside, codes):
+    """The plots.Line of a column, where `inside` is true."""
+    from forceaxis.experiments import plots
+
+    values = done.columns[name][inside]
+    converters = done.summary["converters"]
+    converter = converters.get(name)
+    signal = converters.get("adc0", {}).get("signal", "")
+    held = name == "adc0" or name.partition(".")[::2] == (signal.partition(".")[0], "force")
+    if name in done.units:
+        known = objects.BY_NAME[name]
+        names = dict(enumerate(known.enum)) or dict(known.values)
+        unit, factor = objects.unit_in_words(known), 1
+        if not codes:
+            unit, factor = physical(unit, converters)
+        return plots.Line(name, unit, values * factor, names)
+    if codes or not converter:
+        unit, factor = plots.unit_of(name)
+        return plots.Line(name, unit, values * factor, controlled=held and unit == "N")
+    unit, factor = ("mm", 1e3) if converter["unit"] == "m" else (converter["unit"], 1)
+    shown = (values.astype(float) - converter["zero"]) * (converter["per_code"] * factor)
+    what = {"encoder": "position", "dac": "command"}.get(name, "force" if unit == "N" else "")
+    label = f"{what or converter['signal']} ({name})"
+    return plots.Line(label, unit, shown, controlled=held and unit == "N")
 
 
-def write(done, out):
-    """Write trace.csv, trace.npz, events.csv, plot.png and result.json into folder `out`."""
-    out.mkdir(parents=True, exist_ok=True)
+def physical(unit, converters):
+    """(unit, factor) of an object of counts or codes, as far as the model has its converter."""
+    kind, _, per = unit.partition("/")
+    if kind == "encoder count" and per in ("", "s") and "encoder" in converters:
+        return f"mm/{per}".rstrip("/"), converters["encoder"]["per_code"] * 1e3
+    if unit == "count of force" and "adc0" in converters:
+        reading = converters["adc0"]
+        return reading["unit"], abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
+    if unit == "DAC code" and "dac" in converters:
+        return "V", converters["dac"]["per_code"]
+    return unit, 1
+
+
+def marks_of(done):
+    """Set-points, contact, judged window and events of a run, as plots.Marks."""
+    from forceaxis.experiments import plots
+
+    time_s, columns = done.columns["time_s"], done.columns
+    forces = [columns[f"{name}.force"] for name in done.contacts]
+    touching = np.any([f > 0 for f in forces], axis=0) if forces else np.zeros(len(time_s), bool)
+    turns = np.flatnonzero(np.diff(touching, prepend=False, append=False))
+    ends = np.append(time_s, time_s[-1])[turns].reshape(-1, 2)
+    events = []
+    for at, element, before, after in done.events:
+        if element in done.contacts and "pressed" in (before, after):
+            kind = "touch" if after == "pressed" else "lost"
+            events.append((at, kind, {"touch": "touch", "lost": "contact lost"}[kind]))
+    events += [(at, "impulse", f"impulse {size:g} N s") for at, _, size in done.impulses]
+    faulty = np.flatnonzero(columns["fault"])
+    if len(faulty):
+        name = objects.BY_NAME["fault"].enum[columns["fault"][faulty[0]]]
+        events.append((time_s[faulty[0]], "fault", f"fault {name}"))
+    window = None
+    if criterion := done.summary["criterion"]:
+        last = time_s[-1]
+        window = (max(0.0, last - criterion["window_s"]), last, done.summary["verdict"])
+    return plots.Marks(done.setpoints, ends.tolist(), window, events)
+
+
+def write(done, out, codes=False):
+    """Write FILES into folder `out`, all or none of them."""
+    from forceaxis import drawing
+
     names = list(done.columns)
-    np.savez_compressed(out / "trace.npz", **done.columns)
-    with (out / "trace.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
-    with (out / "events.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "element", "from", "to"])
-        writer.writerows(done.events)
-    figure(done).savefig(out / "plot.png", dpi=120)
-    (out / "result.json").write_text(json.dumps(done.summary, indent=2) + "\n")
+    with (
+        paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
+        trace_npz.open("wb") as packed,
+        ThreadPoolExecutor(1) as beside,  # packing needs no interpreter
+    ):
+        packing = beside.submit(np.savez_compressed, packed, **done.columns)
+        drawn = figure(done, codes)
+        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, svg, "svg")
+        with trace_csv.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(names)
+            writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
+        with events_csv.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["time_s", "element", "from", "to"])
+            writer.writerows(done.events)
+        result.write_text(json.dumps(done.summary, indent=2) + "\n")
+        packing.result()

@@ -5,22 +5,44 @@ verb prints with --json.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from forceaxis.drawing import COLORS, DASHES, FAINT, GOT, INK, finish, style
+from forceaxis import paths
+from forceaxis.drawing import (
+    COLORS,
+    DASHES,
+    FAINT,
+    GOT,
+    INK,
+    WANTED,
+    decibels,
+    finish,
+    legend,
+    name_of,
+    style,
+)
 from forceaxis.linear.locus import Array
+from forceaxis.linear.system import find_model
 
 MEMBER = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
 
 
-def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4), others=()):
+def bode(
+    curves,
+    title="",
+    ylabel="amplitude",
+    phase_only=False,
+    size=(5.6, 4.4),
+    others=(),
+    margins=None,
+):
     """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
 
-    others: curves of the other members of a set, thin.
+    others: curves of the other members of a set, thin. margins: of a loop gain, what `forceaxis
+    limit` prints at that gain; they are marked at the first curve.
     """
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
@@ -45,8 +67,8 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
     phase.set_ylim(ticks[0], ticks[-1])
     if ticks[0] < -180 < ticks[-1]:
         phase.axhline(-180, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
-    phase.set_ylabel("phase, degrees", fontsize=8)
-    phase.set_xlabel("frequency, Hz", fontsize=8)
+    phase.set_ylabel("phase, degrees")
+    phase.set_xlabel("frequency, Hz")
     phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
@@ -55,14 +77,49 @@ def bode(curves, title="", ylabel="amplitude", phase_only=False, size=(5.6, 4.4)
             axes[0, 0].set_ylim(low / wider, high * wider)
         axes[0, 0].yaxis.set_minor_formatter(plt.NullFormatter())
         units = dict.fromkeys(c.unit for c in curves)
-        axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "), fontsize=8)
+        axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "))
+        if margins:
+            mark_margins(axes[0, 0], phase, curves[0], margins)
+        decibels(axes[0, 0], " or ".join(units))
     if len(curves) > 1:
-        axes[0, 0].legend(fontsize=7, frameon=False, loc="best")
+        legend(axes[0, 0], loc="best")
     axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     tall = size[1]
-    figure.subplots_adjust(0.125, 0.46 / tall, 0.965, 1 - 0.3 / tall, hspace=0.12)
+    figure.subplots_adjust(0.125, 0.46 / tall, 0.9, 1 - 0.3 / tall, hspace=0.12)
     plt.close(figure)
     return figure
+
+
+def mark_margins(size, phase, curve, loop):
+    """Gain and phase margin of a loop gain, as distances from |L| = 1 and from -180 degrees."""
+    at = loop["at"]
+    size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
+    look = {"color": GOT, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5}
+    notes = []
+    crossover, margin = at["crossover_hz"], at["phase_margin_deg"]
+    if crossover and margin is not None:
+        angle = np.interp(np.log(crossover), np.log(curve.frequency_hz), curve.phase_deg)
+        for ax in (size, phase):
+            ax.axvline(crossover, color=GOT, linewidth=0.6, linestyle=":", zorder=1)
+        phase.plot([crossover] * 2, [angle - margin, angle], **look)
+        notes.append(f"phase margin {margin:.3g} degrees at {crossover:.3g} Hz")
+    factor = at["gain_margin"]
+    turns = [c["frequency_hz"] for c in loop["crossings"] if c["gain"] > at["gain"]]
+    if factor and turns and turns[0]:
+        turn = turns[0]
+        for ax in (size, phase):
+            ax.axvline(turn, color=WANTED, linewidth=0.6, linestyle=":", zorder=1)
+        size.plot([turn] * 2, [1 / factor, 1], **look | {"color": WANTED})
+        notes.append(
+            f"gain margin {20 * np.log10(factor):.3g} dB (factor {factor:.3g}) at {turn:.3g} Hz"
+        )
+    for row, (note, colour) in enumerate(
+        (n, GOT if n.startswith("phase") else WANTED) for n in notes
+    ):
+        size.text(
+            0.015, 0.05 + 0.11 * row, note, transform=size.transAxes, fontsize=7, color=colour,
+            bbox={"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 0.5}, zorder=6,
+        )  # fmt: skip
 
 
 def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
@@ -96,9 +153,9 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     ax.set_xlim(-span, span)
     ax.set_ylim(-span, span)
     ax.set_aspect("equal")
-    ax.set_xlabel("real part", fontsize=8)
-    ax.set_ylabel("imaginary part", fontsize=8)
-    ax.legend(fontsize=7, frameon=False, loc="upper left")
+    ax.set_xlabel("real part")
+    ax.set_ylabel("imaginary part")
+    legend(ax, loc="upper left")
     finish(figure, ax, title)
     return figure
 
@@ -133,9 +190,11 @@ def mark(ax, ends, size=5.5):
     )  # fmt: skip
 
 
-def panels(count, wide, tall):
-    """A figure and `count` axes side by side, each wide x tall inches."""
-    left, right, gap, low, high = 0.74, 0.15, 0.4, 0.48, 0.55
+def panels(labels, wide, tall):
+    """A figure and an axes of wide x tall inches for each of the labels, side by side."""
+    left, right, gap, low = 0.74, 0.15, 0.4, 0.48
+    high = 0.55 if any(labels) else 0.32
+    count = len(labels)
     size = left + count * wide + (count - 1) * gap + right, low + tall + high
     figure = plt.figure(figsize=size)
     axes = [
@@ -144,11 +203,12 @@ def panels(count, wide, tall):
         )
         for i in range(count)
     ]
-    for ax in axes:
+    for ax, label in zip(axes, labels, strict=True):
         style(ax)
         ax.axvline(0, color=FAINT, linewidth=0.8)
         ax.axhline(0, color=FAINT, linewidth=0.8)
-    axes[0].set_ylabel("imaginary part / 2\u03c0, Hz", fontsize=8)
+        ax.set_title(label, fontsize=8, color=INK, parse_math=False)
+    axes[0].set_ylabel("imaginary part / 2\u03c0, Hz")
     return figure, axes
 
 
@@ -163,10 +223,12 @@ def headline(figure, title):
 def rlocus(loci, title="", wide=2.7):
     """Figure of root loci side by side, upper half-planes in Hz; the critical gain is marked."""
     span = max(one.span_hz for one in loci)
-    figure, axes = panels(len(loci), wide, 1.05 * wide)  # equal scales on both axes
+    figure, axes = panels(
+        [one.label for one in loci], wide, 1.05 * wide
+    )  # equal scales on both axes
     for ax, one in zip(axes, loci, strict=True):
         x, y = hz(np.where(one.branches.imag >= 0, one.branches, np.nan))
-        ax.plot(x, y, color="#3f7f5f", linewidth=1.1)
+        ax.plot(x, y, color=WANTED, linewidth=1.1)
         upper = [
             roots[roots.imag > -1e-6 * 2 * np.pi * span]
             for roots in (one.ends.poles, one.ends.zeros)
@@ -177,9 +239,8 @@ def rlocus(loci, title="", wide=2.7):
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
         ax.set_xlim(-0.57 * span, 0.43 * span)  # poles beyond are not drawn
         ax.set_ylim(-0.05 * span, span)
-        ax.set_xlabel("real part / 2\u03c0, Hz", fontsize=8)
+        ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
-        ax.set_title(one.label, fontsize=8, color=INK, parse_math=False)
     headline(figure, title)
     return figure
 
@@ -202,7 +263,7 @@ def label_crossings(ax, one, span):
         note = ""
     ax.text(
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
-        color="#3f7f5f" if limit.gain is None else GOT,
+        color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
     taken = []  # (height, half of it)
     own = one.limit.frequency_hz or 0.0
@@ -236,7 +297,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     span_hz: half-width of the frame; by default a frame that accentuates the structural dynamics,
     as 4.3.1 does. What is beyond is counted below.
     """
-    figure, axes = panels(len(arrays), wide, wide)
+    figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
         # Light and nonminimum-phase roots; real ones in the left half are mostly the drive's.
@@ -252,8 +313,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
             if (count := int((np.max(np.abs(hz(some)), axis=0) > span).sum()))
         ]
         note = f"; beyond: {', '.join(beyond)}" if beyond else ""
-        ax.set_xlabel(f"real part / 2\u03c0, Hz{note}", fontsize=8)
-        ax.set_title(one.label, fontsize=8, color=INK, parse_math=False)
+        ax.set_xlabel(f"real part / 2\u03c0, Hz{note}")
     headline(figure, title)
     return figure
 
@@ -302,7 +362,7 @@ def mode_shapes(result, title=""):
         head = f"{mode['frequency_hz']:.3g} Hz" + ("" if zeta is None else f", \u03b6 {zeta:.2g}")
         label = mode["label"] + (", the reference" if mode["reference"] else "")
         ax.text(-0.65, y + 0.13, head, fontsize=8, color=INK, ha="right", va="center")
-        colour = GOT if mode["label"] == "noncolocated" else "#3f7f5f"
+        colour = GOT if mode["label"] == "noncolocated" else WANTED
         ax.text(-0.65, y - 0.17, label, fontsize=7, color=colour, ha="right", va="center")
     for x, body in enumerate(bodies):
         ax.text(x, 0.5, body.replace("_", " "), fontsize=8, color=INK, ha="center", va="bottom")
@@ -337,7 +397,8 @@ def advice(result):
             ax.plot([gain, crossover], [y, y], color="#d8dee4", linewidth=1.2, zorder=1)
             ax.plot(crossover, y, "o", color=INK, markersize=4.5)
         ax.plot(gain, y, "D", color=GOT, markersize=4, markerfacecolor="none")
-    names = [r["change"] + (f" [{r['thesis']}]" if r["thesis"] else "") for r in rows]
+    known = find_model(result["model"]).parent == paths.MODELS
+    names = [r["change"] + (f" [{r['thesis']}]" if known and r["thesis"] else "") for r in rows]
     ax.set_yticks(range(len(rows)), names, fontsize=7)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_xscale("log")
@@ -346,26 +407,26 @@ def advice(result):
     ax.set_xticks([x for x in ticks if low <= x <= high])
     ax.minorticks_off()
     ax.xaxis.set_major_formatter(lambda value, _: f"x {value:g}")
-    ax.set_xlabel("against the present design", fontsize=8)
+    ax.set_xlabel("against the present design")
     shown = [
         Line2D([], [], color=INK, marker="o", linestyle="", markersize=4.5,
                label=f"crossover at limit / {result['gain_margin']:g}"),
         Line2D([], [], color=GOT, marker="D", linestyle="", markersize=4, markerfacecolor="none",
                label="critical gain"),
     ]  # fmt: skip
-    ax.legend(handles=shown, fontsize=7, frameon=False, loc="lower right")
+    legend(ax, handles=shown, loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
     mode = result["limiting_mode"]
     note = (
-        f" - limited by {mode['name']}, {mode['label']}" if mode and mode["name"] != "none" else ""
+        f": limited by {mode['name']}, {mode['label']}" if mode and mode["name"] != "none" else ""
     )
     figure.tight_layout(rect=(0, 0, 1, 1 - 0.3 / figure.get_figheight()))
-    headline(figure, f"{Path(result['model']).stem}, {result['timing']}{note}")
+    headline(figure, f"{name_of(result['model'])}, {result['timing']}{note}")
     return figure
 
 
 def loop_title(summary):
     """The title of a figure of a loop."""
-    return f"{Path(summary['model']).stem}, {summary['law']}, {summary['timing']}"
+    return f"{name_of(summary['model'])}, {summary['law']}, {summary['timing']}"
 
 
 def bode_figure(curves, summary):
@@ -375,11 +436,12 @@ def bode_figure(curves, summary):
         label = names[summary["of"]]
         title = f"{loop_title(summary)}: {label}"
         if "over" not in summary:
-            return bode(curves, title, label)
+            loop = summary["curves"][0].get("loop")
+            return bode(curves, title, label, margins=loop if summary["of"] == "loop" else None)
         return bode([replace(curves[0], label="")], title, label, others=curves[1:])
     names = list(dict.fromkeys(c["output"] for c in summary["curves"]))
     label = names[0] if len(names) == 1 else "amplitude"
-    stem = Path(summary["model"]).stem
+    stem = name_of(summary["model"])
     title = f"{stem}: {summary['input']} to {', '.join(names)}, {summary['timing']}"
     return bode(curves, title, label)
 
@@ -426,6 +488,6 @@ def poles_figure(summary, span_hz=None):
         found = [r for r in summary[kind] if r["re_per_s"] is not None]
         return np.array([complex(r["re_per_s"], r["im_per_s"] or 0.0) for r in found], complex)
 
-    stem = Path(summary["model"]).stem
+    stem = name_of(summary["model"])
     title = f"{stem}: {summary['input']} to {summary['output']}, {summary['timing']}"
     return pole_zero([Array("", roots("poles"), roots("zeros"))], title, span_hz)

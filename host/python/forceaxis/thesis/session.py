@@ -6,13 +6,15 @@ contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), record
 
 import contextlib
 import ctypes
+import functools
 import json
+import shutil
 import signal
 import subprocess
 import tempfile
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import _core, paths
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.gateway import Session, seconds, trigger_on
 from forceaxis.experiments import link
@@ -20,7 +22,7 @@ from forceaxis.experiments import run as runs
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL = 36_000  # counts
-WANTED = 30.0  # counts of an 8-bit reading; the thesis's law settles some counts below it
+SETPOINT = 30.0  # counts of an 8-bit reading; the thesis's law settles some counts below it
 RECORDED = ["force", "dac_code"]
 GAINS = {
     "position_gain": 4.0,
@@ -31,28 +33,34 @@ GAINS = {
 }
 
 
-def run(url=None, axis=1, strike_within_s=20.0):
-    """Runs the session: ({name: observed value}, states, recording)."""
+def run(url=None, axis=1, strike_within_s=20.0, report=lambda step: None):
+    """Runs the session: ({name: observed value}, states, recording). report: called with the name
+    of each step as it begins."""
+    report("connecting")
     with Session(axis, url, wait_s=20) as session:
         found = {"software": session.read("object_table_hash")}
         session.write_all(GAINS)
+        report("homing")
         session.home()
+        report(f"moving {TRAVEL * scales()['mm']:.4g} mm")
         session.enable("profile position", trajectory_velocity=60_000)
         there = session.move(TRAVEL)
         found["position_after_move_cnt"] = there.position_cnt
-        session.enable("force counts", force_setpoint=WANTED)
-        session.wait_contact(WANTED)
+        report(f"pressing with {SETPOINT * scales()['N']:.4g} N")
+        session.enable("force counts", force_setpoint=SETPOINT)
+        session.wait_contact(SETPOINT)
         found["force_held_cnt"] = session.read("force")
         found["position_in_contact_cnt"] = session.read("position_actual")
+        report("waiting for the strike")
         # The strike is not synchronised: the recorder's trigger waits for it.
         held = session.capture(
             RECORDED,
             samples=1800,
             pretrigger=300,
             timeout_s=strike_within_s,
-            **trigger_on("force", WANTED + 1),
+            **trigger_on("force", SETPOINT + 1),
         )
-        after = session.wait_contact(WANTED)
+        after = session.wait_contact(SETPOINT)
         found["force_after_cnt"] = after.force_cnt_q8 / 256
         states = session.states
         gaps = sum(g.lost for g in session.gaps.values())
@@ -66,28 +74,49 @@ def run(url=None, axis=1, strike_within_s=20.0):
     return found, states, held
 
 
-def plot(states, held, path):
+@functools.cache
+def scales():
+    """mm of an encoder count, N of a count of the force reading at 8 bits, V of a DAC code."""
+    known = _core.inputs(str(EXPERIMENT), [])["converters"]
+    reading = known["adc0"]
+    return {
+        "mm": known["encoder"]["per_code"] * 1e3,
+        "N": reading["per_code"] * 2 ** (reading["bits"] - 8),
+        "V": known["dac"]["per_code"],
+    }
+
+
+def figure(states, held):
     """Move and contact as published, the strike as recorded."""
     import matplotlib.pyplot as plt
+    import numpy as np
 
-    from forceaxis.drawing import INK, THIN
+    from forceaxis.drawing import INK, THIN, WANTED, finish, style
 
     states, times = seconds(states)
-    figure, rows = plt.subplots(4, 1, figsize=(7, 8), layout="constrained")
-    rows[0].plot(times, [s.position_cnt for s in states], color=INK)
-    rows[0].set_ylabel("position (count)")
-    rows[1].plot(times, [s.force_cnt_q8 / 256 for s in states], color=INK)
-    rows[1].set_ylabel("force (count)")
-    rows[1].set_xlabel("time of the session (s)")
     struck = [(tick - held.ticks()[held.trigger_sample]) / 1.5 for tick in held.ticks()]
-    rows[2].plot(struck, held.values("force"), color=INK, **THIN)
-    rows[2].set_ylabel("force (count)")
-    rows[3].plot(struck, held.values("dac_code"), color=INK, **THIN)
-    rows[3].set_ylabel("code")
-    rows[3].set_xlabel("time from the strike, recorded at 1500 Hz (ms)")
-    with paths.replacing(path.parent, path.name) as (new,):
-        figure.savefig(new, format="png", dpi=120)
-    plt.close(figure)
+    position = [s.position_cnt for s in states]
+    force = [s.force_cnt_q8 / 256 for s in states]
+    session, strike = "time of the session, s", "time from the strike, recorded at 1500 Hz, ms"
+    drawn, axes = plt.subplots(4, 1, figsize=(7.2, 7.6))
+    for ax, x, values, name, unit, below in zip(
+        axes,
+        (times, times, struck, struck),
+        (position, force, held.values("force"), held.values("dac_code")),
+        ("position", "force", "force", "command"),
+        ("mm", "N", "N", "V"),
+        (None, session, None, strike),
+        strict=True,
+    ):
+        style(ax)
+        ax.plot(x, np.asarray(values) * scales()[unit], color=INK, **THIN)
+        if unit == "N":
+            ax.axhline(SETPOINT * scales()["N"], color=WANTED, linestyle="--", linewidth=0.8)
+        ax.set_ylabel(f"{name}\n{unit}")
+        ax.set_xlabel(below or "")
+        ax.margins(x=0)
+    finish(drawn, axes[0], "Session through the gateway: a move, contact, a strike")
+    return drawn
 
 
 @contextlib.contextmanager
@@ -170,17 +199,28 @@ def _stop(process):
             process.wait()
 
 
-def whole(folder):
-    """The whole session, files below `folder`: {name: observed value}."""
-    # Results of an earlier session stay until this one has finished.
-    with paths.replacing(folder, "axis.journal") as (journal,):
-        journal.unlink(missing_ok=True)
+def whole(folder, report=lambda step: None):
+    """The whole session, files below `folder`, all or none: {name: observed value}. report: as of
+    `run`."""
+    from forceaxis import drawing
+
+    folder = Path(folder)
+    with tempfile.TemporaryDirectory() as scratch:
+        journal = Path(scratch) / "axis.journal"
+        report("starting plant, firmware and gateway")
         with machine(folder, journal=journal) as running:
-            found, states, held = run()
+            found, states, held = run(report=report)
+            report("ending the programs")
             running["gateway"].terminate()
             found["gateway_status"] = running["gateway"].wait(10)
             reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
-    plot(states, held, Path(folder) / "session.png")
+        names = ("axis.journal", "session.png", "session.svg")
+        with paths.replacing(folder, *names) as (kept, png, svg):
+            shutil.copyfile(journal, kept)
+            drawn = figure(states, held)
+            drawing.save(drawn, png, "png", 120)
+            drawing.save(drawn, svg, "svg")
+    report("replaying the journal")
     done, journal = runs.replay(folder / "axis.journal")
     found |= {
         "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
@@ -194,12 +234,17 @@ def whole(folder):
 
 def describe(found):
     """The observed values for a terminal."""
+
+    def force(name):
+        count = found[name]
+        return f"{count * scales()['N']:.4g} N ({count:.2f} counts of force)"
+
+    travel = found["position_after_move_cnt"]
     return "\n".join(
         (
-            f"moved to     {found['position_after_move_cnt']} count",
-            f"contact      held {found['force_held_cnt']:.2f} count",
-            f"strike       peak {found['peak_force_cnt']:.2f} count, then "
-            f"{found['force_after_cnt']:.2f} count again",
+            f"moved to     {travel * scales()['mm']:.5g} mm ({travel} encoder counts)",
+            f"contact      held {force('force_held_cnt')}",
+            f"strike       peak {force('peak_force_cnt')}, then {force('force_after_cnt')} again",
             f"recorded     {found['samples']} samples, {found['samples_missing']} missing",
             f"watched      {found['states']} states, {found['messages_lost']} messages lost",
             f"trace hash   {found['replayed_hash']}, of plant, firmware and replay",

@@ -169,9 +169,12 @@ def describe(result):
     for cell in result["cells"]:
         if cell["ours"] == cell["thesis"]:
             continue
+        count = cell["force_setpoint"]
+        newton = count and count * result["fitted"]["force_per_count"]
+        setpoint = f" counts of force ({newton:g} N)" if count else ""
         lines.append(
-            f"differs      Fig {key_of(cell)}: thesis {cell['thesis']}, ours {cell['ours']}; "
-            f"{cell['reason']}"
+            f"differs      Fig {key_of(cell)}{setpoint}: thesis {cell['thesis']}, "
+            f"ours {cell['ours']}; {cell['reason']}"
         )
     constants = ", ".join(f"{k} = {v:g}" for k, v in result["fitted"].items())
     lines.append(f"fitted       {constants}")

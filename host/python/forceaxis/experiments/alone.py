@@ -1,0 +1,42 @@
+"""Points of a grid whose verdict no neighbour shares: an island, or an accident of one run."""
+
+import itertools
+import math
+
+import numpy as np
+
+from forceaxis.experiments.points import Axis, tidy
+
+
+def find(axes, verdict):
+    """Indices of the points of a grid of one or two parameters that stand alone: judged otherwise
+    than every neighbour that was judged, diagonal ones too, of which there are at least two."""
+    shape = tuple(len(a.values) for a in axes)
+    if not axes or len(axes) > 2 or any(len(set(a.values)) != len(a.values) for a in axes):
+        return []
+    order = np.ix_(*(np.argsort(a.values) for a in axes))
+    cells = np.asarray(verdict).reshape(shape)[order]
+    numbers = np.arange(len(verdict)).reshape(shape)[order]
+    found = []
+    for place in np.ndindex(shape):
+        near = tuple(slice(max(0, i - 1), i + 2) for i in place)
+        judged = [v for v in cells[near].ravel() if v]  # with itself
+        if cells[place] and len(judged) > 2 and judged.count(cells[place]) == 1:
+            found.append(int(numbers[place]))
+    return sorted(found)
+
+
+def around(axes: list[Axis], point):
+    """The points half-way between one of the grid and its neighbours, diagonal ones too."""
+    choices = []
+    for axis, value in zip(axes, point, strict=True):
+        values = sorted(axis.values)
+        at = values.index(value)
+        near = values[max(0, at - 1)], values[min(len(values) - 1, at + 1)]
+        choices.append(dict.fromkeys([value, *(half_way(axis, value, v) for v in near)]))
+    return [p for p in itertools.product(*choices) if p != tuple(point)]
+
+
+def half_way(axis, a, b):
+    """Between two values, on the scale of the axis."""
+    return tidy(math.sqrt(a * b) if axis.log else (a + b) / 2)
