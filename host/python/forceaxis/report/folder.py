@@ -46,9 +46,7 @@ class Entry:
         held = self.done and self.done.summary["metrics"]["held_force"]
         if not held:
             return ""
-        return (
-            f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N, {held['error_percent']:+.2g} %"
-        )
+        return f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N, error {held['error_percent']:.2g} %"
 
     @cached_property
     def picture(self):
