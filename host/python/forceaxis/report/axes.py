@@ -87,7 +87,9 @@ def laws(model, entries):
             continue
         if own.bank and own.law == "bank":
             banks.append({"entry": entry, "bank": own.bank, "worst": problem.at(own.bank)})
+    units = {name: unit for name, (_, unit) in linear.facts(model)["parameters"].items()}
     over = ", ".join(
-        f"{name} {low:.4g} to {high:.4g}" for name, (_, low, high) in plants.ranges.items()
+        f"{name} {low:.4g} to {high:.4g} {units.get(name, '')}".rstrip()
+        for name, (_, low, high) in plants.ranges.items()
     )
     return {"over": over, "p": p, "banks": banks}

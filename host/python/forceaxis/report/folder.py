@@ -46,7 +46,8 @@ class Entry:
         held = self.done and self.done.summary["metrics"]["held_force"]
         if not held:
             return ""
-        return f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N, error {held['error_percent']:.2g} %"
+        force = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N"
+        return f"{force}, error {held['error_percent']:.2g} %"
 
     @cached_property
     def picture(self):
