@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+from pathlib import Path
 
 import click
 
@@ -37,7 +38,12 @@ def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
         sys.exit(1)
 
 
-@click.command(cls=Verb, epilog="forceaxis report --out report && xdg-open report/index.html")
+@click.command(
+    cls=Verb,
+    epilog="""forceaxis report --out report && xdg-open report/index.html
+    forceaxis report press --out press/report""",
+)
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--out",
     type=Folder(),
@@ -47,19 +53,29 @@ def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
 )
 @threads
 @as_json
-def report(out, threads, as_json):
-    """Run every experiment and the tables and write one self-contained page."""
+def report(folder, out, threads, as_json):
+    """Run every experiment below FOLDER and write one self-contained page.
+
+    Of the models it gives the recommended P gain and the margins of each designed bank, of the
+    experiments verdict, force held and traces. Without FOLDER: the thesis's own, with its tables.
+    Exit status 1 if an experiment could not be run; the page shows the others.
+    """
     from forceaxis.report import report as page
 
-    summary = page.write(out, threads)
+    summary = page.write(folder, out, threads)
     if as_json:
         click.echo(json.dumps(summary))
     else:
         click.echo(f"report       {paths.quoted(out / 'index.html')}")
         click.echo(f"experiments  {summary['experiments']} run")
-        click.echo(
-            f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
-        )
+        if "total" in summary:
+            click.echo(
+                f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
+            )
+    for error in summary["errors"]:
+        click.echo(f"forceaxis: {error}", err=True)
+    if summary["errors"]:
+        sys.exit(1)
 
 
 @click.command(

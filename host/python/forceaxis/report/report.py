@@ -1,272 +1,79 @@
-"""The report: one self-contained HTML page with every experiment, figure and table cell."""
+"""The report: one page that needs nothing else, of every experiment below a folder."""
 
-import base64
-import io
-import os
-import re
 from datetime import UTC, datetime
 from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, drawing, objects, paths, toml
-from forceaxis.design import advise
-from forceaxis.experiments import run as experiments
-from forceaxis.experiments import sweep as sweeps
-from forceaxis.experiments import sweep_plots, trace
-from forceaxis.identify import result as measure_result
-from forceaxis.linear import beam, loops, modes
-from forceaxis.linear import plots as linear_plots
-from forceaxis.report import designs, plots
-from forceaxis.thesis import claims as thesis
-from forceaxis.thesis import figures as thesis_figures
-from forceaxis.thesis import nonlinear, tables
+from forceaxis import _core, objects, paths
+from forceaxis.report import axes, folder
+
+# What the page calls each status of an experiment.
+WORDS = {
+    "stable": "stable",
+    "unstable": "unstable",
+    "none": "no verdict",
+    "differs": "not as expected",
+    "error": "not run",
+}
 
 
-def embedded(image):
-    """A PNG's bytes as a data URI."""
-    return "data:image/png;base64," + base64.b64encode(image).decode()
+def template(name):
+    """The text of a file of this package."""
+    return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def png(figure):
-    """The figure as a data URI."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    return embedded(buffer.getvalue())
+def counted(entries):
+    """{status: number of experiments}."""
+    found = {}
+    for entry in entries:
+        found[entry.status] = found.get(entry.status, 0) + 1
+    return found
 
 
-def experiment_files():
-    """Every experiment of sim/experiments, in the order of its figure."""
-    files = [p for p in paths.EXPERIMENTS.glob("*.toml") if p != tables.FILE]
-    runs = [experiments.run(p) for p in files]
-    return sorted(runs, key=lambda r: (figure_order(r.summary["figure"]), r.experiment.name))
+def write(source=None, out=None, threads=None):
+    """Run every experiment below `source` and write out/index.html.
 
+    source None: the thesis's own folder, whose page also has its tables and its frequency domain.
+    Returns {"report", "experiments", "counts", "errors"}, of the thesis also {"matched", "total"}.
+    An experiment that cannot be run is an error and a card of its own. Raises InputError.
+    """
+    own = source is None or source.resolve() == paths.SIM.resolve()
+    if own:
+        from forceaxis.report import laboratory
 
-def figure_order(figure):
-    """'2.16a, 5.1' -> (2, 16, 'a'); no figure comes last."""
-    found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
-    return (int(found[1]), int(found[2]), found[3]) if found else (99,)
-
-
-def limits(model):
-    """(force_gain, Hz) at the limit for each timing, None where there is none; or None: no loop."""
-    try:
-        found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    except _core.InputError:  # no sensor of the force, or no response (stuck, no contact)
-        return None
-    pairs = [(loop, loop.limit()) for loop in found]
-    return [
-        None if limit.gain is None else (loop.firmware_gain(limit.gain), limit.frequency_hz)
-        for loop, limit in pairs
-    ]
-
-
-def models(runs):
-    """Every model that one of the runs is of, in the order of its figure."""
-    users = {}
-    for r in runs:
-        users.setdefault(r.model, []).append(r)
-    rows = []
-    for path, used_by in users.items():
-        text = toml.read(path)
-        figure = re.search(r"Figs? (\S+)", text.get("title", ""))
-        row = {
-            "name": path.stem,
-            "title": text.get("title", path.stem),
-            "shows": text.get("shows", ""),
-            "runs": used_by,
-        }
-        row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
-        row["limits"] = limits(path)
-        rows.append(row)
-    return sorted(rows, key=lambda r: r["order"])
-
-
-def grid_3_15(cells):
-    """Fig 3.15: rows of gains, columns of set-points."""
-    cells = [c for c in cells if c["figure"] == "3.15"]
-    gains = sorted({c["force_gain"] for c in cells})
-    setpoints = sorted({c["force_setpoint"] for c in cells})
-    at = {(c["force_gain"], c["force_setpoint"]): c for c in cells}
-    return {
-        "title": "Figure 3.15: contact",
-        "columns": [f"set-point {s}" for s in setpoints],
-        "rows": [(f"gain {g}", [at[g, s] for s in setpoints]) for g in gains],
-    }
-
-
-def grid_5_10(cells):
-    """Fig 5.10 (its first and third columns are Fig 3.16): rows of gains."""
-    cells = [c for c in cells if c["figure"] == "5.10"]
-    columns = list(dict.fromkeys((c["test"], c["workpiece"]) for c in cells))
-    at = {(c["force_gain"], c["test"], c["workpiece"]): c for c in cells}
-    return {
-        "title": "Figures 3.16 and 5.10: contact and disturbance",
-        "columns": [f"{test}, {workpiece}" for test, workpiece in columns],
-        "rows": [
-            (f"gain {g}", [at[g, *column] for column in columns])
-            for g in sorted({c["force_gain"] for c in cells})
-        ],
-    }
-
-
-def grid_rest(cells):
-    """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
-    cells = [c for c in cells if c["figure"] not in ("3.15", "5.10")]
-    rows = [
-        (
-            f"Fig {c['figure']}, {c['workpiece']}, {c['grip'].replace('_', ' ')}, "
-            f"gain {c['force_gain']}, set-point {c['force_setpoint']}",
-            [c],
-        )
-        for c in cells
-    ]
-    return {
-        "title": "Figures 5.2, 5.3, 5.8, 5.9: single cells",
-        "columns": ["contact"],
-        "rows": rows,
-    }
-
-
-def mode_rows():
-    """(model, its lowest mode, [the others with their labels]) of every model with a force path."""
-    rows = []
-    for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
-        try:
-            found = modes.modes(path)
-        except _core.InputError:  # parameters alone, or no drive
-            continue
-        if not found["path"] or found["contact"] == "apart":
-            continue
-        lowest, *others = found["modes"]
-        texts = []
-        for mode in others:
-            body = max(mode["shape"], key=lambda name: abs(mode["shape"][name]))
-            label = mode["label"]
-            if mode["against_below"] != label:
-                label += f", {mode['against_below']} against the mode below"
-            texts.append(f"{body} {mode['frequency_hz']:.3g} Hz: {label}")
-        rows.append((path.stem, f"{lowest['frequency_hz']:.3g} Hz", texts))
-    return rows
-
-
-def frequency_domain(threads):
-    """The values of frequency.html.jinja."""
-    measurements = []
-    for path in sorted(
-        paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
-    ):
-        done = measure_result.run(path)
-        measurements.append(
-            {
-                "name": path.stem,
-                "shows": done.setup.shows,
-                "summary": done.summary,
-                "image": embedded(drawing.small_png(measure_result.figure(done))),
-            }
-        )
-    advice = advise.advise("laboratory", threads=threads)
-    designed = designs.rows()
-    return {
-        "claims": thesis.check(),
-        "value": thesis.value,
-        "modes": mode_rows(),
-        "figures": [
-            {
-                "figure": f.figure,
-                "see": f.see,
-                "image": embedded(drawing.small_png(f.draw())),
-            }
-            for f in thesis_figures.thesis_figures()
-        ],
-        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
-        "measurements": measurements,
-        "designs": designed,
-        "designs_image": embedded(drawing.small_png(designs.figure(designed))),
-        "advice": advice,
-        "advice_image": embedded(drawing.small_png(linear_plots.advice(advice))),
-    }
-
-
-def write(out, threads=None):
-    """Run everything and write out/index.html. Returns {"experiments", "matched", "total"}."""
-    found = tables.evidence()
+        laboratory.check()
+        source = paths.EXPERIMENTS
+    else:
+        folder.files(source)
     out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be created fails before the work
-    result = tables.run(threads)
-    runs = experiment_files()
-    maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
-    friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
-    stability_map = sweeps.sweep(
-        paths.EXPERIMENTS / "contact.toml",
-        grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
-        threads=threads,
-    )
-    drawn = {r.experiment.stem: png(trace.figure(r)) for r in runs}
-    elements = [r for r in runs if r.model.stem.startswith("nl_")]
-    thesis = [r for r in runs if not r.model.stem.startswith("nl_")]
-    values = tables.parameters()
-    constants = [
-        {
-            "name": c.name,
-            "value": values[c.name]["value"],
-            "unit": values[c.name]["unit"],
-            "how": c.how,
-            "groups": ", ".join(c.groups) or "all cells",
-            "grid": c.grid,
-            "found": found["fitted"][c.name],
-            "plateau": dict(found["plateau"][c.name]),
-        }
-        for c in tables.load().constants
-    ]
-    assumed = [
-        {"name": n, **v}
-        for n, v in values.items()
-        if not (v["source"].startswith("Fig") or n in result["fitted"])
-    ]
-    predicted = []
-    for figure in dict.fromkeys(c["figure"] for c in result["cells"]):
-        own = [c for c in result["cells"] if c["figure"] == figure]
-        if not any(tables.load().group(c) in tables.load().fit_on for c in own):
-            predicted.append((figure, len(own), sum(c["ours"] == c["thesis"] for c in own)))
+    entries = folder.read(source)
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(
-            lambda name: resources.files("forceaxis.report").joinpath(name).read_text()
-        ),
+        loader=jinja2.FunctionLoader(template),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    values = laboratory.values(entries, threads) if own else {"models": axes.described(entries)}
+    summary = {
+        "report": paths.display(out / "index.html"),
+        "experiments": len(entries),
+        "counts": counted(entries),
+        "errors": [f"{paths.display(e.file)}: {e.error}" for e in entries if e.error],
+    }
     page = environment.get_template("page.html.jinja").render(
+        title="The laboratory's measurements, run again" if own else source.resolve().name,
+        own=own,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        result=result,
-        grids=[grid_3_15(result["cells"]), grid_5_10(result["cells"]), grid_rest(result["cells"])],
-        misses=[(tables.key_of(c), c) for c in result["cells"] if c["ours"] != c["thesis"]],
-        constants=constants,
-        assumed=assumed,
-        found=found,
-        predicted=predicted,
-        plateau=png(plots.plateau(found["plateau"], result["matched"], "cells matched")),
-        criterion=result["cells"][0]["criterion"],
-        sensitivity=tables.criterion_sensitivity(result["cells"], threads),
-        readings=found["readings"],
-        declared=tables.load().readings,
-        models=models(thesis),
-        runs=thesis,
-        elements=elements,
-        element_models=models(elements),
-        drawn=drawn,
-        stability_map=png(sweep_plots.sweep(stability_map)),
-        maps=maps,
-        maps_image=png(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
-        friction=friction,
-        **frequency_domain(threads),
+        entries=entries,
+        counts=summary["counts"],
+        words=WORDS,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
+        **values,
     )
-    (out / "index.html").write_text(page)
-    return {
-        "report": paths.display(out / "index.html"),
-        "experiments": len(runs),
-        "matched": result["matched"],
-        "total": result["total"],
-    }
+    with paths.replacing(out, "index.html") as (file,):
+        file.write_text(page, encoding="utf-8")
+    if own:
+        summary |= {key: values["result"][key] for key in ("matched", "total")}
+    return summary

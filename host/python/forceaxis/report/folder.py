@@ -1,0 +1,105 @@
+"""A folder's experiments, run: what the page shows of each."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from forceaxis._core import InputError, SimulationError
+from forceaxis.experiments import expect, regression, trace
+from forceaxis.experiments import run as runs
+from forceaxis.report import pictures
+
+
+@dataclass
+class Entry:
+    """An experiment: its run, or the error in one line."""
+
+    file: Path
+    name: str  # its path below the folder without the suffix
+    done: runs.Run | None = None
+    differs: tuple = ()  # what [expect] says otherwise, one line each
+    error: str = ""
+
+    @property
+    def id(self):
+        """Its anchor."""
+        return re.sub(r"\W", "_", self.name)
+
+    @property
+    def verdict(self):
+        """stable, unstable, none or error."""
+        return "error" if self.error else self.done.summary["verdict"] or "none"
+
+    @property
+    def status(self):
+        """`error`, `differs` from its [expect], or the verdict: the colour of its card."""
+        return "differs" if self.differs else self.verdict
+
+    @property
+    def title(self):
+        return self.done.title if self.done else self.name
+
+    @property
+    def held(self):
+        """Force held and its error, in words; empty: no force is asked for."""
+        held = self.done and self.done.summary["metrics"]["held_force"]
+        if not held:
+            return ""
+        force = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N"
+        return f"{force}, error {held['error_percent']:.2g} %"
+
+    @cached_property
+    def picture(self):
+        return pictures.figure(trace.figure(self.done))
+
+    @cached_property
+    def thumbnail(self):
+        return pictures.thumbnail(self.done)
+
+
+def figure_order(figure):
+    """'2.16a, 5.1' -> (2, 16, 'a'); no figure comes last."""
+    found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
+    return (int(found[1]), int(found[2]), found[3]) if found else (99,)
+
+
+def files(folder):
+    """The experiments below a folder, and files that cannot be read. Raises InputError if none."""
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: expected a folder with experiments, there is none; "
+            "`forceaxis new NAME` writes one"
+        )
+    below = sorted(p for p in folder.rglob("*.toml") if p.is_file())
+    found = [
+        p
+        for p in below
+        if not any(part.startswith(".") for part in p.relative_to(folder).parts)
+        and regression.is_test(p) is not None
+    ]
+    if not found:
+        raise InputError(
+            f"{folder}: expected at least one experiment (a .toml with model and duration_s), "
+            f"found none among {len(below)} .toml files; `forceaxis new NAME` writes two"
+        )
+    return found
+
+
+def read(folder):
+    """Every experiment of a folder as an Entry, in the order of their figures, then names."""
+    entries = [_entry(path, folder) for path in files(folder)]
+    return sorted(
+        entries,
+        key=lambda e: (figure_order(e.done.summary["figure"] if e.done else ""), e.name),
+    )
+
+
+def _entry(path, folder):
+    name = path.relative_to(folder).with_suffix("").as_posix()
+    try:
+        examined = expect.examine(path)
+    except (InputError, SimulationError, OSError) as error:
+        return Entry(path, name, error=" ".join(str(error).split()).removeprefix(f"{path}: "))
+    differs = tuple(str(c) for c in examined.checks if not c.passed)
+    return Entry(path, name, examined.run, differs)

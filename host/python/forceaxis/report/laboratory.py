@@ -1,0 +1,212 @@
+"""What only the thesis's page has: its tables, fit, models by figure, and frequency domain."""
+
+import os
+import re
+
+from forceaxis import _core, paths, toml
+from forceaxis.design import advise
+from forceaxis.experiments import sweep as sweeps
+from forceaxis.experiments import sweep_plots
+from forceaxis.identify import result as measure_result
+from forceaxis.linear import beam, modes
+from forceaxis.linear import plots as linear_plots
+from forceaxis.report import designs, pictures, plots
+from forceaxis.report.axes import limits
+from forceaxis.report.folder import figure_order
+from forceaxis.thesis import claims as thesis
+from forceaxis.thesis import figures as thesis_figures
+from forceaxis.thesis import nonlinear, tables
+
+
+def models(entries):
+    """Every model that one of the experiments is of, in the order of its figure."""
+    users = {}
+    for entry in entries:
+        users.setdefault(entry.done.model, []).append(entry)
+    rows = []
+    for path, used_by in users.items():
+        text = toml.read(path)
+        figure = re.search(r"Figs? (\S+)", text.get("title", ""))
+        row = {
+            "name": path.stem,
+            "title": text.get("title", path.stem),
+            "shows": text.get("shows", ""),
+            "runs": used_by,
+        }
+        row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
+        row["limits"] = limits(path)
+        rows.append(row)
+    return sorted(rows, key=lambda r: r["order"])
+
+
+def grid_3_15(cells):
+    """Fig 3.15: rows of gains, columns of set-points."""
+    cells = [c for c in cells if c["figure"] == "3.15"]
+    gains = sorted({c["force_gain"] for c in cells})
+    setpoints = sorted({c["force_setpoint"] for c in cells})
+    at = {(c["force_gain"], c["force_setpoint"]): c for c in cells}
+    return {
+        "title": "Figure 3.15: contact",
+        "columns": [f"set-point {s}" for s in setpoints],
+        "rows": [(f"gain {g}", [at[g, s] for s in setpoints]) for g in gains],
+    }
+
+
+def grid_5_10(cells):
+    """Fig 5.10 (its first and third columns are Fig 3.16): rows of gains."""
+    cells = [c for c in cells if c["figure"] == "5.10"]
+    columns = list(dict.fromkeys((c["test"], c["workpiece"]) for c in cells))
+    at = {(c["force_gain"], c["test"], c["workpiece"]): c for c in cells}
+    return {
+        "title": "Figures 3.16 and 5.10: contact and disturbance",
+        "columns": [f"{test}, {workpiece}" for test, workpiece in columns],
+        "rows": [
+            (f"gain {g}", [at[g, *column] for column in columns])
+            for g in sorted({c["force_gain"] for c in cells})
+        ],
+    }
+
+
+def grid_rest(cells):
+    """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
+    cells = [c for c in cells if c["figure"] not in ("3.15", "5.10")]
+    rows = [
+        (
+            f"Fig {c['figure']}, {c['workpiece']}, {c['grip'].replace('_', ' ')}, "
+            f"gain {c['force_gain']}, set-point {c['force_setpoint']}",
+            [c],
+        )
+        for c in cells
+    ]
+    return {
+        "title": "Figures 5.2, 5.3, 5.8, 5.9: single cells",
+        "columns": ["contact"],
+        "rows": rows,
+    }
+
+
+def mode_rows():
+    """(model, its lowest mode, [the others with their labels]) of every model with a force path."""
+    rows = []
+    for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
+        try:
+            found = modes.modes(path)
+        except _core.InputError:  # parameters alone, or no drive
+            continue
+        if not found["path"] or found["contact"] == "apart":
+            continue
+        lowest, *others = found["modes"]
+        texts = []
+        for mode in others:
+            body = max(mode["shape"], key=lambda name: abs(mode["shape"][name]))
+            label = mode["label"]
+            if mode["against_below"] != label:
+                label += f", {mode['against_below']} against the mode below"
+            texts.append(f"{body} {mode['frequency_hz']:.3g} Hz: {label}")
+        rows.append((path.stem, f"{lowest['frequency_hz']:.3g} Hz", texts))
+    return rows
+
+
+def frequency_domain(threads):
+    """The values of frequency.html.jinja."""
+    measurements = []
+    for path in sorted(
+        paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
+    ):
+        done = measure_result.run(path)
+        measurements.append(
+            {
+                "name": path.stem,
+                "shows": done.setup.shows,
+                "summary": done.summary,
+                "image": pictures.figure(measure_result.figure(done)),
+            }
+        )
+    advice = advise.advise("laboratory", threads=threads)
+    designed = designs.rows()
+    return {
+        "claims": thesis.check(),
+        "value": thesis.value,
+        "modes": mode_rows(),
+        "figures": [
+            {
+                "figure": f.figure,
+                "see": f.see,
+                "image": pictures.figure(f.draw()),
+            }
+            for f in thesis_figures.thesis_figures()
+        ],
+        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
+        "measurements": measurements,
+        "designs": designed,
+        "designs_image": pictures.figure(designs.figure(designed)),
+        "advice": advice,
+        "advice_image": pictures.figure(linear_plots.advice(advice)),
+    }
+
+
+def check():
+    """Raises InputError where the stored evidence of the fit cannot be read."""
+    tables.evidence()
+
+
+def values(entries, threads=None):
+    """Run tables, maps and sweeps: the values of laboratory.html.jinja."""
+    found = tables.evidence()
+    result = tables.run(threads)
+    maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
+    friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
+    stability_map = sweeps.sweep(
+        paths.EXPERIMENTS / "contact.toml",
+        grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
+        threads=threads,
+    )
+    done = [e for e in entries if e.done]
+    elements = [e for e in done if e.done.model.stem.startswith("nl_")]
+    parameters = tables.parameters()
+    constants = [
+        {
+            "name": c.name,
+            "value": parameters[c.name]["value"],
+            "unit": parameters[c.name]["unit"],
+            "how": c.how,
+            "groups": ", ".join(c.groups) or "all cells",
+            "grid": c.grid,
+            "found": found["fitted"][c.name],
+            "plateau": dict(found["plateau"][c.name]),
+        }
+        for c in tables.load().constants
+    ]
+    assumed = [
+        {"name": n, **v}
+        for n, v in parameters.items()
+        if not (v["source"].startswith("Fig") or n in result["fitted"])
+    ]
+    predicted = []
+    for figure in dict.fromkeys(c["figure"] for c in result["cells"]):
+        own = [c for c in result["cells"] if c["figure"] == figure]
+        if not any(tables.load().group(c) in tables.load().fit_on for c in own):
+            predicted.append((figure, len(own), sum(c["ours"] == c["thesis"] for c in own)))
+    return dict(
+        result=result,
+        grids=[grid_3_15(result["cells"]), grid_5_10(result["cells"]), grid_rest(result["cells"])],
+        misses=[(tables.key_of(c), c) for c in result["cells"] if c["ours"] != c["thesis"]],
+        constants=constants,
+        assumed=assumed,
+        found=found,
+        predicted=predicted,
+        plateau=pictures.figure(
+            plots.plateau(found["plateau"], result["matched"], "cells matched")
+        ),
+        criterion=result["cells"][0]["criterion"],
+        sensitivity=tables.criterion_sensitivity(result["cells"], threads),
+        readings=found["readings"],
+        declared=tables.load().readings,
+        models=models([e for e in done if e not in elements]),
+        element_models=models(elements),
+        stability_map=pictures.figure(sweep_plots.sweep(stability_map)),
+        maps=maps,
+        maps_image=pictures.figure(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
+        friction=friction,
+        **frequency_domain(threads),
+    )

@@ -1,0 +1,75 @@
+"""Pictures inside the page: whole figures as SVG images, thumbnails as inline SVG."""
+
+import io
+import itertools
+import re
+from base64 import b64encode
+
+import matplotlib.pyplot as plt
+import numpy as np
+from markupsafe import Markup
+
+from forceaxis import drawing
+
+LARGEST = 400_000  # bytes of an SVG; a figure of more points becomes a PNG
+WIDTH, HEIGHT = 160, 56  # of a thumbnail
+STEPS = 80  # of a thumbnail's line, each with its lowest and highest value
+# What ends an attribute, starts a fragment or is an escape in a data URI.
+ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
+
+
+def figure(drawn):
+    """A matplotlib figure as a data URI, closed."""
+    text = io.StringIO()
+    with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
+        drawn.savefig(text, format="svg", metadata={"Date": None})
+    plt.close(drawn)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"(?<=\d\.\d\d)\d+", "", svg)  # a hundredth of a point
+    if len(svg) <= LARGEST:
+        return Markup("data:image/svg+xml," + svg.translate(ESCAPES))
+    return Markup("data:image/png;base64," + b64encode(drawing.small_png(drawn, 130)).decode())
+
+
+def thumbnail(done):
+    """The signal that shows a run best, a force of the model if there is one, as inline SVG."""
+    name = _shown(done)
+    time_s, values = done.columns["time_s"], np.asarray(done.columns[name], float)
+    start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
+    within = (time_s >= start) & (time_s <= stop)
+    if within.any():
+        values = values[within]
+    held = done.summary["metrics"]["held_force"]
+    setpoint = held["setpoint_N"] if held and name.rpartition(".")[2] in FORCES else None
+    low, high = values.min(), values.max()
+    if setpoint is not None:
+        low, high = min(low, setpoint), max(high, setpoint)
+    height = lambda y: HEIGHT - 3 - (HEIGHT - 6) * (y - low) / ((high - low) or 1)  # noqa: E731
+    edges = np.unique(np.linspace(0, len(values), STEPS + 1).astype(int))
+    points = []
+    for i, (a, b) in enumerate(itertools.pairwise(edges)):
+        x = WIDTH * i / max(len(edges) - 2, 1)
+        part = values[a:b]
+        ends = {part.argmin(): part.min(), part.argmax(): part.max()}
+        points += [f"{x:.0f},{height(ends[k]):.1f}" for k in sorted(ends)]
+    line = ""
+    if setpoint is not None:
+        y = f"{height(setpoint):.1f}"
+        line = f'<path class="setpoint" d="M0 {y}H{WIDTH}"/>'
+    return Markup(
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" preserveAspectRatio="none">'
+        f"<title>{{}} over time</title>{line}"
+        f'<polyline points="{" ".join(points)}"/></svg>'
+    ).format(name)
+
+
+FORCES = ("force", "spring_force")  # last parts of the names of a model's forces, N
+
+
+def _shown(done):
+    """The column that a thumbnail shows."""
+    rows = done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
+    there = [n for row in rows for n in row if n in done.columns]
+    forces = [n for n in there if n.rpartition(".")[2] in FORCES]
+    return next(iter([*forces, *(n for n in there if n == "adc0"), *there]), "adc0")
