@@ -223,6 +223,8 @@ def test_an_interrupt_disables_and_says_so(sent, status):
         [Path(sys.executable).parent / "forceaxis", "axis", "enable", *SIM, "profile velocity"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        # A shell's background command, as tests may be, ignores it.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
     assert process.stdout.readline().startswith("enabled: operation enabled")
     process.send_signal(sent)

@@ -12,6 +12,8 @@ from forceaxis._core import InputError
 from forceaxis.commission import fit
 from forceaxis.identify.measurement import Measurement
 
+pytestmark = pytest.mark.beside
+
 OVER = ("k_w=30%,m_w=30%",)
 TRUTH = {"k_w": 2.1, "m_w": 0.6, "b_w": 1.8, "k_s": 1.1, "b_s": 0.7, "m_axis": 1.03, "b_axis": 1.5,
          "k_torque": 0.97, "k_preamp_fdbk": 1.04}  # fmt: skip

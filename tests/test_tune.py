@@ -19,6 +19,8 @@ from forceaxis.design.search import Goal
 from forceaxis.linear import over, plant_set
 from forceaxis.linear.bank import Bank
 
+pytestmark = pytest.mark.beside
+
 # README's own axis; what it presses on is half as stiff and a third heavier than the model says.
 SHEET = {
     "torque_constant_n_m_per_a": 0.5, "resistance_ohm": 4.5, "inductance_h": 0.0158,

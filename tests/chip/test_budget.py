@@ -19,7 +19,8 @@ from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
 
 AXIS = 250  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 470  # the same with a bank of the force law
-BETWEEN = 1700  # what follows it in most ticks; resets and the store are apart
+# What follows it in most ticks, with the arming of the black box; resets and the store are apart.
+BETWEEN = 3200
 COVERAGE = 0.95
 SAME_TICKS = 15_000
 

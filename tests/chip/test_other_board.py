@@ -34,13 +34,13 @@ def ports(tmp_path_factory):
             ('script = "stm32f446.ld"', 'script = "press.ld"'),
             ('"nucleo-f446re"', '"press-controller"'),
             ('"emulated-f405"', '"emulated-press"'),
-            ("flash = [0x08000000, 0x80000]", "flash = [0x08000000, 0x20000]"),
+            ("flash = [0x08000000, 0x80000]", "flash = [0x08000000, 0x40000]"),
             (
                 "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000, 0x20000, 0x20000, 0x20000]",
-                "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000]",
+                "[0x4000, 0x4000, 0x4000, 0x4000, 0x10000, 0x20000]",
             ),
             ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
-            ("flash_bytes = 98304", "flash_bytes = 81920"),
+            ("flash_bytes = 98304", "flash_bytes = 90112"),
             ("ram_bytes = 65536", "ram_bytes = 49152"),
             ('["adc.c", "can.c", "clock.c", "dac.c", "encoder.c", "flash.c", "io.c", "watchdog.c"]',
              f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
@@ -56,7 +56,7 @@ def ports(tmp_path_factory):
     (folder / "press.ld").write_text(
         changed(
             (port / "stm32f446.ld").read_text(),
-            ("LENGTH = 512K - 48K", "LENGTH = 128K - 48K"),
+            ("LENGTH = 512K - 48K", "LENGTH = 256K - 48K"),
             ("LENGTH = 128K\n", "LENGTH = 48K\n"),
         )
     )
@@ -85,20 +85,20 @@ def test_its_image_is_reported_beside_its_limits(ports):
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert re.search(r"\*\*flash\*\* \| \d+ \| 81920 \|", done.stdout), done.stdout
+    assert re.search(r"\*\*flash\*\* \| \d+ \| 90112 \|", done.stdout), done.stdout
     assert re.search(r"\*\*RAM\*\*.* \| \d+ \| 49152 \|", done.stdout), done.stdout
 
 
 def test_it_is_flashed_as_its_own_and_not_as_another(known):
     plan = flash.plan(known / "out/forceaxis-press.elf")
     assert plan.identity.board == "press-controller"
-    assert plan.sectors == [0, 3, 4]
+    assert plan.sectors == [0, 3, 4, 5]
     with pytest.raises(InputError, match="expected an image for press-controller, this is for nuc"):
         flash.plan(ROOT / f"build/image/{BOARD.image}.elf")
     larger = known / "out/larger.bin"
     binary = (known / "out/forceaxis-press.bin").read_bytes()
-    larger.write_bytes(binary.ljust(128 * KIB + 1, b"\xff"))
-    with pytest.raises(InputError, match=r"expected addresses 0x08000000\.\.0x0801ffff"):
+    larger.write_bytes(binary.ljust(256 * KIB + 1, b"\xff"))
+    with pytest.raises(InputError, match=r"expected addresses 0x08000000\.\.0x0803ffff"):
         flash.plan(larger, erase_parameters=True)
 
 
@@ -117,7 +117,7 @@ def test_its_link_follows_from_its_name(known, monkeypatch):
         ('tools = "arm-none-eabi-"', "", "build: expected tools"),
         ("[limits]", "[limits]\nspeed = 1", "limits: speed: expected one of"),
         ('script = "press.ld"', 'script = "none.ld"', "none.ld: expected such a file"),
-        ("0x4000, 0x10000]", "0x4000]", "sectors: expected 131072 bytes in all"),
+        ("0x10000, 0x20000]", "0x10000]", "sectors: expected 262144 bytes in all"),
         ("[build]", "[build", "expected TOML"),
         ('tools = "arm-none-eabi-"', 'tools = "none-"', "none-gcc: expected it on PATH; install"),
     ],

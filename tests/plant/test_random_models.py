@@ -6,6 +6,7 @@ import pytest
 import random_models
 from forceaxis import _core
 
+pytestmark = pytest.mark.beside
 BLOCKS, EACH = 4, 10
 COUNT = BLOCKS * EACH
 

@@ -11,6 +11,18 @@ from forceaxis.drawing import GOT, INK, style
 from forceaxis.identify import fit
 
 FILE = "index.html"
+HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Tuned axis</title>
+<meta name="viewport" content="width=device-width">
+<style>
+:root { color-scheme: light dark; }
+body { font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }
+table { border-collapse: collapse; display: block; overflow-x: auto; }
+td, th { padding: .2em .8em; text-align: right; }
+td:first-child, th:first-child { text-align: left; padding-left: 0; }
+tr + tr { border-top: 1px solid #8884; }
+img { max-width: 100%; background: white; border-radius: 4px; }
+</style>
+"""
 
 
 def write(tuning, summary):
@@ -24,14 +36,9 @@ def write(tuning, summary):
     values = ((tuning.read("fit.json") or {}).get("result") or {}).get("values", {})
     parts = [f"<h1>{html.escape(summary['axis'])}</h1>", _sentence(summary), _table(summary)]
     if measured:
-        parts.append(_image(_responses(measured, values)))
+        parts += ["<h2>Responses</h2>", _image(_responses(measured, values))]
     with paths.replacing(tuning.folder, FILE) as (file,):
-        file.write_text(
-            '<!doctype html><meta charset="utf-8"><title>Tuned axis</title>'
-            "<style>body{font:15px sans-serif;max-width:60em;margin:2em auto}"
-            "td,th{padding:.2em .8em;text-align:right}</style>" + "".join(parts),
-            encoding="utf-8",
-        )
+        file.write_text(HEAD + "".join(parts), encoding="utf-8")
 
 
 def _sentence(summary):
@@ -46,19 +53,19 @@ def _table(summary):
         if worst:
             keys = ("fS_Hz", "fT_Hz", "Ms", "Ms_late", "gain_margin", "phase_margin_deg")
             rows.append([name, *(_number(worst.get(key)) for key in keys)])
-    text = _rows(rows)
+    text = "<h2>What the law bears over the set</h2>" + _rows(rows) if len(rows) > 1 else ""
     if summary["levels"]:
         rows = [["verified", "bias, N", "Ms", "predicted", "at, Hz"]]
         for name, level in summary["levels"].items():
             keys = ("bias_N", "Ms", "Ms_predicted", "Ms_hz")
             rows.append([name, *(_number(level[key]) for key in keys)])
-        text += _rows(rows)
+        text += "<h2>Peak of |S|, measured with the law and predicted</h2>" + _rows(rows)
     if summary["parameters"]:
         rows = [["fitted", "value", "95 % interval", "unit"]]
         for name, row in summary["parameters"].items():
             ends = " .. ".join(_number(end) for end in row["interval"])
             rows.append([name, _number(row["value"]), ends, row["unit"]])
-        text += _rows(rows)
+        text += "<h2>What the responses say of the axis</h2>" + _rows(rows)
     return text
 
 
@@ -108,4 +115,7 @@ def _responses(measured, values):
 def _image(figure):
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=100)
-    return f'<img src="data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}">'
+    alt = "Responses with their 95 % bands beside the fitted model's, and their coherence"
+    return (
+        f'<img alt="{alt}" src="data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}">'
+    )
