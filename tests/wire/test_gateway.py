@@ -218,7 +218,7 @@ def test_units_that_are_no_axis_answer_too(of):
 
 def test_silent_clients_lock_nobody_out(of):
     got = of("crowd")
-    assert got["next"][:4] == "0402" and got["seconds"] < 1
+    assert got["next"][:4] == "0402" and got["seconds"] < 3
     # The owner of the axis keeps its connection.
     assert got["owner"] == got["owner_then"] == "1000070002"
     assert got["owner_last"] == "0600070000"
