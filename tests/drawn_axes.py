@@ -1,21 +1,24 @@
-"""Axes drawn from the ranges of `forceaxis new`, measured in simulation, fitted, designed for, and
-judged by what the tool never sees: their true parameters."""
+"""Axes drawn from the ranges of `forceaxis new`, and judged by what a tool never sees: their true
+parameters.
 
+Run as a process of its own, `drawn_axes.py SEED FOLDER` draws an axis, writes its data sheet's
+model into FOLDER/known, prints the address at which the axis answers as over a bus, and, once it is
+asked to judge, what became of the axis that a tool has tuned. `Hidden` is the tool's side.
+"""
+
+import json
 import math
+import sys
+from multiprocessing.connection import Client, Listener
+from pathlib import Path
 
 import numpy as np
-from forceaxis import linear
-from forceaxis._core import InputError
-from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NoAnswer
+from forceaxis import _core, linear
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import fit, tune
-from forceaxis.commission.refusal import Refusal
-from forceaxis.design import data_sheet, files, for_set, new, outcome, own_axis
-from forceaxis.design import simulate as simulation
+from forceaxis.design import data_sheet, files, new, simulate
 from forceaxis.design.changes import Design
-from forceaxis.identify.fit import read_response
 from forceaxis.linear import over as margins
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 OVER = ("k_w=30%,m_w=30%",)
@@ -81,71 +84,137 @@ def draw(seed):
     return sheet, off
 
 
-def judged(seed, folder):
-    """What became of a drawn axis: {"seed", "refused", ...figures of the true plant}."""
-    sheet, off = draw(seed)
-    folder = written(folder / f"axis{seed}", sheet)
-    model = folder / "model.toml"
-    known = {n: value for n, (value, _) in linear.facts(model)["parameters"].items()}
-    truth = {n: known[n] * factor for n, factor in off.items()}
-    speed = min(0.02, 10 / math.sqrt(known["k_s"] * known["m_axis"]))  # a touch-down of 10 N
-    counts = max(1, round(speed * known["encoder_scale"]))
-    forces = 30.0, min(150.0, sheet["sensor_full_scale_n"] / 3)
-    try:
-        found = fitted(folder, truth, forces, counts, min(0.9 * sheet["sensor_full_scale_n"], 300))
-        if found.rejected:
-            raise Refusal(found.rejected, found.text)
-        text = str(own_axis._approach(folder, counts))
-        order = outcome.Order(text, over=found.over, overrides=found.values)
-        designed = for_set.design(order)
-    except (Refusal, NoAnswer, InputError) as error:
-        return {"seed": seed, "refused": str(error)}
-    plants = PlantSet(str(model), truth, ranges_of(model, OVER, truth), designed.plants.modes)
-    worst = margins.worst(plants, ("zoh",), law="bank", bank=designed.bank)
-    rows = contacts(text, truth, forces, designed)
-    true = known | truth
+class Hidden(SimLink):
+    """The link to an axis that another process has drawn."""
+
+    def __init__(self, address):
+        self.axis = Remote(address)
+        self.where, self._owned, self._armed = "the hidden axis", False, None
+        self.axis.step(1)
+
+    def judge(self, folder, forces):
+        """The row of judged()."""
+        return self.axis.call("judge", str(folder), forces)
+
+
+class Remote:
+    """_core.LiveAxis of another process, without what only a test may read."""
+
+    def __init__(self, address):
+        self._connection = Client(address, "AF_UNIX")
+
+    def call(self, name, *given):
+        self._connection.send((name, given))
+        error, answer = self._connection.recv()
+        if error:
+            raise error
+        return answer
+
+    def step(self, ticks):
+        return self.call("step", ticks)
+
+    def read(self, number):
+        return self.call("read", number)
+
+    def write(self, number, raw):
+        return self.call("write", number, raw)
+
+    def samples(self, first, count, channels):
+        return self.call("samples", first, count, channels)
+
+
+def truth_of(model, off):
+    known = linear.facts(model)["parameters"]
+    return {name: known[name][0] * factor for name, factor in off.items()}
+
+
+def asked_of(sheet):
+    """(forces, force_max) in N that an axis of this data sheet is tuned for."""
+    full = sheet["sensor_full_scale_n"]
+    return (30.0, min(150.0, full / 3)), min(0.9 * full, 300.0)
+
+
+def given(truth):
+    return [f"{name}={value!r}" for name, value in truth.items()]
+
+
+def bounds(model, extremes):
+    """Largest true force and way of an axis."""
+    scale = abs(linear.facts(model)["encoder"]["scale"])
+    ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
+    return {"force_max_N": extremes["force_N"], "travel_mm": [1e3 * end / scale for end in ends]}
+
+
+def judged(model, truth, folder, forces):
+    """What the law that a tuning in `folder` designed does on the true axis."""
+    if not (folder / "design.json").exists():
+        return {}
+    designed = json.loads((folder / "design.json").read_text())["result"]
+    held = designed["bank"]
+    sections = tuple(map(tuple, held["sections"]))
+    bank = Bank(held["force_gain"], held["integral_rad_per_s"], held["velocity_gain"], sections)
+    modes = tuple(designed["modes"])
+    plants = PlantSet(str(model), truth, ranges_of(model, OVER, truth), modes)
+    worst = margins.worst(plants, ("zoh",), law="bank", bank=bank)
+    rows = contacts(model, truth, forces, bank, designed)
     return {
-        "seed": seed,
-        "refused": None,
         "Ms": worst.Ms,
-        "Ms_predicted": designed.worst["Ms"],
-        "fS_Hz": worst.fS_Hz,
-        "p_fS_Hz": designed.p["fS_Hz"],
-        "stable": not simulation.unstable(rows),
-        "static_error_percent": [row["static_error_percent"] for row in rows],
-        "inside": sum(low <= true[n] <= high for n, (low, high) in found.intervals.items()),
-        "of": len(found.intervals),
-        "limited_by": designed.limited_by,
+        "fS_true_Hz": worst.fS_Hz,
+        "stable": worst.stable and not simulate.unstable(rows),
+        "static_error_percent": [one["static_error_percent"] for one in rows],
     }
 
 
-def fitted(folder, truth, forces, counts, force_max_N):
-    """The fit of what is measured: apart, and at the forces."""
-    model = folder / "model.toml"
-    given = [f"{name}={value!r}" for name, value in truth.items()]
-    given += [f"firmware.approach_velocity_max={counts}", "firmware.contact_loss_cap=2048"]
-    with Axis(SimLink(folder / "contact.toml", given)) as axis:
-        order = tune.Order(str(model), forces, OVER, force_max_N=force_max_N)
-        work = tune.Tuning(axis, order, folder / "tune")
-        for step in ("check", "free", "measure"):
-            work.run(only=step)
-    names = ["free", *(f"{force:g}N" for force in forces)]
-    responses = [read_response(folder / "tune" / name, model) for name in names]
-    return fit.joint(model, fit.priors(model, OVER), responses, OVER)
-
-
-def contacts(text, truth, forces, designed):
+def contacts(model, truth, forces, bank, designed):
     """Rows of simulate: the true plant's contacts at the forces."""
-    with Design(text, truth) as plant:
-        bench = simulation.Bench(plant, designed.bits)
-        bench.wait_for(designed.bank)
+    with Design(str(model), truth) as plant:
+        scale = abs(plant.facts["encoder"]["scale"])
+        objects = designed["objects"]
+        speed = objects["approach_velocity_max"] / scale
+        kept = {name: objects[name] for name in simulate.KEPT if name in objects}
+        bench = simulate.Bench(plant, designed["adc_bits"], firmware=kept)
+        bench.wait_for(bank)
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
-        loss = {name: designed.loss[name] for name in files.LOSS if name in designed.loss}
-        cases = [simulation.Case(force, bench.cases[0].speed_m_per_s) for force in forces]
-        jobs = [bench.job(case, designed.bank, {}, 0, loss) for case in cases]
-        done = simulation.run(jobs, 1)
+        loss = {n: designed["contact_loss"][n] for n in files.LOSS if n in designed["contact_loss"]}
+        cases = [simulate.Case(force, speed) for force in forces]
+        done = simulate.run([bench.job(case, bank, {}, 0, loss) for case in cases], 1)
         return [
-            simulation.row("design", case.name, {}, 0, outcome)
+            simulate.row("design", case.name, {}, 0, outcome)
             for case, outcome in zip(cases, done, strict=True)
         ]
+
+
+def serve(seed, folder):
+    sheet, off = draw(seed)
+    model = written(folder / "known", sheet) / "model.toml"
+    truth = truth_of(model, off)
+    axis = _core.LiveAxis(
+        str(folder / "known/contact.toml"), [*given(truth), "firmware.mode=disabled"],
+        str(folder / "store.bin"),
+    )  # fmt: skip
+    axis.step(1)
+    axis.reset_extremes()  # what the first inputs found
+    with Listener(str(folder / "axis"), "AF_UNIX") as listener:
+        print(json.dumps({"address": listener.address, "asked": asked_of(sheet)}), flush=True)
+        with listener.accept() as connection:
+            while True:
+                try:
+                    name, arguments = connection.recv()
+                except EOFError:
+                    break
+                try:
+                    if name == "judge":
+                        out, forces = arguments
+                        answer = {"off": off, "axis_s": axis.ticks / 1500}
+                        answer |= bounds(model, axis.extremes)
+                        answer |= judged(model, truth, Path(out), forces)
+                    else:
+                        answer = getattr(axis, name)(*arguments)
+                    connection.send((None, answer))
+                except Exception as error:  # which the tool is to see as its own axis'
+                    connection.send((error, None))
+
+
+if __name__ == "__main__":
+    serve(int(sys.argv[1]), Path(sys.argv[2]))

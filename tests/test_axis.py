@@ -21,6 +21,7 @@ from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.keeper import WatchdogKeeper
+from forceaxis.cli.axis import table_of
 from forceaxis.objects import BY_NAME, OBJECTS_HASH
 from verbs import forceaxis
 
@@ -48,9 +49,6 @@ def refusal(done, status):
     assert done.returncode == status, done.stdout + done.stderr
     assert done.stderr.startswith("forceaxis: ") and done.stderr.count("\n") == 1
     return done.stderr.removeprefix("forceaxis: ").strip()
-
-
-# Reading and writing.
 
 
 def test_get_has_units_and_patterns():
@@ -130,18 +128,37 @@ def test_list_shows_the_simulated_axis():
     assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
 
-# Moving.
-
-
 def test_move_reaches_and_disables():
     done = json.loads(said(forceaxis("axis", "move", *SIM, "-1800", "--speed", "900", "--json")))
     assert abs(done["position"] + 1800) <= 10
     with Axis(SimLink(CONTACT, GAINS)) as axis:
         axis.enable("profile position")
         axis.move(-1800)
-    # After close() nothing of the link may be used but the simulated axis itself.
-    assert axis.link.axis.read(BY_NAME["drive_state"].number) == 2  # ready_to_switch_on
-    assert axis.link.axis.read(BY_NAME["command_source"].number) == 0
+        behind = axis.link.axis
+    assert behind.read(BY_NAME["drive_state"].number) == 2  # ready_to_switch_on
+    assert behind.read(BY_NAME["command_source"].number) == 0
+
+
+def test_a_move_that_meets_something_ends_there(axis):
+    truth, newton = axis.link.axis, quantity.force_per_count(axis)
+    with pytest.raises(NoAnswer, match=r"expected position 5000 to be reached.*fault force_max"):
+        actions.move(axis, 5000, 2000)
+    axis.link.wait(0.5)
+    # Switched off at 32 counts it still has the energy of its speed, some 40 counts.
+    assert 32 * newton < truth.extremes["force_N"] < 80 * newton
+    assert (axis.read("drive_state"), axis.read("force_max")) == ("fault", 0)
+    axis.reset_fault()
+    axis.set(force_max=100.0)
+    actions.move(axis, -3000, counts=500.0)
+    assert axis.read("force_max") == 100
+
+
+def test_press_ends_beyond_its_bound(axis):
+    with pytest.raises((NoAnswer, Refused), match="fault force_max"):
+        actions.press(axis, 30.0, False, 20_000, 5.0, 1.0, counts=10.0)
+    assert axis.read("drive_state") == "fault" and axis.read("force_max") == 0
+    done = forceaxis("axis", "press", *SIM, "30", "--force-max", "4000 N")
+    assert "--force-max: expected up to 512 counts" in refusal(done, 2)
 
 
 def test_a_position_that_is_not_reached_is_said(axis):
@@ -217,25 +234,44 @@ def test_reset_and_stop(axis):
     assert said(forceaxis("axis", "reset", *SIM)).startswith("reset: switch on disabled")
 
 
-@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_disables_and_says_so(sent, status):
+@pytest.mark.parametrize(
+    ("words", "begun", "sent", "status"),
+    [
+        (["enable", "profile velocity"], "stdout", signal.SIGINT, 130),
+        (["enable", "profile velocity"], "stdout", signal.SIGTERM, 143),
+        (["press", "30", "--seconds", "3600"], "stdout", signal.SIGINT, 130),
+        (["measure", "--force", "30", "--averages", "4000"], "stderr", signal.SIGINT, 130),
+    ],
+)
+def test_an_interrupt_disables_and_says_so(words, begun, sent, status):
+    verb = ["measure"] if words[0] == "measure" else ["axis", words[0]]
     process = subprocess.Popen(
-        [Path(sys.executable).parent / "forceaxis", "axis", "enable", *SIM, "profile velocity"],
+        [Path(sys.executable).parent / "forceaxis", *verb, *SIM, *words[1:]],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
         # A shell's background command, as tests may be, ignores it.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
-    assert process.stdout.readline().startswith("enabled: operation enabled")
+    assert getattr(process, begun).readline()  # it is enabled, or about to be
     process.send_signal(sent)
     _, errors = process.communicate(timeout=20)
     assert process.returncode == status
-    assert errors == (
-        f"forceaxis: interrupted, the simulated axis of {CONTACT} is disabled and released\n"
+    *before, last = errors.splitlines()
+    assert (
+        last == f"forceaxis: interrupted, the simulated axis of {CONTACT} is disabled and released"
     )
+    assert not before or begun == "stderr"
 
 
-# The force sensor.
+def test_an_interrupt_of_a_verb_that_only_reads_is_one_line(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Axis, "get", interrupted)
+    done = forceaxis("axis", "get", *SIM, "force")
+    assert refusal(done, 130) == f"interrupted, the simulated axis of {CONTACT} was not owned"
+    monkeypatch.setattr(SimLink, "__init__", interrupted)
+    assert refusal(forceaxis("axis", "press", *SIM, "30"), 130) == "interrupted"
 
 
 def test_tare_at_rest_and_the_reason_where_it_is_refused(axis):
@@ -270,9 +306,6 @@ def test_calibrate_takes_points_or_asks():
     assert "calibration refused spread" in refusal(done, 1)
     done = forceaxis("axis", "calibrate", *SIM, "--point", "40")
     assert refusal(done, 2) == "--point 40: expected COUNT,N as 20.4,50"
-
-
-# Recording.
 
 
 def test_capture_of_a_touch_with_its_files(tmp_path):
@@ -311,9 +344,6 @@ def test_a_trigger_that_does_not_fire_is_said():
     assert refusal(done, 2) == "capture: expected 1 to 8 signals, got 9"
 
 
-# What carries an axis, and keeps it.
-
-
 def test_the_watchdog_is_fed_several_times_within_it():
     fed, refused = [], []
 
@@ -335,6 +365,19 @@ def test_the_watchdog_is_fed_several_times_within_it():
     assert {value for _, value in fed} == {100} and refused == [100]
     assert fed[2][0] - fed[0][0] < 0.3  # 25 ms apart, where the machine is not busy
     assert len(fed) > 5  # a refusal ended nothing
+
+
+def test_a_busy_program_feeds_the_watchdog_all_the_same():
+    """Python and NumPy at work in the main thread for two seconds."""
+    fed = []
+    keeper = WatchdogKeeper(lambda: 500, lambda value: fed.append(time.monotonic()))
+    end, matrix = time.monotonic() + 2.0, np.eye(150)
+    while time.monotonic() < end:
+        sum(i * i for i in range(20_000))
+        np.linalg.svd(matrix)
+    keeper.close()
+    assert np.diff(fed).max() < 0.5
+    assert len(fed) > 8
 
 
 class Lost(SimLink):
@@ -365,7 +408,8 @@ def test_close_says_what_came_of_it(error, says):
     assert axis.close() == "was not owned"
 
 
-def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis):
+def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis, monkeypatch):
+    monkeypatch.setattr(axis.link, "close", lambda: None)  # both have this one
     axis.enable("profile velocity")
     other = Axis(axis.link)
     with pytest.raises(Refused, match="it is operation enabled by another client of this bus"):
@@ -382,7 +426,46 @@ def test_an_enabled_axis_of_another_client_is_shared_only_if_wanted(axis):
 def test_what_was_not_enabled_is_left_as_it_was():
     with Axis(SimLink(CONTACT)) as axis:
         axis.set(force_gain=6.0)
-    assert axis.link.axis.read(BY_NAME["drive_state"].number) == 1  # switch_on_disabled
+        behind = axis.link.axis
+    assert behind.read(BY_NAME["drive_state"].number) == 1  # switch_on_disabled
+
+
+def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
+    store = tmp_path / "store.bin"
+    with Axis(SimLink(CONTACT, store=store)) as axis:
+        axis.set(velocity_window=321)
+        axis.set(store_all=0x65766173)
+        axis.link.wait(1.0)
+        with pytest.raises(InputError, match="store"):
+            SimLink(CONTACT, store=store)  # one has it already
+    with Axis(SimLink(CONTACT, store=store)) as again:  # though `axis` is still there
+        assert again.read("velocity_window") == 321
+
+
+def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
+    resets = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault$"
+    with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):
+        actions.move(axis, 5000, 2000)
+    for enabling in (
+        lambda: axis.enable("profile velocity"),
+        lambda: actions.move(axis, 0),
+        lambda: actions.press(axis, 30.0, False, 1000, 1.0, 0.1),
+    ):
+        with pytest.raises(Refused, match=f"fault force max{resets}"):
+            enabling()
+
+
+def test_a_list_fits_80_columns_with_the_longest_words():
+    longest = {
+        "id": 127, "name": "forceaxis", "version": "0.1.0 904ee356 0123456", "table": "904ee356",
+        "state": "fault reaction active", "mode": "cyclic synchronous torque",
+        "fault": max(BY_NAME["fault"].enum, key=len), "owner": "canopen", "note": "silent " * 20,
+    }  # fmt: skip
+    shown = list(table_of([longest, dict.fromkeys(longest) | {"id": 1}]))
+    assert max(map(len, shown)) <= 80
+    assert shown[0].split() == ["id", "name", "version", "table", "state", "fault"]
+    assert "current sensor failed" in shown[1] and shown[1].index("0.1.0") == shown[0].index("ver")
+    assert shown[2].startswith("  silent") and shown[-1].split() == ["1", *"-----"]
 
 
 # CAN: a node of python-canopen stands in for the axis.
@@ -535,6 +618,7 @@ class Registers:
 
     def __init__(self):
         self.holding, self.input, self.asked = {}, {}, 0
+        self.information = {2: b"0.1.0 904ee356", 4: b"forceaxis"}
 
     def _read(self, table, address, count):
         self.asked += 1
@@ -545,6 +629,11 @@ class Registers:
 
     def read_input_registers(self, address, *, count, device_id):
         return self._read(self.input, address, count)
+
+    def read_device_information(self, *, read_code, object_id, device_id):
+        found = self.Answer(exception_code=0 if object_id in self.information else 1)
+        found.information = self.information
+        return found
 
     def write_registers(self, address, words, *, device_id):
         self.asked += 1
@@ -597,3 +686,10 @@ def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
     assert registers.asked == 0
     with pytest.raises(Refused, match="force_gain: the gateway has no axis of this unit"):
         ModbusLink("tcp://somewhere", 2).write({"force_gain": 1})
+
+
+def test_modbus_texts_are_those_of_the_identification(registers):
+    link = ModbusLink("tcp://somewhere")
+    assert [link.text(index) for index in (0x1008, 0x100A)] == ["forceaxis", "0.1.0 904ee356"]
+    registers.information = {}  # a device without function 43
+    assert [link.text(index) for index in (0x1008, 0x1009, 0x100A)] == [None, None, None]

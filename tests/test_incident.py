@@ -112,6 +112,40 @@ def test_the_recorder_is_anybodys_after_a_fetch_and_the_incident_stays(tmp_path)
     assert axis.read("blackbox_state") == "recording"
 
 
+def test_an_incident_outlives_a_power_cut_until_it_is_cleared(tmp_path):
+    file, store = tmp_path / "hard.toml", tmp_path / "store"
+    file.write_text(experiment(pressing("force_max = 20"), ENABLE, sets=NEAR))
+
+    def powered(clear=False, wait_s=0.0):
+        """What the axis has after a power cut, without a second fault."""
+        link = SimLink(file, [] if wait_s else ["firmware.force_setpoint=0"], store)
+        axis = Axis(link)
+        if wait_s:
+            axis.link.axis.step(round(wait_s * 1500))
+            axis.wait_for(
+                lambda s: s["incident_stored"] == "stored", ("incident_stored", "fault"), "", 5.0
+            )
+        axis.acquire()
+        try:
+            found = incident.fetch(axis)
+            if clear:
+                incident.clear(axis)
+                axis.link.wait(0.01)
+            return found
+        finally:
+            axis.close()
+            del link.axis
+
+    first = powered(wait_s=3.0)
+    assert not first.archived
+    again = powered()
+    assert again.archived and (again.recording.raw == first.recording.raw).all()
+    assert story.tell(again)[0].startswith("force max (kept over a power cut) at tick")
+    assert powered(clear=True).tick == first.tick
+    with pytest.raises(Refused, match="nothing has happened since"):
+        powered()
+
+
 def test_a_capture_gives_the_buffer_back():
     axis = moving()
     axis.capture(["force"], samples=10)

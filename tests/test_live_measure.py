@@ -1,9 +1,10 @@
 """The signal analyzer on a live axis: its responses are the plant's, its bounds hold in every tick,
 what it refuses is refused by name and leaves the axis as it was."""
 
+import functools
 import json
-from pathlib import Path
 
+import live_axes
 import numpy as np
 import pytest
 import verbs
@@ -12,49 +13,17 @@ from forceaxis.axis.sim import SimLink
 from forceaxis.commission import measuring, response
 from forceaxis.commission.analyzer import Analyzer, Order, noise_of
 from forceaxis.commission.refusal import Refusal
-from forceaxis.identify import fit
+from forceaxis.identify import fit, result
+from live_axes import NOISE_N, ONE_SLOPE
 
-ROOT = Path(__file__).resolve().parents[1]
-ONE_SLOPE = {"amp_break": 10.0}  # of the amplifier: what is measured is linear
-NOISE_N = 0.1  # rms, 0.64 codes
 ORDER = Order(force_max_N=150.0, averages=6)
 PARAMETERS = ("force_gain", "target_force", "excitation_code", "position_max", "force_max")
 
 
 @pytest.fixture
 def axis_file(tmp_path):
-    """An experiment of the 12-bit laboratory, its sensor noisy about the middle of its ADC."""
-
-    def write(firmware="", plant="", noise=NOISE_N):
-        model = (ROOT / "sim/models/laboratory_12bit.toml").read_text()
-        model = model.replace('"thesis.toml"', f'"{ROOT}/sim/models/thesis.toml"')
-        model = model.replace(
-            'per_count = 0.15625\nzero_code = "force_zero_code"',
-            f"per_count = 0.15625\nzero_code = 2048\nnoise = {noise}",
-        )
-        assert "zero_code = 2048\nnoise" in model
-        (tmp_path / "model.toml").write_text(model)
-        file = tmp_path / "axis.toml"
-        file.write_text(f"""title = "A live axis"
-model = "model.toml"
-duration_s = 100.0
-[set]
-approach = "4 mm"
-amp_break = {ONE_SLOPE["amp_break"]}
-[firmware]
-adc_bits = 12
-force_zero_code = 2048
-position_gain = 4.0
-velocity_gain = 20.0
-force_gain = 2.25
-approach_velocity_max = "20 mm/s"
-rated_force = 300000
-{firmware}
-{plant}
-""")
-        return file
-
-    return write
+    """See live_axes.write()."""
+    return functools.partial(live_axes.write, tmp_path)
 
 
 def state(axis):
@@ -94,6 +63,38 @@ def test_responses_are_those_of_the_plant_and_bounds_hold_in_every_tick(axis_fil
         if not level.measured.free:
             heavier = level.measured.predict({"m_w": 1.05 * 6.6})
             assert level.measured.compare(heavier)["p_value"] < 1e-3
+
+
+def test_a_simulated_axis_and_its_model_measure_the_same(axis_file):
+    """tests/chip/test_measure_ways.py adds gateway, CAN and the emulated chip."""
+    file = axis_file()
+    model = file.parent / "model.toml"
+    order = Order(force_max_N=150.0, averages=6, amplitude=50)
+    with Axis(SimLink(file)) as axis:
+        done = measuring.measure(axis, order, (75.0,), True, model, ONE_SLOPE)
+    live = [done[name].measured for name in live_axes.OF_MODEL]
+    # A plant that is not the same is seen: a softer workpiece, a heavier rotor.
+    for plant, least, most in (({}, 0.9, 1), ({"k_w": 0.8 * 4.127e5, "m_r1": 1.3 * 114.5}, 0, 0.7)):
+        of_model = [
+            result.run(model, options, plant).measured for options in live_axes.OF_MODEL.values()
+        ]
+        assert least <= live_axes.shared(live, of_model) <= most
+
+
+def test_averages_end_where_the_response_is_certain_and_the_axis_is_not_thrown_back(axis_file):
+    order = Order(force_max_N=150.0, averages=12, fewest=4, first=16)
+    with Axis(SimLink(axis_file())) as axis:
+        truth = axis.link.axis
+        with Analyzer(axis, order) as analyzer:
+            level = analyzer.contact(75.0)
+            pressed = axis.read("position")
+            truth.reset_extremes()
+        axis.link.wait(2.0)
+        assert axis.read("drive_state") != "operation_enabled"
+        assert truth.extremes["position_min_cnt"] > pressed - order.travel
+    assert 4 <= level.measured.averages < 12
+    assert level.measured.dof == level.measured.averages - 1
+    assert np.median(level.measured.random_error()) < 0.04
 
 
 def test_the_verb_writes_what_fit_and_design_take(axis_file, tmp_path):

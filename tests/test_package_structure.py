@@ -17,7 +17,7 @@ ORDER = (
     ("design", "thesis"),
     ("bench", "report", "commission"),
     ("cli",),
-    ("forceaxis", "gateway"),  # the names that scripts import
+    ("forceaxis", "gateway", "__main__"),  # the names that scripts import, and the programs
 )
 LEVEL = {wing: level for level, wings in enumerate(ORDER) for wing in wings}
 GENERATED = "bus/messages/"

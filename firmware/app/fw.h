@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/app/archive.h"
 #include "firmware/app/store.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
@@ -45,8 +46,9 @@ typedef struct {
   blackbox_t
       *blackbox; /* needs no initial value; lies with recorder_buffer in memory that a restart
                     does not clear, or keeps no incident over one; NULL: no black box */
-  const store_memory_t *memory; /* NULL: parameters are not stored */
-  const char *hardware;         /* hardware_version, must outlive fw; NULL: "none" */
+  const store_memory_t *memory;  /* NULL: parameters are not stored */
+  const store_memory_t *archive; /* NULL: no incident outlives a power cut */
+  const char *hardware;          /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
   uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
   uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
@@ -66,6 +68,7 @@ typedef struct {
   canopen_t canopen;
   modbus_t modbus;
   store_t store;
+  archive_t archive;
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;

@@ -4,21 +4,20 @@
 
 #include "firmware/app/recording.h"
 
-/* Objects by their addresses: what led to an error. */
-static const uint32_t recorded[RECORDER_CHANNELS] = {
-    0x202300, /* position */
-    0x202B00, /* profile_position */
-    0x202600, /* force_raw */
-    0x607400, /* force_demand */
-    0x202900, /* dac_code */
-    0x604100, /* statusword */
-    0x202200, /* limit_reason */
-    0x202800, /* digital_inputs */
+/* What led to an error. */
+static const struct {
+  uint16_t object;
+  uint32_t address;
+} recorded[RECORDER_CHANNELS] = {
+    {AXIS_OBJ_POSITION, 0x202300},     {AXIS_OBJ_PROFILE_POSITION, 0x202B00},
+    {AXIS_OBJ_FORCE_RAW, 0x202600},    {AXIS_OBJ_FORCE_DEMAND, 0x607400},
+    {AXIS_OBJ_DAC_CODE, 0x202900},     {AXIS_OBJ_STATUSWORD, 0x604100},
+    {AXIS_OBJ_LIMIT_REASON, 0x202200}, {AXIS_OBJ_DIGITAL_INPUTS, 0x202800},
 };
 
 static void channels_of(const fw_t *fw, recorder_channel_t channels[RECORDER_CHANNELS]) {
   for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-    channels[i] = recording_channel(fw, dictionary_object_at(recorded[i]));
+    channels[i] = recording_channel(fw, recorded[i].object);
   }
 }
 
@@ -29,6 +28,8 @@ void incident_init(fw_t *fw) {
     channels_of(fw, channels);
     blackbox_init(fw->config.blackbox, fw->config.recorder_buffer, fw->config.recorder_bytes,
                   channels, fw->config.watchdog_fired != 0);
+    archive_init(&fw->archive, fw->config.archive,
+                 blackbox_bytes(fw->config.recorder_bytes, channels));
   }
 }
 
@@ -82,12 +83,20 @@ void incident_serve(fw_t *fw) {
   blackbox_follow(blackbox, fw->axis.signals.active_mode != AXIS_MODE_DISABLED,
                   fw->drive.signals.error_code, fw->axis.signals.tick_count);
   uint8_t state = AXIS_BLACKBOX_STATE_COMPLETING;
-  if (!blackbox_has_incident(blackbox)) {
+  bool complete = false;
+  if (archive_is_loading(&fw->archive)) {
+    /* The buffer is the archive's. */
+  } else if (!blackbox_has_incident(blackbox)) {
     state = keep_recording(fw);
   } else if (blackbox_check(blackbox)) {
+    complete = true;
     state =
         (blackbox->kept != 0) ? AXIS_BLACKBOX_STATE_INCIDENT_KEPT : AXIS_BLACKBOX_STATE_INCIDENT;
   }
+  archive_serve(&fw->archive, blackbox, complete,
+                fw->axis.signals.active_mode == AXIS_MODE_DISABLED && !store_is_busy(&fw->store),
+                fw->axis.signals.tick_count);
+  fw->device_signals.incident_stored = archive_state(&fw->archive);
   fw->boxed = blackbox_is_recording(blackbox) ? 1 : 0;
   show(fw, state);
 }
@@ -100,8 +109,29 @@ void incident_yield(fw_t *fw) {
   }
 }
 
+/* Only where the black box has none of its own, and no recording has the buffer. */
+static int load(fw_t *fw) {
+  blackbox_t *blackbox = fw->config.blackbox;
+  if (blackbox_has_incident(blackbox) ||
+      fw->recorder.signals.recorder_state != AXIS_RECORDER_STATE_IDLE) {
+    return FW_ERROR_NO_DATA;
+  }
+  recorder_channel_t channels[RECORDER_CHANNELS];
+  channels_of(fw, channels);
+  recorder_set_channels(&blackbox->ring, channels, RECORDER_CHANNELS);
+  if (!archive_load(&fw->archive, blackbox)) {
+    return FW_ERROR_NO_DATA;
+  }
+  fw->boxed = 0;
+  show(fw, AXIS_BLACKBOX_STATE_COMPLETING);
+  return FW_OK;
+}
+
 int incident_command(fw_t *fw, int32_t value) {
   blackbox_t *blackbox = fw->config.blackbox;
+  if (blackbox != NULL && value == AXIS_INCIDENT_COMMAND_LOAD) {
+    return load(fw);
+  }
   if (blackbox == NULL || !blackbox_has_incident(blackbox) || !blackbox_check(blackbox)) {
     return FW_ERROR_NO_DATA;
   }
@@ -109,9 +139,10 @@ int incident_command(fw_t *fw, int32_t value) {
   if (value == AXIS_INCIDENT_COMMAND_FETCH) {
     blackbox_show(blackbox, &fw->recorder);
     for (uint8_t i = 0; i < RECORDER_CHANNELS; i++) {
-      fw->recorder.params.recorder_signal[i] = recorded[i];
+      fw->recorder.params.recorder_signal[i] = recorded[i].address;
     }
   } else {
+    archive_clear(&fw->archive, blackbox->crc);
     blackbox_stop(blackbox);
     show(fw, AXIS_BLACKBOX_STATE_OFF);
   }

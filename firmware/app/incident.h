@@ -3,7 +3,7 @@
 
 /* The black box (core/blackbox.h) in the firmware: its signals, and its objects. It records on
  * buses alone, while the recorder is idle. A recording that is armed ends an incident, and has the
- * buffer until recorder_arm 0. */
+ * buffer until recorder_arm 0. The archive (archive.h) keeps an incident over a power cut. */
 
 #include "firmware/app/fw.h"
 
@@ -33,7 +33,9 @@ void incident_serve(fw_t *fw);
 /* A recording was armed. */
 void incident_yield(fw_t *fw);
 
-/* incident_command: FW_OK, or FW_ERROR_NO_DATA without an incident whose CRC is known. */
+/* incident_command: FW_OK, or FW_ERROR_NO_DATA without an incident whose CRC is known; of load
+ * without an archived one of this object table, or where the buffer has an incident or recording.
+ */
 int incident_command(fw_t *fw, int32_t value);
 
 #endif

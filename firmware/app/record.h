@@ -29,6 +29,7 @@ enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 #define RECORD_SET_0_1_0 UINT32_C(0x31534146) /* "FAS1": a set as version 0.1.0 wrote it */
 #define RECORD_SET UINT32_C(0x32534146)       /* "FAS2": a set */
 #define RECORD_FORGOTTEN UINT32_C(0x31464146) /* "FAF1": all defaults, no entries */
+#define RECORD_INCIDENT UINT32_C(0x31494146)  /* "FAI1": see archive.h */
 #define RECORD_NONE UINT32_C(0)
 
 typedef struct {

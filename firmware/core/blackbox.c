@@ -72,11 +72,21 @@ void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
   blackbox->checked = 0;
 }
 
+static uint32_t samples_of(uint32_t buffer_bytes,
+                           const recorder_channel_t channels[RECORDER_CHANNELS]) {
+  const uint32_t room = fx_quotient(buffer_bytes, bytes_of_sample(channels));
+  return (room < BLACKBOX_SAMPLES) ? room : BLACKBOX_SAMPLES;
+}
+
+uint32_t blackbox_bytes(uint32_t buffer_bytes,
+                        const recorder_channel_t channels[RECORDER_CHANNELS]) {
+  return samples_of(buffer_bytes, channels) * bytes_of_sample(channels);
+}
+
 void blackbox_start(blackbox_t *blackbox, const recorder_channel_t channels[RECORDER_CHANNELS],
                     recorder_channel_t trigger) {
   recorder_t *ring = &blackbox->ring;
-  const uint32_t room = fx_quotient(ring->buffer_bytes, bytes_of_sample(channels));
-  const uint32_t length = (room < BLACKBOX_SAMPLES) ? room : BLACKBOX_SAMPLES;
+  const uint32_t length = samples_of(ring->buffer_bytes, channels);
   forget(blackbox);
   if (length <= BLACKBOX_AFTER) {
     return;
@@ -91,6 +101,22 @@ void blackbox_start(blackbox_t *blackbox, const recorder_channel_t channels[RECO
 void blackbox_stop(blackbox_t *blackbox) {
   recorder_stop(&blackbox->ring);
   forget(blackbox);
+}
+
+void blackbox_restore(blackbox_t *blackbox, uint32_t tick, uint16_t error_code, uint8_t fault,
+                      uint16_t samples, uint16_t trigger_index) {
+  recorder_t *ring = &blackbox->ring;
+  forget(blackbox);
+  ring->write_index = 0;
+  ring->first_index = 0;
+  ring->signals.recorder_capacity = samples;
+  ring->signals.recorder_count = samples;
+  ring->signals.recorder_trigger_index = trigger_index;
+  ring->signals.recorder_state = AXIS_RECORDER_STATE_DONE;
+  blackbox->tick = tick;
+  blackbox->error_code = error_code;
+  blackbox->fault = fault;
+  blackbox->kept = 1;
 }
 
 void blackbox_follow(blackbox_t *blackbox, bool enabled, uint16_t error_code, uint32_t tick) {

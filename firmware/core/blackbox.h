@@ -85,6 +85,15 @@ void blackbox_follow(blackbox_t *blackbox, bool enabled, uint16_t error_code, ui
 /* Between ticks: up to 16 bytes more of the CRC of an incident. True: blackbox->crc is complete. */
 bool blackbox_check(blackbox_t *blackbox);
 
+/* An incident whose samples, oldest first, are in the buffer by now, as one from before a restart.
+ */
+void blackbox_restore(blackbox_t *blackbox, uint32_t tick, uint16_t error_code, uint8_t fault,
+                      uint16_t samples, uint16_t trigger_index);
+
+/* Bytes of the samples of an incident in a buffer of that size. */
+uint32_t blackbox_bytes(uint32_t buffer_bytes,
+                        const recorder_channel_t channels[RECORDER_CHANNELS]);
+
 /* The incident as the finished recording of a recorder with the same buffer. */
 void blackbox_show(const blackbox_t *blackbox, recorder_t *recorder);
 

@@ -31,9 +31,14 @@ std::uint32_t serial_of(int axis) {
   }
   return (hash & ~UINT32_C(0xFF)) | static_cast<std::uint32_t>(axis);
 }
-std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file) {
+constexpr char kIncidents[] = ".incidents";
+
+using OpenFile = const char *(store_file_t *, const char *);
+
+std::unique_ptr<store_file_t, StoreCloser> open_store(const std::string &file,
+                                                      OpenFile *open_file = store_file_open) {
   auto opened = std::make_unique<store_file_t>();
-  if (const char *wrong = store_file_open(opened.get(), file.c_str())) {
+  if (const char *wrong = open_file(opened.get(), file.c_str())) {
     throw sim::InputError(file, "--store", wrong);
   }
   return std::unique_ptr<store_file_t, StoreCloser>(opened.release());
@@ -51,6 +56,8 @@ void expect_files(const AxisOptions &options, const std::string &suffix) {
   const std::string file = options.store + suffix;
   host::expect_writable(file, "--store");
   if (access(file.c_str(), F_OK) == 0) open_store(file);
+  const std::string archive = file + kIncidents;
+  if (access(archive.c_str(), F_OK) == 0) open_store(archive, archive_file_open);
 }
 
 Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
@@ -62,6 +69,8 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
   if (!options.store.empty()) {
     store_ = open_store(options.store + suffix);
     config_.memory = &store_->memory;
+    archive_ = open_store(options.store + suffix + kIncidents, archive_file_open);
+    config_.archive = &archive_->memory;
   }
   real_time_ = options.real_time;
   config_.hardware = "host";

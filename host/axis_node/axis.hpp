@@ -77,6 +77,7 @@ class Axis {
   std::string journal_file_;
   bool reported_broken_ = false;
   std::unique_ptr<store_file_t, StoreCloser> store_;
+  std::unique_ptr<store_file_t, StoreCloser> archive_;  // of incidents, beside it
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<CanPort> can_;
   CanPort::Handlers handlers_;

@@ -134,6 +134,12 @@ void AxisPublisher::publish_state(std::int64_t table_hash, std::int64_t nmt_stat
     s.more_name.push_back(host::object_meta(object).name);
     s.more_value.push_back(value(object));
   }
+  // The user's unit of positions and speeds, where there is one.
+  for (const std::uint16_t object : {AXIS_OBJ_FEED, AXIS_OBJ_POSITION_UNIT}) {
+    if (value(object) == kNotAvailable || value(object) == 0) continue;
+    s.more_name.push_back(host::object_meta(object).name);
+    s.more_value.push_back(value(object));
+  }
   s.num_more = static_cast<std::int32_t>(s.more_name.size());
   lcm_.publish(number_, s);
 }

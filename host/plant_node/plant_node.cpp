@@ -22,6 +22,7 @@ std::string axis_json(int axis, const host::Experiment &experiment, std::int64_t
       .add("inputs_hash", experiment.hash)
       .add("ticks", ticks)
       .add("trace_hash", result.trace_hash)
+      .add("peak_force_N", result.metrics.peak_force_N)
       .add("fault", result.fault);
   if (result.verdict.empty()) {
     o.raw("verdict", "null");

@@ -12,11 +12,8 @@
 namespace forceaxis::host {
 namespace {
 
-using sim::Dimension;
-
 constexpr double kGainsPerUnit = 256.0;
 constexpr double kCoefficientsPerUnit = 67108864.0;
-constexpr double kGainMax = 65535.0 / kGainsPerUnit;
 constexpr double kCoefficientMax = 16.0;
 
 std::uint16_t to_gain(double value) {
@@ -54,14 +51,11 @@ std::optional<std::uint8_t> bank_of_key(std::string_view key) {
 }
 
 BankValues read_bank(sim::Section &section, std::uint8_t bank) {
-  section.only({"gain", "integral_rad_per_s", "velocity_gain", "sections", "certificate"});
+  section.finish();
   law_params_t values{};
-  values.bank_gain[bank] = to_gain(section.within("gain", Dimension::ratio, 0.0, kGainMax));
-  values.bank_velocity_gain[bank] = to_gain(
-      section.optional_within("velocity_gain", Dimension::ratio, 0.0, kGainMax).value_or(0.0));
-  const double rate =
-      section.optional_within("integral_rad_per_s", Dimension::ratio, 0.0, sim::kTickRateHz)
-          .value_or(0.0);
+  values.bank_gain[bank] = to_gain(section.number("gain"));
+  values.bank_velocity_gain[bank] = to_gain(section.number("velocity_gain"));
+  const double rate = section.number("integral_rad_per_s");
   values.bank_integral[bank] =
       static_cast<std::uint32_t>(std::lround(rate / sim::kTickRateHz * kCoefficientsPerUnit));
   constexpr int kInBank = FORCE_LAW_SECTIONS * FORCE_LAW_COEFFICIENTS;
@@ -91,7 +85,7 @@ BankValues read_bank(sim::Section &section, std::uint8_t bank) {
   }
   const std::uint32_t crc = law_bank_crc(&values, bank);
   writes.push_back({at(AXIS_OBJ_BANK_CRC_1), static_cast<std::int32_t>(crc)});
-  return {bank, section.flag("certificate", true), crc, writes};
+  return {bank, section.flag("certificate"), crc, writes};
 }
 
 std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,

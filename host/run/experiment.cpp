@@ -13,6 +13,7 @@
 #include <set>
 #include <sstream>
 
+#include "host/run/experiment_format.hpp"
 #include "host/run/held_force.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/sha256.hpp"
@@ -23,8 +24,6 @@ namespace {
 
 using sim::InputError;
 using sim::Section;
-
-constexpr double kLongestRun_s = 600;
 
 bool has_body(const sim::Model &model, std::string_view name) {
   return std::any_of(model.bodies.begin(), model.bodies.end(),
@@ -47,28 +46,22 @@ std::int64_t tick_at(double time_s) {
 }
 
 ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
-  static const std::vector<std::string> names = {"live", "held", "high", "low", "zero"};
-  section.only({"force"});
-  const std::string name = words(section, "force");
-  const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end())
-    section.fail("force", "expected one of " + sim::joined(names) + ", got " +
-                              sim::in_quotes(name) + sim::suggestion(name, names) +
-                              "; choose one of them");
+  section.finish();
+  const std::size_t reads = section.choice("force", "choose one of them");
   if (!model.adc[0])
     section.fail("force", "expected a model with an ADC 0, it has none; remove this sensor");
-  return static_cast<ForceSensor>(found - names.begin());
+  return static_cast<ForceSensor>(reads);
 }
 
 Action read_action(Section &section, double duration_s, const sim::Model &model,
                    const std::vector<ObjectWrite> &initial) {
-  section.only({"time_s", "impulse", "firmware", "sensor"});
+  section.finish();
   Action action{};
   action.tick = tick_at(section.within("time_s", sim::Dimension::time, 0, duration_s));
   section.one("firmware",
               [&](Section &objects) { action.writes = read_objects(objects, model, initial); });
   section.one("impulse", [&](Section &impulse) {
-    impulse.only({"body", "N_s"});
+    impulse.finish();
     const std::string body = words(impulse, "body");
     if (!has_body(model, body)) {
       std::vector<std::string> names;
@@ -77,8 +70,7 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
                                sim::in_quotes(body) + sim::suggestion(body, names) +
                                "; name a body of the model");
     }
-    action.impulses.push_back(
-        {body, impulse.value("N_s", sim::Dimension::impulse, sim::Sign::any)});
+    action.impulses.push_back({body, impulse.number("N_s")});
   });
   section.one("sensor",
               [&](Section &sensor) { action.force_sensor = read_force_sensor(sensor, model); });
@@ -114,31 +106,21 @@ void read_contact_held(Section &section, const sim::Model &model, Criterion &cri
 }
 
 Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
-  section.only({"window_s", "force_ripple_max_count", "position_ripple_max_count", "contact_held",
-                "held_force_error_max_N", "held_force_error_max_percent", "overshoot_max_percent",
-                "settle_max_s"});
+  section.finish();
   Criterion criterion;
   criterion.window_s =
-      section
-          .optional_within("window_s", sim::Dimension::time, 1.0 / sim::kTickRateHz, kLongestRun_s)
-          .value_or(std::min(criterion.window_s, duration_s));
+      section.optional_number("window_s").value_or(std::min(criterion.window_s, duration_s));
   if (criterion.window_s > duration_s)
     section.fail("window_s", "expected at most the duration of the run, " +
                                  sim::number_text(duration_s) + " s, got " +
                                  sim::number_text(criterion.window_s) + "; shorten it");
-  criterion.force_ripple_max_count =
-      section.optional_within("force_ripple_max_count", sim::Dimension::count, 0, 1e9);
-  criterion.position_ripple_max_count =
-      section.optional_within("position_ripple_max_count", sim::Dimension::count, 0, 1e12);
+  criterion.force_ripple_max_count = section.optional_number("force_ripple_max_count");
+  criterion.position_ripple_max_count = section.optional_number("position_ripple_max_count");
   read_contact_held(section, model, criterion);
-  criterion.held_force_error_max_N =
-      section.optional_within("held_force_error_max_N", sim::Dimension::force, 0, 1e9);
-  criterion.held_force_error_max_percent =
-      section.optional_within("held_force_error_max_percent", sim::Dimension::ratio, 0, 1e9);
-  criterion.overshoot_max_percent =
-      section.optional_within("overshoot_max_percent", sim::Dimension::ratio, 0, 1e9);
-  criterion.settle_max_s =
-      section.optional_within("settle_max_s", sim::Dimension::time, 0, kLongestRun_s);
+  criterion.held_force_error_max_N = section.optional_number("held_force_error_max_N");
+  criterion.held_force_error_max_percent = section.optional_number("held_force_error_max_percent");
+  criterion.overshoot_max_percent = section.optional_number("overshoot_max_percent");
+  criterion.settle_max_s = section.optional_number("settle_max_s");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
       !criterion.position_ripple_max_count && !criterion.judges_force())
     section.fail("contact_held",
@@ -148,7 +130,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
 }
 
 std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model) {
-  section.only({"objects"});
+  section.finish();
   const toml::node *node = section.find("objects");
   const toml::array *names = node != nullptr ? node->as_array() : nullptr;
   if (names == nullptr || names->empty())
@@ -178,12 +160,12 @@ std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model
 
 Plot read_plot(Section &section, const sim::Model &model,
                const std::vector<std::uint16_t> &traced) {
-  section.only({"rows", "from_s", "to_s"});
+  section.finish();
   Plot plot;
-  constexpr double kLatest_s = 1e6;
-  plot.from_s = section.optional_within("from_s", sim::Dimension::time, 0, kLatest_s);
-  plot.to_s = section.optional_within("to_s", sim::Dimension::time, 0, kLatest_s);
-  if (plot.from_s.value_or(0.0) >= plot.to_s.value_or(2.0 * kLatest_s))
+  constexpr double kAlways_s = 1e7;
+  plot.from_s = section.optional_number("from_s");
+  plot.to_s = section.optional_number("to_s");
+  if (plot.from_s.value_or(0.0) >= plot.to_s.value_or(kAlways_s))
     section.fail("from_s", "expected a time before to_s, got " +
                                sim::number_text(plot.from_s.value_or(0.0)) +
                                "; correct one of them");
@@ -305,17 +287,22 @@ void check_converters(const Section &root, const Experiment &experiment) {
 }
 
 std::string hash_inputs(const std::filesystem::path &file, const sim::Model &model,
-                        std::span<const std::string> overrides) {
-  std::set<std::string> files{file.string(), model.file};
-  for (const sim::Parameter &p : model.parameters) files.insert(p.file);
+                        std::span<const std::string> overrides,
+                        const std::optional<std::string> &text) {
+  std::set<std::string> files{model.file};
   std::set<std::string> contents;  // by content: the hash does not depend on where files are
+  if (text)
+    contents.insert(*text);
+  else
+    files.insert(file.string());
+  for (const sim::Parameter &p : model.parameters) files.insert(p.file);
   for (const std::string &name : files) {
     std::ifstream stream(name, std::ios::binary);
     contents.insert({std::istreambuf_iterator<char>(stream), {}});
   }
   Sha256 hash;
-  for (const std::string &text : contents) hash.update(text);
-  for (const std::string &text : overrides) hash.update(text);
+  for (const std::string &content : contents) hash.update(content);
+  for (const std::string &change : overrides) hash.update(change);
   return hash.hex();
 }
 
@@ -338,11 +325,13 @@ struct ExperimentFile::Contents {
   std::list<std::shared_ptr<Variant>> variants;  // the one used last first
 };
 
-ExperimentFile::ExperimentFile(const std::filesystem::path &file)
+ExperimentFile::ExperimentFile(const std::filesystem::path &file,
+                               const std::optional<std::string> &text)
     : contents_(std::make_unique<Contents>()) {
   contents_->file = file;
   contents_->name = file.string();
-  contents_->table = sim::parse_toml(file.string());
+  contents_->table =
+      text ? sim::parse_toml_text(*text, file.string()) : sim::parse_toml(file.string());
 }
 
 ExperimentFile::~ExperimentFile() = default;
@@ -366,25 +355,22 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   toml::table table = contents_->table;
   apply_overrides(table, overrides);
   sim::Source source{contents_->name, {}};
-  Section root(source, table, "");
+  Section root(source, table, "", kExperimentFormat);
   if (table.contains("body") && !table.contains("model"))
     root.fail("body",
               "expected an experiment, got a model; give an experiment on it, or use a verb "
               "that takes a model");
   if (table.contains("output") && !table.contains("duration_s"))
     root.fail("output", "expected an experiment, got a measurement; use `forceaxis measure`");
-  root.only({"title", "figure", "shows", "model", "duration_s", "seed", "set", "firmware", "at",
-             "verdict", "plot", "trace", "expect"});
+  root.finish();
   Experiment experiment;
   experiment.file = contents_->file;
   experiment.title = words(root, "title");
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
-  const double duration_s =
-      root.within("duration_s", sim::Dimension::time, 1.0 / sim::kTickRateHz, kLongestRun_s);
+  const double duration_s = root.number("duration_s");
   experiment.ticks = tick_at(duration_s);
-  const double seed =
-      root.optional_within("seed", sim::Dimension::ratio, 0, 0x7FFFFFFF).value_or(0);
+  const double seed = root.number("seed");
   if (seed != std::floor(seed))
     root.fail("seed", "expected a whole number, got " + sim::number_text(seed) + "; round it");
   experiment.seed = static_cast<std::uint64_t>(seed);
@@ -464,9 +450,10 @@ void expect_used(const Experiment &experiment) {
 }
 
 Experiment load_experiment(const std::filesystem::path &file,
-                           std::span<const std::string> overrides) {
-  Experiment experiment = ExperimentFile(file).with(overrides);
-  experiment.hash = hash_inputs(file, *experiment.model, overrides);
+                           std::span<const std::string> overrides,
+                           const std::optional<std::string> &text) {
+  Experiment experiment = ExperimentFile(file, text).with(overrides);
+  experiment.hash = hash_inputs(file, *experiment.model, overrides, text);
   return experiment;
 }
 

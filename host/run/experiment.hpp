@@ -2,31 +2,10 @@
 // An experiment: its plant, the firmware's objects, timed actions, and the criterion of stability.
 // Read from TOML; every mistake is an InputError that names file, key and what was expected.
 //
-// clang-format off
-//   title    = "Contact, k_f = 5, f_d = 30"   required
-//   figure   = "3.14"                         optional, what it reproduces
-//   shows    = "what to look for"             optional
-//   model    = "../models/laboratory.toml"    required, relative to the experiment
-//   duration_s = 4.0                          required, one tick to 600; rounds up to a tick
-//   seed     = 0                              of the model's noise, 0 to 2^31 - 1
-//   [set]      b_w = 363.0                    model parameters, or another parameter's name
-//   [firmware] force_gain = 5.0               objects; see object_values.hpp; written before tick 0,
-//                                             commands after parameters and `mode` last
-//   [[at]]     time_s = 2.0                   0 to duration_s; rounds up, applied before that tick
-//              impulse = { body = "workpiece", N_s = "strike" }
-//              firmware = { force_setpoint = 10.0 }
-//              sensor   = { force = "held" }      from then on ADC 0 reads that; see ForceSensor
-//   [verdict]  see Criterion; at least one limit; absent: the run has no verdict
-//   [plot]     see Plot
-//   [trace]    objects = ["statusword", "force_demand"]   objects of the firmware that become
-//              columns of the trace, in their units, as they are after each tick; not over a link
-//   [expect]   for `forceaxis test`; not interpreted here: forceaxis.experiments.expect checks it
-// clang-format on
-//
-// A number is in SI, or in the unit of its key; a text in its place is a quantity with a unit,
-// "75 N" or "2 ms" (sim/model/units.hpp), or the name of a model parameter.
-// Overrides are texts, each name once, "firmware.force_gain=7", "experiment.duration_s=2",
-// "verdict.window_s=2" or "m_r=140"; they take precedence over the file.
+// Its tables and keys are declared in experiment_format.cpp; docs/guide/reference/experiment.md is
+// written from there. Objects of the firmware: object_values.hpp. Overrides are texts, each name
+// once, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140"; they
+// take precedence over the file.
 #include <toml++/impl/forward_declarations.h>
 
 #include <cstdint>
@@ -117,8 +96,10 @@ class ExperimentFile {
  public:
   static constexpr std::size_t kKeptModels = 64;  // about 1 MB each
 
-  // Throws sim::InputError.
-  explicit ExperimentFile(const std::filesystem::path &file);
+  // Throws sim::InputError. With a text that is read in place of the file's, which need not exist:
+  // messages name it, and the model's path is relative to its folder.
+  explicit ExperimentFile(const std::filesystem::path &file,
+                          const std::optional<std::string> &text = std::nullopt);
   ~ExperimentFile();
 
   // The experiment under these overrides, without its hash. Throws sim::InputError.
@@ -132,9 +113,10 @@ class ExperimentFile {
   std::unique_ptr<Contents> contents_;
 };
 
-// One experiment of a file, with its hash. Throws sim::InputError.
+// One experiment of a file, or of a text in its place, with its hash. Throws sim::InputError.
 Experiment load_experiment(const std::filesystem::path &file,
-                           std::span<const std::string> overrides = {});
+                           std::span<const std::string> overrides = {},
+                           const std::optional<std::string> &text = std::nullopt);
 
 // The columns of a run's trace: codes and states, then the signals of the model; those of [trace]
 // come in addition.

@@ -18,8 +18,6 @@
 namespace forceaxis::host {
 namespace {
 
-constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
-
 constexpr char kDigits[] = "0123456789abcdef";
 
 std::string hex_of(std::span<const std::uint8_t> bytes) {
@@ -214,17 +212,18 @@ void JournalWriter::sensorless(std::int64_t tick) {
 void JournalWriter::power_up(const fw_config_t &config) {
   out_ << "config " << int{config.node_id} << ' ' << int{config.buses} << ' ' << config.modbus_baud
        << ' ' << config.serial_number << '\n';
-  if (config.memory != nullptr) write_store(*config.memory);
+  if (config.memory != nullptr) write_memory("store", *config.memory);
+  if (config.archive != nullptr) write_memory("archive", *config.archive);
   flush();  // so that a process killed at once still has a valid journal
 }
 
-void JournalWriter::write_store(const store_memory_t &memory) {
+void JournalWriter::write_memory(const char *kind, const store_memory_t &memory) {
   std::vector<std::uint8_t> image(2 * std::size_t{memory.sector_bytes});
   memory.read(memory.context, 0, image.data(), static_cast<std::uint32_t>(image.size()));
   std::span<const std::uint8_t> store = image;
   // Erased bytes at the end are implied.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
-  out_ << "store " << hex_of(store) << '\n';
+  out_ << kind << ' ' << hex_of(store) << '\n';
 }
 
 void JournalWriter::write(std::int64_t tick, std::uint16_t object, std::int32_t raw) {
@@ -304,14 +303,18 @@ Journal read_journal(const std::filesystem::path &file) {
         journal.serial_number = line.number<std::uint32_t>("a serial number", 0, UINT32_MAX);
       }
     } else if (kind == "store") {
-      journal.store = line.bytes("bytes", 2 * kSectorBytes);
+      journal.store = line.bytes("bytes", 2 * STORE_FILE_SECTOR_BYTES);
       journal.has_store = true;
+    } else if (kind == "archive") {
+      journal.archive = line.bytes("bytes", 2 * ARCHIVE_FILE_SECTOR_BYTES);
+      journal.has_archive = true;
     } else if (kind == "end") {
       journal.ticks = line.tick();
       journal.trace_hash = line.rest();
     } else {
       line.fail(
-          "experiment, set, inputs_hash, endless, config, store, write, can, lost, bus, modbus, "
+          "experiment, set, inputs_hash, endless, config, store, archive, write, can, lost, bus, "
+          "modbus, "
           "overrun, sensorless or end");
     }
   }

@@ -7,11 +7,11 @@
 //   forceaxis-journal 1
 //   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
 //   endless                                                without the experiment's duration
-//   config NODE BUSES / store HEX                          the firmware's state at power-up
-//   write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT
-//   bus TICK STATE | modbus TICK HEX | overrun TICK
-//   sensorless TICK COUNT                                  ticks of the firmware alone, in between
-//   end TICKS HASH                                         how long it ran, and its trace hash
+//   config NODE BUSES / store HEX / archive HEX                          the firmware's state at
+//   power-up write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT bus
+//   TICK STATE | modbus TICK HEX | overrun TICK sensorless TICK COUNT ticks of the firmware alone,
+//   in between end TICKS HASH                                         how long it ran, and its
+//   trace hash
 // Initial writes carry tick 0. Bytes are hexadecimal, none "-". A truncated journal has no `end`; a
 // truncated line is ignored.
 #include <chrono>
@@ -61,7 +61,7 @@ class JournalWriter {
 
  private:
   std::ostream &entry();
-  void write_store(const store_memory_t &memory);
+  void write_memory(const char *kind, const store_memory_t &memory);
 
   int lock_;
   std::ofstream out_;
@@ -107,6 +107,8 @@ struct Journal {
   std::uint32_t modbus_baud = 0;
   std::vector<std::uint8_t> store;  // empty: there was none
   bool has_store = false;
+  std::vector<std::uint8_t> archive;  // of incidents
+  bool has_archive = false;
   std::vector<Entry> entries;
   std::int64_t ticks = -1;  // -1: the journal has no end
   std::string trace_hash;

@@ -173,22 +173,21 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
           static_cast<std::int32_t>(static_cast<std::uint32_t>(static_cast<std::int64_t>(raw)))};
 }
 
-bool is_table_of_objects(std::string_view key, const toml::node &node) {
-  return node.is_table() && (bank_of_key(key) || shaper_of_key(key));
-}
+bool is_table_of_objects(std::string_view key) { return bank_of_key(key) || shaper_of_key(key); }
 
 // The keys of the table that are objects, as all but those of banks and shapers must be.
 std::vector<std::string> object_names(const sim::Section &section) {
   std::vector<std::string> names;
   std::vector<std::string> unknown;
   for (const auto &[key, node] : section.table()) {
-    if (is_table_of_objects(key.str(), node)) continue;
+    if (is_table_of_objects(key.str())) continue;
     names.emplace_back(key.str());
     if (!find_object(names.back())) unknown.push_back(names.back());
   }
   if (!unknown.empty()) {
     std::vector<std::string> known;
     for (const axis_object_meta_t &meta : axis_objects_meta) known.emplace_back(meta.name);
+    for (const sim::KeyFormat &key : section.format().keys) known.emplace_back(key.key);
     section.fail(unknown.front(), "expected the name of a firmware object, got " +
                                       sim::wrong_names(unknown, known) +
                                       "; `forceaxis objects` lists them");
@@ -217,7 +216,7 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
     writes.insert(writes.end(), more.begin(), more.end());
   };
   for (const auto &[key, node] : section.table()) {
-    if (!is_table_of_objects(key.str(), node)) continue;
+    if (!is_table_of_objects(key.str())) continue;
     section.one(key.str(), [&, &key = key](sim::Section &values) {
       if (const auto bank = bank_of_key(key.str())) {
         banks.push_back(read_bank(values, *bank));

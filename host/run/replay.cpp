@@ -11,16 +11,14 @@
 namespace forceaxis::host {
 namespace {
 
-constexpr std::uint32_t kSectorBytes = STORE_FILE_SECTOR_BYTES;
-
-// The store of a replay, in memory: the image at the journal's beginning.
+// Store or archive of a replay, in memory: the image at the journal's beginning.
 class RamStore {
  public:
-  explicit RamStore(std::span<const std::uint8_t> image)
-      : bytes_(2 * std::size_t{kSectorBytes}, 0xFF) {
+  RamStore(std::span<const std::uint8_t> image, std::uint32_t sector_bytes)
+      : bytes_(2 * std::size_t{sector_bytes}, 0xFF) {
     std::copy_n(image.begin(), std::min(image.size(), bytes_.size()), bytes_.begin());
     memory_.context = this;
-    memory_.sector_bytes = kSectorBytes;
+    memory_.sector_bytes = sector_bytes;
     memory_.read = [](void *context, std::uint32_t address, std::uint8_t *bytes,
                       std::uint32_t count) {
       std::copy_n(&static_cast<RamStore *>(context)->bytes_[address], count, bytes);
@@ -33,8 +31,9 @@ class RamStore {
       return true;
     };
     memory_.erase = [](void *context, std::uint8_t sector) {
-      std::fill_n(&static_cast<RamStore *>(context)->bytes_[sector * kSectorBytes], kSectorBytes,
-                  std::uint8_t{0xFF});
+      auto &store = *static_cast<RamStore *>(context);
+      const std::uint32_t bytes = store.memory_.sector_bytes;
+      std::fill_n(&store.bytes_[sector * bytes], bytes, std::uint8_t{0xFF});
       return true;
     };
   }
@@ -80,7 +79,8 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   Experiment silent = experiment;  // its writes come from the journal
   silent.initial.clear();
   for (Action &action : silent.actions) action.writes.clear();
-  RamStore store(journal.store);
+  RamStore store(journal.store, STORE_FILE_SECTOR_BYTES);
+  RamStore archive(journal.archive, ARCHIVE_FILE_SECTOR_BYTES);
   fw_config_t config{};
   config.hardware = "host";
   config.node_id = journal.node_id;
@@ -88,6 +88,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   config.serial_number = journal.serial_number;
   config.modbus_baud = journal.modbus_baud;
   if (journal.has_store) config.memory = store.memory();
+  if (journal.has_archive) config.archive = archive.memory();
   FirmwareSide firmware(silent, {.hash = true, .config = &config});
   PlantSide plant(experiment, options);
   std::vector<std::int32_t> objects;

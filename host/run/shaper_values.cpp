@@ -10,7 +10,6 @@
 namespace forceaxis::host {
 namespace {
 
-constexpr double kDampingMax = 0.9;
 constexpr int kDelayMax = SHAPER_TICKS - 1;
 constexpr std::int32_t kSum = 65536;
 
@@ -23,13 +22,9 @@ std::optional<std::uint16_t> shaper_of_key(std::string_view key) {
 }
 
 std::vector<ObjectWrite> read_shaper(sim::Section &section, std::uint16_t first) {
-  section.only({"mode_Hz", "damping", "kind"});
-  const std::string kind = section.optional_text("kind", "zv or zvd").value_or("zvd");
-  if (kind != "zv" && kind != "zvd")
-    section.fail("kind", "expected zv or zvd, got " + kind + "; write kind = \"zvd\"");
-  const int last = kind == "zv" ? 1 : 2;
-  const double damping =
-      section.optional_within("damping", sim::Dimension::ratio, 0.0, kDampingMax).value_or(0.0);
+  section.finish();
+  const int last = section.choice("kind", "write kind = \"zvd\"") == 0 ? 1 : 2;
+  const double damping = section.number("damping");
   const double root = std::sqrt(1.0 - damping * damping);
   const double half_ticks = sim::kTickRateHz / 2.0;
   const double mode = section.within("mode_Hz", sim::Dimension::frequency,

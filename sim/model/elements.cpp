@@ -54,9 +54,9 @@ void Elements::read_bodies() {
   root_.each("body", [&](Section &section) {
     Body body;
     body.name = claim_name(section);
-    body.mass = section.value("mass", Dimension::mass, Sign::positive);
-    body.position = section.value_or("position", Dimension::length, Sign::any, 0.0);
-    body.velocity = section.value_or("velocity", Dimension::velocity, Sign::any, 0.0);
+    body.mass = section.number("mass");
+    body.position = section.number("position");
+    body.velocity = section.number("velocity");
     model_.bodies.push_back(std::move(body));
   });
   constexpr std::size_t kMostBodies = 32;
@@ -68,16 +68,16 @@ void Elements::read_bodies() {
 
 // A slope, or several with the breaks between them: values of the argument or, for springs, of the
 // curve (`loads`).
-Slopes read_slopes(Section &section, const char *key, Dimension dimension, Dimension over) {
+Slopes read_slopes(Section &section, const char *key) {
   Slopes curve;
-  curve.slopes = section.values(key, dimension, Sign::not_negative);
-  const bool loadable = dimension == Dimension::stiffness;
+  curve.slopes = section.numbers(key);
+  const bool loadable = std::string_view(key) == "stiffness";
   const bool by_load = loadable && section.has("loads");
-  curve.breaks = section.rising("breaks", over);
+  curve.breaks = section.rising("breaks");
   if (by_load) {
     if (!curve.breaks.empty())
       section.fail("loads", "expected breaks or loads, got both; remove one of them");
-    curve.breaks = section.rising("loads", Dimension::force);
+    curve.breaks = section.rising("loads");
   }
   if (curve.breaks.size() + 1 != curve.slopes.size())
     section.fail(by_load                ? "loads"
@@ -118,15 +118,13 @@ Link Elements::link(Section &section) {
   return element;
 }
 
-double read_damping(Section &section) {
-  return section.value_or("damping", Dimension::damping, Sign::not_negative, 0.0);
-}
+double read_damping(Section &section) { return section.number("damping"); }
 
 // Reads a link that acts where its ends touch: a contact, or either side of a stop.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);
-  element.stiffness = section.value("stiffness", Dimension::stiffness, Sign::positive);
+  element.stiffness = section.number("stiffness");
   element.damping = read_damping(section);
   return element;
 }
@@ -134,31 +132,31 @@ Link Elements::touching(Section &section) {
 void Elements::read_links() {
   root_.each("spring", [&](Section &section) {
     auto spring = link<Spring>(section);
-    spring.stiffness = read_slopes(section, "stiffness", Dimension::stiffness, Dimension::length);
+    spring.stiffness = read_slopes(section, "stiffness");
     spring.damping = read_damping(section);
     model_.springs.push_back(std::move(spring));
   });
   root_.each("damper", [&](Section &section) {
     auto damper = link<Damper>(section);
-    damper.damping = read_slopes(section, "damping", Dimension::damping, Dimension::velocity);
+    damper.damping = read_slopes(section, "damping");
     model_.dampers.push_back(std::move(damper));
   });
   root_.each("contact", [&](Section &section) {
     auto contact = touching<Contact>(section);
-    contact.gap = section.value_or("gap", Dimension::length, Sign::any, 0.0);
+    contact.gap = section.number("gap");
     model_.contacts.push_back(std::move(contact));
   });
   root_.each("backlash", [&](Section &section) {
     auto backlash = touching<Stop>(section);
-    const double width = section.value("width", Dimension::length, Sign::not_negative);
+    const double width = section.number("width");
     backlash.low = -0.5 * width;
     backlash.high = 0.5 * width;
     model_.stops.push_back(std::move(backlash));
   });
   root_.each("stop", [&](Section &section) {
     auto stop = touching<Stop>(section);
-    stop.low = section.optional_value("low", Dimension::length, Sign::any);
-    stop.high = section.optional_value("high", Dimension::length, Sign::any);
+    stop.low = section.optional_number("low");
+    stop.high = section.optional_number("high");
     if (!stop.low && !stop.high)
       section.fail("low", "expected low or high or both in m, got neither; add one of these keys");
     if (stop.low && stop.high && !(*stop.low < *stop.high))
@@ -168,9 +166,8 @@ void Elements::read_links() {
   });
   root_.each("friction", [&](Section &section) {
     auto friction = link<Friction>(section);
-    friction.coulomb = section.value("coulomb", Dimension::force, Sign::not_negative);
-    friction.stiction =
-        section.value_or("stiction", Dimension::force, Sign::not_negative, friction.coulomb);
+    friction.coulomb = section.number("coulomb");
+    friction.stiction = section.optional_number("stiction").value_or(friction.coulomb);
     if (friction.stiction < friction.coulomb)
       section.fail("stiction", "expected at least coulomb, " + number_text(friction.coulomb) +
                                    ", got " + number_text(friction.stiction) +
@@ -184,8 +181,8 @@ void Elements::read_gravities() {
     Gravity gravity;
     gravity.name = claim_name(section);
     gravity.body = section.body("body", model_.bodies, false, std::nullopt);
-    gravity.accelerations = section.values("acceleration", Dimension::acceleration, Sign::any);
-    gravity.positions = section.rising("positions", Dimension::length);
+    gravity.accelerations = section.numbers("acceleration");
+    gravity.positions = section.rising("positions");
     const std::size_t wanted = gravity.accelerations.size() == 1 ? 0 : gravity.accelerations.size();
     if (gravity.positions.size() != wanted)
       section.fail("positions", "expected " + std::to_string(wanted) +
@@ -198,30 +195,24 @@ void Elements::read_gravities() {
 
 DcMotor read_motor(Section &section) {
   DcMotor motor;
-  const std::string inputs = "one of command, tach";
-  const std::string input = section.optional_text("input", inputs).value_or("command");
-  if (input != "command" && input != "tach")
-    section.fail("input", "expected " + inputs + ", got " + in_quotes(input) +
-                              "; choose where the DAC's volts go");
-  motor.input_tach = input == "tach";
-  motor.k_preamp_cmd = section.value("k_preamp_cmd", Dimension::ratio, Sign::not_zero);
-  motor.k_preamp_fdbk = section.value("k_preamp_fdbk", Dimension::ratio, Sign::not_negative);
-  motor.a_preamp_fdbk = section.value("a_preamp_fdbk", Dimension::rate, Sign::positive);
-  motor.k_tach = section.value("k_tach", Dimension::speed_constant, Sign::not_negative);
-  motor.k_torque = section.value("k_torque", Dimension::torque_constant, Sign::positive);
-  motor.k_back_emf = section.value("k_back_emf", Dimension::speed_constant, Sign::not_negative);
-  motor.inductance = section.value("L", Dimension::inductance, Sign::positive);
-  motor.resistance = section.value("R", Dimension::resistance, Sign::not_negative);
-  motor.r_trans = section.value("r_trans", Dimension::transmission, Sign::positive);
-  motor.b_m = section.value_or("b_m", Dimension::rotary_damping, Sign::not_negative, 0.0);
-  motor.k_current = section.value("k_current", Dimension::volt_per_amp, Sign::not_negative);
-  motor.current_feedback_limit =
-      section.optional_value("current_feedback_limit", Dimension::voltage, Sign::positive);
-  motor.preamp_limit = section.optional_value("preamp_limit", Dimension::voltage, Sign::positive);
-  motor.k_amp = section.value("k_amp", Dimension::ratio, Sign::positive);
-  motor.amp_break = section.optional_value("amp_break", Dimension::voltage, Sign::positive);
+  motor.input_tach = section.choice("input", "choose where the DAC's volts go") == 1;
+  motor.k_preamp_cmd = section.number("k_preamp_cmd");
+  motor.k_preamp_fdbk = section.number("k_preamp_fdbk");
+  motor.a_preamp_fdbk = section.number("a_preamp_fdbk");
+  motor.k_tach = section.number("k_tach");
+  motor.k_torque = section.number("k_torque");
+  motor.k_back_emf = section.number("k_back_emf");
+  motor.inductance = section.number("L");
+  motor.resistance = section.number("R");
+  motor.r_trans = section.number("r_trans");
+  motor.b_m = section.number("b_m");
+  motor.k_current = section.number("k_current");
+  motor.current_feedback_limit = section.optional_number("current_feedback_limit");
+  motor.preamp_limit = section.optional_number("preamp_limit");
+  motor.k_amp = section.number("k_amp");
+  motor.amp_break = section.optional_number("amp_break");
   if (motor.amp_break) {
-    motor.k_amp_outer = section.value("k_amp_outer", Dimension::ratio, Sign::not_negative);
+    motor.k_amp_outer = section.number("k_amp_outer");
   } else if (section.has("k_amp_outer")) {
     section.fail("amp_break",
                  "expected a finite number > 0 in V beside k_amp_outer, got nothing; "
@@ -229,33 +220,30 @@ DcMotor read_motor(Section &section) {
   } else {
     motor.k_amp_outer = motor.k_amp;
   }
-  motor.supply_limit = section.optional_value("supply_limit", Dimension::voltage, Sign::positive);
+  motor.supply_limit = section.optional_number("supply_limit");
   return motor;
 }
 
 FirstOrderDrive read_first_order(Section &section) {
   FirstOrderDrive simple;
-  simple.k_act = section.value("k_act", Dimension::damping, Sign::positive);
-  simple.a_act = section.value("a_act", Dimension::rate, Sign::positive);
-  simple.velocity_per_volt =
-      section.value("velocity_per_volt", Dimension::velocity_per_volt, Sign::not_zero);
-  simple.force_limit = section.optional_value("force_limit", Dimension::force, Sign::positive);
+  simple.k_act = section.number("k_act");
+  simple.a_act = section.number("a_act");
+  simple.velocity_per_volt = section.number("velocity_per_volt");
+  simple.force_limit = section.optional_number("force_limit");
   return simple;
 }
 
 PerfectDrive read_perfect(Section &section) {
   PerfectDrive perfect;
-  perfect.force_per_volt =
-      section.value("force_per_volt", Dimension::force_per_volt, Sign::not_zero);
-  perfect.force_limit = section.optional_value("force_limit", Dimension::force, Sign::positive);
+  perfect.force_per_volt = section.number("force_per_volt");
+  perfect.force_limit = section.optional_number("force_limit");
   return perfect;
 }
 
 void Elements::read_drive() {
   root_.one("drive", [&](Section &section) {
     Drive drive;
-    const std::string kinds = "one of dc_motor, first_order, perfect";
-    const std::string type = section.text("type", kinds);
+    const std::size_t type = section.choice("type", "choose a drive type");
     drive.body = section.body("body", model_.bodies, false, std::nullopt);
     drive.reaction = section.body("reaction", model_.bodies, true, kGround);
     if (drive.body == drive.reaction)
@@ -263,15 +251,13 @@ void Elements::read_drive() {
                    "expected another body than drive.body or ground, got " +
                        in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
                        "; choose what the drive pushes against");
-    if (type == "dc_motor") {
+    section.add(*section.format().added[type]);
+    if (type == 0) {
       drive.type = read_motor(section);
-    } else if (type == "first_order") {
+    } else if (type == 1) {
       drive.type = read_first_order(section);
-    } else if (type == "perfect") {
-      drive.type = read_perfect(section);
     } else {
-      section.fail("type",
-                   "expected " + kinds + ", got " + in_quotes(type) + "; choose a drive type");
+      drive.type = read_perfect(section);
     }
     model_.drive = drive;
   });
@@ -299,9 +285,7 @@ std::optional<Dimension> per_count(Dimension dimension) {
 }
 
 void Elements::read_switches(Section &section) {
-  const auto place = [&](const char *key) {
-    return section.optional_value(key, Dimension::length, Sign::any);
-  };
+  const auto place = [&](const char *key) { return section.optional_number(key); };
   const auto in_order = [&](const std::optional<double> &low, const std::optional<double> &high,
                             const char *low_key, const char *high_key) {
     if (low && high && *low >= *high)
@@ -315,7 +299,7 @@ void Elements::read_switches(Section &section) {
   switches.home_from = place("home_from");
   switches.home_to = place("home_to");
   switches.index = place("index");
-  switches.index_every = section.optional_value("index_every", Dimension::length, Sign::positive);
+  switches.index_every = section.optional_number("index_every");
   in_order(switches.limit_neg, switches.limit_pos, "limit_neg", "limit_pos");
   in_order(switches.home_from, switches.home_to, "home_from", "home_to");
   if (switches.index_every && !switches.index)
@@ -335,13 +319,13 @@ void Elements::read_sensors() {
       section.fail("reference",
                    "expected another body than encoder.body or ground, got the same; "
                    "choose what the encoder counts against");
-    encoder.scale = section.value("scale", Dimension::count_per_length, Sign::not_zero);
+    encoder.scale = section.number("scale");
     model_.encoder = encoder;
   });
   root_.one("switches", [&](Section &section) { read_switches(section); });
   const std::vector<SignalInfo> signals = model_.signal_list();
   root_.each("adc", [&](Section &section) {
-    const auto channel = static_cast<std::size_t>(section.integer("channel", 0, 1, std::nullopt));
+    const auto channel = static_cast<std::size_t>(section.integer("channel"));
     if (model_.adc[channel])
       section.fail("channel", "expected a channel not used before, got " + std::to_string(channel) +
                                   " again; there are channels 0 and 1");
@@ -356,7 +340,7 @@ void Elements::read_sensors() {
     const SignalInfo &signal = signals[static_cast<std::size_t>(found - names.begin())];
     const Dimension unit = signal.dimension;
     adc.sensor_limit = section.optional_value("sensor_limit", unit, Sign::positive);
-    adc.filter = section.optional_value("filter", Dimension::rate, Sign::positive);
+    adc.filter = section.optional_number("filter");
     constexpr double kFastestFilter = 1e6;
     if (adc.filter && *adc.filter > kFastestFilter)
       section.fail("filter", "expected at most 1e6 rad/s, got " + number_text(*adc.filter) +
@@ -364,8 +348,8 @@ void Elements::read_sensors() {
     adc.conditioning_limit = section.optional_value("conditioning_limit", unit, Sign::positive);
     adc.noise = section.value_or("noise", unit, Sign::not_negative, 0.0);
     adc.per_count = section.value("per_count", *per_count(unit), Sign::not_zero);
-    adc.bits = section.integer("bits", 8, 16, 8);
-    const double zero = section.value_or("zero_code", Dimension::count, Sign::any, 0.0);
+    adc.bits = section.integer("bits");
+    const double zero = section.number("zero_code");
     const int top = (1 << adc.bits) - 1;
     if (!(zero >= 0.0 && zero <= top && zero == static_cast<int>(zero)))
       section.fail("zero_code", "expected a whole number 0.." + std::to_string(top) + ", got " +
@@ -374,11 +358,10 @@ void Elements::read_sensors() {
     model_.adc[channel] = adc;
   });
   root_.one("dac", [&](Section &section) {
-    model_.dac.bits = section.integer("bits", 8, 16, model_.dac.bits);
-    model_.dac.range =
-        section.value_or("range", Dimension::voltage, Sign::positive, model_.dac.range);
-    model_.dac.offset = section.value_or("offset", Dimension::voltage, Sign::any, 0.0);
-    model_.dac.noise = section.value_or("noise", Dimension::voltage, Sign::not_negative, 0.0);
+    model_.dac.bits = section.integer("bits");
+    model_.dac.range = section.number("range");
+    model_.dac.offset = section.number("offset");
+    model_.dac.noise = section.number("noise");
   });
 }
 

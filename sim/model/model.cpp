@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sim/model/elements.hpp"
+#include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
 
 namespace forceaxis::sim {
@@ -32,7 +33,7 @@ std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
     if (fields == nullptr)
       source.fail(path, "expected a table { value, unit, source }, got " + kind_of(entry) +
                             "; write { value = ..., unit = \"...\", source = \"...\" }");
-    Section section(source, *fields, path);
+    Section section(source, *fields, path, kParameterFormat);
     Parameter parameter;
     parameter.name = key.str();
     parameter.file = source.file;
@@ -45,7 +46,9 @@ std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
     const auto dimension = dimension_of(parameter.unit);
     if (!dimension)
       section.fail("unit", "expected one of " + joined(unit_spellings()) + ", got " +
-                               in_quotes(parameter.unit) + "; use one of these spellings");
+                               in_quotes(parameter.unit) +
+                               suggestion(parameter.unit, unit_spellings()) +
+                               "; use one of these spellings");
     parameter.value =
         quantity ? section.value("value", *dimension, Sign::any) : *value.value<double>();
     parameter.source = section.optional_text("source", "a text").value_or("");
@@ -63,7 +66,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
                                        in_quotes(name) + "; check the path");
   Source shared{path.string(), {}};
   const toml::table table = parse_toml(shared.file);
-  Section section(shared, table, "");
+  Section section(shared, table, "", kSharedParametersFormat);
   (void)section.optional_text("title", "a text");
   (void)section.optional_text("shows", "a text");
   auto parameters = read_parameters(shared, section.find("parameters"));
@@ -259,7 +262,7 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
     source.fail("model", "expected a model, got an experiment or measurement of " +
                              in_quotes(table["model"].value_or(std::string())) +
                              "; give that model");
-  Section root(source, table, "");
+  Section root(source, table, "", kModelFormat);
   Model model;
   model.file = source.file;
   model.title = root.optional_text("title", "a text").value_or("");

@@ -6,29 +6,8 @@
 // nothing else but std::bad_alloc. Positive motion is toward the workpiece; SI units
 // throughout.
 //
-//   title = "..."   shows = "..."               optional texts
-//   parameters_file = "thesis.toml"             optional, relative to this file; holds [parameters]
-//   [parameters]                                own entries override those of parameters_file
-//   m_r = { value = 132.4, unit = "kg", source = "Fig 4.26" }            source is optional
-//   [[body]]     name, mass > 0, position = 0, velocity = 0
-//   [[spring]]   name, between = ["a", "b"], stiffness >= 0, damping = 0; piecewise linear: a list
-//                of stiffnesses with one fewer `breaks` (m) or `loads` (N; all stiffnesses > 0)
-//   [[damper]]   name, between, damping >= 0, or a list of them with one fewer `breaks` (m/s)
-//   [[contact]]  name, between, stiffness > 0, damping = 0, gap = 0
-//   [[backlash]] name, between, stiffness > 0, damping = 0, width >= 0
-//   [[stop]]     name, between, stiffness > 0, damping = 0, low or high or both (m)
-//   [[friction]] name, between, coulomb >= 0, stiction >= coulomb (default: coulomb)
-//   [[gravity]]  name, body, acceleration (m/s^2), or a list of them at as many `positions` (m)
-//   [drive]      type = "dc_motor" | "first_order" | "perfect", body, reaction = "ground", ...
-//   [encoder]    body, reference = "ground", scale (count/m)
-//   [switches]   places of the encoder's body (m), each optional: limit_neg < limit_pos, home_from
-//   <
-//                home_to, index, index_every > 0; see Switches
-//   [[adc]]      channel 0 | 1, signal, per_count (unit of the signal per count, sign allowed),
-//                zero_code = 0 (a whole number), bits = 8 (8..16); see Adc for limits, filter,
-//                noise
-//   [dac]        bits = 12 (8..16), range = 10 V, offset = 0 V, noise = 0 V rms:
-//                volts = code * 2 range / 2^bits + offset + noise
+// Tables and keys are declared in model_format.cpp; docs/guide/reference/model.md is written from
+// there.
 //
 // A value is a number (SI), a quantity such as "400 kN/m" (units.hpp), the name of a parameter, or
 // "-name"; a parameter's own value is a number in its unit or a quantity. One end of `between` may

@@ -7,22 +7,10 @@
 #include <cstdint>
 #include <fstream>
 #include <iterator>
+#include <stdexcept>
 
 namespace forceaxis::sim {
 namespace {
-
-std::string_view sign_text(Sign sign) {
-  switch (sign) {
-    case Sign::not_zero:
-      return "a finite number other than 0";
-    case Sign::not_negative:
-      return "a finite number >= 0";
-    case Sign::positive:
-      return "a finite number > 0";
-    default:
-      return "a finite number";
-  }
-}
 
 bool sign_holds(Sign sign, double value) {
   if (!std::isfinite(value)) return false;
@@ -119,17 +107,34 @@ void Section::fail(std::string_view key, const std::string &message) const {
   source_.fail(key_path(key), message);
 }
 
-const toml::node *Section::find(std::string_view key) {
-  known_.emplace_back(key);
+const KeyFormat &Section::declared(std::string_view key) const {
+  static constexpr KeyFormat kAny = format::other("", "", "none", "");
+  for (const TableFormat *format : formats_) {
+    if (const KeyFormat *found = format->find(key); found != nullptr) return *found;
+    if (format->open) return kAny;
+  }
+  throw std::logic_error("no declaration of the key " + key_path(key));
+}
+
+std::vector<std::string> Section::keys() const {
+  std::vector<std::string> names;
+  for (const TableFormat *format : formats_)
+    for (const KeyFormat &key : format->keys) names.emplace_back(key.key);
+  return names;
+}
+
+const toml::node *Section::find(std::string_view key) const {
+  (void)declared(key);
   return table_.get(key);
 }
 
-const toml::node &Section::require(std::string_view key, std::string_view expected) {
+const toml::node &Section::require(std::string_view key, std::string_view expected) const {
   const toml::node *node = find(key);
   if (node == nullptr) {
     std::string obtained = "nothing";
+    const auto known = keys();
     for (const auto &[name, other] : table_)
-      if (std::find(known_.begin(), known_.end(), name.str()) == known_.end())
+      if (std::find(known.begin(), known.end(), name.str()) == known.end())
         if (const std::string meant = suggestion(name.str(), {std::string(key)}); !meant.empty())
           obtained = in_quotes(name.str()) + meant;
     fail(key, "expected " + std::string(expected) + ", got " + obtained + "; add this key");
@@ -145,11 +150,42 @@ std::string Section::text(std::string_view key, std::string_view expected) {
 }
 
 std::optional<std::string> Section::optional_text(std::string_view key, std::string_view expected) {
-  if (table_.get(key) == nullptr) {
-    known_.emplace_back(key);
-    return std::nullopt;
-  }
+  if (!has(key)) return std::nullopt;
   return text(key, expected);
+}
+
+std::size_t Section::choice(std::string_view key, std::string_view advice) {
+  const KeyFormat &format = declared(key);
+  std::vector<std::string> names;
+  std::string_view rest = format.form;
+  for (std::size_t end = 0; end != std::string_view::npos; rest.remove_prefix(end + 2)) {
+    end = rest.find(", ");
+    names.emplace_back(rest.substr(0, end));
+    if (end == std::string_view::npos) break;
+  }
+  const std::string expected = "one of " + std::string(format.form);
+  const std::string wanted =
+      format.required() ? text(key, expected)
+                        : optional_text(key, expected).value_or(std::string(format.absent));
+  const auto found = std::find(names.begin(), names.end(), wanted);
+  if (found == names.end())
+    fail(key, "expected " + expected + ", got " + in_quotes(wanted) + suggestion(wanted, names) +
+                  "; " + std::string(advice));
+  return static_cast<std::size_t>(found - names.begin());
+}
+
+double Section::number(std::string_view key) {
+  const KeyFormat &format = declared(key);
+  if (format.fallback) return optional_number(key).value_or(*format.fallback);
+  if (format.high < kUnlimited) return within(key, *format.dimension, format.low, format.high);
+  return value(key, *format.dimension, format.sign);
+}
+
+std::optional<double> Section::optional_number(std::string_view key) {
+  const KeyFormat &format = declared(key);
+  if (format.high < kUnlimited)
+    return optional_within(key, *format.dimension, format.low, format.high);
+  return optional_value(key, *format.dimension, format.sign);
 }
 
 std::string Section::name() {
@@ -230,9 +266,9 @@ std::optional<double> Section::optional_within(std::string_view key, Dimension d
   return value;
 }
 
-bool Section::flag(std::string_view key, bool fallback) {
+bool Section::flag(std::string_view key) {
   const toml::node *node = find(key);
-  if (node == nullptr) return fallback;
+  if (node == nullptr) return declared(key).absent == "true";
   if (!node->is_boolean())
     fail(key, "expected true or false, got " + kind_of(*node) + "; write one of them");
   return node->ref<bool>();
@@ -264,14 +300,16 @@ std::vector<double> Section::list(std::string_view key, Dimension dimension, Sig
   return found;
 }
 
-std::vector<double> Section::values(std::string_view key, Dimension dimension, Sign sign) {
-  std::vector<double> found = list(key, dimension, sign);
-  if (found.empty()) (void)value(key, dimension, sign);  // reports that it is missing
+std::vector<double> Section::numbers(std::string_view key) {
+  const KeyFormat &format = declared(key);
+  std::vector<double> found = list(key, *format.dimension, format.sign);
+  if (found.empty())
+    (void)value(key, *format.dimension, format.sign);  // reports that it is missing
   return found;
 }
 
-std::vector<double> Section::rising(std::string_view key, Dimension dimension) {
-  std::vector<double> breaks = list(key, dimension, Sign::any);
+std::vector<double> Section::rising(std::string_view key) {
+  std::vector<double> breaks = list(key, *declared(key).dimension, Sign::any);
   for (std::size_t i = 1; i < breaks.size(); ++i)
     if (!(breaks[i] > breaks[i - 1]))
       fail(std::string(key) + "[" + std::to_string(i) + "]",
@@ -280,12 +318,15 @@ std::vector<double> Section::rising(std::string_view key, Dimension dimension) {
   return breaks;
 }
 
-int Section::integer(std::string_view key, int low, int high, std::optional<int> fallback) {
+int Section::integer(std::string_view key) {
+  const KeyFormat &format = declared(key);
+  const int low = static_cast<int>(format.low);
+  const int high = static_cast<int>(format.high);
   const toml::node *node = find(key);
   const std::string expected =
       "expected an integer " + std::to_string(low) + ".." + std::to_string(high) + ", got ";
   if (node == nullptr) {
-    if (fallback) return *fallback;
+    if (format.fallback) return static_cast<int>(*format.fallback);
     fail(key, expected + "nothing; add this key");
   }
   if (!node->is_integer()) fail(key, expected + kind_of(*node) + "; give an integer");
@@ -297,10 +338,7 @@ int Section::integer(std::string_view key, int low, int high, std::optional<int>
 
 int Section::body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
                   std::optional<int> fallback) {
-  if (fallback && table_.get(key) == nullptr) {
-    known_.emplace_back(key);
-    return *fallback;
-  }
+  if (fallback && !has(key)) return *fallback;
   const auto names = body_names(bodies, ground_allowed);
   const std::string expected = "one of " + joined(names);
   const std::string wanted = text(key, expected);
@@ -340,18 +378,18 @@ Ends Section::between(const std::vector<Body> &bodies) {
   return {found[0], found[1]};
 }
 
-void Section::child(const toml::node &node, const std::string &path,
+void Section::child(const toml::node &node, std::string_view key, const std::string &path,
                     const std::function<void(Section &)> &visit) const {
   const toml::table *table = node.as_table();
   if (table == nullptr)
     source_.fail(path, "expected a table, got " + kind_of(node) + "; write [" + path + "]");
-  Section section(source_, *table, path);
+  Section section(source_, *table, path, *declared(key).table);
   visit(section);
   section.finish();
 }
 
 void Section::one(std::string_view key, const std::function<void(Section &)> &visit) {
-  if (const toml::node *node = find(key); node != nullptr) child(*node, key_path(key), visit);
+  if (const toml::node *node = find(key); node != nullptr) child(*node, key, key_path(key), visit);
 }
 
 void Section::each(std::string_view key, const std::function<void(Section &)> &visit) {
@@ -362,22 +400,20 @@ void Section::each(std::string_view key, const std::function<void(Section &)> &v
     fail(key, "expected a list of tables, got " + kind_of(*node) + "; write [[" + std::string(key) +
                   "]]");
   for (std::size_t i = 0; i < tables->size(); ++i)
-    child(*tables->get(i), key_path(key) + "[" + std::to_string(i) + "]", visit);
-}
-
-void Section::only(std::initializer_list<std::string_view> keys) {
-  known_.insert(known_.end(), keys.begin(), keys.end());
-  finish();
+    child(*tables->get(i), key, key_path(key) + "[" + std::to_string(i) + "]", visit);
 }
 
 void Section::finish() const {
+  for (const TableFormat *format : formats_)
+    if (format->open) return;
+  const std::vector<std::string> known = keys();
   std::vector<std::string> unknown;
   for (const auto &[key, node] : table_)
-    if (std::find(known_.begin(), known_.end(), key.str()) == known_.end())
+    if (std::find(known.begin(), known.end(), key.str()) == known.end())
       unknown.emplace_back(key.str());
   if (unknown.empty()) return;
   fail(one_line(unknown.front()),
-       "expected one of the keys " + joined(known_) + ", got " + wrong_names(unknown, known_) +
+       "expected one of the keys " + joined(known) + ", got " + wrong_names(unknown, known) +
            (unknown.size() == 1 ? "; remove or rename this key" : "; remove or rename these keys"));
 }
 

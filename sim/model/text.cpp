@@ -22,9 +22,10 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row[b.size()];
 }
 
-// The known name that is nearest, at most two edits away, or nothing.
+// The known name that is nearest, at most two edits away and fewer than the wrong name has letters,
+// or nothing.
 std::string nearest(std::string_view wrong, const std::vector<std::string> &known) {
-  std::size_t best = 3;
+  std::size_t best = std::min<std::size_t>(3, wrong.size());
   std::string text;
   for (const std::string &name : known) {
     if (wrong.size() > 64 || name.size() < 2) continue;

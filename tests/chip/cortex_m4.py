@@ -44,7 +44,7 @@ class Inputs(ctypes.Structure):
 def run(*command):
     """Output of a tool; a missing or failing one ends the program with its message."""
     if not shutil.which(command[0]):
-        raise SystemExit(f"{command[0]} is not installed: run tools/setup")
+        raise SystemExit(f"{command[0]} is not installed: run tools/setup --tests")
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
@@ -163,7 +163,7 @@ class Chip:
         self.places = {}
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
-            "<IIIIIIIBB10x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, NODE, 1
+            "<IIIIIIIIBB10x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1
         )
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
@@ -302,7 +302,7 @@ class Host:
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
         self.blackbox = ctypes.create_string_buffer(0x200)
         places = [ctypes.addressof(self.recorder), RECORDER_BYTES, ctypes.addressof(self.blackbox)]
-        config = struct.pack("<QI4xQQQIIBB22x", *places, 0, 0, 0, 0, NODE, 1)
+        config = struct.pack("<QI4xQQQQIIBB22x", *places, 0, 0, 0, 0, 0, NODE, 1)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(4)

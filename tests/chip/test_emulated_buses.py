@@ -1,97 +1,44 @@
 """Independent clients at the emulated chip, in real time: python-canopen and libmodbus.
 
-Frames of CAN go over USART3, because no chip that QEMU knows has CAN; Modbus RTU over USART2, as on
-the board.
+Frames of CAN go over USART3 (tunnel.py); Modbus RTU over USART2, as on the board.
 """
 
 import contextlib
 import re
-import select
-import socket
-import struct
 import subprocess
 import time
 
-import can
 import canopen
 import pytest
+import tunnel
 from canopen.profiles.p402 import BaseNode402
-from chip import BOARD, EMULATED, ROOT
+from chip import ROOT
 from forceaxis import objects
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import OWN_NODE, CanLink
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
-from forceaxis.chip import emulator as chip
 
 EDS = ROOT / "firmware/objects/generated/forceaxis.eds"
 CLIENT = ROOT / "build/release/tests/wire/modbus_client"
 NODE = 1
 REQUESTS = 1000
 pytestmark = pytest.mark.alone  # in real time
-FRAME = struct.Struct("<HBB8s")
 BY_NAME = {o.name: o for o in objects.OBJECTS}
-
-
-class SerialBus(can.BusABC):
-    """python-can over the tunnel."""
-
-    def __init__(self, path):
-        self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.connect(str(path))
-        self.bytes = b""
-        super().__init__(channel=str(path))
-
-    def send(self, msg, timeout=None):
-        self.socket.sendall(
-            FRAME.pack(msg.arbitration_id, msg.dlc, msg.is_remote_frame, bytes(msg.data))
-        )
-
-    def _recv_internal(self, timeout):
-        end = time.monotonic() + (timeout or 0)
-        while len(self.bytes) < FRAME.size:
-            remaining = end - time.monotonic()
-            if not select.select([self.socket], [], [], max(remaining, 0))[0]:
-                return None, False
-            self.bytes += self.socket.recv(4096)
-        can_id, length, _, data = FRAME.unpack(self.bytes[: FRAME.size])
-        self.bytes = self.bytes[FRAME.size :]
-        frame = can.Message(
-            arbitration_id=can_id, data=data[:length], is_extended_id=False, timestamp=time.time()
-        )
-        return frame, False
-
-    def shutdown(self):
-        super().shutdown()
-        self.socket.close()
-
-
-def emulator(**lines):
-    """The emulated chip in real time, with these at its serial lines."""
-    return subprocess.Popen(
-        chip.command(BOARD, EMULATED, **lines),
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
 
 
 @pytest.fixture
 def frames(tmp_path):
     """The socket of the chip's frames."""
-    path = tmp_path / "frames"
-    process = emulator(can=f"unix:{path},server=on,wait=off")
-    end = time.monotonic() + 20
-    while not path.exists():
-        assert process.poll() is None and time.monotonic() < end
-        time.sleep(0.01)
-    yield path
-    process.kill()
-    process.wait()
+    with tunnel.frames(tmp_path) as path:
+        yield path
 
 
 @pytest.fixture
 def line():
     """libmodbus at the chip's serial line; a call is a request, its answer a list of numbers."""
-    process = emulator(modbus="pty")
+    assert CLIENT.is_file(), "expected the build's target modbus_client"
+    process = tunnel.emulator(modbus="pty")
     line = process.stdout.readline()
     tty = re.search(r"redirected to (\S+)", line)
     assert tty, line
@@ -137,7 +84,7 @@ def test_libmodbus_reads_and_writes_a_thousand_times(line):
 
 def test_python_canopen_drives_the_chip_through_its_states(frames):
     network = canopen.Network()
-    network.bus = SerialBus(frames)
+    network.bus = tunnel.SerialBus(frames)
     network.connect()
     try:
         drive = BaseNode402(NODE, str(EDS))
@@ -174,7 +121,7 @@ def test_python_canopen_drives_the_chip_through_its_states(frames):
 
 def test_an_axis_on_the_chip_is_one_as_any_other(frames):
     """What the axis verbs use: objects, a recording by block transfer, the watched heartbeat."""
-    link = CanLink("tunnel", NODE, bus=SerialBus(frames), timeout_s=2.0)
+    link = CanLink("tunnel", NODE, bus=tunnel.SerialBus(frames), timeout_s=2.0)
     with Axis(link) as axis:
         axis.set(force_gain=6.5, watchdog=700)
         assert axis.get("force_gain", "watchdog") == {"force_gain": 6.5, "watchdog": 700}
@@ -193,7 +140,7 @@ def test_an_axis_on_the_chip_is_one_as_any_other(frames):
 
 def test_an_axis_on_the_chip_by_modbus():
     """Registers of 16 and 32 bits, ownership kept by the watchdog's writes."""
-    process = emulator(modbus="pty")
+    process = tunnel.emulator(modbus="pty")
     try:
         tty = re.search(r"redirected to (\S+)", process.stdout.readline())[1]
         axis = Axis(ModbusLink(tty, NODE, timeout_s=2.0))

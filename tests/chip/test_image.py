@@ -17,6 +17,7 @@ REPLACED = {
         "port_act",
         "port_idle",
         "flash_memory",
+        "flash_archive",
         "watchdog_start",
         "can_interrupt",
     ),

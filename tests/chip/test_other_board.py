@@ -56,7 +56,6 @@ def ports(tmp_path_factory):
     (folder / "press.ld").write_text(
         changed(
             (port / "stm32f446.ld").read_text(),
-            ("LENGTH = 512K - 48K", "LENGTH = 256K - 48K"),
             ("LENGTH = 128K\n", "LENGTH = 48K\n"),
         )
     )

@@ -2,19 +2,25 @@
 
 import csv
 import hashlib
+import importlib
 import json
 import os
 import re
+import shlex
+import signal
 import struct
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 import verbs
+from click.shell_completion import BashComplete
 from forceaxis import objects
+from forceaxis.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTACT = "sim/experiments/contact.toml"
@@ -321,13 +327,6 @@ def refused(done, *words):
         assert word in done.stderr
 
 
-def test_every_verb_has_help_with_an_example():
-    listing = forceaxis("--help").stdout
-    for verb in ("run", "new", "sweep", "test", "tables", "report", "bench", "objects"):
-        assert verb in listing
-        assert f"forceaxis {verb}" in forceaxis(verb, "--help").stdout.partition("Example:")[2]
-
-
 def test_objects_lists_the_table():
     done = forceaxis("objects", "force_gain", "--json")
     (row,) = json.loads(done.stdout)
@@ -415,3 +414,163 @@ def test_a_link_over_can_without_can_is_refused(monkeypatch, tmp_path):
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "expected a kernel with vcan, or user-mode-linux" in done.stderr
+
+
+def commands(command, words=()):
+    """[(its words, the command)] of every verb and every group."""
+    found = [(words, command)] if words else []
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            found += commands(command.get_command(context, name), (*words, name))
+    return found
+
+
+VERBS = commands(main.cli)
+EXAMPLES = [
+    (words, line)
+    for words, verb in VERBS
+    for line in (verb.epilog or "").replace("\\\n", "").splitlines()
+]
+
+
+@pytest.mark.parametrize(("words", "verb"), VERBS, ids=lambda v: str(v))
+def test_every_verb_has_examples_and_a_sentence(words, verb):
+    text = forceaxis(*words, "--help").stdout if words != ("gateway",) else None
+    assert any(f"forceaxis {' '.join(words)}" in line for w, line in EXAMPLES if w == words)
+    assert text is None or (text.startswith("Usage: forceaxis") and "Example:" in text)
+    assert verb.get_short_help_str(200).rstrip(".")
+
+
+@pytest.mark.parametrize(("words", "line"), EXAMPLES, ids=lambda v: str(v))
+def test_examples_can_be_typed(words, line):
+    """Each is taken by the parser of its verb; that they work is for the guide's test."""
+    for part in re.split(r"&&|&|>|\|", line.strip()):
+        typed = shlex.split(part, comments=True)
+        if typed[:1] == ["forceaxis"] and typed[-1] == "--help":
+            continue
+        if typed[:1] != ["forceaxis"]:
+            assert typed == [] or typed[0] in ("axis_node", "plant_node", "xdg-open", "axis3.toml")
+            continue
+        verb, rest = main.cli, typed[1:]
+        context = click.Context(verb, info_name="forceaxis")
+        while isinstance(verb, click.Group):
+            _, verb, rest = verb.resolve_command(context, rest)
+            context = click.Context(verb, parent=context, info_name=verb.name)
+        try:
+            verb.make_context(verb.name, list(rest), parent=context.parent)
+        except click.UsageError as error:  # files of an example need not be there
+            assert "does not exist" in error.format_message(), line
+
+
+def test_each_verb_is_listed_once_by_its_module():
+    """Verbs load when they are used, so a list says where they are."""
+    for name in {*main.MODULES.values()}:
+        listed = {verb for verb, module in main.MODULES.items() if module == name}
+        module = importlib.import_module(f"forceaxis.cli.{name}")
+        assert {verb.name for verb in module.VERBS} == listed, name
+    holders = {
+        path.stem
+        for path in (ROOT / "host/python/forceaxis/cli").glob("*.py")
+        if re.search(r"^VERBS = ", path.read_text(), re.M)
+    }
+    assert holders == {*main.MODULES.values()}
+
+
+def test_bare_forceaxis_shows_three_jobs_with_commands_that_exist():
+    done = forceaxis()
+    assert (done.returncode, done.stderr) == (0, "")
+    jobs = [line for line in main.JOBS.splitlines() if not line.startswith(" ")]
+    assert len(jobs) == 3 and all(job in done.stdout for job in jobs)
+    for line in main.JOBS.splitlines():
+        if line.startswith(" "):
+            assert line.split()[1] in main.MODULES
+    assert all(f"  {verb} " in done.stdout for verb in main.MODULES)
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+def completed(*typed):
+    completion = BashComplete(main.cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE")
+    return [item.value for item in completion.get_completions(list(typed[:-1]), typed[-1])]
+
+
+def test_a_shell_completes_models_experiments_and_objects():
+    assert "sweep" in completed("sw")
+    assert {"fig4_19", "fig4_15"} <= set(completed("limit", "fig4_1"))
+    assert "contact" in completed("run", "conta") and "fig2_40" not in completed("run", "fig")
+    assert "contact" in completed("limit", "conta")
+    assert "firmware.force_gain=" in completed("run", "contact", "--set", "firmware.force_g")
+    assert "firmware.position=" not in completed("run", "contact", "--set", "firmware.pos")
+    assert completed("run", "contact", "--set", "firmware.mode=fo") == ["firmware.mode=force"]
+    assert "m_w=" in completed("run", "contact", "--set", "m_")
+    assert "b_w=" in completed("limit", "fig4_19", "--set", "b")
+    assert completed("limit", "nowhere", "--set", "b_") == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_installed_by_one_command(shell, tmp_path, monkeypatch):
+    for variable in ("XDG_DATA_HOME", "XDG_CONFIG_HOME", "ZDOTDIR"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SHELL", f"/usr/bin/{shell}")
+    if shell != "fish":
+        (tmp_path / f".{shell}rc").write_text("alias one=two\n")
+    for _ in range(2):
+        done = forceaxis("completion", "install")
+        assert done.returncode == 0, done.stderr
+    script = Path(done.stdout.split()[1])
+    assert "_FORCEAXIS_COMPLETE" in script.read_text()
+    if shell != "fish":
+        assert (tmp_path / f".{shell}rc").read_text() == f"alias one=two\nsource {script}\n"
+
+
+def test_rows_of_advice_fit_a_terminal_of_80_columns():
+    lines = forceaxis("advise", "laboratory", "--linear").stdout.splitlines()
+    head = next(i for i, line in enumerate(lines) if "k_f" in line and "gain x" in line)
+    assert all(len(line) <= 80 for line in lines[head:])
+    names = re.split(r"  +", lines[head].strip())
+    assert len(set(names)) == len(names)
+
+
+# An import, and a file opened to write: the moments at which the program is interrupted.
+MOMENTS = [
+    ("import", "click"),
+    ("import", "forceaxis._core"),
+    ("import", "forceaxis.experiments.link"),
+    ("import", "numpy"),
+    ("import", "numpy.linalg"),
+    ("import", "matplotlib"),
+    ("open", "trace.csv"),
+    ("open", "plot.png"),
+]
+HOOK = """
+import os, signal, sys
+kind, what = os.environ["MOMENT"].split()
+def hook(event, arguments):
+    global kind
+    name = str(arguments[0]) if arguments else ""
+    if event == kind and (name == what or kind == "open" and what in name):
+        kind = None
+        os.killpg(0, signal.SIGINT)
+sys.addaudithook(hook)
+"""
+
+
+@pytest.mark.parametrize(("kind", "what"), MOMENTS, ids=lambda v: v)
+def test_an_interrupt_at_any_moment_is_status_130_and_leaves_nothing(kind, what, tmp_path):
+    (tmp_path / "hook").mkdir()
+    (tmp_path / "hook/sitecustomize.py").write_text(HOOK)
+    words = [FORCEAXIS, "run", CONTACT, "--set", "experiment.duration_s=1.5"]
+    done = subprocess.run(
+        [*words, "--out", tmp_path / "out"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        # A shell that runs the tests in the background has it ignored.
+        start_new_session=True,  # Ctrl-C is sent to a group of processes
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        env=os.environ | {"PYTHONPATH": str(tmp_path / "hook"), "MOMENT": f"{kind} {what}"},
+    )
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "")
+    assert not (tmp_path / "out").exists()

@@ -41,8 +41,8 @@ def test_every_experiment_and_figure_is_in_it(page):
     for figure in ("2.41", "2.43", "3.13", "3.14", "4.27", "4.28", "5.1", "5.2", "5.3", "5.8"):
         assert re.search(rf"<h3[^>]*>Fig [0-9a-z., ]*{re.escape(figure)}\b", html), figure
     runs, _, frequency = html.partition('<h2 id="frequency">')
-    # plateau, stability and contact maps
-    assert runs.count('src="data:image/') == len(names) + 3
+    # plateau, stability and contact maps; three of the runs once more, on top
+    assert runs.count('src="data:image/') == len(names) + 3 + 3
     figures = [f.figure for f in thesis_figures.thesis_figures()]
     measured = [p.stem for p in (ROOT / "sim/measurements").glob("*.toml")]
     assert len(measured) == 7
@@ -95,6 +95,22 @@ def test_every_cell_stands_beside_the_thesis(page):
     cells = re.findall(r'<td class="(same|differs)"', tables)
     assert len(cells) == summary["total"] == 55
     assert cells.count("same") == summary["matched"]
+    # A mark has its meaning as a text; where thesis and simulation differ there are two.
+    for kind, verdict, mark, rest in re.findall(
+        r'<td class="(same|differs)".*?aria-label="(\w+)".*?>(.)</b>(.*?)</td>', tables, re.DOTALL
+    ):
+        assert mark == {"stable": "✓", "unstable": "✗"}[verdict]
+        assert ("aria-label" in rest) == (kind == "differs")
+
+
+def test_the_page_begins_with_one_axis_what_went_wrong_and_what_mended_it(page):
+    _, html, _ = page
+    top = html.partition('<p class="score">')[0]
+    verdicts = re.findall(r'<a href="#(\w+)">[^<]*</a></h3>\s*<p><b class="mark (\w+)"', top)
+    assert verdicts == [
+        ("contact_unstable", "unstable"), ("contact", "stable"), ("hold_biquad", "stable"),
+    ]  # fmt: skip
+    assert "contact lost" in top and "of 75 N, error" in top
 
 
 def test_the_fit_is_accounted_for(page):

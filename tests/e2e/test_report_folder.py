@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from forceaxis.report import axes
 
 ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -144,3 +145,13 @@ def test_chromium_shows_every_picture_and_link_without_an_error(page, width, tmp
     assert found == {
         "images": 2, "broken": 0, "dead": 0, "contents": 3, "wide": False, "left": 1,
     }  # fmt: skip
+
+
+def test_every_value_that_nobody_gave_is_counted(tmp_path):
+    model = tmp_path / "model.toml"
+    text = (ROOT / "sim/models/laboratory.toml").read_text()
+    shutil.copy(ROOT / "sim/models/thesis.toml", tmp_path)
+    marks = "# motor (default, check: small) and amplifier (default, check: large)\n"
+    model.write_text(marks + text + "# full scale 500 N (default, check: a load cell)\n")
+    said = " ".join(axes.words(model))
+    assert "3 values are defaults" in said

@@ -1,5 +1,7 @@
 """What a person sees of a run and a sweep: words, colours, figures, files."""
 
+import csv
+import errno
 import os
 import pty
 import re
@@ -180,7 +182,8 @@ def test_colour_and_width_on_a_terminal_none_in_a_pipe():
     wide = [line for line in plain.splitlines() if len(line) > 60]
     assert [line.split()[0] for line in wide] in (["trace", "again"], ["trace"])
     piped = verbs.forceaxis(*words).stdout
-    assert "\x1b" not in piped and len(piped.splitlines()[1]) > 100
+    verdict = next(line for line in piped.splitlines() if line.startswith("verdict"))
+    assert "\x1b" not in piped and len(verdict) > 100
 
 
 # Cells that stand alone.
@@ -281,3 +284,24 @@ def test_refine_needs_a_grid_that_can_be_drawn(arguments, tmp_path):
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "--refine: expected a --grid of one or two parameters" in done.stderr
     assert not out.exists()
+
+
+def full(*_):
+    raise OSError(errno.ENOSPC, "full")
+
+
+def test_tables_that_cannot_be_written_leave_no_file_of_the_run(lively, tmp_path, monkeypatch):
+    monkeypatch.setattr(trace, "write_tables", full)
+    with pytest.raises(OSError) as raised:
+        trace.write(lively, tmp_path / "out")
+    assert raised.value.errno == errno.ENOSPC
+    assert not [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
+
+
+def test_the_tables_are_the_trace_to_the_last_digit(lively, tmp_path):
+    trace.write(lively, tmp_path)
+    with (tmp_path / "trace.csv").open() as file:
+        names, *rows = csv.reader(file)
+    assert names == list(lively.columns) and len(rows) == len(lively.columns["tick"])
+    for name, column in zip(names, zip(*rows, strict=True), strict=True):
+        assert np.array_equal(np.array(column, float), lively.columns[name]), name

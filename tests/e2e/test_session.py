@@ -64,6 +64,7 @@ def test_plant_firmware_and_replay_agree(held):
     assert again["replay"]["same"]
 
 
+@pytest.mark.long
 def test_the_example_holds_the_session_too(tmp_path, vcan):
     script = (
         "import pathlib, subprocess, sys\n"

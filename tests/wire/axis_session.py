@@ -3,6 +3,7 @@ write to. One axis is moved, pressed and recorded by each way to it, and owners 
 """
 
 import contextlib
+import ctypes
 import json
 import os
 import signal
@@ -17,9 +18,10 @@ from forceaxis.axis.can import CanLink
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.axis.modbus import ModbusLink
+from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.objects import OBJECTS
 from forceaxis.thesis import session as thesis_session
-from gateway_clients import PORT, gateway, operational, until
+from gateway_clients import PORT, Can, gateway, operational, until
 
 URL = f"tcp://127.0.0.1:{PORT}"
 WAYS = {
@@ -49,9 +51,9 @@ def use(way):
             axis.set(adc_bits=10)  # only while disabled
         except Refused as error:
             found["refused"] = str(error)
-        found["reached"] = axis.move(-3000)["position"]
+        found["reached"] = axis.move(-2000)["position"]
         axis.off()
-        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 0.8)
+        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 0.3)
         try:
             held = axis.capture(["tick_count", "force", "position"], samples=300, pretrigger=20)
             ticks = held.values("tick_count").tolist()
@@ -77,14 +79,37 @@ def leftovers(way):
         axis.close()
 
 
+def stall():
+    """A library's call in which no other thread of this program runs, longer than the axis waits
+    for a heartbeat."""
+    ctypes.PyDLL(None).usleep(1_400_000)
+
+
+def bridged():
+    """Frames of a heartbeat after which a program did nothing more, though it lives."""
+
+    class Short(HeartbeatKeeper):
+        BRIDGED_S = 0.4
+
+    bus = Can()
+    keeper = Short("vcan0", 0x77D, b"\x05", 0.1, None)
+    keeper._stop.set()
+    found = [frame for frame in bus.frames(1.2) if frame[1] == 0x77D]
+    keeper.close()
+    return {"frames": len(found), "last": found[-1][0] - found[0][0]}
+
+
 def killed(way):
-    """A process that has enabled the axis is killed: the time until it is disabled, and why."""
+    """A process that has enabled the axis, and stalled, is killed: the time until it is disabled,
+    and why."""
     ready, said = os.pipe()
     child = os.fork()
     if child == 0:
         axis = Axis(WAYS[way]())
         axis.acquire()
         axis.enable("profile velocity")
+        if way == "can":
+            stall()
         axis.arm(["force"], 100, **trigger_on("force", 250.0))  # which never comes
         os.write(said, b"enabled")
         time.sleep(60)
@@ -128,21 +153,23 @@ def beside():
     """What a client over CAN reads while a gateway polls the same node."""
     axis = Axis(WAYS["can"]())
     try:
-        return [axis.get(*PARAMETERS), axis.get(*PARAMETERS)]
+        return [axis.get(*PARAMETERS[::2]) for _ in range(2)]
     finally:
         axis.close()
 
 
 def loaded(way, folder):
-    """A file is loaded by one way, with a PDO that has another entry, and taken back."""
-    before, new = (folder / f"{name}_{way}.toml" for name in ("before", "new"))
-    more = "[more]\nhoming_travel = 4321\nrpdo_mapping_25 = 0x607a0020\nrpdo_mapped_4 = 1\n"
+    """A file with another entry of a PDO is loaded over CAN, and what was before through the
+    gateway."""
+    before, new = folder / "before.toml", folder / "new.toml"
     with Axis(WAYS[way]()) as axis:
-        before.write_text(params.dump(axis))
-        new.write_text(before.read_text().replace("[objects]", f"{more}[objects]"))
-        found = {"changed": [d.name for d in params.load(axis, new).changed]}
+        if way == "can":
+            before.write_text(params.dump(axis))
+            more = "[more]\nhoming_travel = 4321\nrpdo_mapping_25 = 0x607a0020\nrpdo_mapped_4 = 1\n"
+            new.write_text(before.read_text().replace("[objects]", f"{more}[objects]"))
+        file = new if way == "can" else before
+        found = {"changed": [d.name for d in params.load(axis, file).changed]}
         found["homing_travel"] = axis.read("homing_travel")
-        found["back"] = [d.name for d in params.load(axis, before).changed]
         try:
             params.store(axis)
         except Refused as error:
@@ -182,6 +209,7 @@ def main():
         step("list can", lambda: list(scan.on_can("vcan0", seconds=0.2)))
         step("use can", use, "can")
         step("killed can", killed, "can")
+        step("bridged", bridged)
         step("load can", loaded, "can", folder)
         supervisor = gateway("--axes", "1", "--watch-ms", "3000")
         stack.callback(supervisor.kill)

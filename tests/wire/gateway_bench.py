@@ -16,7 +16,7 @@ import traceback
 from pathlib import Path
 
 from forceaxis import objects
-from forceaxis.bus import gateway as sessions
+from forceaxis.axis import session as sessions
 from forceaxis.bus.client import AxisClient, Refused
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t

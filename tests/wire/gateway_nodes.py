@@ -6,7 +6,7 @@ import threading
 import time
 
 from forceaxis import objects
-from forceaxis.bus import gateway as sessions
+from forceaxis.axis import session as sessions
 from forceaxis.bus.client import AxisClient, Refused
 from forceaxis.bus.lcm import TABLE_HASH
 from forceaxis.bus.messages import axis_state_t

@@ -146,10 +146,12 @@ def test_every_mode_disabled_and_enabled(step):
 
 
 def test_homing(step):
-    assert step("homing") == {
+    found = step("homing")
+    # A count of the disabled axis' drift may pass before it is read.
+    assert abs(found.pop("position") - 1234) <= 1
+    assert found == {
         "attained": True,
-        "position": 1234,  # method 35: here is home_offset
-        "home_offset": 1234,
+        "home_offset": 1234,  # method 35: where it stands
         "again": True,
         "at_zero": 0,
         "is_homed": True,

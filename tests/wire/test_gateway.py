@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from forceaxis import objects
 from forceaxis._core import InputError
-from forceaxis.bus.gateway import trigger_on
+from forceaxis.axis.axis import trigger_on
 from forceaxis.experiments import link
 from gateway_clients import HEARTBEAT_MS
 

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from forceaxis import objects
 from forceaxis._core import InputError
+from forceaxis.axis.axis import MODES
+from forceaxis.axis.session import Session
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, from_raw, to_raw
-from forceaxis.bus.gateway import MODES, Session
 from forceaxis.bus.lcm import (
     TABLE_HASH,
     Gaps,

@@ -266,7 +266,7 @@ def test_lcm_logplayer_plays_a_recorded_log_and_the_monitor_replays_it(recorded,
         await settle(pilot, lambda: "END" in head_text(app))
         assert "operation enabled" in panel_text(app, 1)
         last = state_of(1, COUNT - 1)
-        assert f"{last.position_cnt:,}".replace(",", " ") + " cnt" in panel_text(app, 1)
+        assert f"{last.position_cnt:,}".replace(",", " ") + " count" in panel_text(app, 1)
         await pilot.press("r")
         assert app.source.writer is None
 

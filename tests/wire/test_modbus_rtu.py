@@ -101,7 +101,7 @@ class Line:
 @pytest.fixture(scope="module")
 def line(tmp_path_factory):
     built = [BIN / name for name in ("modbus_bench", "modbus_client")]
-    assert all(b.exists() for b in built), "tools/setup builds modbus_bench and modbus_client"
+    assert all(b.exists() for b in built), "tools/setup --tests builds both"
     made = Line(tmp_path_factory.mktemp("modbus"))
     yield made
     made.close()

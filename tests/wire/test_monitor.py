@@ -61,7 +61,7 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
             app.draw()
             k, shown = watch.axes[1].state.force_cnt_q8, panel_text(app, 1)
         assert f"{k / 256 * SCALE_UN * 1e-6:.2f} N" in shown
-        assert f"{1000 + k:,}".replace(",", " ") + " cnt" in shown
+        assert f"{1000 + k:,}".replace(",", " ") + " count" in shown
         # Braille dots of both lines.
         assert any(0x2800 < ord(c) < 0x2900 for c in chart_text(app))
         assert "target" in chart_text(app)

@@ -1,7 +1,9 @@
 """What the monitor shows: the target of the mode in force, and events that stay readable."""
 
+import re
+
 import pytest
-from forceaxis.bus import lcm, messages, monitor_state
+from forceaxis.bus import lcm, messages, monitor_state, monitor_view
 
 MODE = {
     "guarded move": -5,
@@ -91,3 +93,47 @@ def test_a_repeated_command_is_one_line_and_others_stay():
         (604, 1, False, "force_gain written"),
     ]
     assert len(watch.events) == 4
+
+
+@pytest.mark.parametrize(
+    ("more", "mm_per_count", "unit", "position"),
+    [
+        ({}, None, "count", 1200),
+        ({}, 0.01, "mm", 12.0),
+        ({"feed": 5000, "position_unit": 0xFA010000}, 0.01, "mm", 1.2),  # um, and no model's
+        ({"feed": 5000, "position_unit": 0x00410000}, None, "deg", 1200),
+        ({"feed": 5000}, 0.01, "user unit", 1200),
+        ({"position_unit": 0xFA010000}, None, "count", 1200),  # without a feed counts are counts
+    ],
+)
+def test_a_position_is_in_the_unit_that_the_axis_or_the_model_has(
+    more, mm_per_count, unit, position
+):
+    axis = watched(MODE["profile position"], **more)
+    axis.mm_per_count = mm_per_count
+    words = axis.words(1_000_000)
+    assert words["position_unit"] == unit
+    assert words["position"] == pytest.approx(position)
+    assert words["target_position"] == pytest.approx(position / 1200 * 5000)
+    assert words["target_position_cnt"] == 5000
+
+
+def test_units_come_first_and_codes_on_demand_each_with_what_it_counts():
+    axis = watched(MODE["force"], force_demand=600)
+    axis.state.dac_code, axis.state.command_code = 300, 400
+    axis.state.velocity_cnt_per_s = 80
+    axis.mm_per_count = 0.01
+    words = axis.words(1_000_000)
+    shown = "\n".join(str(line) for line in monitor_view.full(words, 60, False))
+    for text in ("75.00 N target 60.0 N", "12.000 mm 0.80 mm/s", "1.953 V out 1.465 V"):
+        assert text in shown
+    shown = "\n".join(str(line) for line in monitor_view.full(words, 60, True))
+    for text in (
+        "30.00 force count target 60.0 %",
+        "1 200 count 80 count/s",
+        "400 code out 300 code",
+    ):
+        assert text in shown
+    assert "encoder" in shown and not re.search(r"\b(N|mm|V)\b", shown)
+    compact = [str(line) for line in monitor_view.compact(words, 34, True)]
+    assert "force 30.00 enc 1 200 DAC 300" in compact[1]

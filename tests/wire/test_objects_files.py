@@ -517,7 +517,7 @@ def test_the_manual_has_every_object_and_register():
 
 def test_the_man_page_is_clean():
     groff = shutil.which("groff")
-    assert groff, "groff is missing: tools/setup installs groff-base"
+    assert groff, "groff is missing: tools/setup --tests installs groff-base"
     done = subprocess.run(
         [groff, "-man", "-ww", "-b", "-Tutf8", ROOT / "docs/objects/forceaxis-objects.7"],
         capture_output=True,

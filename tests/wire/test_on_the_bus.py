@@ -1,28 +1,19 @@
-"""docs/on_the_bus.md, typed as printed there, in one guest with a virtual CAN bus."""
+"""docs/guide/on_the_bus.md, typed as printed there, in one guest with a virtual CAN bus."""
 
 import re
-import sys
-from pathlib import Path
 
+import guide
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / "docs/on_the_bus.md").read_text()
-HOST = ROOT / "build/release/host"
+PAGE = guide.PAGES / "on_the_bus.md"
 pytestmark = pytest.mark.long  # two minutes of the axis' own time
 
 
-def commands():
-    """The indented blocks, each one a list of commands; a line that ends with \\ goes on."""
-    found = re.findall(r"(?:^    .*\n)+", TEXT, re.MULTILINE)
-    return [re.sub(r"\\\n *", "", b).replace("\n    ", "\n").strip().splitlines() for b in found]
-
-
 def test_every_command_does_what_the_page_says(tmp_path, vcan):
-    typed = [command for block in commands() for command in block]
+    typed = [c for block in guide.blocks(PAGE) if not block.needs for c in block.commands()]
     assert sum(c.startswith("forceaxis ") for c in typed) == 11
     script = [
-        f"export PATH={Path(sys.executable).parent}:{HOST}:$PATH",
+        f"export PATH='{guide.environment()['PATH']}'",
         f"cd {tmp_path}",
         "trap 'kill $(jobs -p); wait' EXIT",
     ]

@@ -537,8 +537,9 @@ enum {
   AXIS_OBJ_INCIDENT_LATER = 527,
   AXIS_OBJ_INCIDENT_CRC = 528,
   AXIS_OBJ_INCIDENT_COMMAND = 529,
-  AXIS_OBJ_SYNC_COUNT = 530,
-  AXIS_OBJ_COUNT = 531 /* one past the last number */
+  AXIS_OBJ_INCIDENT_STORED = 530,
+  AXIS_OBJ_SYNC_COUNT = 531,
+  AXIS_OBJ_COUNT = 532 /* one past the last number */
 };
 
 enum {
@@ -893,7 +894,17 @@ enum {
 
 enum {
   AXIS_INCIDENT_COMMAND_FETCH = 1,
-  AXIS_INCIDENT_COMMAND_CLEAR = 2
+  AXIS_INCIDENT_COMMAND_CLEAR = 2,
+  AXIS_INCIDENT_COMMAND_LOAD = 3
+};
+
+enum {
+  AXIS_INCIDENT_STORED_NONE = 0,
+  AXIS_INCIDENT_STORED_CHECKING = 1,
+  AXIS_INCIDENT_STORED_WRITING = 2,
+  AXIS_INCIDENT_STORED_STORED = 3,
+  AXIS_INCIDENT_STORED_OTHER_TABLE = 4,
+  AXIS_INCIDENT_STORED_COUNT = 5
 };
 
 enum {
@@ -1235,13 +1246,14 @@ typedef struct {
   uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
   uint8_t blackbox_state; /* what the black box does; recorder: a recording has its buffer, until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault of the incident [enum] */
+  uint8_t incident_stored; /* incident that a power cut leaves: the first since power-up, one in 24 hours [enum] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x904ee356)
-#define AXIS_OBJECTS_HASH_TEXT "904ee356"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x52c9eaf7)
+#define AXIS_OBJECTS_HASH_TEXT "52c9eaf7"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1318,9 +1330,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 358,
-  AXIS_ADDRESSES_COUNT = 585,
+  AXIS_ADDRESSES_COUNT = 586,
   AXIS_HOLDING_COUNT = 159,
-  AXIS_INPUT_COUNT = 79
+  AXIS_INPUT_COUNT = 80
 };
 
 /* By index, then sub-index. */

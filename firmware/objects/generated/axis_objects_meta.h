@@ -32,8 +32,8 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "904ee3569ac7acb00bde689a2035e4fc2586f5f0d810a96fe7aef41ad03f0f97"
-#define AXIS_OBJECTS_META_COUNT 530
+#define AXIS_OBJECTS_HASH "52c9eaf7267f69c922738a12e09f813daec2d51cea5727618e2a65bc6615ae0a"
+#define AXIS_OBJECTS_META_COUNT 531
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -1093,9 +1093,11 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2422, 4, 901, 0, "Incident later", 0, 1},
     {528, 4, "incident_crc", "signal", "device", "CRC-32 of the incident's samples, as recorder_data gives them", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2422, 5, 902, 0, "Incident crc", 0, 1},
-    {529, 1, "incident_command", "command", "device", "fetch makes the incident the finished recording of the recorder, clear ends it and starts the next one", "u8", "1",
-     1.0, INT64_C(1), INT64_C(2), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 1},
-    {530, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
+    {529, 1, "incident_command", "command", "device", "fetch makes the incident the finished recording of the recorder, clear ends it and starts the next one, load makes that over a power cut the incident", "u8", "1",
+     1.0, INT64_C(1), INT64_C(3), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 1},
+    {530, 1, "incident_stored", "signal", "device", "incident that a power cut leaves: the first since power-up, one in 24 hours", "u8", "1",
+     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "none,checking,writing,stored,other_table", 0x2424, 0, 904, 0, "Incident stored", 0, 1},
+    {531, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0, "SYNC count", 0, 0},
 };
 
@@ -1106,7 +1108,7 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 134
+#define AXIS_VALUE_TEXTS_COUNT 135
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {185, 0, "none"},
     {185, 21808, "store_failed"},
@@ -1242,6 +1244,7 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {525, 65310, "force_jump"},
     {529, 1, "fetch"},
     {529, 2, "clear"},
+    {529, 3, "load"},
 };
 
 /* Stored objects of version 0.1.0 at whose addresses there is none any more. */

@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { FILE_BYTES = 2 * STORE_FILE_SECTOR_BYTES, CHUNK_BYTES = 256 };
+enum { CHUNK_BYTES = 256 };
 
 /* Whole or not at all, as far as the caller is concerned. */
 static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t count) {
@@ -72,8 +72,8 @@ static bool erase_range(int file, uint32_t at, uint32_t count) {
 
 static bool erase_sector(void *context, uint8_t sector) {
   const store_file_t *store_file = context;
-  return erase_range(store_file->file, (uint32_t)sector * STORE_FILE_SECTOR_BYTES,
-                     STORE_FILE_SECTOR_BYTES);
+  const uint32_t bytes = store_file->memory.sector_bytes;
+  return erase_range(store_file->file, sector * bytes, bytes);
 }
 
 static bool is_blank(store_file_t *store_file, uint32_t count) {
@@ -87,44 +87,55 @@ static bool is_blank(store_file_t *store_file, uint32_t count) {
 }
 
 /* A file that was just made, or whose making was cut off, holds nothing yet. */
-static const char *check_contents(store_file_t *store_file) {
+static const char *check_contents(store_file_t *store_file, const char *expected) {
   const int file = store_file->file;
+  const uint32_t bytes = 2 * store_file->memory.sector_bytes;
   struct stat status;
   if (fstat(file, &status) != 0) {
     return strerror(errno);
   }
-  if (S_ISREG(status.st_mode) && status.st_size == FILE_BYTES) {
+  if (S_ISREG(status.st_mode) && status.st_size == bytes) {
     return NULL;
   }
-  if (!S_ISREG(status.st_mode) || status.st_size > FILE_BYTES ||
+  if (!S_ISREG(status.st_mode) || status.st_size > bytes ||
       !is_blank(store_file, (uint32_t)status.st_size)) {
-    return "expected a parameter store of 32768 bytes";
+    return expected;
   }
-  return erase_range(file, 0, FILE_BYTES) ? NULL : strerror(errno);
+  return erase_range(file, 0, bytes) ? NULL : strerror(errno);
 }
 
-const char *store_file_open(store_file_t *store_file, const char *path) {
+static const char *open_sectors(store_file_t *store_file, const char *path, uint32_t sector_bytes,
+                                const char *expected) {
   const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (file < 0) {
     return strerror(errno);
   }
   const char *wrong = (flock(file, LOCK_EX | LOCK_NB) == 0) ? NULL : "another process has it";
   store_file->file = file;
-  if (wrong == NULL) {
-    wrong = check_contents(store_file);
-  }
-  if (wrong != NULL) {
-    close(file);
-    return wrong;
-  }
   store_file->memory = (store_memory_t){
       .context = store_file,
-      .sector_bytes = STORE_FILE_SECTOR_BYTES,
+      .sector_bytes = sector_bytes,
       .read = read_bytes,
       .program = program_bytes,
       .erase = erase_sector,
   };
-  return NULL;
+  if (wrong == NULL) {
+    wrong = check_contents(store_file, expected);
+  }
+  if (wrong != NULL) {
+    close(file);
+  }
+  return wrong;
+}
+
+const char *store_file_open(store_file_t *store_file, const char *path) {
+  return open_sectors(store_file, path, STORE_FILE_SECTOR_BYTES,
+                      "expected a parameter store of 32768 bytes");
+}
+
+const char *archive_file_open(store_file_t *store_file, const char *path) {
+  return open_sectors(store_file, path, ARCHIVE_FILE_SECTOR_BYTES,
+                      "expected an archive of incidents of 65536 bytes");
 }
 
 void store_file_close(store_file_t *store_file) { close(store_file->file); }

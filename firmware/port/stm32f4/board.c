@@ -21,6 +21,7 @@ const fw_config_t *port_config(void) {
   config.recorder_bytes = sizeof(recorder_buffer);
   config.blackbox = &blackbox;
   config.memory = flash_memory();
+  config.archive = flash_archive();
   config.hardware = "stm32f446";
   config.software = identity_software;
   config.serial_number = io_serial_number();

@@ -64,8 +64,9 @@ void serial_interrupt(void);
 /* serial.c */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: NULL where there is none. */
+/* flash.c: parameter store, and archive of incidents; NULL where there is none. */
 const store_memory_t *flash_memory(void);
+const store_memory_t *flash_archive(void);
 
 /* watchdog.c */
 void watchdog_start(void);

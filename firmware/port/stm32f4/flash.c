@@ -3,9 +3,16 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 
-/* Sectors 1 and 2, 16 KiB each, which the linker script keeps free. */
-#define STORE_BASE UINT32_C(0x08004000)
-enum { SECTOR_BYTES = 16384 };
+/* Two neighbouring sectors, which the linker script keeps free. */
+typedef struct {
+  uint32_t base;
+  uint32_t erase[2]; /* FLASH_CR_SNB_ */
+} sectors_t;
+
+static const sectors_t store = {UINT32_C(0x08004000), {FLASH_CR_SNB_1, FLASH_CR_SNB_2}};
+static const sectors_t archive = {UINT32_C(0x08040000), {FLASH_CR_SNB_6, FLASH_CR_SNB_7}};
+
+static const sectors_t *sectors_of(const void *context) { return context; }
 
 #define ERRORS \
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
@@ -14,8 +21,9 @@ enum { SECTOR_BYTES = 16384 };
  * bounds a flash that never becomes ready. */
 enum { PROGRAM_POLLS_MAX = 10000 };
 
-/* An erase takes 250 ms, at most 800. A poll of the loop below takes about 1000 cycles. */
-enum { ERASE_POLLS_MAX = 168000, ERASE_POLL_LOOPS = 50 };
+/* An erase of 16 KiB takes 250 ms, at most 800; of 128 KiB 1 s, at most 2. A poll of the loop below
+ * takes about 1000 cycles. */
+enum { ERASE_POLLS_MAX = 420000, ERASE_POLL_LOOPS = 50 };
 
 static void unlock(void) {
   FLASH->KEYR = FLASH_KEY1;
@@ -34,17 +42,17 @@ static void unpack(uint8_t *bytes, uint32_t word) {
 }
 
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
-  (void)context;
+  const uint32_t base = sectors_of(context)->base;
   /* Whole words of aligned addresses are most of what is read. */
   while (count >= 4 && (address & 3u) == 0) {
-    const uint32_t word = *(const volatile uint32_t *)(STORE_BASE + address);
+    const uint32_t word = *(const volatile uint32_t *)(base + address);
     unpack(bytes, word);
     address += 4;
     bytes += 4;
     count -= 4;
   }
   for (uint32_t i = 0; i < count; i++) {
-    bytes[i] = *(const volatile uint8_t *)(STORE_BASE + address + i);
+    bytes[i] = *(const volatile uint8_t *)(base + address + i);
   }
 }
 
@@ -61,14 +69,14 @@ static bool program_word(uint32_t address, uint32_t word) {
 }
 
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
-  (void)context;
+  const uint32_t base = sectors_of(context)->base;
   bool done = true;
   unlock();
   FLASH->CR = FLASH_CR_PSIZE_32 | FLASH_CR_PG;
   for (uint32_t i = 0; i < count && done; i += 4) {
     const uint32_t word = (uint32_t)bytes[i] | (uint32_t)bytes[i + 1] << 8 |
                           (uint32_t)bytes[i + 2] << 16 | (uint32_t)bytes[i + 3] << 24;
-    done = program_word(STORE_BASE + address + i, word);
+    done = program_word(base + address + i, word);
   }
   lock();
   return done;
@@ -104,9 +112,8 @@ static void empty_cache(void) {
 }
 
 static bool erase_sector(void *context, uint8_t sector) {
-  (void)context;
   unlock();
-  const uint32_t number = (sector == 0) ? FLASH_CR_SNB_1 : FLASH_CR_SNB_2;
+  const uint32_t number = sectors_of(context)->erase[sector];
   const bool ended = erase_from_ram(FLASH_CR_PSIZE_32 | FLASH_CR_SER | number);
   const bool done = ended && (FLASH->SR & ERRORS) == 0;
   lock();
@@ -114,13 +121,24 @@ static bool erase_sector(void *context, uint8_t sector) {
   return done;
 }
 
-const store_memory_t *flash_memory(void) {
-  static const store_memory_t memory = {
-      .context = NULL,
-      .sector_bytes = SECTOR_BYTES,
+static store_memory_t memory_of(const sectors_t *sectors, uint32_t sector_bytes) {
+  return (store_memory_t){
+      .context = (void *)(uintptr_t)sectors,
+      .sector_bytes = sector_bytes,
       .read = read_bytes,
       .program = program_bytes,
       .erase = erase_sector,
   };
+}
+
+const store_memory_t *flash_memory(void) {
+  static store_memory_t memory;
+  memory = memory_of(&store, 16384);
+  return &memory;
+}
+
+const store_memory_t *flash_archive(void) {
+  static store_memory_t memory;
+  memory = memory_of(&archive, 131072);
   return &memory;
 }

@@ -66,10 +66,11 @@ Metrics metrics_from(const py::dict &d) {
 }
 
 std::unique_ptr<Result> run_one(const std::filesystem::path &file,
-                                const std::vector<std::string> &overrides, bool firmware_hash) {
+                                const std::vector<std::string> &overrides, bool firmware_hash,
+                                const std::optional<std::string> &text) {
   py::gil_scoped_release release;
   auto result = std::make_unique<Result>();
-  result->experiment = forceaxis::host::load_experiment(file, overrides);
+  result->experiment = forceaxis::host::load_experiment(file, overrides, text);
   expect_used(result->experiment);
   try {
     result->run = forceaxis::host::run(result->experiment,
@@ -101,8 +102,9 @@ py::dict plot_of(const Experiment &e) {
 }
 
 // The inputs of an experiment, without running it.
-py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides) {
-  const Experiment e = forceaxis::host::load_experiment(file, overrides);
+py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
+                const std::optional<std::string> &text) {
+  const Experiment e = forceaxis::host::load_experiment(file, overrides, text);
   py::dict parameters;
   for (const auto &p : e.model->parameters) {
     py::dict d;
@@ -311,15 +313,15 @@ PYBIND11_MODULE(_core, m) {
            "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
 
   m.def("run", &run_one, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
-        py::arg("firmware_hash") = false,
+        py::arg("firmware_hash") = false, py::arg("text") = py::none(),
         "Run one experiment file with overrides NAME=VALUE. Raises InputError. firmware_hash: the "
-        "firmware's side hashes the trace as well.");
+        "firmware's side hashes the trace as well; text: read in place of the file's.");
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
+        py::arg("text") = py::none(),
         "Read an experiment without running it: title, model, contacts, converters, firmware "
-        "(object -> "
-        "value at the start), expect, inputs_hash, criterion, parameters with value and unit, and "
-        "the "
-        "overrides that change nothing. Raises InputError.");
+        "(object -> value at the start), expect, inputs_hash, criterion, parameters with value and "
+        "unit, and the overrides that change nothing; text: read in place of the file's. Raises "
+        "InputError.");
   py::class_<Experiments>(m, "Experiments",
                           "Experiment files as they were first read, with the models and modes "
                           "met last: for several run_many() calls.")

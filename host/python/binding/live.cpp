@@ -43,11 +43,8 @@ class LiveAxis {
            const std::filesystem::path &store)
       : experiment_(endless(file, overrides)), plant_(experiment_, {.trace = false}) {
     if (!store.empty()) {
-      auto opened = std::make_unique<store_file_t>();
-      if (const char *wrong = store_file_open(opened.get(), store.c_str()))
-        throw forceaxis::sim::InputError(store.string(), "store", wrong);
-      store_.reset(opened.release());
-      config_.memory = &store_->memory;
+      config_.memory = open(store_, store.string(), store_file_open);
+      config_.archive = open(archive_, store.string() + ".incidents", archive_file_open);
     }
     config_.buses = 1;
     config_.node_id = kNode;
@@ -128,10 +125,21 @@ class LiveAxis {
       delete store;
     }
   };
+  using StoreFile = std::unique_ptr<store_file_t, CloseStore>;
+
+  template <class OpenFile>
+  static const store_memory_t *open(StoreFile &file, const std::string &path, OpenFile open_file) {
+    auto opened = std::make_unique<store_file_t>();
+    if (const char *wrong = open_file(opened.get(), path.c_str()))
+      throw forceaxis::sim::InputError(path, "store", wrong);
+    file.reset(opened.release());
+    return &file->memory;
+  }
 
   Experiment experiment_;
   PlantSide plant_;
-  std::unique_ptr<store_file_t, CloseStore> store_;
+  StoreFile store_;
+  StoreFile archive_;
   fw_config_t config_{};
   std::unique_ptr<FirmwareSide> firmware_;
   std::vector<std::size_t> contact_forces_;

@@ -1,5 +1,6 @@
 #include "host/python/binding/toml.hpp"
 
+#include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 #include <toml++/toml.h>
 
@@ -10,7 +11,10 @@
 #include <vector>
 
 #include "host/python/binding/parts.hpp"
+#include "host/run/experiment_format.hpp"
+#include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
+#include "sim/model/text.hpp"
 #include "sim/model/units.hpp"
 
 namespace py = pybind11;
@@ -27,6 +31,57 @@ double quantity(const std::string &text) {
       return *found.value;
   }
   throw forceaxis::sim::InputError("quantity", text, "expected a number with a unit");
+}
+
+// "> 0", "0 to 600", or nothing.
+std::string range_of(const forceaxis::sim::KeyFormat &key) {
+  using forceaxis::sim::Sign;
+  if (!key.dimension) return "";
+  if (key.high < forceaxis::sim::kUnlimited)
+    return forceaxis::sim::number_text(key.low) + " to " + forceaxis::sim::number_text(key.high);
+  switch (key.sign) {
+    case Sign::not_zero:
+      return "not 0";
+    case Sign::not_negative:
+      return ">= 0";
+    case Sign::positive:
+      return "> 0";
+    default:
+      return "";
+  }
+}
+
+// Adds a table and those within it, in the order in which they are declared.
+void add_tables(py::list &tables, const std::string &path, const std::string &header,
+                const forceaxis::sim::TableFormat &format) {
+  py::list keys;
+  for (const auto &key : format.keys) {
+    const bool in_text = !key.dimension || key.form == "integer";
+    py::dict d;
+    d["key"] = key.key;
+    d["form"] = key.form;
+    d["unit"] = in_text ? "" : std::string(forceaxis::sim::unit_of(*key.dimension));
+    d["range"] = range_of(key);
+    d["required"] = key.required();
+    d["default"] =
+        key.fallback ? forceaxis::sim::number_text(*key.fallback) : std::string(key.absent);
+    d["meaning"] = key.meaning;
+    keys.append(d);
+  }
+  py::dict table;
+  table["path"] = path;
+  table["header"] = header;
+  table["meaning"] = format.meaning;
+  table["when"] = format.when;
+  table["open"] = format.open;
+  table["keys"] = keys;
+  tables.append(table);
+  for (const auto *added : format.added) add_tables(tables, path, header, *added);
+  for (const auto &key : format.keys) {
+    if (key.table == nullptr) continue;
+    const std::string name = (path.empty() ? "" : path + ".") + std::string(key.key);
+    add_tables(tables, name, key.list ? "[[" + name + "]]" : "[" + name + "]", *key.table);
+  }
 }
 
 py::object to_python(const toml::node &node) {
@@ -88,4 +143,33 @@ void add_toml(py::module_ &m) {
       py::arg("text"), "The same of a text.");
   m.def("quantity", &quantity, py::arg("text"),
         "\"400 kN/m\" in the unit that sim/model/units.hpp names first. Raises InputError.");
+  m.def(
+      "model_format",
+      [] {
+        py::list tables;
+        add_tables(tables, "", "", forceaxis::sim::kModelFormat);
+        add_tables(tables, "parameters.NAME", "[parameters] NAME = { ... }",
+                   forceaxis::sim::kParameterFormat);
+        return tables;
+      },
+      "The tables of a model's file as its reader declares them: path, header, meaning, when, "
+      "open, "
+      "and keys with form, unit, range, required, default and meaning.");
+  m.def(
+      "experiment_format",
+      [] {
+        py::list tables;
+        add_tables(tables, "", "", forceaxis::host::kExperimentFormat);
+        return tables;
+      },
+      "The same of an experiment's file.");
+  m.def(
+      "units",
+      [] {
+        std::vector<std::pair<std::string, std::string>> units;
+        for (const std::string &unit : forceaxis::sim::unit_spellings())
+          units.emplace_back(unit, forceaxis::sim::phrase_of(*forceaxis::sim::dimension_of(unit)));
+        return units;
+      },
+      "Every unit that a file may name, with what it measures in the unit that is named first.");
 }

@@ -1,21 +1,67 @@
-"""forceaxis: firmware for force-controlled machine axes, and the simulator that proves it."""
+"""forceaxis: firmware for force-controlled machine axes, and the simulator that proves it.
+
+`Experiment` and its `Result` simulate, `Axis` is a live one, `linear`, `loops`, `modes`, `beam` and
+`resonance` compute in the frequency domain. Everything is loaded when it is first used.
+"""
 
 import importlib
+from typing import TYPE_CHECKING, Any
 
-from forceaxis._core import InputError, Result, SimulationError, judge, run, run_many
+if TYPE_CHECKING:
+    from forceaxis import linear
+    from forceaxis._core import InputError, SimulationError, judge, run, run_many
+    from forceaxis.axis.axis import Axis
+    from forceaxis.experiments.experiment import Experiment, Result
+    from forceaxis.identify import resonance
+    from forceaxis.linear import beam, loops, modes
 
-__all__ = ["InputError", "Result", "SimulationError", "judge", "run", "run_many"]
+__all__ = [
+    "Axis",
+    "Experiment",
+    "InputError",
+    "Result",
+    "SimulationError",
+    "beam",
+    "judge",
+    "linear",
+    "loops",
+    "modes",
+    "resonance",
+    "run",
+    "run_many",
+]
 
-# Modules by the names that scripts import them by; loaded when first used.
+# Where the names are that scripts import from here.
 _MODULES = {
     "beam": "forceaxis.linear.beam",
+    "linear": "forceaxis.linear",
     "loops": "forceaxis.linear.loops",
     "modes": "forceaxis.linear.modes",
     "resonance": "forceaxis.identify.resonance",
 }
+_MEMBERS = {
+    "Axis": "forceaxis.axis.axis",
+    "Experiment": "forceaxis.experiments.experiment",
+    "Result": "forceaxis.experiments.experiment",
+    "InputError": "forceaxis._core",
+    "SimulationError": "forceaxis._core",
+    "judge": "forceaxis._core",
+    "run": "forceaxis._core",
+    "run_many": "forceaxis._core",
+}
 
 
-def __getattr__(name):
-    if name not in _MODULES:
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used."""
+    if name in _MODULES:
+        return importlib.import_module(_MODULES[name])
+    if name not in _MEMBERS:
         raise AttributeError(f"module 'forceaxis' has no attribute {name!r}")
-    return importlib.import_module(_MODULES[name])
+    value = getattr(importlib.import_module(_MEMBERS[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted([*globals(), *__all__])

@@ -1,5 +1,6 @@
-"""`forceaxis.bus.gateway` by the name that scripts import: a session at an axis."""
+"""`forceaxis.axis.session` by the name that scripts import: a session at an axis."""
 
-from forceaxis.bus.gateway import MODES, NoAnswer, Refused, Session, seconds, trigger_on
+from forceaxis.axis.axis import MODES, NoAnswer, Refused, trigger_on
+from forceaxis.axis.session import Session, seconds
 
 __all__ = ["MODES", "NoAnswer", "Refused", "Session", "seconds", "trigger_on"]

@@ -1,6 +1,9 @@
 """TOML files, read by the same reader as models and experiments."""
 
+import datetime
 import difflib
+import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from forceaxis import _core
@@ -16,8 +19,35 @@ def read_text(text: str) -> dict:
     return _core.parse_toml(text)
 
 
-def expect_keys(table, known, fail):
-    """Refuse all keys but the known ones, at once, by fail(key, message), which raises."""
+def write_text(value):
+    """A table as TOML, with tables in it written inline; NumPy values as plain ones. Raises
+    TypeError for what TOML does not have."""
+    return "".join(f"{_text(str(key))} = {_text(item)}\n" for key, item in value.items())
+
+
+def _text(value):
+    """One value."""
+    if hasattr(value, "tolist"):  # of NumPy
+        value = value.tolist()
+    match value:
+        case bool():
+            return str(value).lower()
+        case int() | float():
+            return repr(value)
+        case str() | Path():
+            return json.dumps(str(value), ensure_ascii=False)
+        case datetime.date():
+            return value.isoformat()
+        case list() | tuple():
+            return f"[{', '.join(map(_text, value))}]"
+        case Mapping():
+            return f"{{{', '.join(f'{_text(str(k))} = {_text(v)}' for k, v in value.items())}}}"
+    raise TypeError(f"got {value!r}")
+
+
+def expect_keys(table, known, fail, kind=""):
+    """Refuse all keys but the known ones, at once, by fail(key, message), which raises. kind: what
+    they are, in place of the whole list."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return
@@ -26,6 +56,6 @@ def expect_keys(table, known, fail):
     these = "this key" if len(unknown) == 1 else "these keys"
     fail(
         unknown[0],
-        f"expected one of {', '.join(known)}, got {', '.join(unknown)}{hint}; "
+        f"expected {kind or 'one of ' + ', '.join(known)}, got {', '.join(unknown)}{hint}; "
         f"remove or rename {these}",
     )

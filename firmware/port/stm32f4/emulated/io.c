@@ -59,6 +59,8 @@ uint32_t io_serial_number(void) { return 0; }
 
 const store_memory_t *flash_memory(void) { return NULL; }
 
+const store_memory_t *flash_archive(void) { return NULL; }
+
 void watchdog_start(void) {}
 
 bool watchdog_fired(void) { return false; }

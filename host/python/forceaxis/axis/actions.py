@@ -1,5 +1,6 @@
-"""What is done at an axis as a whole: stop, tare, calibrate, press."""
+"""Operations of one axis: stop, tare, calibrate, move, press."""
 
+import contextlib
 import datetime
 
 from forceaxis._core import InputError
@@ -13,10 +14,12 @@ STOP_S = 10.0  # a quick stop ends by then in any case
 FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
 POINTS = range(2, 9)
 POLL_S = 0.02
+MOST_COUNTS = 512  # of force_max
+MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
 
 
 def state(axis):
-    """What a person asks about an axis first: {name: value}, state, mode and fault in words."""
+    """State, mode, fault, position, force and owner of an axis: {name: value}."""
     found = axis.get(
         "statusword", "modes_of_operation_display", "fault", "position", "force", "command_source"
     )
@@ -30,9 +33,9 @@ def state(axis):
 
 
 def stop(axis):
-    """A quick stop, which acts whoever owns the axis; waits until it is off, or held at a stand
-    where quick_stop_option says so. Its state() then. Raises NoAnswer, Refused."""
-    for remaining in (2, 1, 0):  # another master may disturb one
+    """A quick stop, effective whichever source owns the axis; waits until it is disabled, or at
+    standstill where quick_stop_option requires that. Its state() then. Raises NoAnswer, Refused."""
+    for remaining in (2, 1, 0):  # another master may interrupt a transfer
         try:
             axis.link.write({"controlword": QUICK_STOP})
             break
@@ -95,7 +98,7 @@ def calibrate(axis, points):
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_S)
-    except Refused as error:  # the reason is an object of its own
+    except Refused as error:  # calibration_state has the reason
         refusal = error
     found = axis.get("calibration_state", "calibration_linearity", "force_scale")
     if refusal or found["calibration_state"] != "done":
@@ -111,14 +114,38 @@ def calibrate(axis, points):
     }
 
 
-def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: None):
+@contextlib.contextmanager
+def bounded(axis, counts):
+    """Context in which a reading beyond `counts`, or beyond force_max where that is less, disables
+    the axis in the same tick. At its end the axis is disabled and force_max restored."""
+    own = axis.read("force_max")
+    axis.set(force_max=min(counts, own) if own else counts)
+    try:
+        yield
+    finally:
+        axis.off()
+        axis.set(force_max=own)
+
+
+def move(axis, position, speed=None, timeout_s=60.0, counts=MOVE_COUNTS):
+    """Moves to a position in profile position mode and disables the axis there: its state() before
+    that. speed: count/s, None: trajectory_velocity; counts: bound of the reading. Raises Refused,
+    NoAnswer, which names the fault where the bound was passed."""
+    with bounded(axis, counts):
+        axis.enable("profile position", **({"trajectory_velocity": speed} if speed else {}))
+        axis.move(position, timeout_s)
+        return state(axis)
+
+
+def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: None, counts=None):
     """Presses with `force` for `seconds` from the contact on, then disables the axis: what was
     held.
 
     newton: force is in N, mode 4; else in counts of an 8-bit reading, mode -1, the P law. The
     approach is no faster than `speed`, count/s, and ends in the fault no_contact after
-    `approach_s`. What is set for it is as before afterwards. shown(state) is called some times a
-    second. Raises InputError, Refused, NoAnswer.
+    `approach_s`. A reading beyond `counts`, by default twice the force and some, disables it.
+    Parameters set for it are restored afterwards. shown(state) is called some times a second.
+    Raises InputError, Refused, NoAnswer.
     """
     if axis.read("position_gain") == 0:
         raise Refused(
@@ -130,7 +157,11 @@ def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: N
     wanted = "target_force" if newton else "force_setpoint"
     value = force * 1e6 / axis.read("rated_force") if newton else force
     before = axis.get(*bounds, *(() if newton else (wanted,)))
+    per_count = force_per_count(axis)
+    least = abs(force) / (per_count if newton else 1)
+    ends = contextlib.ExitStack()
     try:
+        ends.enter_context(bounded(axis, counts or min(2 * least + MOVE_COUNTS / 4, MOST_COUNTS)))
         if newton:
             axis.enable("force", **bounds, target_force=0)
             axis.set(target_force=value)
@@ -150,10 +181,9 @@ def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: N
             axis.link.wait(POLL_S)
             passed, steps = passed + POLL_S, steps + 1
     finally:
-        axis.off()
+        ends.close()
         axis.set(**before)
     last = [now["force"] for now in held[len(held) // 2 :]]
-    per_count = force_per_count(axis)
     mean = sum(last) / len(last)
     return {
         "force_count": mean,

@@ -1,6 +1,6 @@
 """A live axis in engineering units, over any link.
 
-with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
+with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, gateway, modbus
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
     axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
     axis.enable("profile position")
@@ -9,26 +9,29 @@ with Axis(SimLink("sim/experiments/session.toml")) as axis:    # acquired
                                               # at the end: disabled and released
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 from forceaxis._core import InputError
-from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.link import Link, NoAnswer, Recording, Refused
 from forceaxis.bus import state_names
 from forceaxis.bus.client import from_raw, object_named, to_raw
-from forceaxis.bus.gateway import (
-    BIT_12,
-    ENABLE,
-    FAULT_RESET,
-    MODES,
-    NEW_SETPOINT,
-    SHUTDOWN,
-    SWITCH_ON,
-    TARGET_REACHED,
-    trigger_on,
-)
+
+if TYPE_CHECKING:
+    from forceaxis.objects import AxisObject
 
 __all__ = ["MODES", "Axis", "trigger_on"]
 
-POLL_S = 0.02
+MODES = {text: number for number, text in state_names.MODES.items()}
+# CiA 402: controlwords, and bits of the statusword.
+SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
+START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
+TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
+POLL_S = 0.02
 OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
 # CiA 402 states in which the amplifier is on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
@@ -38,17 +41,45 @@ ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force
 class Axis:
     """An axis, owned from __enter__ to close(), where it is disabled and released."""
 
-    def __init__(self, link):
+    def __init__(self, link: Link) -> None:
         self.link, self._owned = link, False
 
-    def __enter__(self):
+    @classmethod
+    def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
+        """The axis of an experiment in process, in its own time. Raises InputError."""
+        from forceaxis.axis.sim import SimLink
+
+        return cls(SimLink(experiment, overrides, store))
+
+    @classmethod
+    def can(cls, interface: str = "can0", node: int = 1) -> Axis:
+        """A node of a CAN interface. Raises InputError, NoAnswer."""
+        from forceaxis.axis.can import CanLink
+
+        return cls(CanLink(interface, node))
+
+    @classmethod
+    def gateway(cls, axis: int = 1, url: str | None = None) -> Axis:
+        """An axis at the gateway of an LCM bus; None: LCM's default. Raises InputError."""
+        from forceaxis.axis.gateway import GatewayLink
+
+        return cls(GatewayLink(axis, url))
+
+    @classmethod
+    def modbus(cls, url: str, unit: int = 1) -> Axis:
+        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Raises InputError, NoAnswer."""
+        from forceaxis.axis.modbus import ModbusLink
+
+        return cls(ModbusLink(url, unit))
+
+    def __enter__(self) -> Axis:
         self.acquire()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def acquire(self, shared=False):
+    def acquire(self, shared: bool = False) -> None:
         """Owns the axis. One that another client has enabled is refused (Refused); shared: if that
         is one of the same bus, the axis stays its own, is written to, and not disabled at close().
         """
@@ -64,7 +95,7 @@ class Axis:
         self.link.acquire()
         self._owned = True
 
-    def close(self):
+    def close(self) -> str:
         """Disables and releases an owned axis, and ends the connection, whatever happened. What
         came of it, in words."""
         done = "was not owned"
@@ -83,16 +114,17 @@ class Axis:
             self.link.close()
         return done
 
-    def get(self, *names):
+    def get(self, *names: str) -> dict[str, Any]:
         """{name: engineering value or enum text}. Raises InputError for an unknown name."""
         for name in names:
             _known(name)
         return {name: from_raw(name, raw) for name, raw in self.link.read(names).items()}
 
-    def read(self, name):
+    def read(self, name: str) -> Any:
+        """The value of one object, as get()."""
         return self.get(name)[name]
 
-    def set(self, **values):
+    def set(self, **values: Any) -> None:
         """Writes engineering values or enum texts in order. Nothing is written if the object table
         has no such name, value or way to write it (InputError)."""
         for name in values:
@@ -100,7 +132,13 @@ class Axis:
                 raise InputError(f"{name}: expected an object that can be written, it is read-only")
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
-    def wait_for(self, holds, names, what, timeout_s=5.0):
+    def wait_for(
+        self,
+        holds: Callable[[dict[str, Any]], Any],
+        names: Sequence[str],
+        what: str,
+        timeout_s: float = 5.0,
+    ) -> dict[str, Any]:
         """Reads `names` until holds({name: value}), of the axis' own time: those values. NoAnswer
         names `what` when that does not come, or a fault that was not asked for comes instead, and
         what the axis does."""
@@ -110,13 +148,16 @@ class Axis:
             if holds(found):
                 return found
             if passed >= timeout_s or (found["fault"] != "none" and "fault" not in names):
+                unasked = found["fault"] != "none" and "fault" not in names
+                mended = f"; {self._mended()}" if unasked else ""
                 raise NoAnswer(
-                    f"{self.link.where}: expected {what} within {timeout_s:g} s, {self.about()}"
+                    f"{self.link.where}: expected {what} within {timeout_s:g} s, "
+                    f"{self.about()}{mended}"
                 )
             self.link.wait(POLL_S)
             passed += POLL_S
 
-    def about(self):
+    def about(self) -> str:
         """What the axis does, in words."""
         found = self.link.read(ABOUT)
         return (
@@ -126,15 +167,19 @@ class Axis:
             f"position {found['position']} count, force {from_raw('force', found['force']):g} count"
         )
 
-    def enable(self, mode, **parameters):
+    def _mended(self) -> str:
+        return f"`forceaxis axis reset {self.link.options}` resets the fault"
+
+    def enable(self, mode: str | int, **parameters: Any) -> None:
         """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
         `parameters` are written before the mode changes."""
-        number = MODES.get(mode, mode)
+        number = MODES.get(mode, mode) if isinstance(mode, str) else mode
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
         found = self.get("drive_state", "fault")
         if found["fault"] != "none":
-            raise Refused(f"{self.link.where}: fault {found['fault']}, it has to be reset first")
+            fault = found["fault"].replace("_", " ")
+            raise Refused(f"{self.link.where}: fault {fault}; {self._mended()}")
         self.set(**parameters, modes_of_operation=number)
         if found["drive_state"] != "operation_enabled":
             for word in (SHUTDOWN, SWITCH_ON, ENABLE):
@@ -149,10 +194,11 @@ class Axis:
             f"operation enabled in mode {mode}",
         )
 
-    def disable(self):
+    def disable(self) -> None:
+        """Switches the amplifier off without waiting."""
         self.link.write({"controlword": SHUTDOWN})
 
-    def off(self):
+    def off(self) -> None:
         """Disables the axis if it is enabled, and waits until it is not. Raises Refused,
         NoAnswer."""
         state = state_names.drive_state(self.read("statusword"))
@@ -166,11 +212,12 @@ class Axis:
             OFF_S,
         )
 
-    def reset_fault(self):
+    def reset_fault(self) -> None:
+        """Acknowledges a fault; the axis stays disabled."""
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
 
-    def move(self, position, timeout_s=20.0):
+    def move(self, position: int, timeout_s: float = 20.0) -> dict[str, Any]:
         """Profile position mode: moves to `position`, counts, and waits until it is reached."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         self.wait_for(lambda s: s["statusword"] & BIT_12, ("statusword",), "the set-point taken")
@@ -182,7 +229,7 @@ class Axis:
             timeout_s,
         )
 
-    def arm(self, signals, samples=0, **settings):
+    def arm(self, signals: Sequence[str], samples: int = 0, **settings: Any) -> None:
         """Starts a recording; see capture()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
@@ -191,7 +238,9 @@ class Axis:
         wanted = {"length": samples, **settings}
         self.link.arm(signals, {n: to_raw(f"recorder_{n}", v) for n, v in wanted.items()})
 
-    def capture(self, signals, samples=0, timeout_s=30.0, **settings):
+    def capture(
+        self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Any
+    ) -> Recording:
         """Records `signals` tick by tick and waits: a link.Recording.
 
         samples 0: as many as the recorder holds. `settings` are further recorder objects without
@@ -201,8 +250,18 @@ class Axis:
         return self.link.recording(timeout_s)
 
 
-def _known(name):
+def _known(name: str) -> AxisObject:
     known = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object")
     return known
+
+
+def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
+    """Settings of a capture: begin when an object passes a level, in engineering units."""
+    known = _known(name)
+    return {
+        "trigger_source": known.index << 8 | known.sub,
+        "trigger_level": round(level / known.scale),
+        "trigger_edge": edge,
+    }

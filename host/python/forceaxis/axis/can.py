@@ -1,23 +1,17 @@
-"""An axis on a CAN bus, as its CANopen master has it: SDO, NMT, a heartbeat that it watches."""
+"""An axis on a CAN bus, accessed as its CANopen master: SDO, NMT, a supervised heartbeat."""
 
 import contextlib
 import logging
+import math
 import struct
 import threading
+import time
 
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.axis.link import (
-    REASONS,
-    Link,
-    NoAnswer,
-    Recording,
-    Refused,
-    recorder_writes,
-    wait_recorded,
-)
-from forceaxis.bus.keeper import Keeper
+from forceaxis.axis.link import REASONS, NoAnswer, RecorderLink, Refused
+from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.bus.state_names import BY_NAME
 
 OPERATIONAL, START = 5, 1
@@ -51,7 +45,7 @@ def libraries():
             "--can: expected python-canopen and python-can; install them with "
             "`pip install 'forceaxis[can]'`"
         ) from None
-    for library in ("can", "canopen"):  # their warnings would stand beside our one line
+    for library in ("can", "canopen"):  # a verb prints one line
         logging.getLogger(library).addHandler(logging.NullHandler())
     return canopen, can
 
@@ -79,7 +73,7 @@ def network(interface, bus=None):
         made.disconnect()
 
 
-class CanLink(Link):
+class CanLink(RecorderLink):
     """A node of a CAN interface, such as "can0". A gateway that polls it at the same time uses the
     node's one SDO channel too, and then interrupts recordings (NoAnswer).
 
@@ -96,6 +90,7 @@ class CanLink(Link):
             raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
         canopen, self._can = libraries()
         self.where = f"node {node} on {interface}"
+        self.options = f"--can {interface} --node {node}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
         self._open = contextlib.ExitStack()
         self._network = self._open.enter_context(network(interface, bus))
@@ -105,10 +100,12 @@ class CanLink(Link):
         self._sdo.network, self._sdo.RESPONSE_TIMEOUT = self._network, timeout_s
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
-        self._lock, self._keeper, self._armed, self._watched = threading.RLock(), None, None, None
+        self._lock, self._watched = threading.RLock(), None
         self._expected, self._owns = None, False
-        self._rival = threading.Event()  # another node sends the heartbeat of our id
-        self._network.subscribe(HEARTBEAT_ID + own_node, lambda *_: self._rival.set())
+        self._interface = interface if bus is None else None
+        self._rival = threading.Event()  # another node sends heartbeats of our id
+        self._beaten_until = 0.0  # epoch, s; until then heartbeats of our id are our own
+        self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
     def _answered(self, can_id, data, timestamp):
         """Drops an answer to another client of the same channel, such as a gateway that polls."""
@@ -186,7 +183,7 @@ class CanLink(Link):
         with self._asking("NMT start"):  # a node that missed a heartbeat is pre-operational
             self._network.send_message(0, [START, self._id])
         place, raw = self._entry()
-        if raw == self._ours:  # of a program of this kind that was killed
+        if raw == self._ours:  # of a killed program of this kind
             self._expect_alone()
             self._download(place, 0)
         self._owns = True
@@ -214,12 +211,15 @@ class CanLink(Link):
                 "another id by --own-node"
             )
 
-    def _beat(self):
+    def _heard(self, _can_id, _data, timestamp):
+        if timestamp > self._beaten_until:
+            self._rival.set()
+
+    def _send_beat(self, data):
         try:  # beside a transfer, which may take longer than the axis waits
-            self._network.send_message(HEARTBEAT_ID + self._own, [OPERATIONAL])
-        except (OSError, self._can.CanError) as error:
+            self._network.send_message(HEARTBEAT_ID + self._own, data)
+        except self._can.CanError as error:
             raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None
-        return HEARTBEAT_MS / 10_000
 
     def _be_watched(self):
         place, before = self._entry()
@@ -229,8 +229,11 @@ class CanLink(Link):
             self._expect_alone()
         self._watched = place, before
         self._download(place, self._ours)
-        self._beat()  # watched from the first one on, so before what follows
-        self._keeper = Keeper(self._beat)
+        self._beaten_until = math.inf
+        self._keeper = HeartbeatKeeper(  # watched from the first one on, so before what follows
+            self._interface, HEARTBEAT_ID + self._own, bytes([OPERATIONAL]), HEARTBEAT_MS / 10_000,
+            self._send_beat,
+        )  # fmt: skip
 
     def _be_unwatched(self):
         if self._watched:
@@ -238,30 +241,15 @@ class CanLink(Link):
             self._download(place, before)
         self._end_keeper()
 
-    def arm(self, signals, settings):
-        self.write({"recorder_arm": 0})
-        self.write(recorder_writes(signals, settings))
-        self.write({"recorder_arm": 1})
-        self._armed = tuple(signals), settings.get("decimation", 1)
-
-    def fetch(self, signals):
-        self.write({"incident_command": 1})
-        self._armed = tuple(signals), 1
-
-    def recording(self, timeout_s):
-        wait_recorded(self, timeout_s)
-        signals, decimation = self._armed
-        trigger = self.read(["recorder_trigger_index"])["recorder_trigger_index"]
+    def _samples(self, signals):
         with (
             self._asking("the recording"),
             self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
         ):
             data = stream.read()
-        self.write({"recorder_arm": 0})
         row = np.dtype([(f"{i}", FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
-        raw = np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
-        return Recording(signals, raw, decimation, trigger)
+        return np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
 
     def close(self):
         self._end_keeper()
@@ -269,5 +257,5 @@ class CanLink(Link):
 
     def _end_keeper(self):
         if self._keeper:
-            self._keeper.close()
-            self._keeper = None
+            super()._end_keeper()
+            self._beaten_until = time.time()

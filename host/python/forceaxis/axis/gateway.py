@@ -1,29 +1,35 @@
 """An axis behind a gateway, over LCM."""
 
-import contextlib
 import time
 
-from forceaxis.axis.link import Link, NoAnswer, Recording, Refused, unsigned
+from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Recording, Refused, unsigned
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
+from forceaxis.bus.state_names import BY_NAME
 
 READY_S = 10.0
-STOPPED_S = 2.0  # a stopped recording is noticed by the gateway within its poll
+STOPPED_S = 2.0  # within which the gateway's poll detects a stopped recording
+POLL_S = 0.1
 NOT_YET = "not set up yet"  # the gateway's words
+PRODUCT, REVISION = "product_code", "revision_number"
+DEVICE = "forceaxis"  # 1008h of that product
 AT_ONCE = 64  # objects of one command
 MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")  # set up by each gateway
 
 
 class GatewayLink(Link):
-    """Axis 1 to 127 at the gateway of an LCM bus; its default is LCM's. Raises InputError."""
+    """Axis 1 to 127 at the gateway of an LCM bus; its default is LCM's. client: an existing one,
+    not closed here; ready_s: how long it may take to be operational. Raises InputError."""
 
-    source = state_names.BY_NAME["command_source"].enum.index("lcm")
+    source = BY_NAME["command_source"].enum.index("lcm")
 
-    def __init__(self, axis=1, url=None, timeout_s=2.0):
-        self.client = AxisClient(axis, url, timeout_s)
+    def __init__(self, axis=1, url=None, timeout_s=2.0, client=None, ready_s=READY_S):
+        self.client = client or AxisClient(axis, url, timeout_s)
+        self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
-        self._axis, self._url, self._keeper, self._armed = axis, url, None, None
+        self.options = f"--axis {axis}" + (f" --lcm-url {url}" if url else "")
+        self._axis, self._url, self._armed = axis, url, None
 
     def manages(self, name):
         return name.startswith(MANAGED)
@@ -35,15 +41,21 @@ class GatewayLink(Link):
             found |= self.client.read_raw(names[i : i + AT_ONCE])
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
+    def text(self, index):
+        """By the numbers of 1018h: LCM carries no texts."""
+        found = self.client.read_raw([PRODUCT, REVISION])
+        if index == NAME:
+            return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
+        return f"{found[REVISION] >> 16}.{found[REVISION] & 0xFFFF}" if index == SOFTWARE else None
+
     def write(self, values):
-        keeps = self._keeper and "watchdog" in values
-        with self._keeper.unchanged if keeps else contextlib.nullcontext():
+        with self.unfed(values):
             self.client.write_raw(values)
 
     def acquire(self):
-        end = time.monotonic() + READY_S
+        end = time.monotonic() + self._ready_s
         while True:
-            state = self.client.state()
+            state = self.client.state(max(end - time.monotonic(), POLL_S))
             ready = state.nmt_state == state.NMT_OPERATIONAL
             try:
                 if ready and state.statusword != state.NOT_AVAILABLE:
@@ -52,10 +64,10 @@ class GatewayLink(Link):
             except Refused as refusal:  # operational, but not yet by this gateway
                 if NOT_YET not in str(refusal) or time.monotonic() > end:
                     raise
-                time.sleep(0.1)
+                time.sleep(POLL_S)
             if time.monotonic() > end:
                 raise NoAnswer(
-                    f"{self.where}: expected it operational within {READY_S:g} s, it is "
+                    f"{self.where}: expected it operational within {self._ready_s:g} s, it is "
                     f"{state_names.node_state(state.nmt_state)}"
                 )
         self._keeper = GatewayKeeper(self._axis, self._url)
@@ -72,11 +84,11 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            except Refused as refusal:  # a capture of a client that is gone
+            except Refused as refusal:  # a capture of a client that has ended
                 if "another capture" not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})
-            time.sleep(0.1)
+            time.sleep(POLL_S)
 
     def fetch(self, signals):
         self._armed = self.client.fetch(list(signals))
@@ -93,9 +105,5 @@ class GatewayLink(Link):
 
     def close(self):
         self._end_keeper()
-        self.client.close()
-
-    def _end_keeper(self):
-        if self._keeper:
-            self._keeper.close()
-            self._keeper = None
+        if self._closes:
+            self.client.close()

@@ -1,11 +1,12 @@
-"""What carries the objects of one axis, and the errors of all that do.
+"""Access to the objects of one axis: the interface of all links, and their errors.
 
-A link knows raw values of named objects and the axis' own time. It owns the axis from acquire() to
-release(): meanwhile it feeds the watchdog, also while it waits, and a tool that dies lets the axis
-be disabled by that watchdog. Each kind is a module beside this one: sim, gateway, can, modbus.
+A link transfers raw values of named objects, in the axis' own time. From acquire() to release() it
+owns the axis and feeds its watchdog, which disables the axis when the program ends. Each kind is a
+module beside this one: sim, gateway, can, modbus.
 """
 
 import abc
+import contextlib
 import time
 from dataclasses import dataclass, field
 
@@ -14,9 +15,10 @@ import numpy as np
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
 
-__all__ = ["Link", "NoAnswer", "Recording", "Refused", "address", "recorder_writes", "unsigned"]
+__all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S = 1500
+NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen: of the device, of its firmware
 
 
 # Texts of refusals, by the firmware's FW_ERROR_.
@@ -57,29 +59,31 @@ class Recording:
 
 
 class Link(abc.ABC):
-    """One axis; `where` names it in messages ("axis 1 at the gateway"). Several threads may use it.
+    """One axis; `where` names it in messages ("axis 1 at the gateway"), `options` are those of the
+    verbs that reach it ("--axis 1"). Several threads may use it.
 
     `source` is the raw command_source that its writes come from."""
 
     where: str
+    options: str
     source: int
+    _keeper = None  # a bus.keeper.Keeper from acquire() to release()
 
     @abc.abstractmethod
     def read(self, names):
         """{name: raw value} of objects. Raises Refused, NoAnswer."""
 
     def reaches(self, name):
-        """Whether the link carries an object: over Modbus it needs a register."""
+        """Whether an object is accessible: over Modbus it needs a register."""
         return True
 
     def manages(self, name):
-        """Whether what carries the link sets a parameter for its own use, as a gateway does its
-        process data; then it is no user's."""
+        """Whether a parameter is configured by the gateway for its own use, as process data is."""
         return False
 
     def text(self, index):
-        """A text of CANopen, such as the name of the device, 1008h; None where the link carries
-        no texts."""
+        """A text of CANopen: name of the device, 1008h, version of its firmware, 100Ah; None where
+        the link does not carry it."""
         return None
 
     @abc.abstractmethod
@@ -93,7 +97,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def release(self):
-        """The axis is nobody's again; it has to be disabled before."""
+        """Releases the axis, which must be disabled before."""
 
     def wait(self, seconds):
         """Lets so much of the axis' own time pass."""
@@ -118,27 +122,63 @@ class Link(abc.ABC):
     def close(self):
         """Ends the connection. Does not disable: see Axis.close()."""
 
+    def unfed(self, values):
+        """Context in which a WatchdogKeeper does not overwrite a watchdog among the values."""
+        keeps = self._keeper and {"watchdog", "0x2302"} & values.keys()
+        return self._keeper.unchanged if keeps else contextlib.nullcontext()
 
-def wait_recorded(link, timeout_s, poll_s=0.02):
-    """Waits until the recorder is done, of the axis' time. Raises NoAnswer, Refused."""
-    passed = 0.0
-    while True:
-        raw = link.read(["recorder_state"])["recorder_state"]
-        state = BY_NAME["recorder_state"].enum[raw]
-        if state == "done":
-            return
-        if state == "idle":
-            raise Refused(f"{link.where}: the recording was stopped")
-        if passed >= timeout_s:
-            raise NoAnswer(
-                f"{link.where}: expected a recording within {timeout_s:g} s, its recorder is "
-                f"{state}" + ("; its trigger has not fired" if state == "armed" else "")
-            )
-        link.wait(poll_s)
-        passed += poll_s
+    def _end_keeper(self):
+        if self._keeper:
+            self._keeper.close()
+            self._keeper = None
 
 
-def address(name):
+class RecorderLink(Link):
+    """A link that uses the axis' recorder by its objects."""
+
+    _armed = None  # signals, decimation
+
+    @abc.abstractmethod
+    def _samples(self, signals):
+        """(n, len(signals)) int64: what the finished recorder holds. Raises NoAnswer."""
+
+    def arm(self, signals, settings):
+        self.write({"recorder_arm": 0})
+        self.write(_recorder_writes(signals, settings))
+        self.write({"recorder_arm": 1})
+        self._armed = tuple(signals), settings.get("decimation", 1)
+
+    def fetch(self, signals):
+        self.write({"incident_command": 1})
+        self._armed = tuple(signals), 1
+
+    def recording(self, timeout_s):
+        self._wait_recorded(timeout_s)
+        signals, decimation = self._armed
+        trigger = self.read(["recorder_trigger_index"])["recorder_trigger_index"]
+        raw = self._samples(signals)
+        self.write({"recorder_arm": 0})
+        return Recording(signals, raw, decimation, trigger)
+
+    def _wait_recorded(self, timeout_s, poll_s=0.02):
+        passed = 0.0
+        while True:
+            raw = self.read(["recorder_state"])["recorder_state"]
+            state = BY_NAME["recorder_state"].enum[raw]
+            if state == "done":
+                return
+            if state == "idle":
+                raise Refused(f"{self.where}: the recording was stopped")
+            if passed >= timeout_s:
+                raise NoAnswer(
+                    f"{self.where}: expected a recording within {timeout_s:g} s, its recorder is "
+                    f"{state}" + ("; its trigger has not fired" if state == "armed" else "")
+                )
+            self.wait(poll_s)
+            passed += poll_s
+
+
+def _address(name):
     """CANopen index times 256 plus sub-index, as the recorder's channels want it."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
@@ -149,9 +189,9 @@ def unsigned(name, raw):
     return raw + 2**32 if raw < 0 and BY_NAME[name].type == "u32" else raw
 
 
-def recorder_writes(signals, settings):
+def _recorder_writes(signals, settings):
     """{object: raw value} to be written while the recorder is stopped, before it is armed."""
-    channels = [address(name) for name in signals] + [0] * (8 - len(signals))
+    channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {
         **{f"recorder_signal_{i + 1}": value for i, value in enumerate(channels)},

@@ -1,12 +1,11 @@
 """An axis on Modbus, RTU or the gateway's TCP, with the registers of the object table."""
 
-import contextlib
 import logging
 import re
 import threading
 
 from forceaxis._core import InputError
-from forceaxis.axis.link import Link, NoAnswer, Refused
+from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.bus.state_names import BY_NAME
 
@@ -14,6 +13,7 @@ TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD = 115_200  # the firmware's default; 8 data bits, even parity
 PARITIES = "EN"
+IDENTITY = {NAME: 4, SOFTWARE: 2}  # objects of function 43 / 14, by index in CANopen
 EXCEPTIONS = {
     2: "there is no such register",
     3: "outside its range or at odds with another object",
@@ -68,7 +68,8 @@ class ModbusLink(Link):
     def __init__(self, url, unit=1, timeout_s=1.0):
         self.client = client(url, timeout_s)
         self.where = f"unit {unit} at {url}"
-        self._unit, self._lock, self._keeper = unit, threading.Lock(), None
+        self.options = f"--modbus {url} --node {unit}"
+        self._unit, self._lock = unit, threading.Lock()
         self._low_first = None
 
     def _ask(self, what, ask, *arguments, **named):
@@ -86,6 +87,17 @@ class ModbusLink(Link):
 
     def reaches(self, name):
         return BY_NAME[name].modbus >= 0
+
+    def text(self, index):
+        """By the identification of the device, function 43 / 14."""
+        if index not in IDENTITY:
+            return None
+        ask = self.client.read_device_information
+        try:
+            found = self._ask("its identification", ask, read_code=4, object_id=IDENTITY[index])
+        except Refused:
+            return None
+        return found.information[IDENTITY[index]].decode(errors="replace")
 
     def _expect_registers(self, names):
         for name in names:
@@ -126,8 +138,7 @@ class ModbusLink(Link):
 
     def write(self, values):
         self._expect_registers(values)
-        keeps = self._keeper and "watchdog" in values
-        with self._keeper.unchanged if keeps else contextlib.nullcontext():
+        with self.unfed(values):
             for name, raw in values.items():
                 self._write(name, raw)
                 if name == "modbus_word_order":
@@ -157,8 +168,3 @@ class ModbusLink(Link):
     def close(self):
         self._end_keeper()
         self.client.close()
-
-    def _end_keeper(self):
-        if self._keeper:
-            self._keeper.close()
-            self._keeper = None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from forceaxis.axis import params_file
 from forceaxis.axis.axis import POWERED
-from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.link import NAME, SOFTWARE, NoAnswer, Refused
 from forceaxis.axis.params_file import MEASURED, PARAMETERS, engineering
 from forceaxis.bus import state_names
 from forceaxis.bus.state_names import BY_NAME, texts
@@ -20,7 +20,6 @@ LAST = ("_mapped_", "_cob_id", "force_bank")  # written in this order after all 
 RANKS = 1 + len(LAST)
 STORE_S = 10.0  # a sector of flash takes up to a second to erase
 POLL_S = 0.02
-NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen
 
 
 class Difference(NamedTuple):
@@ -215,8 +214,8 @@ def _write_rounds(axis, remaining):
             except Refused as error:
                 refused[name] = raw, error
         if len(refused) == len(remaining):
-            name, (raw, error) = next(iter(refused.items()))
-            raise Refused(f"{_explained(axis, name, raw)}: {error}", error.code)
+            name, (raw, refusal) = next(iter(refused.items()))
+            raise Refused(f"{_explained(axis, name, raw)}: {refusal}", refusal.code)
         remaining = {name: raw for name, (raw, _) in refused.items()}
 
 

@@ -1,30 +1,32 @@
 """Who is on a bus: one row for each axis found, {name: value}, None where it is not known."""
 
-import contextlib
 import time
 
 from forceaxis._core import InputError
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.axis.sim import SimLink
+from forceaxis.axis.link import NAME, SOFTWARE, NoAnswer, Refused
 
 COLUMNS = ("id", "name", "version", "table", "state", "mode", "fault", "owner", "note")
 SCAN_S = 0.5
 UNIT_S = 0.15  # what a unit of Modbus may take
-NODE_NAME, SOFTWARE = 0x1008, 0x100A
 
 
-def row(number, axis, name=None, version=None, note=None):
-    """The row of an axis that is read; what it does not answer is in `note`."""
-    found = {"id": number, "name": name, "version": version, "table": None, "note": note}
+def row(link, number=None):
+    """The row of the axis of a link, which is closed; what it does not answer is in `note`. number:
+    of the axis on its bus, by default its node id."""
+    axis, found = Axis(link), {"id": number}
     try:
+        found["id"] = axis.read("node_id") if number is None else number
         found["table"] = f"{axis.read('object_table_hash'):08x}"
         now = actions.state(axis)
         found |= {key: now[key] for key in ("state", "mode", "fault")}
         found["owner"] = now["command_source"]
+        found["name"], found["version"] = link.text(NAME), link.text(SOFTWARE)
     except (Refused, NoAnswer) as error:
-        found["note"] = note or str(error)
+        found["note"] = str(error)
+    finally:
+        axis.close()
     return {key: found.get(key) for key in COLUMNS}
 
 
@@ -42,11 +44,7 @@ def at_gateway(url=None, seconds=1.0):
     finally:
         source.close()
     for number in numbers:
-        axis = Axis(GatewayLink(number, url))
-        try:
-            yield row(number, axis)
-        finally:
-            axis.close()
+        yield row(GatewayLink(number, url), number)
 
 
 def on_can(interface, bus=None, seconds=SCAN_S):
@@ -58,17 +56,10 @@ def on_can(interface, bus=None, seconds=SCAN_S):
         time.sleep(seconds)
         numbers = sorted(set(found.scanner.nodes))
     for number in numbers:
-        link = CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3)
-        try:
-            found = row(number, Axis(link))
-            for key, index in (("name", NODE_NAME), ("version", SOFTWARE)):
-                with contextlib.suppress(Refused, NoAnswer):
-                    found[key] = link.text(index) if found["table"] else None
-            if found["table"] is None:
-                found["note"] = "heard, but it has none of these objects: a master, or a gateway"
-            yield found
-        finally:
-            link.close()
+        found = row(CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3), number)
+        if found["table"] is None:
+            found["note"] = "heard, but it has none of these objects: a master, or a gateway"
+        yield found
 
 
 def on_modbus(url):
@@ -91,16 +82,7 @@ def on_modbus(url):
     finally:
         answering.close()
     for unit in numbers:
-        axis = Axis(ModbusLink(url, unit))
-        try:
-            yield row(unit, axis)
-        finally:
-            axis.close()
-
-
-def simulated(experiment, overrides=(), store=""):
-    axis = Axis(SimLink(experiment, overrides, store))
-    yield row(axis.read("node_id"), axis, name="simulator")
+        yield row(ModbusLink(url, unit), unit)
 
 
 def found(way):
@@ -113,5 +95,5 @@ def found(way):
     if way.modbus is not None:
         return list(on_modbus(way.modbus))
     if way.sim is not None:
-        return list(simulated(way.sim, way.overrides, way.store))
+        return [row(way.link())]
     return list(at_gateway(way.lcm_url))

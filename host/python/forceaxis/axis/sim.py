@@ -1,22 +1,13 @@
 """A simulated axis: firmware and plant of an experiment in process, in their own time."""
 
-from forceaxis import _core
-from forceaxis.axis.link import (
-    REASONS,
-    TICKS_PER_S,
-    Link,
-    Recording,
-    Refused,
-    recorder_writes,
-    unsigned,
-    wait_recorded,
-)
+from forceaxis import _core, paths
+from forceaxis.axis.link import REASONS, TICKS_PER_S, RecorderLink, Refused, unsigned
 from forceaxis.bus.state_names import BY_NAME
 
 FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
 
 
-class SimLink(Link):
+class SimLink(RecorderLink):
     """The axis of an experiment; it is disabled until it is enabled through the link.
 
     store: file of the parameter store, made where there is none. Raises InputError.
@@ -29,7 +20,9 @@ class SimLink(Link):
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
         self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self._owned, self._armed = False, None
+        self.options = f"--sim {paths.quoted(experiment)}"
+        self.store = store  # "": none
+        self._owned = False
         self.axis.step(1)  # the first inputs
 
     def read(self, names):
@@ -68,26 +61,14 @@ class SimLink(Link):
                 number = BY_NAME["watchdog"].number
                 self.axis.write(number, self.axis.read(number))
 
-    def arm(self, signals, settings):
-        self.write({"recorder_arm": 0})
-        self.write(recorder_writes(signals, settings))
-        self.write({"recorder_arm": 1})
-        self._armed = tuple(signals), settings.get("decimation", 1)
-
-    def fetch(self, signals):
-        self.write({"incident_command": 1})
-        self._armed = tuple(signals), 1
-
-    def recording(self, timeout_s):
-        wait_recorded(self, timeout_s)
-        signals, decimation = self._armed
-        about = self.read(["recorder_count", "recorder_trigger_index"])
-        raw = self.axis.samples(0, about["recorder_count"], len(signals)).astype("int64")
-        self.write({"recorder_arm": 0})
+    def _samples(self, signals):
+        count = self.read(["recorder_count"])["recorder_count"]
+        raw = self.axis.samples(0, count, len(signals)).astype("int64")
         for i, name in enumerate(signals):
             if BY_NAME[name].type == "u32":
                 raw[:, i] %= 2**32
-        return Recording(signals, raw, decimation, about["recorder_trigger_index"])
+        return raw
 
     def close(self):
-        self._owned = False
+        """Releases the file of the store, unless the caller holds `axis`."""
+        self._owned, self.axis = False, None

@@ -70,7 +70,7 @@ class Peers:
             self._call = ctypes.CDLL(str(path)).bench_peer
             self._call.restype = ctypes.c_long
         except OSError:
-            where = f"{paths.display(path)} not found; build it with tools/setup in a checkout"
+            where = f"{paths.display(path)} not found; in a checkout tools/setup --tests builds it"
             self.missing = dict.fromkeys(("odeint", "mujoco", "reference"), where)
         if self._call and self.run("mujoco", CASES["A"], False, 0) is None:
             self.missing["mujoco"] = "not built in: its wheel was not in .venv at the last build"

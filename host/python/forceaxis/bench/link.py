@@ -39,7 +39,7 @@ def raw_rate(kind, where):
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
-        raise link.LinkError(f"{paths.display(program)}: not found; build it with tools/setup")
+        raise link.LinkError(f"{paths.display(program)}: not found; tools/setup --tests builds it")
     pong = _start(program, "pong", where)
     try:
         pong.stdout.readline()

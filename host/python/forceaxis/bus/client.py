@@ -14,6 +14,7 @@ A refused command raises Refused with the reason, an unacknowledged one NoAnswer
 or value that is not in the object table raises InputError before anything is sent.
 """
 
+import difflib
 import math
 import re
 import threading
@@ -57,7 +58,11 @@ def object_named(name):
     if ADDRESS.fullmatch(name):
         return None
     if name not in BY_NAME:
-        raise InputError(f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]")
+        meant = difflib.get_close_matches(name, BY_NAME, 2, 0.65)
+        hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
+        raise InputError(
+            f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]{hint}"
+        )
     return BY_NAME[name]
 
 

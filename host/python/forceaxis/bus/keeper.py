@@ -1,5 +1,8 @@
-"""Keeping an axis while its owner does something else."""
+"""Threads that feed an axis' watchdog, or produce its owner's heartbeat."""
 
+import contextlib
+import socket
+import struct
 import threading
 
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
@@ -9,7 +12,7 @@ PERIOD_S = 0.2
 
 class Keeper:
     """Calls feed(), which returns the seconds until the next call, in a thread of its own until
-    close(). A refusal or a missing answer ends nothing: the owner notices it by itself."""
+    close(). A refusal or a missing response does not end it: the owner's accesses report it."""
 
     def __init__(self, feed):
         self._feed, self._stop = feed, threading.Event()
@@ -29,12 +32,67 @@ class Keeper:
         self._thread.join()
 
 
-class WatchdogKeeper(Keeper):
-    """Feeds the watchdog by writing its own value several times within it; only writes of the owner
-    count, so an axis that another client acquired stays with that one.
+class HeartbeatKeeper(Keeper):
+    """Produces a heartbeat every `period_s` from the constructor on: one byte under `can_id`.
 
-    read() gives the watchdog in ms, write(ms) writes it, both in this thread. Who changes the
-    watchdog meanwhile holds `unchanged`, locked from reading it to writing it again.
+    On a CAN interface the kernel sends it (SocketCAN's broadcast manager): for BRIDGED_S after the
+    last call of this thread, which another thread's long call may stall, and no longer than the
+    process exists. send(data) sends it where there is no such interface, or kernel.
+    """
+
+    BRIDGED_S = 2.0
+
+    def __init__(self, interface, can_id, data, period_s, send):
+        self._period_s, self._socket = period_s, None
+        self._send = lambda: send(data)
+        with contextlib.suppress(OSError):
+            self._socket = _broadcast_manager(interface)
+            repeated = round(self.BRIDGED_S / period_s)
+            job = _job(can_id, data, repeated, round(period_s * 1e6))
+            self._send = lambda: self._socket.send(job)
+        self._beat()
+        super().__init__(self._beat)
+
+    def _beat(self):
+        try:
+            self._send()
+        except OSError as error:
+            raise NoAnswer(f"expected to send a heartbeat, {error}") from None
+        return self._period_s
+
+    def close(self):
+        super().close()
+        if self._socket:
+            self._socket.close()
+
+
+def _broadcast_manager(interface):
+    """A socket of the kernel's cyclic frames. Raises OSError where there is none."""
+    if interface is None:
+        raise OSError
+    made = socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM)
+    try:
+        made.connect((interface,))
+    except OSError:
+        made.close()
+        raise
+    return made
+
+
+def _job(can_id, data, count, period_us):
+    """linux/can/bcm.h: this frame at once, then `count` in all, `period_us` apart."""
+    set_and_start = socket.CAN_BCM_SETTIMER | socket.CAN_BCM_STARTTIMER
+    head = (socket.CAN_BCM_TX_SETUP, set_and_start, count, 0, period_us, 0, 0, can_id, 1)
+    frame = struct.pack("=IB3x8s", can_id, len(data), data.ljust(8, b"\0"))
+    return struct.pack("@3I4l2I0q", *head) + frame
+
+
+class WatchdogKeeper(Keeper):
+    """Feeds the watchdog by writing its own value several times within it; only the owner's writes
+    count, so an axis that another client has acquired is not affected.
+
+    read() returns the watchdog in ms, write(ms) writes it, both called in this thread. `unchanged`
+    is locked from reading to writing it; a caller that changes the watchdog holds it.
     """
 
     def __init__(self, read, write):
@@ -50,8 +108,8 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """For an axis behind a gateway, with a client of its own, so that it also runs while the
-    owner's waits for a capture."""
+    """For an axis behind a gateway; a client of its own also runs while the owner's waits for a
+    capture."""
 
     def __init__(self, axis, url):
         self._client = AxisClient(axis, url)

@@ -54,6 +54,7 @@ class Monitor(App):
         Binding("f", "freeze", "Freeze"),
         Binding("r", "record", "Record"),
         Binding("c", "capture", "Capture"),
+        Binding("u", "units", "Codes"),
         Binding("left,shift+tab", "previous", "Axis", key_display="← →"),
         Binding("right,tab", "next", "Axis", show=False),
         Binding("plus,equals_sign", "span(1)", "Span", key_display="+ -"),
@@ -62,10 +63,11 @@ class Monitor(App):
         *(Binding(str(n), f"axis({n})", show=False) for n in range(1, 10)),
     )
 
-    def __init__(self, source, watch, axis=None, folder=None):
+    def __init__(self, source, watch, axis=None, folder=None, codes=False, may_record=True):
         super().__init__()
         self.source, self.watch, self.only, self.chosen = source, watch, axis, axis
         self.folder = Path(folder or ".")
+        self.codes, self.may_record = codes, may_record
         self.frozen, self.span_s, self.capture_shown = None, 20, False
         self._captures_seen = {}
         self._started, self.panel_height = time.monotonic(), FULL
@@ -95,6 +97,18 @@ class Monitor(App):
         if self.source.replayed:
             self.source.pause(bool(self.frozen))
         self.draw_head()
+
+    def watch_app_focus(self, focused):
+        if not focused:  # the keys are shown before a page is clicked too
+            self.app_focus = True
+            self.refresh_bindings()
+
+    def check_action(self, action, parameters):
+        return action != "record" or self.may_record
+
+    def action_units(self):
+        self.codes = not self.codes
+        self.draw()
 
     def action_record(self):
         if self.source.replayed:
@@ -169,7 +183,7 @@ class Monitor(App):
             now = self.source.now_us()
             axes = [(n, self.watch.axes[n]) for n in sorted(self.watch.axes)]
             shown = [
-                (n, a.words(now), 0 if a.heard_us is None else (now - a.heard_us) / 1e6)
+                (n, a.words(now), 0 if a.received_us is None else (now - a.received_us) / 1e6)
                 for n, a in axes
             ]
         if self.chosen is None and axes:
@@ -177,11 +191,15 @@ class Monitor(App):
         events = 6 if height >= 36 else 4 if height >= 28 else 3
         self.arrange(shown, width, height - 2 - events)
         self.draw_head()
-        for number, words, heard_age in shown:
+        for number, words, silent_s in shown:
             panel = self.query(f"#axis-{number}")
             if panel:
                 panel.first(AxisPanel).show(
-                    words, heard_age, self.panel_height, number == self.chosen and len(shown) > 1
+                    words,
+                    silent_s,
+                    self.panel_height,
+                    number == self.chosen and len(shown) > 1,
+                    self.codes,
                 )
         self.draw_events(events, width)
         self.draw_chart(now)
@@ -285,5 +303,5 @@ class Monitor(App):
             if self.capture_shown and axis.capture:
                 drawn = capture_chart(axis, width, height)
             else:
-                drawn = strip_charts(axis, width, height, now, self.span_s)
+                drawn = strip_charts(axis, width, height, now, self.span_s, self.codes)
         chart.update(drawn)

@@ -3,6 +3,7 @@
 Fed by a connection's thread or by a replayed log, read by the monitor; one lock guards it all.
 """
 
+import math
 import threading
 from collections import deque
 
@@ -24,6 +25,9 @@ COMMAND_KINDS = {
     axis_command_t.KIND_TAKE: "take the axis",
     axis_command_t.KIND_RELEASE: "release the axis",
 }
+VOLT_PER_CODE = 20 / 4096  # of the DAC
+# Metre, radian and degree of CiA 303-2, as they are shown.
+UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
 REPEATED = " x"  # before the count of a routine event
 # Kinds of events that are shown as alarms.
 ALARMS = {
@@ -42,9 +46,12 @@ def known(value):
 
 
 class Trace:
-    """The last HISTORY states as arrays: time, force, target, position, target, codes."""
+    """The last HISTORY states as arrays, positions and codes as the axis counts them."""
 
-    NAMES = ("time", "force", "force_target", "position", "position_target", "code", "command")
+    NAMES = (
+        *("time", "force", "force_target", "position", "position_target"),
+        *("code", "command", "force_count"),
+    )
 
     def __init__(self):
         self._rows, self._end = np.full((2 * HISTORY, len(self.NAMES)), np.nan), 0
@@ -66,14 +73,15 @@ class Trace:
 class AxisWatch:
     """One axis: `state` is the latest axis_state_t or None."""
 
-    def __init__(self, number):
-        self.number, self.state, self.heard_us = number, None, None
+    def __init__(self, number, mm_per_count=None):
+        self.number, self.state, self.received_us = number, None, None
+        self.mm_per_count = mm_per_count
         self.trace, self.gaps = Trace(), {}
         self.arrivals = deque(maxlen=1000)
         self.capture, self.captures = None, 0
 
     def take_state(self, state, wall_us):
-        self.state, self.heard_us = state, wall_us
+        self.state, self.received_us = state, wall_us
         self.arrivals.append(wall_us)
         force, target, _ = self.forces()
         self.trace.add(
@@ -87,6 +95,7 @@ class AxisWatch:
                     self.position_target(),
                     known(state.dac_code),
                     known(state.command_code),
+                    None if known(state.force_cnt_q8) is None else state.force_cnt_q8 / 256,
                 )
             ]
         )
@@ -107,14 +116,28 @@ class AxisWatch:
         target = wanted * rated * 1e-6 if wanted is not None and rated and in_newtons else None
         return force, target, "N" if in_newtons else unit
 
+    def more(self):
+        """{name: value} of the objects that the state has beside its fields."""
+        return dict(zip(self.state.more_name, self.state.more_value, strict=True))
+
+    def length(self):
+        """(unit, its size in units of the axis's positions): what 60A8h names, mm by the model's
+        encoder, else counts of the encoder."""
+        more = self.more() if self.state else {}
+        if more.get("feed"):
+            exponent, unit = divmod(more.get("position_unit", 0) >> 16, 256)
+            name, factor = UNITS.get(unit, ("user unit", None))
+            exponent -= 256 if exponent > 127 else 0
+            return (name, factor * 10.0**exponent) if factor else (name, 1)
+        return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
+
     def force_wanted(self):
         """The force that the mode in force demands, per mille of rated; None in the others."""
         state = self.state
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
-        more = dict(zip(state.more_name, state.more_value, strict=True))
-        if "force_demand" in more:
-            return more["force_demand"]
+        if "force_demand" in self.more():
+            return self.more()["force_demand"]
         return None if state.mode_display == -1 else known(state.target_force_permille)
 
     def position_target(self):
@@ -128,9 +151,9 @@ class AxisWatch:
 
     def age_s(self, now_us):
         """Age of the drive's values in s: since receipt of the message, plus their age in it."""
-        if self.heard_us is None:
+        if self.received_us is None:
             return None
-        return max(0, now_us - self.heard_us + (known(self.state.age_us) or 0)) / 1e6
+        return max(0, now_us - self.received_us + (known(self.state.age_us) or 0)) / 1e6
 
     def rate(self, now_us):
         """States a second, over the last RATE_S."""
@@ -161,6 +184,9 @@ class AxisWatch:
         text = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
         count, mode = known(state.force_cnt_q8), known(state.mode_display)
         force, target, unit = self.forces()
+        length, size = self.length()
+        long = lambda value: None if value is None else value * size  # noqa: E731
+        volt = lambda code: None if known(code) is None else code * VOLT_PER_CODE  # noqa: E731
         return {
             "drive_state": text(state.statusword, state_names.drive_state),
             "status": text(state.statusword, lambda w: state_names.status_bits(w, mode)),
@@ -180,6 +206,10 @@ class AxisWatch:
             "target_position_cnt": self.position_target(),
             "following_error_cnt": known(state.following_error_cnt),
             "velocity_cnt_per_s": known(state.velocity_cnt_per_s),
+            "position": long(known(state.position_cnt)),
+            "target_position": long(self.position_target()),
+            "velocity_per_s": long(known(state.velocity_cnt_per_s)),
+            "position_unit": length,
             "force_cnt": None if count is None else count / 256,
             "force_N": force if unit == "N" else None,
             "target_force_N": target,
@@ -187,6 +217,8 @@ class AxisWatch:
             "target_force_permille": self.force_wanted(),
             "dac_code": known(state.dac_code),
             "command_code": known(state.command_code),
+            "output_V": volt(state.dac_code),
+            "command_V": volt(state.command_code),
             "tick": known(state.tick),
             "age_s": self.age_s(now_us),
             "rate_per_s": self.rate(now_us),
@@ -194,14 +226,16 @@ class AxisWatch:
             "received": sum(g.received for g in self.gaps.values()),
             "two_publishers": self.rivals(),
             "objects_mismatch": self.mismatch(),
-            "more": dict(zip(state.more_name, state.more_value, strict=True)),
+            "more": self.more(),
         }
 
 
 class Watch:
-    """All axes. Ages refer to `now_us`: the wall clock, or that of the replayed log."""
+    """All axes. Ages refer to `now_us`: the wall clock, or that of the replayed log. mm_per_count:
+    of the encoders of axes that have no units of their own."""
 
-    def __init__(self):
+    def __init__(self, mm_per_count=None):
+        self.mm_per_count = mm_per_count
         self.lock = threading.RLock()
         self.axes, self.clock, self.clock_us = {}, None, None
         self.events = deque(maxlen=500)  # (wall_us, axis, alarm, text)
@@ -210,7 +244,7 @@ class Watch:
 
     def axis(self, number):
         if number not in self.axes:
-            self.axes[number] = AxisWatch(number)
+            self.axes[number] = AxisWatch(number, self.mm_per_count)
         return self.axes[number]
 
     def take(self, channel, data, wall_us):

@@ -6,19 +6,13 @@ from textual.widgets import Static
 
 from forceaxis.bus import charts, state_names
 from forceaxis.bus.capture_assembly import unit_of
-from forceaxis.bus.monitor_state import STALE_S
+from forceaxis.bus.monitor_state import STALE_S, VOLT_PER_CODE
 
 FULL, COMPACT, SLIM = 8, 4, 3  # heights of a panel, with its border
 
-
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
-
-
 IS, WANTED = "#5fafff", "#d78700"
-
-
 VALUE = "bold #e4e4e4"
-
 
 STATE_COLOURS = {
     "operation enabled": GOOD,
@@ -56,10 +50,10 @@ class AxisPanel(Static):
     def on_click(self):
         self.app.choose(self.number)
 
-    def show(self, words, heard_age_s, height, chosen):
+    def show(self, words, silent_s, height, chosen, codes):
         """Draws `words` (AxisWatch.words, None: only other messages were received)."""
         width = max(10, self.content_size.width)
-        silent = words is None or heard_age_s > STALE_S
+        silent = words is None or silent_s > STALE_S
         state = (words or {}).get("drive_state") or "no state yet"
         colour = QUIET if silent else STATE_COLOURS.get(state, WARN)
         if words and words["objects_mismatch"]:
@@ -77,7 +71,7 @@ class AxisPanel(Static):
             return
         lost = f" · [bold {BAD}]lost {words['lost']}[/]" if words["lost"] else ""
         self.border_subtitle = f"{age(words['age_s'])} · {words['rate_per_s']:.0f}/s{lost}"
-        lines = {FULL: full, COMPACT: compact, SLIM: slim}[height](words, width)
+        lines = {FULL: full, COMPACT: compact, SLIM: slim}[height](words, width, codes)
         if words["objects_mismatch"]:
             lines[-1] = Text(words["objects_mismatch"], style=f"bold {BAD}")
             if len(words["objects_mismatch"]) > width:
@@ -132,35 +126,55 @@ def contact_text(words):
     return text
 
 
-def force_value(words):
-    if words["force_N"] is not None:
+def force_value(words, codes):
+    if words["force_N"] is not None and not codes:
         return signed(words["force_N"], "N", 2)
     if words["force_cnt"] is not None:
-        return signed(words["force_cnt"], "count", 2)
+        return signed(words["force_cnt"], "force count", 2)
     if words["force_permille"] is not None:
-        return signed(words["force_permille"] / 10, "%", 1)
+        return signed(words["force_permille"] / 10, "% of rated", 1)
     return "-"
+
+
+def position_values(words, codes):
+    """(name, position, speed): of the axis in its unit, of the encoder in counts."""
+    unit = words["position_unit"]
+    if codes or unit == "count":
+        speed = signed(words["velocity_cnt_per_s"], "count/s")
+        return "encoder", signed(words["position_cnt"], "count"), speed
+    digits = 0 if unit == "user unit" else 3
+    speed = signed(words["velocity_per_s"], f"{unit}/s", min(digits, 2))
+    return "position", signed(words["position"], unit, digits), speed
+
+
+def command_values(words, codes):
+    """(command of the law, output) as voltage or DAC codes."""
+    if codes:
+        return signed(words["command_code"], "code"), signed(words["dac_code"], "code")
+    return signed(words["command_V"], "V", 3), signed(words["output_V"], "V", 3)
 
 
 def row(name, value, note=""):
     return Text.assemble((f"{name:9}", QUIET), (f"{value:>13}", VALUE), (f" {note}", QUIET))
 
 
-def full(words, width):
+def full(words, width, codes):
     owner = words["command_source"]
-    count = "" if words["force_cnt"] is None else f"{words['force_cnt']:.2f} count"
-    if words["target_force_N"] is not None:
-        count = f"target {words['target_force_N']:.1f}"
-    speed = signed(words["velocity_cnt_per_s"])
+    target = ""
+    if codes and words["target_force_permille"] is not None:
+        target = f"target {words['target_force_permille'] / 10:.1f} %"
+    elif not codes and words["target_force_N"] is not None:
+        target = f"target {words['target_force_N']:.1f} N"
+    command, output = command_values(words, codes)
     flags = contact_text(words)
     for bit in words["status"] or ():
         flags.append(" · " if flags else "")
         flags.append(bit, WARN if bit in ("warning", "following error", "homing error") else QUIET)
     return [
         spread(width, mode_text(words), Text(owner or "", style=QUIET)),
-        row("force", force_value(words), count if words["force_N"] is not None else ""),
-        row("position", signed(words["position_cnt"], "cnt"), f"{speed} cnt/s"),
-        row("command", signed(words["command_code"], "code"), f"out {signed(words['dac_code'])}"),
+        row("force", force_value(words, codes), target),
+        row(*position_values(words, codes)),
+        row("command", command, f"out {output}"),
         flags,
         spread(width, fault_text(words), limit_text(words)),
     ]
@@ -170,47 +184,50 @@ def trouble_text(words):
     """The worst of fault, limit cycle and limit; contact where all is well."""
     if words["fault"] not in (None, "none") or words["error_code"]:
         return fault_text(words)
-    if words["limit_reason"] not in (None, "none") and not words["limit_cycle"]:
+    if words["limit_cycle"]:
+        return Text("LIMIT CYCLE", style=f"bold {BAD}")
+    if words["limit_reason"] not in (None, "none"):
         return limit_text(words)
     return contact_text(words)
 
 
-def compact(words, width):
-    values = Text.assemble(
-        (force_value(words), VALUE),
-        (f"  {signed(words['position_cnt'], 'cnt')}", VALUE),
-        (f"  {signed(words['dac_code'])} code", QUIET),
+def numbers(words, codes):
+    """Force, position and output in one line; codes: by name, without units."""
+    if codes:
+        force = "-" if words["force_cnt"] is None else f"{words['force_cnt']:.2f}"
+        return Text.assemble(
+            ("force ", QUIET), (force, VALUE),
+            (" enc ", QUIET), (signed(words["position_cnt"]), VALUE),
+            (" DAC ", QUIET), (signed(words["dac_code"]), VALUE),
+        )  # fmt: skip
+    return Text.assemble(
+        (force_value(words, codes), VALUE),
+        (f"  {position_values(words, codes)[1]}", VALUE),
+        (f"  {command_values(words, codes)[1]}", QUIET),
     )
+
+
+def compact(words, width, codes):
+    values = numbers(words, codes)
     return [
         spread(width, Text(words["mode"] or "mode -", style=VALUE), trouble_text(words)),
         values,
     ]
 
 
-def slim(words, width):
-    values = Text.assemble(
-        (force_value(words), VALUE),
-        (f" {signed(words['position_cnt'])}", VALUE),
-        (f" {signed(words['dac_code'])}", QUIET),
-    )
+def slim(words, width, codes):
+    values = numbers(words, codes)
     trouble = trouble_text(words)
-    if words["limit_cycle"]:
-        trouble = Text("LIMIT CYCLE", style=f"bold {BAD}")
     trouble.truncate(16, overflow="ellipsis")
     return [spread(width, values, trouble)]
 
 
-def strip_charts(axis, width, height, now_us, span_s):
-    """Force, position and codes over the last span_s, as many of them as fit."""
+def strip_charts(axis, width, height, now_us, span_s, codes=False):
+    """Force, position and command over the last span_s, as many of them as fit."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
     time_s = data["time"] - now
-    unit = axis.forces()[2] if axis.state else ""
-    plots = [
-        ("force", unit, data["force"], data["force_target"], ("is", "target"), 1.0),
-        ("position", "cnt", data["position"], data["position_target"], ("is", "target"), 10.0),
-        ("code", "", data["code"], data["command"], ("out", "before limits"), 10.0),
-    ]
+    plots = plots_of(axis, data, codes)
     room = height - 1
     count = 3 if room >= 9 else 2 if room >= 6 else 1
     heights = [room // count + (1 if i < room % count else 0) for i in range(count)]
@@ -221,12 +238,30 @@ def strip_charts(axis, width, height, now_us, span_s):
         for values, colour, word in ((is_, IS, legend[0]), (wanted, WANTED, legend[1])):
             finite = np.flatnonzero(np.isfinite(values))
             if finite.size:
-                last = charts.number(values[finite[-1]])
+                last = charts.number(values[finite[-1]], 5)
                 title.append(f"   ━ {word} {last} {measure}".rstrip(), style=colour)
                 lines.append((*broken(time_s, values), colour))
         parts.append(charts.panel(width, rows, title, lines, (-span_s, 0), least=least))
     parts.append(charts.time_axis(width, span_s))
     return Text("\n").join(parts)
+
+
+def plots_of(axis, data, codes):
+    """(name, unit, is, target, words of the two, least span) of each chart."""
+    force = axis.forces()[2] if axis.state else ""
+    forces = data["force"], data["force_target"]
+    if codes:
+        force, forces = "count", (data["force_count"], np.full_like(data["force"], np.nan))
+    length, size = ("count", 1) if codes else axis.length()
+    of, volt = ("DAC code", 1) if codes else ("V", VOLT_PER_CODE)
+    code, command = data["code"] * volt, data["command"] * volt
+    positions = data["position"] * size, data["position_target"] * size
+    name = "encoder" if length == "count" else "position"
+    return [
+        ("force", force, *forces, ("is", "target"), 1.0),
+        (name, length, *positions, ("is", "target"), 10.0 * size),
+        ("command", of, code, command, ("out", "before limits"), 10.0 * volt),
+    ]
 
 
 def broken(time_s, values):

@@ -1,8 +1,11 @@
 """Verbs about changes of an axis."""
 
+import shutil
+
 import click
 
-from forceaxis.cli.common import Positive, Verb, as_json, threads
+from forceaxis import paths
+from forceaxis.cli.common import Positive, Slow, Subject, as_json, threads
 from forceaxis.cli.models import TIMINGS, check_drawing, draw, drawn, present
 
 
@@ -24,12 +27,16 @@ def over_options(verb):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis advise laboratory
     forceaxis advise laboratory --over k_w=30%,m_w=30%
     forceaxis advise sim/experiments/contact.toml --simulate --out advice.png""",
 )
-@click.argument("model", metavar="MODEL|EXPERIMENT")
+@click.argument(
+    "model",
+    metavar="MODEL|EXPERIMENT",
+    type=Subject(paths.MODELS, paths.EXPERIMENTS),
+)
 @click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
 @click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
 @click.option(
@@ -72,15 +79,20 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
         model, models.overrides(overrides), timing, factor, runs, threads, over, modes
     )
     draw(out, lambda plots: plots.advice(result))
-    present(result, as_json, design.describe, out)
+    width = shutil.get_terminal_size().columns
+    present(result, as_json, lambda found: design.describe(found, width), out)
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis compliance laboratory_grip --out compliance.png
     forceaxis compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json""",
 )
-@click.argument("model", metavar="MODEL|EXPERIMENT")
+@click.argument(
+    "model",
+    metavar="MODEL|EXPERIMENT",
+    type=Subject(paths.MODELS, paths.EXPERIMENTS),
+)
 @click.option("--element", help="The stiffness that is varied. Default: the contact's.")
 @click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
 @click.option(

@@ -3,6 +3,7 @@
 import fnmatch
 import json
 import sys
+import textwrap
 import time
 
 import click
@@ -82,7 +83,7 @@ def print_state(axis, prefix, as_json, **more):
 @live_options.options
 @as_json
 def list_axes(way, as_json):
-    """Who is on a bus: id, name, version, object table, state, mode, fault, owner.
+    """Who is on a bus: id, name, version, object table, state, fault; --json adds mode, owner.
 
     Without an option the axes of the gateways on the LCM bus; with --can the nodes 1 to 127 that
     answer or are heard; with --modbus the units 1 to 127, which takes a serial line 20 s. Exit
@@ -95,16 +96,27 @@ def list_axes(way, as_json):
     if as_json:
         click.echo(json.dumps(rows))
     elif rows:
-        columns = [c for c in scan.COLUMNS if any(row[c] is not None for row in rows)]
-        table = [columns, *([shown(row[c]) if row[c] is not None else "-" for c in columns]
-                            for row in rows)]  # fmt: skip
-        widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
-        for cells in table:
-            text = "  ".join(f"{c:<{w}}" for c, w in zip(cells, widths, strict=True))
-            click.echo(text.rstrip())
+        click.echo("\n".join(table_of(rows)))
     if not rows:
         click.echo("forceaxis: no axis was found", err=True)
         sys.exit(1)
+
+
+def table_of(rows):
+    """Lines of at most 80 columns for the rows of scan.found(); a note stands below its row."""
+    columns = ("id", "name", "version", "table", "state", "fault")
+    cells = [columns]
+    for row in rows:
+        # A version may name the table, and the commit, behind its number.
+        short = row | {"version": row["version"] and row["version"].split(" ")[0]}
+        texts = ("-" if short[name] is None else str(short[name]) for name in columns)
+        cells.append([text.replace("_", " ") for text in texts])
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
+    yield lines[0]
+    for line, row in zip(lines[1:], rows, strict=True):
+        yield line
+        yield from textwrap.wrap(row["note"] or "", 76, initial_indent="  ", subsequent_indent="  ")
 
 
 @axis.command(
@@ -218,6 +230,26 @@ def enable(mode, words, seconds, way, as_json):
         print_state(axis, "after", as_json, seconds=passed)
 
 
+force_max = click.option("--force-max", metavar="FORCE", help='"120 N", or counts of the reading.')
+
+
+def bound_of(axis, text):
+    """Counts of --force-max, None where it is not given. Raises InputError."""
+    from forceaxis.axis import quantity
+
+    if text is None:
+        return None
+    try:
+        counts = float(quantity.parse(axis, "force_max", text))
+    except ValueError:
+        counts = 0.0
+    if not 0 < counts <= 512:
+        raise InputError(
+            f'--force-max: expected up to 512 counts, or a force as "75 N", got {text}'
+        )
+    return counts
+
+
 @axis.command(
     context_settings=NEGATIVE,
     epilog="""forceaxis axis move --axis 1 36000 --speed 20000
@@ -226,13 +258,20 @@ def enable(mode, words, seconds, way, as_json):
 @click.argument("position", type=int)
 @click.option("--speed", type=Positive(1, 3_072_000), help="count/s. Default: trajectory_velocity.")
 @click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="s.")
+@force_max
 @live
 @as_json
-def move(position, speed, timeout, way, as_json):
-    """Move to a position in counts (or the user's units) and disable the axis there."""
+def move(position, speed, timeout, force_max, way, as_json):
+    """Move to a position in counts (or the user's units) and disable the axis there.
+
+    What it meets with more than --force-max, by default 32 counts of the reading, switches the axis
+    off in the same tick, with the fault force_max; it still has the energy of its speed then.
+    """
+    from forceaxis.axis import actions
+
     with owned(way) as axis:
-        axis.enable("profile position", **({"trajectory_velocity": speed} if speed else {}))
-        axis.move(position, timeout)
+        bound = bound_of(axis, force_max) or actions.MOVE_COUNTS
+        actions.move(axis, position, speed, timeout, bound)
         print_state(axis, "reached", as_json)
 
 
@@ -259,13 +298,15 @@ def move(position, speed, timeout, way, as_json):
     show_default=True,
     help="s without contact after which the axis ends it with the fault no_contact.",
 )
+@force_max
 @live
 @as_json
-def press(force, seconds, speed, approach, way, as_json):
+def press(force, seconds, speed, approach, force_max, way, as_json):
     """Press with a force, show it, and disable the axis.
 
     "75 N": mode 4, with the force law or bank that is selected. 30: counts of an 8-bit reading,
-    mode -1, the P law of force_gain. What is set for it is as before afterwards.
+    mode -1, the P law of force_gain. What is set for it is as before afterwards. A reading beyond
+    --force-max, by default twice the force and 8 counts, disables it in the same tick.
     """
     from forceaxis.axis import actions, quantity
 
@@ -287,6 +328,7 @@ def press(force, seconds, speed, approach, way, as_json):
 
         per_count = quantity.force_per_count(axis)
         reports = {} if as_json else {"shown": report}
+        reports["counts"] = bound_of(axis, force_max)
         held = actions.press(axis, wanted, newton, speed, approach, seconds, **reports)
     if as_json:
         click.echo(json.dumps(held))

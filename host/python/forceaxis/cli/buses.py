@@ -10,7 +10,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Folder, Positive, Verb, Verbs, as_json
+from forceaxis.cli.common import File, Folder, Positive, Verb, Verbs, as_json, show
 
 log_file = click.argument(
     "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
@@ -22,6 +22,8 @@ log_file = click.argument(
     epilog="""forceaxis monitor
     forceaxis monitor --url "udpm://239.255.76.67:7700?ttl=0" --axis 2 --record out/axis2.log
     forceaxis monitor --replay out/axis2.log --speed 4
+    # the same screen in a browser, read-only
+    forceaxis monitor --web --port 8780
     # one snapshot for a script
     forceaxis monitor --once --json""",
 )
@@ -45,13 +47,29 @@ log_file = click.argument(
     show_default=True,
     help="How long --once listens.",
 )
+@click.option("--codes", is_flag=True, help="Counts and DAC codes, not N, mm, V; key u changes it.")
+@click.option(
+    "--model",
+    metavar="MODEL",
+    help="Positions in mm by this model's encoder, for axes without units of their own (6092h).",
+)
+@click.option("--web", is_flag=True, help="Serve the screen to browsers, read-only, until Ctrl-C.")
+@click.option("--host", metavar="ADDRESS", help="Of --web. Default: 127.0.0.1, this machine only.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), help="Of --web. Default: 8780; 0: one that is free."
+)
 @as_json
-def monitor(url, axis, record, replay, speed, once, seconds, as_json):
+def monitor(
+    url, axis, record, replay, speed, once, seconds, codes, model, web, host, port, as_json
+):
     """Watch axes live over LCM: state, mode and fault in words, values, strip charts, losses.
 
     Shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing to any axis.
-    Keys: f freeze, r record into a new log here, c capture, arrows or 1 to 9 choose the axis, + and
-    - the time shown, q quit. With --once the exit status is 1 if no state was received.
+    Forces are in N by the axis's own scale, positions in its own unit, in mm by --model, or in
+    counts of its encoder, commands in V.
+    Keys: f freeze, r record into a new log here, c capture, u counts and codes, arrows or 1 to 9
+    choose the axis, + and - the time shown, q quit. With --once the exit status is 1 if no state
+    was received.
     """
     if replay and (record or url):
         raise click.UsageError("--replay: expected without --url and --record")
@@ -59,12 +77,17 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
         raise click.UsageError("--speed: expected with --replay")
     if as_json and not once:
         raise click.UsageError("--json: expected with --once")
-    if not once and not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if web and (once or record):
+        raise click.UsageError("--web: expected without --once and --record")
+    if not web and (host is not None or port is not None):
+        raise click.UsageError("--host, --port: expected with --web")
+    if not once and not web and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise click.UsageError("expected a terminal; in scripts use --once, with --json")
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import Live, Replay
 
-    watch = Watch()
+    mm_per_count = encoder_mm(model) if model else None
+    watch = Watch(mm_per_count)
     source = Replay(watch, replay, speed or 1.0, axis) if replay else Live(watch, url, axis)
     try:
         if record:
@@ -72,14 +95,41 @@ def monitor(url, axis, record, replay, speed, once, seconds, as_json):
         if once:
             snapshot(watch, source, axis, seconds, as_json)
             return
-        from forceaxis.bus.monitor import Monitor
+        if not web:
+            from forceaxis.bus.monitor import Monitor
 
-        Monitor(source, watch, axis).run()
+            Monitor(source, watch, axis, codes=codes).run()
     finally:
         writer = source.writer
         source.close()
     if writer:
         click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
+    if web:
+        settings = {"url": url, "axis": axis, "speed": speed or 1.0, "codes": codes}
+        settings |= {"replay": replay and str(replay), "mm_per_count": mm_per_count}
+        serve(settings, host or "127.0.0.1", 8780 if port is None else port)
+
+
+def encoder_mm(model):
+    """mm of one count of a model's encoder."""
+    from forceaxis.linear import system
+
+    encoder = system.facts(model)["encoder"]
+    if not encoder:
+        raise InputError(f"--model {model}: expected a model with an encoder")
+    return 1e3 / encoder["scale"]
+
+
+def serve(settings, host, port):
+    """The monitor in browsers until a signal ends it; its status is as for that signal."""
+    try:
+        from forceaxis.bus import monitor_web
+    except ImportError:
+        raise InputError(
+            "--web: expected textual-serve; install it with `pip install 'forceaxis[web]'`"
+        ) from None
+    ready = lambda url: show([("monitor", url)])  # noqa: E731
+    sys.exit(128 + monitor_web.serve(settings, host, port, ready))
 
 
 def snapshot(watch, source, axis, seconds, as_json):
@@ -111,14 +161,14 @@ def describe(shown):
         if a["force_N"] is not None:
             force = f"{a['force_N']:.2f} N"
         elif a["force_cnt"] is not None:
-            force = f"{a['force_cnt']:.2f} count"
+            force = f"{a['force_cnt']:.2f} counts of the force reading"
         parts = [
             a["drive_state"] or "no state",
             a["mode"] or "mode -",
             "no fault" if a["fault"] in (None, "none") else f"FAULT {a['fault']}",
             f"force {force}",
-            f"position {'-' if a['position_cnt'] is None else a['position_cnt']} cnt",
-            f"code {'-' if a['dac_code'] is None else a['dac_code']}",
+            position(a),
+            f"output {'-' if a['output_V'] is None else format(a['output_V'], '.3f')} V",
             f"{a['rate_per_s']:.0f}/s",
             f"lost {a['lost']}",
         ]
@@ -130,6 +180,13 @@ def describe(shown):
     if "trouble" in shown:
         lines.append(shown["trouble"])
     return "\n".join(lines)
+
+
+def position(a):
+    if a["position_unit"] == "count":
+        return f"encoder {'-' if a['position_cnt'] is None else a['position_cnt']} count"
+    value = "-" if a["position"] is None else f"{a['position']:.6g}"
+    return f"position {value} {a['position_unit']}"
 
 
 @click.group(
@@ -156,7 +213,7 @@ def info(log_path, as_json):
 
     summary = logs.info(log_path)
     click.echo(json.dumps(summary, allow_nan=False) if as_json else logs.describe(summary))
-    tell_damage(summary)
+    report_damage(summary)
 
 
 @log.command(
@@ -186,10 +243,10 @@ def export(log_path, out, csv, npz, as_json):
     else:
         click.echo(log_tables.describe_export(summary))
         click.echo(f"files        {paths.quoted(out)}")
-    tell_damage(summary)
+    report_damage(summary)
 
 
-def tell_damage(summary):
+def report_damage(summary):
     if summary["damage"]:
         click.echo(f"forceaxis: {summary['damage']}", err=True)
 
@@ -210,7 +267,7 @@ def gateway(args):
 
     program = link.program("gateway")
     sys.stdout.flush()
-    os.execv(program, [program, *args])
+    os.execv(program, ["forceaxis gateway", *args])
 
 
 VERBS = (gateway, monitor, log)

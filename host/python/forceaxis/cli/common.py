@@ -1,6 +1,7 @@
 """Shared by verbs: the form of their help, options, errors."""
 
 import contextlib
+import difflib
 import os
 import shutil
 import sys
@@ -10,8 +11,10 @@ import time
 from pathlib import Path
 
 import click
+from click.shell_completion import CompletionItem
 
-from forceaxis.experiments import link
+from forceaxis import paths
+from forceaxis._core import InputError
 
 
 class Verb(click.Command):
@@ -23,6 +26,20 @@ class Verb(click.Command):
             formatter.write("Example:\n")
             for line in self.epilog.strip().splitlines():
                 formatter.write(f"  {line.strip()}\n")
+
+
+class Slow(Verb):
+    """A verb that may compute for seconds, which a terminal then shows until the verb prints."""
+
+    def invoke(self, ctx):
+        with waiting(self.name):
+            return super().invoke(ctx)
+
+
+def done_waiting():
+    """Clear what `waiting` shows, before a verb prints."""
+    if stop := click.get_current_context().meta.get("forceaxis.waiting"):
+        stop()
 
 
 class Verbs(click.Group):
@@ -70,6 +87,105 @@ class File(click.Path):
         super().__init__(dir_okay=False, path_type=Path)
 
 
+class Kind(click.Choice):
+    """The kinds of a link, which load with the verb that takes one."""
+
+    def __init__(self):
+        from forceaxis.experiments import link
+
+        super().__init__(link.KINDS)
+
+
+def close(name, known):
+    """The end of a message about an unknown name: what may have been meant, or nothing."""
+    meant = difflib.get_close_matches(name, known, 2, 0.65)
+    return f"; did you mean {' or '.join(meant)}?" if meant else ""
+
+
+class Subject(click.ParamType):
+    """A file that a verb reads: a path, or the stem of a file in one of `folders` of sim. Gives
+    the text as it was typed; with `as_path` a Path, of a stem the file's."""
+
+    name = "file"
+
+    def __init__(self, *folders, as_path=False):
+        self.folders, self.as_path = folders, as_path
+
+    def files(self):
+        """{stem: path}; the first folder goes first."""
+        return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
+
+    def convert(self, value, param, ctx):
+        text = str(value)
+        path, known = Path(text), self.files()
+        is_stem = text and path.parent == Path() and path.suffix != ".toml" and not path.exists()
+        if is_stem and text not in known and len(text) < 256:
+            kind = "MODEL" if paths.MODELS in self.folders else "EXPERIMENT"
+            places = " or ".join(paths.display(f) for f in self.folders)
+            raise InputError(
+                f"{kind}: {text}: expected a path ending in .toml or a name of {places}"
+                f"{close(text, known)}"
+            )
+        if not is_stem and path.suffix == ".toml" and not path.exists():
+            near = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+            if meant := close(path.name, near):
+                raise InputError(f"{text}: file: expected a readable file, got none{meant}")
+        if not self.as_path:
+            return value
+        return Path(paths.display(known[text])) if is_stem else path
+
+    def shell_complete(self, ctx, param, incomplete):
+        return [
+            *(CompletionItem(stem) for stem in self.files() if stem.startswith(incomplete)),
+            CompletionItem(incomplete, type="file"),
+        ]
+
+
+class Override(click.ParamType):
+    """NAME=VALUE; completes the parameters of the verb's file, firmware.NAME and its texts."""
+
+    name = "override"
+
+    def shell_complete(self, ctx, param, incomplete):
+        return [CompletionItem(text) for text in completed(ctx, incomplete)]
+
+
+def completed(ctx, text):
+    """What `--set TEXT` may become: firmware.NAME=, texts of an enumeration, the parameters of the
+    verb's own file, verdict and duration. Never raises."""
+    from forceaxis import objects
+
+    name, equals, _ = text.partition("=")
+    if equals:
+        known = objects.BY_NAME.get(name.removeprefix("firmware."))
+        values = [f"{name}={value}" for value in known.enum] if known else []
+        return [value for value in values if value.startswith(text)]
+    names = [f"firmware.{o.name}=" for o in objects.OBJECTS if o.access == "rw"]
+    names += ["experiment.duration_s=", "verdict.window_s=", *_parameters(ctx)]
+    return sorted(n for n in names if n.startswith(text))
+
+
+def _parameters(ctx):
+    """NAME= for each parameter of the model that the words before name."""
+    from forceaxis import _core, toml
+    from forceaxis.linear import settings
+
+    # An option without its value, which is what is completed, leaves the words in `args`.
+    arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)]
+    subject = next(filter(None, map(ctx.params.get, arguments)), None)
+    subject = subject or next(iter(ctx.args), None)
+    if not subject:
+        return []
+    try:
+        path = settings.find(str(subject))
+        table = toml.read(path)
+        if settings.is_experiment(table):
+            path = path.parent / table["model"]
+        return [f"{name}=" for name in _core.facts(str(path), {})["parameters"]]
+    except (_core.InputError, OSError):
+        return []
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
 threads = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
@@ -85,7 +201,7 @@ def linked(command):
         click.option(
             "--link",
             "kind",
-            type=click.Choice(link.KINDS),
+            type=Kind(),
             help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
             "usual, but both sides hash the trace; pil-stm32: the image on an emulated chip. Where "
             "the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
@@ -99,6 +215,8 @@ def link_of(kind, lcm_url, link_can, inject):
     """The Link of the options, or None; may restart the command in a guest that has CAN."""
     if kind is None:
         return None
+    from forceaxis.experiments import link
+
     over = link.Link(kind, lcm_url, link_can, inject)
     link.under_vcan(over)
     return over
@@ -121,6 +239,7 @@ def coloured(text, word=None):
 
 def show(rows):
     """Print (key, text) rows; on a terminal within its width, the verdict in its colour."""
+    done_waiting()
     indent = " " * 13
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     for key, text in rows:
@@ -151,14 +270,21 @@ def waiting(what):
 
     thread = threading.Thread(target=report, daemon=True)
     thread.start()
+
+    def stop():
+        if not over.is_set():
+            over.set()
+            thread.join()
+            if time.monotonic() - began > 2:
+                sys.stderr.write("\r\x1b[2K")
+                sys.stderr.flush()
+
+    meta = click.get_current_context().meta
+    meta["forceaxis.waiting"] = stop
     try:
         yield
     finally:
-        over.set()
-        thread.join()
-        if time.monotonic() - began > 2:
-            sys.stderr.write("\r\x1b[2K")
-            sys.stderr.flush()
+        stop()
 
 
 def fail(message, status=2):

@@ -3,19 +3,27 @@
 import contextlib
 import json
 import sys
+from dataclasses import replace
 
 import click
 
-from forceaxis.cli.common import Folder, Verb, as_json, threads
+from forceaxis import paths
+from forceaxis.cli.common import Folder, Subject, Verb, as_json, threads
 
 
 @click.command(
     cls=Verb,
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
     forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
-    forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json""",
+    forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json
+    forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \
+    --measured out/m/150N --over k_w=30%,m_w=30% --out out/law""",
 )
-@click.argument("text", metavar="MODEL|EXPERIMENT")
+@click.argument(
+    "text",
+    metavar="MODEL|EXPERIMENT",
+    type=Subject(paths.MODELS, paths.EXPERIMENTS),
+)
 @click.option(
     "--over",
     multiple=True,
@@ -47,6 +55,14 @@ from forceaxis.cli.common import Folder, Verb, as_json, threads
     "--set", "overrides", multiple=True, metavar="NAME=VALUE",
     help="A model parameter (b_w=363), in its own unit. Repeatable.",
 )  # fmt: skip
+@click.option(
+    "--measured", multiple=True, metavar="FOLDER",
+    help="Of `forceaxis measure --out`: MODEL is fitted to it first. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
+    help="With --measured: what is known of a parameter (m_w=4.1+-2%). Repeatable.",
+)  # fmt: skip
 @click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")
 @click.option(
     "--pareto",
@@ -57,7 +73,7 @@ from forceaxis.cli.common import Folder, Verb, as_json, threads
 @click.option("--out", type=Folder(), help="A new folder for experiment, bank and page.")
 @threads
 @as_json
-def design(text, overrides, pareto, out, as_json, **given):
+def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     """Find the force law with most bandwidth for MODEL and all that it may be.
 
     The law is the firmware's: gain, integral, up to three sections of second order, its
@@ -65,7 +81,9 @@ def design(text, overrides, pareto, out, as_json, **given):
     every mode, for each latency, and |T| does not sag below -3 dB within its bandwidth. The
     smallest structure within a few percent of the best is taken. Then it is simulated: contact at
     three set-points and two speeds, strikes, random members; the gain is reduced if a case is
-    unstable. fS is the lowest frequency at which |S| reaches -3 dB, of the worst member.
+    unstable. fS is the lowest frequency at which |S| reaches -3 dB, of the worst member. With
+    --measured the set lies about what the responses say of MODEL's parameters and is widened by
+    what they leave open; a fit that is rejected ends with exit status 1.
 
     \b
     --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
@@ -84,6 +102,10 @@ def design(text, overrides, pareto, out, as_json, **given):
     from forceaxis.design import for_set, outcome
 
     order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
+    if priors and not measured:
+        raise click.UsageError("--prior: expected with --measured")
+    if measured:
+        order = _identified(order, measured, priors)
     if pareto:
         _pareto(order, pareto, out, as_json)
         return
@@ -93,6 +115,22 @@ def design(text, overrides, pareto, out, as_json, **given):
         click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
         click.echo(outcome.describe(found))
+
+
+def _identified(order, measured, priors):
+    """The order, for the plants that measured responses leave open."""
+    from forceaxis.commission import fit
+    from forceaxis.commission.refusal import Refusal
+    from forceaxis.identify.fit import read_response
+    from forceaxis.linear import settings
+
+    model = settings.of(order.text, (), plant=True).model
+    known = fit.priors(model, order.over, priors, order.overrides)
+    responses = [read_response(folder, model, order.overrides) for folder in measured]
+    found = fit.joint(model, known, responses, order.over)
+    if found.rejected:
+        raise Refusal(found.rejected, found.text)
+    return replace(order, over=found.over, overrides=order.overrides | found.values)
 
 
 def _pareto(order, pareto, out, as_json):

@@ -11,6 +11,9 @@ from forceaxis._core import InputError
 from forceaxis.cli.common import (
     File,
     Folder,
+    Override,
+    Slow,
+    Subject,
     Verb,
     as_json,
     coloured,
@@ -38,11 +41,12 @@ codes_option = click.option(
     forceaxis run sim/experiments/contact.toml --set b_w=363 --json
     forceaxis run sim/experiments/contact.toml --link lcm""",
 )
-@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 @click.option(
     "--set",
     "overrides",
     multiple=True,
+    type=Override(),
     metavar="NAME=VALUE",
     help="A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
     "experiment.duration_s or a key of the verdict (verdict.window_s=2); a number or a quantity "
@@ -138,7 +142,7 @@ def named(context, option, texts):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""# the stability map of the thesis robot over gain and set-point, 1280 runs
     forceaxis sweep sim/experiments/contact.toml \\
     --grid firmware.force_gain=0.5:20:40 --grid firmware.force_setpoint=2:64:32 --out out/map
@@ -149,7 +153,7 @@ def named(context, option, texts):
     forceaxis sweep sim/experiments/contact.toml \\
     --random k_s=5e4:2e5:log --random k_w=2e5:8e5 --count 500 --seed 1 --out out/spread""",
 )
-@click.argument("experiment", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 @click.option(
     "--grid",
     multiple=True,
@@ -178,7 +182,12 @@ def named(context, option, texts):
     "point of --grid or --random.",
 )
 @click.option(
-    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="As for run, for all points."
+    "--set",
+    "overrides",
+    multiple=True,
+    type=Override(),
+    metavar="NAME=VALUE",
+    help="As for run, for all points.",
 )
 @click.option(
     "--out",

@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verbs, as_json
+from forceaxis.cli.common import Folder, Slow, Subject, Verbs, as_json, done_waiting
 
 
 class Known(click.ParamType):
@@ -206,11 +206,12 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 
 
 @identify.command(
+    cls=Slow,
     epilog="""forceaxis measure fig4_19 --output sensor.force --bias 1 --set b_w=100 \\
     --plant-set m_r=110 --out out/m
-    forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted"""
+    forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted""",
 )
-@click.argument("model")
+@click.argument("model", type=Subject(paths.MODELS))
 @click.argument("response", type=click.Path())
 @click.option(
     "--fit", "names", multiple=True, required=True, metavar="NAME[=START]",
@@ -257,6 +258,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
     summary = fit_response.summarise(found, measured, units)
     if out:
         fit_response.write(found, measured, summary, out)
+    done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     else:
@@ -266,10 +268,11 @@ def fit(model, response, names, overrides, out, as_json, **given):
 
 
 @identify.command(
+    cls=Slow,
     epilog="""forceaxis measure fig3_11 --out out/tip
-    forceaxis identify resonances fig4_11 out/tip --rigid robot.acceleration --modes 2"""
+    forceaxis identify resonances fig4_11 out/tip --rigid robot.acceleration --modes 2""",
 )
-@click.argument("model")
+@click.argument("model", type=Subject(paths.MODELS))
 @click.argument("response", type=click.Path())
 @click.option("--rigid", required=True, help="Signal of MODEL that RESPONSE would be if rigid.")
 @click.option("--modes", type=click.IntRange(1, 50), default=5, show_default=True)
@@ -295,6 +298,7 @@ def resonances(model, response, rigid, modes, prominence_db, refine, overrides, 
     result = resonance.of_measurement(
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
+    done_waiting()
     click.echo(json.dumps(result, allow_nan=False) if as_json else resonance.describe(result))
 
 

@@ -14,7 +14,7 @@ from forceaxis.cli.live_options import connected, live
     epilog="""forceaxis incident --axis 1 --out out/incident
     forceaxis incident --can can0 --node 3 --clear
     forceaxis incident --sim sim/experiments/contact.toml --set firmware.mode=force \\
-        --set firmware.force_gain=5 --set firmware.force_max=40 --wait 5""",
+        --set firmware.force_gain=5 --set firmware.force_max=30 --wait 5""",
 )
 @live
 @click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
@@ -26,7 +26,8 @@ def incident(way, out, clear, wait_s, counts_per_mm, as_json):
     """Fetch the last second before an error: which fault, and what led to it.
 
     The black box of an axis keeps the first incident, over a reset too, until it is cleared or a
-    recording is armed. Exit status 1 where there is none. The axis is owned meanwhile, so it has to
+    recording is armed; the first since power-up, and one in 24 hours, also over a power cut, until
+    it is cleared. Exit status 1 where there is none. The axis is owned meanwhile, so it has to
     be disabled, as it is after a fault.
     """
     from forceaxis.commission import incident as incidents

@@ -1,4 +1,4 @@
-"""The options of every verb that works on a live axis, and the one way to open and leave it."""
+"""Options of every verb of a live axis, and the contexts that connect to it or acquire it."""
 
 import contextlib
 import functools
@@ -122,40 +122,36 @@ def live(command):
 
 @contextlib.contextmanager
 def connected(way):
-    """An Axis that is only read, or stopped: never acquired."""
+    """An Axis. Ctrl-C and SIGTERM end the verb with one line and status 130 or 143."""
     from forceaxis.axis.axis import Axis
 
+    axis, before = None, signal.signal(signal.SIGTERM, _terminate)
     with errors():
-        axis = Axis(way.link())
         try:
+            axis = Axis(way.link())
             yield axis
+        except KeyboardInterrupt as interrupt:
+            end = f", {axis.link.where} {axis.close()}" if axis else ""
+            click.echo(f"forceaxis: interrupted{end}", err=True)
+            sys.exit(143 if interrupt.args == (signal.SIGTERM,) else 130)
         finally:
-            axis.close()
+            signal.signal(signal.SIGTERM, before)
+            if axis:
+                axis.close()
 
 
 @contextlib.contextmanager
 def owned(way, shared=False):
-    """An Axis that is acquired, and disabled and released at the end. Ctrl-C and SIGTERM end the
-    verb with one line and status 130 or 143. shared: see Axis.acquire()."""
-    from forceaxis.axis.axis import Axis
-
-    with errors():
-        axis = Axis(way.link())
-        before = signal.signal(signal.SIGTERM, _terminate)
-        try:
-            axis.acquire(shared)
-            yield axis
-        except KeyboardInterrupt as interrupt:
-            click.echo(f"forceaxis: interrupted, {axis.link.where} {axis.close()}", err=True)
-            sys.exit(143 if interrupt.args == (signal.SIGTERM,) else 130)
-        finally:
-            signal.signal(signal.SIGTERM, before)
-            axis.close()
+    """As connected(), acquired, and disabled and released at the end. shared: see
+    Axis.acquire()."""
+    with connected(way) as axis:
+        axis.acquire(shared)
+        yield axis
 
 
 @contextlib.contextmanager
 def errors():
-    """What an axis refuses, or does not answer, is one line and status 1."""
+    """A refusal, or a missing response, is one line and status 1."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:

@@ -2,7 +2,7 @@
 
 import click
 
-from forceaxis.cli.common import Positive, Verb, as_json
+from forceaxis.cli.common import Positive, Slow, as_json
 from forceaxis.cli.models import (
     check_drawing,
     draw,
@@ -19,7 +19,7 @@ from forceaxis.cli.models import (
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis limit fig4_19 --set b_m=0.02 --json
     forceaxis limit fig4_19 --law lead --lead-zero-hz 40 --lead-pole-hz 400 --timing zoh+1
     forceaxis limit strike_biquad
@@ -61,7 +61,7 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis rlocus fig4_19 --timing continuous --out locus.png
     forceaxis rlocus fig4_19 --vary b_w=8.25,363 --span-hz 70 --firmware-gain 5 --out b_w.png""",
 )
@@ -95,7 +95,7 @@ def rlocus(model, out, as_json, **given):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis nyquist fig4_19 --firmware-gain 5 --out nyquist.png
     forceaxis nyquist strike_biquad --over k_w=30%,m_w=30% --timing both --out set.png""",
 )
@@ -128,7 +128,7 @@ def nyquist(model, out, as_json, ranges, visit, **given):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis step fig4_19 --firmware-gain 5 --out step.png
     forceaxis step fig4_15 --law pd --derivative-s 0.004 --gain 0.01 --timing continuous""",
 )

@@ -3,6 +3,7 @@
 import importlib
 import os
 import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,24 +15,125 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 import forceaxis.cli
-from forceaxis import versions
-from forceaxis._core import InputError, SimulationError
-from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.chip import flash
-from forceaxis.cli.common import fail
-from forceaxis.commission.refusal import Refusal
-from forceaxis.experiments import link
-from forceaxis.thesis import tables
+from forceaxis.cli.common import Verb, fail
+
+JOBS = """\
+Judge my axis
+  forceaxis new press               its model, from what the data sheets say
+  forceaxis run press/contact.toml --out out/press
+  forceaxis report press            one page: recommended gain, margins, runs
+Put it on the bus
+  forceaxis axis list --can can0    who is there, in which state
+  forceaxis axis check --can can0   guided first motion
+  forceaxis tune --help             measured, designed, verified, stored
+Keep it from breaking in CI
+  forceaxis test press --update     keep what comes out today as expected
+  forceaxis test press              status 1 where it changed, with the figures"""
+
+# {group: {verb: the module beside this one whose VERBS hold it}}; a module loads with its verb, and
+# with it the modules NAME_..., which add verbs to it.
+GROUPS = {
+    "An axis and its runs": {
+        "new": "new",
+        "run": "experiments",
+        "sweep": "experiments",
+        "test": "experiments",
+        "replay": "experiments",
+        "report": "thesis",
+        "objects": "objects",
+    },
+    "Its force loop": {
+        "limit": "loops",
+        "design": "design",
+        "advise": "advise",
+        "compliance": "advise",
+        "step": "loops",
+        "nyquist": "loops",
+        "rlocus": "loops",
+        "bode": "models",
+        "poles": "models",
+        "modes": "models",
+        "linearise": "models",
+        "beam": "models",
+        "measure": "measure",
+        "identify": "identify",
+    },
+    "On a bus or a chip": {
+        "axis": "axis",
+        "tune": "tune",
+        "incident": "incident",
+        "monitor": "buses",
+        "log": "buses",
+        "gateway": "buses",
+        "flash": "flash",
+    },
+    "The thesis": {"tables": "thesis", "check-thesis": "thesis", "session": "thesis"},
+    "This program": {"bench": "bench", "completion": "completion"},
+}
+MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
+
+# Failures of what was asked for: one line and status 1. A class whose module is not loaded cannot
+# have been raised.
+FAILURES = {
+    "forceaxis._core.SimulationError",
+    "forceaxis.experiments.link.LinkError",
+    "forceaxis.chip.flash.FlashError",
+    "forceaxis.bus.client.NoAnswer",
+    "forceaxis.bus.client.Refused",
+    "forceaxis.commission.refusal.Refusal",
+    "forceaxis.thesis.tables.StaleFit",
+}
 
 
 def show_versions(context, _parameter, wanted):
     if wanted:
+        from forceaxis import versions
+
         for what, version in versions.rows():
             click.echo(f"{what:<24}{version}")
         context.exit()
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class Program(click.Group):
+    """All verbs; each is loaded when it is used."""
+
+    def list_commands(self, ctx):
+        return list(MODULES)
+
+    def get_command(self, ctx, cmd_name):
+        if cmd_name not in MODULES:
+            return None
+        name = MODULES[cmd_name]
+        for found in pkgutil.iter_modules(forceaxis.cli.__path__):
+            if found.name.startswith(f"{name}_"):
+                importlib.import_module(f"forceaxis.cli.{found.name}")
+        module = importlib.import_module(f"forceaxis.cli.{name}")
+        return next(verb for verb in module.VERBS if verb.name == cmd_name)
+
+    def resolve_command(self, ctx, args):
+        if args and args[0] not in MODULES and not args[0].startswith("-"):
+            raise click.exceptions.NoSuchCommand(args[0], possibilities=MODULES, ctx=ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx, formatter):
+        room = formatter.width - max(map(len, MODULES)) - 6
+        for group, verbs in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl(
+                    [(v, self.get_command(ctx, v).get_short_help_str(room)) for v in verbs]
+                )
+
+    def format_epilog(self, ctx, formatter):
+        Verb.format_epilog(self, ctx, formatter)
+
+
+@click.group(
+    cls=Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="forceaxis run sim/experiments/contact.toml --set firmware.force_gain=7 --out out/g7\n"
+    "forceaxis VERB --help",
+)
 @click.option(
     "--version",
     is_flag=True,
@@ -40,14 +142,23 @@ def show_versions(context, _parameter, wanted):
     callback=show_versions,
     help="Show the versions of firmware, object table, LCM types and files, and exit.",
 )
-def cli():
-    """Firmware for force-controlled axes around an exact plant: run it before you flash it."""
+@click.pass_context
+def cli(context):
+    """Firmware for force-controlled axes: run it around an exact plant first."""
+    if context.invoked_subcommand is None:
+        formatter = context.make_formatter()
+        cli.format_commands(context, formatter)
+        click.echo(f"{cli.help}\n\n{JOBS}\n\n{formatter.getvalue()}\nforceaxis VERB --help")
 
 
-# Every module beside this one lists its verbs.
-for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-    for verb in getattr(importlib.import_module(f"forceaxis.cli.{found.name}"), "VERBS", ()):
-        cli.add_command(verb)
+def with_help(error):
+    """A message of wrong usage; one that lacks what was expected names the help that has it."""
+    text = error.format_message()
+    context = getattr(error, "ctx", None)
+    if context is None or re.search(r"\bexpected\b", text):
+        return text
+    end = "" if text[-1] in ".?" else ";"
+    return f"{text}{end} `{context.command_path} --help` shows what is expected"
 
 
 def main():
@@ -56,21 +167,25 @@ def main():
         for text in sys.argv:
             text.encode()  # what is not UTF-8 is refused before anything sees it
         cli(standalone_mode=False)
-    except InputError as error:
-        fail(str(error))
-    except (SimulationError, link.LinkError, flash.FlashError, NoAnswer, Refused, Refusal) as error:
-        fail(str(error), status=1)
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.exceptions.NoArgsIsHelpError as error:
+        verbs = ", ".join(error.ctx.command.list_commands(error.ctx))
+        fail(f"{error.ctx.command_path}: expected a verb: {verbs}")
+    except click.ClickException as error:
+        fail(with_help(error))
     except subprocess.TimeoutExpired as error:
         program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]
         fail(f"{Path(program).name}: expected it to end within {error.timeout:g} s", status=1)
-    except click.exceptions.Abort:
-        sys.exit(130)
-    except click.ClickException as error:
-        fail(error.format_message())
-    except tables.StaleFit as error:
-        fail(str(error), status=1)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        fail(f"{where}expected to be able to read and write here, {error.strerror}")
-    except UnicodeError:
-        fail("expected UTF-8 in file names and files")
+    except Exception as error:
+        names = {f"{kind.__module__}.{kind.__qualname__}" for kind in type(error).__mro__}
+        if names & FAILURES:
+            fail(str(error), status=1)
+        if "forceaxis._core.InputError" in names:
+            fail(str(error))
+        if isinstance(error, OSError):
+            where = f"{error.filename}: " if error.filename else ""
+            fail(f"{where}expected to be able to read and write here, {error.strerror}")
+        if isinstance(error, UnicodeError):
+            fail("expected UTF-8 in file names and files")
+        raise

@@ -5,7 +5,7 @@ import json
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import File, Positive, Verb, as_json
+from forceaxis.cli.common import File, Override, Positive, Slow, Subject, as_json, done_waiting
 
 
 def check_drawing(out):
@@ -27,6 +27,7 @@ def draw(out, make):
 
 def present(summary, as_json, describe, out=None):
     """Print a verb's result: one JSON object, or its description and the file that was drawn."""
+    done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
         return
@@ -35,7 +36,7 @@ def present(summary, as_json, describe, out=None):
         click.echo(f"figure       {paths.quoted(out)}")
 
 
-def _model_options(subject):
+def _model_options(subject, *folders):
     def add(verb):
         for decorate in (
             click.option(
@@ -51,10 +52,11 @@ def _model_options(subject):
                 "--set",
                 "overrides",
                 multiple=True,
+                type=Override(),
                 metavar="NAME=VALUE",
                 help="A model parameter (b_m=0.02), in its own unit. Repeatable.",
             ),
-            click.argument("model", metavar=subject),
+            click.argument("model", metavar=subject, type=Subject(*folders)),
         ):
             verb = decorate(verb)
         return verb
@@ -63,8 +65,8 @@ def _model_options(subject):
 
 
 # --set, --mode, and MODEL or either of MODEL and EXPERIMENT (then --set also takes firmware.NAME).
-model_options = _model_options("MODEL")
-subject_options = _model_options("MODEL|EXPERIMENT")
+model_options = _model_options("MODEL", paths.MODELS)
+subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
 
 LAWS = click.Choice(
@@ -166,7 +168,7 @@ loop_output = click.option(
 
 @click.command(
     name="modes",
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis modes fig4_19 --set b_w=363
     forceaxis modes fig4_15 --free --json""",
 )
@@ -222,7 +224,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis poles fig4_19
     forceaxis poles fig4_19 --free --output drive.tach
     forceaxis poles fig4_19 --firmware-gain 10 --timing zoh+1
@@ -257,10 +259,11 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis bode fig4_19 --vary b_w=8.25,363 --out bode.png
     forceaxis bode fig2_11 --input drive.force --output robot.position --output tip.position
-    forceaxis bode strike_biquad --of sensitivity --over k_w=30%,m_w=30% --out s.png""",
+    forceaxis bode strike_biquad --of sensitivity --over k_w=30%,m_w=30% --out s.png
+    forceaxis bode press/model.toml --measured out/m/30N --set k_w=4.1e5 --out both.png""",
 )
 @subject_options
 @law_options
@@ -282,28 +285,65 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     help="Of the plant: drive.command (V), drive.force (N) or BODY.force (N).",
 )
 @outputs_option
+@click.option(
+    "--measured", multiple=True, metavar="FOLDER",
+    help="Of `forceaxis measure --out`: points over MODEL between the same signals. Repeatable.",
+)  # fmt: skip
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
 @drawn
 @as_json
-def bode(model, out, as_json, **given):
+@click.pass_context
+def bode(context, model, out, as_json, measured, **given):
     """Frequency response around MODEL|EXPERIMENT: amplitude and phase, curves over each other.
 
     The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
     the plant, and the experiment's, else zoh, for the others. JSON: curves, each with output, unit,
     frequency_hz, magnitude, phase_deg and, from drive.command, loop: as `forceaxis limit`, with
     the margins at the gain under "at". Over a set: the worst under "at", the nominal curve first.
+    With --measured: "measured", each with the points, their 95 % radius, coherence, and whether
+    MODEL fits.
     """
     from forceaxis.linear import curves, sets
 
     check_drawing(out)
+    if measured:
+        _overlay(context, model, out, as_json, measured)
+        return
     found, summary = sets.bode(model, **given)
     draw(out, lambda plots: plots.bode_figure(found, summary))
     present(summary, as_json, sets.describe if "over" in summary else curves.describe_bode, out)
 
 
+OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz")
+
+
+def _overlay(context, model, out, as_json, measured):
+    """bode with --measured: signals, states and timing are those of the measurement."""
+    from forceaxis import linear
+    from forceaxis.identify import overlay
+
+    for name, value in context.params.items():
+        source = context.get_parameter_source(name)
+        if source is click.core.ParameterSource.COMMANDLINE and name not in OVERLAY:
+            option = next(p.opts[0] for p in context.command.params if p.name == name)
+            raise click.UsageError(
+                f"{option}: expected without --measured, which has signals and states of its own, "
+                f"got {value!r}"
+            )
+    span_hz = context.params["from_hz"], context.params["to_hz"]
+    overrides = linear.overrides(context.params["overrides"])
+    found, points, summary = overlay.overlay(model, measured, overrides, span_hz)
+    if out:
+        from forceaxis import drawing
+        from forceaxis.identify import plots
+
+        drawing.save(plots.overlay(found, points, summary), out)
+    present(summary, as_json, overlay.describe, out)
+
+
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis linearise fig4_19 --out fig4_19.mat
     forceaxis linearise laboratory --mode "drive.amplifier=high outer" --timing zoh --json
     forceaxis linearise fig4_15 --free --input tip.force --output tip.position""",
@@ -350,7 +390,7 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis beam
     forceaxis beam --modes 4 --json""",
 )

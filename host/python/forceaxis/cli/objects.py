@@ -2,11 +2,13 @@
 
 import json
 import shutil
+import sys
+import textwrap
 
 import click
 
 from forceaxis import objects, paths
-from forceaxis.cli.common import File, Verb, as_json
+from forceaxis.cli.common import File, Verb, as_json, close
 
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
@@ -23,7 +25,8 @@ def addresses(o):
 
 def span(o):
     unit = "" if o.unit == "1" else f" {o.unit}"
-    return ", ".join(o.enum) or f"{o.min * o.scale:g} to {o.max * o.scale:g}{unit}"
+    low, high = (f"{v * o.scale:.12g}" for v in (o.min, o.max))
+    return ", ".join(o.enum) or f"{low} to {high}{unit}"
 
 
 def writable(o):
@@ -35,7 +38,11 @@ def writable(o):
 def line(o):
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
-    return f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
+    whole = f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
+    if not sys.stdout.isatty():  # one object, one line for other programs
+        return whole
+    width = max(60, shutil.get_terminal_size().columns)
+    return textwrap.fill(whole, width, subsequent_indent=" " * 28, break_on_hyphens=False)
 
 
 def details(o):
@@ -96,7 +103,10 @@ def objects_(pattern, as_json, **files):
         return
     rows = [o for o in objects.OBJECTS if pattern in o.name]
     if not rows:
-        raise click.UsageError(f"{pattern}: expected part of an object's name, there is none")
+        hint = close(pattern, objects.BY_NAME)
+        raise click.UsageError(
+            f"{pattern}: expected part of an object's name, got none of it{hint}"
+        )
     if as_json:
         click.echo(json.dumps([o._asdict() for o in rows]))
         return

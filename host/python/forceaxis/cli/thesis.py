@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Folder, Verb, as_json, link_of, linked, threads
+from forceaxis.cli.common import Folder, Slow, Verb, as_json, done_waiting, link_of, linked, threads
 from forceaxis.experiments import link
 from forceaxis.thesis import tables
 
@@ -39,7 +39,7 @@ def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
 
 
 @click.command(
-    cls=Verb,
+    cls=Slow,
     epilog="""forceaxis report --out report && xdg-open report/index.html
     forceaxis report press --out press/report""",
 )
@@ -63,6 +63,7 @@ def report(folder, out, threads, as_json):
     from forceaxis.report import report as page
 
     summary = page.write(folder, out, threads)
+    done_waiting()
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -120,7 +121,7 @@ def session(out, as_json):
 
 
 @click.command(
-    name="check-thesis", cls=Verb, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
+    name="check-thesis", cls=Slow, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
 )
 @as_json
 def check_thesis(as_json):
@@ -132,6 +133,7 @@ def check_thesis(as_json):
     from forceaxis.thesis import claims
 
     result = claims.check()
+    done_waiting()
     click.echo(json.dumps(result, allow_nan=False) if as_json else claims.describe(result))
     if result["unexplained"]:
         sys.exit(1)

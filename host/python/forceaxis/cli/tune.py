@@ -36,16 +36,20 @@ def tune(way, only, out, as_json, **options):
     """Give a live axis the force law with most bandwidth: measured, designed, verified, stored.
 
     Steps: check (at rest, tare), free (response apart), measure (responses in contact at each
-    force), fit (what MODEL leaves open), design (over the set about it), simulate (contact with the
-    firmware), write (the bank with its certificate), verify (responses with it, Ms beside what is
-    predicted), store. What is done is kept in --out: the same command goes on after a break. A
-    step that refuses names why, with exit status 1; the axis is disabled then and has its law of
-    before. What has never been set on the axis (position_gain, force_scale) is taken from MODEL.
+    force), fit (what MODEL leaves open), design (over the set about it), simulate (contact, strikes
+    and members of the set with the firmware), write (the bank with its certificate), verify
+    (touch-downs and responses with it, Ms beside what is predicted), store. What is done is kept in
+    --out: the same command goes on after a break; after a kill it first resets the fault that the
+    kill has left and puts back what was changed. A step that refuses names why, with exit status 1;
+    the axis is disabled then and has what it had before. What has never been set on the axis
+    (position_gain, force_scale) is taken from MODEL.
 
     \b
-    --json: {"parameters": {...}, "bank": {...}, "worst": {...} as `forceaxis design` has them,
-     "levels": {name: {"Ms": measured, "Ms_predicted": at the same lines, ...}},
-     "stored": true, "seconds": {step: ...}, "refused": null | {"step", "name", "text"}}
+    --json: {"parameters": {name: {"value", "interval", "unit"}}, "bank": {...}, "worst": {...} as
+     `forceaxis design` has them, "on_fitted": {"before" and "designed": margins on the fitted
+     plant}, "Ms_predicted": over the set, "Ms_verified": the largest, "levels": {name: {"Ms":
+     measured, "Ms_predicted": at the same lines, "peak_N": of the touch-down, ...}}, "stored":
+     true, "seconds": {step: ...}, "refused": null | {"step", "name", "text"}}
     """
     from forceaxis.commission import tune as tuning
     from forceaxis.commission import tune_page

@@ -8,7 +8,7 @@
 In contact the waveform is added at the output of the force law, in mode 4: open loop, an axis that
 integrates would drift off. Every realisation is another noise of one period, in which the axis
 settles before a whole period is recorded. Apart it is the open-loop excitation mode, and the axis
-is moved back to where it stood after each realisation.
+is moved back to where it stood before each realisation and at the end.
 
 The axis itself ends the excitation in the tick in which a bound is passed. What the analyzer writes
 is put back in close(), with the axis disabled.
@@ -34,6 +34,7 @@ LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
 RAMP_S = 0.1
 APPROACH_S = 60.0
+RELEASE_S = 1.0
 POLL_S = 0.1
 BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
@@ -42,10 +43,12 @@ MOST_CODES = 1024
 JUDGED = 3  # realisations that distortion is judged by
 # How much more they may differ than noise makes them; rounding of slow motions is no white noise.
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
-FAR = 8.0  # from the swing that is aimed at
+LEAST_STEP, FAR = 1.4, {"adc0": 8.0, "encoder": 4.0}  # times the amplitude, in one step
 BACKS = 6  # times the amplitude is halved
 FREE_SWING = 400  # counts, from peak to peak
 FREE_SETTLE = 0.3  # of the time to settle in contact
+SEARCH_SETTLE = 0.5  # of it while the amplitude is searched
+CERTAIN = 0.04  # relative error, median of the lines, at which fewer averages are enough
 STANDING = 4  # counts within which an axis stands
 
 
@@ -56,6 +59,7 @@ class Order:
     band_hz: tuple = (1.0, 100.0)
     resolution_hz: float = 1.0
     averages: int = 8
+    fewest: int = 0  #: averages that are enough once the response is CERTAIN; 0: all
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: from where a level or the free response begins
@@ -215,6 +219,8 @@ class Analyzer:
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         level.of_loop = of_loop
         self._measure(level, self._pressed, still, SWING * bias, "adc0", seeds)
+        self.set(target_force=0)  # disabled under force, the contact's spring throws the axis back
+        self._wait(RELEASE_S, lambda: None)
         return level
 
     def free(self):
@@ -225,7 +231,7 @@ class Analyzer:
             position_min=start - travel, position_max=start + travel, open_loop_code=0,
             excitation_waveform="noise", excitation_amplitude=0,
             excitation_hold=self._hold(),
-            excitation_period=self.samples,
+            excitation_period=self.samples, bump_decay_shift=0,
         )  # fmt: skip
         self.home = start
         self.axis.enable("profile position")
@@ -236,6 +242,7 @@ class Analyzer:
                 self.order.averages, self.samples, self._hold(), self.order.seed
             )
             self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder", seeds)
+            self._home()
         finally:
             self.close()
         return level
@@ -273,8 +280,8 @@ class Analyzer:
         level.measured = Measurement(
             frequency_hz=self.lines * TICKS_PER_S / self.samples,
             **found,
-            dof=float(self.order.averages - 1),
-            averages=self.order.averages,
+            dof=float(len(r) - 1),
+            averages=len(r),
             input="dac_code",
             output=output,
             unit="count/code",
@@ -295,23 +302,28 @@ class Analyzer:
         self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
         if found > DISTORTED[output] and level.amplitude > 1:
             raise Ended("distorted")
-        return records + [play(level.amplitude, seed) for seed in seeds[JUDGED:]]
+        for seed in seeds[JUDGED:]:
+            if self.order.fewest and len(records) >= self.order.fewest:
+                waves = (np.array([record[i] for record in records]) for i in range(3))
+                of_loop, steps = level.of_loop, self._steps(output)
+                if response.error(*waves, self.lines, steps, of_loop) < CERTAIN:
+                    break
+            records.append(play(level.amplitude, seed))
+        return records
 
     def _steps(self, output):
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
     def _search(self, level, play, still, swing, output, seed):
-        """Codes of amplitude: doubled, far from the aim taken four times, until the signal swings
-        enough, or the response is to be expected within DEVIATION."""
-        amplitude, unit = (
-            min(self.order.first, self.order.most),
-            self.newton if output == "adc0" else 1.0,
-        )
+        """Codes of amplitude: raised as the deviation asks and the swing permits, until the signal
+        swings enough, or the response is to be expected within DEVIATION."""
+        amplitude = min(self.order.first, self.order.most)
+        unit = self.newton if output == "adc0" else 1.0
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
         while True:
             try:
-                _, u, y = play(amplitude, seed)
+                _, u, y = play(amplitude, seed, SEARCH_SETTLE)
             except Ended as ended:
                 return self._halve(level, amplitude, ended)
             moved = np.ptp(y) * unit
@@ -324,8 +336,8 @@ class Analyzer:
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
             room = swing / max(moved, 1e-9)
-            far = room > FAR and error > FAR / 2 * DEVIATION[output]
-            factor = min(4.0 if far else 2.0, room)
+            wanted = max(LEAST_STEP, 1.1 * error / DEVIATION[output])
+            factor = min(wanted, FAR[output], room)
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)
 
     def _halve(self, level, amplitude, ended):
@@ -416,7 +428,7 @@ class Analyzer:
                 f"fault {state['fault']}",
             )
 
-    def _pressed(self, amplitude, seed):
+    def _pressed(self, amplitude, seed, settle=1.0):
         """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
         axis = self.axis
         self.set(excitation_code=amplitude, excitation_seed=seed)
@@ -424,7 +436,7 @@ class Analyzer:
             axis.set(excitation_run="start")
         except Refused:
             raise Refusal("contact", f"expected contact, {axis.about()}") from None
-        self._wait(RAMP_S + self.order.settle_s, self._goes_on)
+        self._wait(RAMP_S + settle * self.order.settle_s, self._goes_on)
         axis.arm(IN_CONTACT, self.samples)
         held = axis.link.recording(10 + 2 * self.samples / TICKS_PER_S)
         self._goes_on()
@@ -449,19 +461,18 @@ class Analyzer:
             passed += step
             check()
 
-    def _apart(self, amplitude, seed):
+    def _apart(self, amplitude, seed, settle=1.0):
         """A realisation apart: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
         self._home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
-        self._wait(FREE_SETTLE * self.order.settle_s, self._free)
+        self._wait(FREE_SETTLE * settle * self.order.settle_s, self._free)
         count = min(n + n // 4, self._most_samples(APART))  # the drift shows in what repeats
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._free()
         axis.set(modes_of_operation=1)
-        self._home()
         place, u = self._output(held, "encoder"), held.values("dac_code")
         if np.any(u[n:] != u[: count - n]):
             raise Ended("ended_travel")

@@ -45,6 +45,7 @@ class Incident:
     kept: bool  #: from before a restart of the axis
     table: str  #: hash of the object table
     parameters: dict
+    archived: bool = False  #: a power cut came between
 
     def column(self, name):
         return self.recording.values(name)
@@ -81,11 +82,26 @@ def wait(axis, seconds):
     )
 
 
+def _load(axis):
+    """Has the axis load what a power cut has left, if there is something; whether there was."""
+    name = "incident_stored"
+    found = axis.wait_for(lambda s: s[name] != "checking", (name, "fault"), "its archive", 5.0)
+    if found[name] != "stored":
+        return False
+    axis.set(incident_command="load")
+    wait(axis, COMPLETE_S)
+    return True
+
+
 def fetch(axis):
-    """The incident of an axis that is owned. Raises Refused where there is none, NoAnswer."""
+    """The incident of an axis that is owned: that of its black box, without one that which a power
+    cut has left. Raises Refused where there is none, NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_S)
     state = axis.read("blackbox_state")
+    archived = state in ("off", "recording") and _load(axis)
+    if archived:
+        state = "incident_kept"
     if state not in STATES:
         why = {
             "off": "its black box is off (blackbox_option)",
@@ -110,6 +126,7 @@ def fetch(axis):
         tick=about["incident_tick"],
         later=about["incident_later"],
         kept=state == "incident_kept",
+        archived=archived,
         table=OBJECTS_HASH,
         parameters=parameters,
     )

@@ -1,5 +1,10 @@
 """Why a step of commissioning ended without a result."""
 
+from forceaxis.axis.link import NoAnswer
+
+# Faults of an axis whose owner is silent.
+ORPHANED = ("heartbeat_lost", "source_lost")
+
 
 class Refusal(Exception):
     """A step's refusal; `name` is one word for programs, the text says what was found, what was
@@ -8,3 +13,22 @@ class Refusal(Exception):
     def __init__(self, name, text):
         super().__init__(f"{name}: {text}")
         self.name, self.text = name, text
+
+
+def of_link(axis, error):
+    """The Refusal that an error in a step is, by the state that the axis is in: no_answer,
+    ownership, the name of a fault, or refused. A Refusal of an axis that is owned and has no fault
+    is itself."""
+    try:
+        found = axis.get("command_source", "fault")
+        source = axis.link.read(["command_source"])["command_source"]
+    except NoAnswer:
+        return Refusal("no_answer", str(error))
+    owner, fault = found["command_source"], found["fault"]
+    text = error.text if isinstance(error, Refusal) else str(error)
+    if source != axis.link.source or fault in ORPHANED:
+        about = f"it belongs to {owner}, fault {fault}"
+        return Refusal("ownership", f"expected to own the axis all the time, {about}: {text}")
+    if fault != "none":
+        return Refusal(fault, f"expected no fault: {text}")
+    return error if isinstance(error, Refusal) else Refusal("refused", text)

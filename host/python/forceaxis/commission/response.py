@@ -52,6 +52,14 @@ def estimate(waveform, inputs, outputs, lines, steps):
     return found, S, np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power))
 
 
+def error(waveform, inputs, outputs, lines, steps, of_loop):
+    """Median relative standard error of the response, or of the sensitivity; as of estimate."""
+    found, S, sensitivity = estimate(waveform, inputs, outputs, lines, steps)
+    if of_loop:
+        return float(np.median(sensitivity / abs(S)))
+    return float(np.median(np.sqrt(found["variance"]) / abs(found["response"])))
+
+
 def deviation(inputs, outputs, still, lines, steps, averages):
     """Median relative standard deviations to expect of the response and of the sensitivity, from so
     many realisations like this one.

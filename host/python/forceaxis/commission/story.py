@@ -38,6 +38,7 @@ def tell(incident, counts_per_mm=None):
 
 def _headline(incident):
     place = " (kept over a restart)" if incident.kept else ""
+    place = " (kept over a power cut)" if incident.archived else place
     later = f"; {incident.later} later error{'s' * (incident.later > 1)}" if incident.later else ""
     return (
         f"{words(incident)}{place} at tick {incident.tick}, "

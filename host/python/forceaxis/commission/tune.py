@@ -14,8 +14,9 @@ from pathlib import Path
 
 from forceaxis import linear, paths
 from forceaxis._core import InputError
-from forceaxis.commission import tune_steps
-from forceaxis.commission.refusal import Refusal
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
+from forceaxis.commission import as_found, tune_steps
+from forceaxis.commission.refusal import Refusal, of_link
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
 FILE = "tune.json"
@@ -47,11 +48,6 @@ class Tuning:
 
     def __init__(self, axis, order, folder, say=lambda text: None):
         self.axis, self.order, self.folder, self.say = axis, order, Path(folder), say
-        if len(order.forces) < 2:
-            raise Refusal(
-                "levels", f"expected at least two forces, got {len(order.forces)}: what depends on "
-                "the force cannot be told from what does not; give --force 30,150"
-            )  # fmt: skip
         self.model, self.refused = linear.find_model(order.model), None
         self._claim()
 
@@ -89,30 +85,49 @@ class Tuning:
         return held["result"]
 
     def run(self, only=None):
-        """Does the steps that are not done, or `only` that one, done or not; the summary."""
-        for step in (only,) if only else STEPS:
-            if not only and self.read(f"{step}.json") is not None:
-                self.say(f"{step}: done before")
-                continue
-            for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
-                (self.folder / f"{later}.json").unlink(missing_ok=True)
-            began = time.monotonic()
-            try:
-                result, line = getattr(tune_steps, step)(self)
-            except Refusal as refusal:
-                self.refused = {"step": step, "name": refusal.name, "text": refusal.text}
-                raise
-            took = time.monotonic() - began
-            self.write(f"{step}.json", {"seconds": round(took, 3), "result": result})
-            self.say(f"{step}: {line} ({took:.1f} s)")
+        """Does the steps that are not done, or `only` that one, done or not; the summary. After a
+        Refusal, or whatever else ends it early, the axis has what it had before."""
+        self.step = only or STEPS[0]
+        try:
+            if len(self.order.forces) < 2:
+                raise Refusal(
+                    "levels", f"expected at least two forces, got {len(self.order.forces)}: what "
+                    "depends on the force cannot be told from what does not; give --force 30,150"
+                )  # fmt: skip
+            with as_found.kept(self):
+                for self.step in (only,) if only else STEPS:
+                    self._do(self.step, bool(only))
+        except (Refusal, Refused, NoAnswer) as error:
+            refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
+            self.refused = {"step": self.step, "name": refusal.name, "text": refusal.text}
+            raise refusal from None
         return self.summary()
+
+    def _do(self, step, again):
+        if not again and self.read(f"{step}.json") is not None:
+            self.say(f"{step}: done before")
+            return
+        for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
+            (self.folder / f"{later}.json").unlink(missing_ok=True)
+        began, tick = time.monotonic(), self.axis.read("tick_count")
+        try:
+            result, line = getattr(tune_steps, step)(self)
+        except (Refusal, Refused, NoAnswer) as error:
+            if step == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
+                raise
+            raise of_link(self.axis, error) from None
+        took = time.monotonic() - began
+        ticks = (self.axis.read("tick_count") - tick) % 2**32
+        times = {"seconds": round(took, 3), "axis_seconds": round(ticks / TICKS_PER_S, 3)}
+        self.write(f"{step}.json", times | {"result": result})
+        self.say(f"{step}: {line} ({took:.1f} s)")
 
     def summary(self):
         """What is known so far, as `--json` prints it."""
         done = {step: self.read(f"{step}.json") for step in STEPS}
         held = {step: value["result"] for step, value in done.items() if value is not None}
         fitted, designed = held.get("fit", {}), held.get("design", {})
-        verified = held.get("verify", {})
+        levels = held.get("verify", {}).get("levels", {})
         return {
             "axis": self.axis.link.where,
             "folder": str(self.folder),
@@ -120,11 +135,15 @@ class Tuning:
             "bank": designed.get("bank"),
             "worst": designed.get("worst"),
             "p": designed.get("p"),
+            "on_fitted": designed.get("on_fitted"),
             "limited_by": designed.get("limited_by"),
             "Ms_predicted": designed.get("worst", {}).get("Ms"),
-            "levels": verified.get("levels"),
+            "Ms_verified": max((one["Ms"] for one in levels.values()), default=None),
+            "levels": levels or None,
             "certificate_state": held.get("write", {}).get("certificate_state"),
             "stored": held.get("store", {}).get("stored", False),
+            "times_p": designed.get("times_p"),
             "seconds": {step: done[step]["seconds"] for step in held},
+            "axis_seconds": {step: done[step]["axis_seconds"] for step in held},
             "refused": self.refused,
         }

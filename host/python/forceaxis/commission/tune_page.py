@@ -2,71 +2,135 @@
 
 import base64
 import html
-import io
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from forceaxis.drawing import GOT, INK, style
+from forceaxis import paths
+from forceaxis.commission import as_found, contact
+from forceaxis.drawing import GOT, INK, WANTED, finish, legend, small_png, style
 from forceaxis.identify import fit
 
+ALT = "Response with its 95 % band beside the fitted model's, and its coherence"
 FILE = "index.html"
 HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Tuned axis</title>
-<meta name="viewport" content="width=device-width">
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <style>
 :root { color-scheme: light dark; }
-body { font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }
+body { font: 15px/1.5 sans-serif; max-width: 62em; margin: 1.5em auto; padding: 0 1em; }
+h1 { font-size: 1.5em; overflow-wrap: anywhere; } h2 { font-size: 1.15em; margin-top: 1.6em; }
 table { border-collapse: collapse; display: block; overflow-x: auto; }
 td, th { padding: .2em .8em; text-align: right; }
-td:first-child, th:first-child { text-align: left; padding-left: 0; }
+td { white-space: nowrap; }
+td:first-child, th:first-child { text-align: left; padding-left: 0; white-space: normal; }
 tr + tr { border-top: 1px solid #8884; }
-img { max-width: 100%; background: white; border-radius: 4px; }
+.refused { border-left: 4px solid #c0562b; padding-left: .8em; }
+.figures { display: flex; flex-wrap: wrap; gap: .8em; }
+.figures img { flex: 1 1 18em; min-width: 0; max-width: min(100%, 30em); background: white;
+  border-radius: 4px; }
 </style>
 """
+FIGURES = (
+    ("fS, Hz", "fS_Hz"),
+    ("fT, Hz", "fT_Hz"),
+    ("Ms", "Ms"),
+    ("gain margin", "gain_margin"),
+)
+STANDS = 0.02  # of the set-point: a touch-down is drawn until it stays so near
+SIZE_IN = 4.2  # width of a figure; three stand side by side, one on a telephone
 
 
 def write(tuning, summary):
     """Writes FILE into the tuning's folder, of what is done so far."""
-    from forceaxis import paths
-
-    order = tuning.order
-    names = [*(["free"] if (tuning.folder / "free").exists() else [])]
-    names += [n for f in order.forces if (tuning.folder / (n := f"{f:g}N")).exists()]
-    measured = {n: fit.read_response(tuning.folder / n, tuning.model) for n in names}
-    values = ((tuning.read("fit.json") or {}).get("result") or {}).get("values", {})
-    parts = [f"<h1>{html.escape(summary['axis'])}</h1>", _sentence(summary), _table(summary)]
-    if measured:
-        parts += ["<h2>Responses</h2>", _image(_responses(measured, values))]
-    with paths.replacing(tuning.folder, FILE) as (file,):
+    order, folder = tuning.order, tuning.folder
+    names = [*(["free"] if (folder / "free").exists() else [])]
+    names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
+    values = ((tuning.read("fit.json") or {}).get("result") or {}).get("values") or {}
+    touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
+    parts = [
+        f"<h1>{html.escape(summary['axis'])}</h1>",
+        _verdict(tuning, summary),
+        _margins(summary),
+    ]
+    if touched and summary["levels"]:
+        figures = [_touch_down(folder, force) for force in touched]
+        about = "Touch-down with the new law: the reading, and that of the fitted plant with the "
+        parts += ["<h2>Contact, measured and predicted</h2>", f"<p>{about}firmware.</p>"]
+        parts.append(_images(figures, "Force over time, measured and predicted"))
+    parts.append(_verified(summary))
+    if names:
+        measured = [fit.read_response(folder / name, tuning.model) for name in names]
+        figures = [_response(n, one, values) for n, one in zip(names, measured, strict=True)]
+        parts += ["<h2>Responses</h2>", _images(figures, ALT)]
+    parts += [_fitted(summary), _steps(summary)]
+    with paths.replacing(folder, FILE) as (file,):
         file.write_text(HEAD + "".join(parts), encoding="utf-8")
 
 
-def _sentence(summary):
+def _verdict(tuning, summary):
+    """What became of it, and what limits the law."""
+    text = ""
+    if summary["refused"]:
+        refused = summary["refused"]
+        why = f"Refused in step {refused['step']}, {refused['name']}: {refused['text']}."
+        lost = (tuning.folder / as_found.FILE).exists()
+        then = "The next run puts back what it had." if lost else "The axis has its law of before."
+        text = f'<p class="refused">{html.escape(why)} {then}</p>'
+    elif summary["stored"]:
+        text = "<p>Measured, designed, verified and stored.</p>"
     limited = summary["limited_by"]
-    return f"<p>{html.escape(limited)}</p>" if limited else ""
+    return text + (f"<p>{html.escape(limited)}</p>" if limited else "")
 
 
-def _table(summary):
-    """P and the designed bank over the set, the verified peaks, what was fitted."""
-    rows = [["", "fS, Hz", "fT, Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
-    for name, worst in (("P", summary["p"]), ("designed", summary["worst"])):
-        if worst:
-            keys = ("fS_Hz", "fT_Hz", "Ms", "Ms_late", "gain_margin", "phase_margin_deg")
-            rows.append([name, *(_number(worst.get(key)) for key in keys)])
-    text = "<h2>What the law bears over the set</h2>" + _rows(rows) if len(rows) > 1 else ""
-    if summary["levels"]:
-        rows = [["verified", "bias, N", "Ms", "predicted", "at, Hz"]]
-        for name, level in summary["levels"].items():
-            keys = ("bias_N", "Ms", "Ms_predicted", "Ms_hz")
-            rows.append([name, *(_number(level[key]) for key in keys)])
-        text += "<h2>Peak of |S|, measured with the law and predicted</h2>" + _rows(rows)
-    if summary["parameters"]:
-        rows = [["fitted", "value", "95 % interval", "unit"]]
-        for name, row in summary["parameters"].items():
-            ends = " .. ".join(_number(end) for end in row["interval"])
-            rows.append([name, _number(row["value"]), ends, row["unit"]])
-        text += "<h2>What the responses say of the axis</h2>" + _rows(rows)
-    return text
+def _margins(summary):
+    """The law of before, P and the designed one, on the fitted plant and over the set."""
+    fitted, rows = summary["on_fitted"] or {}, []
+    for name, worst in (
+        ("before, on the fitted plant", fitted.get("before")),
+        ("designed, on the fitted plant", fitted.get("designed")),
+        ("P at the same margins, over the set", summary["p"]),
+        ("designed, over the set", summary["worst"]),
+    ):
+        if worst and worst.get("stable", True):
+            rows.append([name, *(_number(worst.get(key)) for _, key in FIGURES)])
+        elif worst:
+            rows.append([name, "unstable"])
+        elif name in fitted or (fitted and name.startswith("before")):
+            rows.append([name, "no law"])
+    if not rows:
+        return ""
+    head = ["law", *(text for text, _ in FIGURES)]
+    return "<h2>Margins, old and new</h2>" + _rows([head, *rows])
+
+
+def _verified(summary):
+    """The measured peaks of |S|."""
+    if not summary["levels"]:
+        return ""
+    rows = [["with", "Ms", "+-", "predicted", "at, Hz"]]
+    for level in summary["levels"].values():
+        error = 2 * level["Ms_error"]
+        numbers = (level["Ms"], error, level["Ms_predicted"], level["Ms_hz"])
+        rows.append([f"{level['bias_N']:.4g} N", *map(_number, numbers)])
+    return "<h2>Peak of |S|, measured with the law and predicted</h2>" + _rows(rows)
+
+
+def _fitted(summary):
+    """The parameters with their intervals."""
+    if not summary["parameters"]:
+        return ""
+    rows = [["parameter", "value", "95 % interval", "unit"]]
+    for name, row in summary["parameters"].items():
+        ends = " .. ".join(_number(end) for end in row["interval"])
+        rows.append([name, _number(row["value"]), ends, row["unit"]])
+    return "<h2>What the responses say of the axis</h2>" + _rows(rows)
+
+
+def _steps(summary):
+    if not summary["seconds"]:
+        return ""
+    rows = [["step", "s"], *([step, f"{took:.1f}"] for step, took in summary["seconds"].items())]
+    return "<h2>Steps</h2>" + _rows(rows)
 
 
 def _rows(rows):
@@ -81,41 +145,60 @@ def _number(value):
     return "-" if value is None else f"{value:.4g}"
 
 
-def _responses(measured, values):
-    """Figure: each response with its band and the fitted model's, coherence below."""
-    figure, axes = plt.subplots(
-        3, len(measured), figsize=(4.2 * len(measured), 6.2), sharex="col", squeeze=False,
-        height_ratios=(3, 2, 1),
-    )  # fmt: skip
-    for (size, phase, coherence), (name, one) in zip(axes.T, measured.items(), strict=True):
-        f, magnitude, radius = one.frequency_hz, abs(one.response), one.radius()
+def _touch_down(folder, force_N):
+    """Figure: the recorded reading and the predicted one."""
+    held = np.genfromtxt(folder / f"{contact.name(force_N)}.csv", delimiter=",", names=True)
+    figure, ax = plt.subplots(figsize=(SIZE_IN, 2.8))
+    ax.axhline(force_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
+    expected, measured = held["predicted_N"], held["force_N"]
+    ax.plot(held["time_s"], expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
+    ax.plot(held["time_s"], measured, color=INK, linewidth=0.8, label="measured")
+    within = STANDS * force_N + np.ptp(measured[held["time_s"] < -0.02])
+    far = np.maximum(abs(expected - force_N), abs(measured - force_N)) > within
+    settled = held["time_s"][np.flatnonzero(far)[-1]]
+    ax.set_xlim(-0.05, min(settled + 0.2, held["time_s"][-1]))
+    ax.set_xlabel("time from the touch, s")
+    ax.set_ylabel("force, N")
+    style(ax)
+    legend(ax, loc="lower right")
+    finish(figure, ax, f"{force_N:g} N")
+    return figure
+
+
+def _response(name, one, values):
+    """Figure: a response with its band and the fitted model's, coherence below."""
+    figure, (size, phase, coherence) = plt.subplots(
+        3, 1, figsize=(SIZE_IN, 5.6), sharex=True, height_ratios=(3, 2, 1)
+    )
+    f, magnitude, radius = one.frequency_hz, abs(one.response), one.radius()
+    if values:
         model = one.predict(values)
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="fitted")
-        size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured")
-        low = np.maximum(magnitude - radius, magnitude * 1e-2)
-        size.fill_between(f, low, magnitude + radius, color=INK, alpha=0.2, linewidth=0)
         phase.semilogx(f, np.degrees(np.angle(model)), ".", color=GOT, markersize=4, alpha=0.4)
-        phase.semilogx(f, np.degrees(np.angle(one.response)), ".", color=INK, markersize=1.5)
-        phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
-        coherence.semilogx(f, one.coherence, color=INK, linewidth=0.9)
-        coherence.set(ylim=(0, 1.05))
-        coherence.set_xlabel("frequency, Hz", fontsize=8)
-        size.set_title(f"{name}: {one.input} to {one.output}", fontsize=9, loc="left", color=INK)
-        for axis in (size, phase, coherence):
-            style(axis)
-            axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
-    for axis, text in zip(axes[:, 0], ("count/code", "degrees", "coherence"), strict=True):
-        axis.set_ylabel(text, fontsize=8)
-    axes[0, 0].legend(fontsize=7, frameon=False)
+    size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured, 95 % band")
+    low = np.maximum(magnitude - radius, magnitude * 1e-2)
+    size.fill_between(f, low, magnitude + radius, color=INK, alpha=0.2, linewidth=0)
+    phase.semilogx(f, np.degrees(np.angle(one.response)), ".", color=INK, markersize=1.5)
+    phase.set(ylim=(-190, 190), yticks=range(-180, 181, 90))
+    coherence.semilogx(f, one.coherence, color=INK, linewidth=0.9)
+    coherence.set(ylim=(0, 1.05), xlabel="frequency, Hz")
+    title = "apart: codes to the encoder" if name == "free" else f"{name}: codes to the reading"
+    size.set_title(title, fontsize=9, loc="left", color=INK)
+    for axis, text in ((size, one.unit), (phase, "degrees"), (coherence, "coherence")):
+        style(axis)
+        axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
+        axis.set_ylabel(text)
+        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    legend(size)
     figure.tight_layout()
     plt.close(figure)
     return figure
 
 
-def _image(figure):
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=100)
-    alt = "Responses with their 95 % bands beside the fitted model's, and their coherence"
-    return (
-        f'<img alt="{alt}" src="data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}">'
-    )
+def _images(figures, alt):
+    tags = [
+        f'<img alt="{alt}" src="data:image/png;base64,'
+        f'{base64.b64encode(small_png(figure, 130)).decode()}">'
+        for figure in figures
+    ]
+    return f'<div class="figures">{"".join(tags)}</div>'

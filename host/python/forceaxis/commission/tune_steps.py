@@ -9,18 +9,22 @@ import numpy as np
 
 from forceaxis import _core, linear
 from forceaxis._core import InputError
-from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import analyzer, measuring
+from forceaxis.axis import params
+from forceaxis.axis.link import REASONS, NoAnswer, Refused
+from forceaxis.commission import analyzer, as_found, contact, margins, measuring
 from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
-from forceaxis.design.changes import Design
+from forceaxis.design.changes import Design, contact_of, value_of
+from forceaxis.design.grid import hf_most
+from forceaxis.design.search import HF_DEFAULT
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result as results
 from forceaxis.linear import loops, over, plant_set
 from forceaxis.linear.bank import Bank
 
+FEWEST = 5  # averages
 SHARE = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
 SCALE_WITHIN = 0.1
@@ -33,7 +37,12 @@ PEAKY = 4  # noise is seldom at its peak: what it distorts is judged while it ac
 PART, SURE = 0.04, 0.1  # of the frequency, over which |S| is averaged; its relative error
 # How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
+FELT, LEAST_CONTACT = 8.0, 0.25  # of the noise, and counts: a reading above is a contact
+TOUCH_N = 10.0  # peak of the force that a touch-down makes by the axis' momentum alone
+SECTIONS_ABOVE = 1.5  # of a PI law's bandwidth: the fitted plant's contacts are simulated
+PAYS = 1.7  # times P's bandwidth, below which it is said what limits
 BEFORE = "before.json"
+NO_MEMORY = -10  # of REASONS
 
 
 def check(tuning):
@@ -41,10 +50,14 @@ def check(tuning):
     axis, model = tuning.axis, tuning.model
     known = axis.get(
         "adc_bits", "force_zero_code", "force_scale", "calibration_date", "position_gain",
-        "velocity_gain", "fault", "latency_ticks", "force_sign",
+        "velocity_gain", "fault", "latency_ticks", "force_sign", "approach_velocity_max",
+        "contact_force",
     )  # fmt: skip
     if known["fault"] != "none":
-        raise Refusal("fault", f"expected an axis without a fault, got {known['fault']}; reset it")
+        raise Refusal(
+            "fault", f"expected an axis without a fault, got {known['fault']}; "
+            "`forceaxis axis reset` resets it"
+        )  # fmt: skip
     facts = linear.facts(model)
     if facts["reading"] is None or facts["encoder"] is None or not facts["contacts"]:
         raise InputError(f"{model}: expected a force reading, an encoder and a contact")
@@ -73,6 +86,9 @@ def check(tuning):
         gain = loop.limit().gain
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
+    slow, own = _approach_velocity(model, facts), known["approach_velocity_max"]
+    if own > slow or own == _default("approach_velocity_max"):
+        settings["approach_velocity_max"] = slow
     rest = _analyzer(tuning).rest()
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
@@ -80,15 +96,34 @@ def check(tuning):
             f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
             "ADC of more bits or less filtering"
         )  # fmt: skip
+    if rest.noise_lsb is not None and known["contact_force"] == _default("contact_force"):
+        # A law that is weak stands lightly, below a coarse threshold; its integral waits there.
+        felt = FELT * rest.noise_lsb * 2.0 ** (8 - known["adc_bits"])
+        felt = max(felt, 2 * abs(rest.reading), LEAST_CONTACT)
+        settings["contact_force"] = min(round(256 * felt) / 256, known["contact_force"])
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
     result = {
         "rest": vars(rest), "settings": settings, "law": bank.keys(), "band_hz": [low, high],
+        "before": margins.law_in_force(axis).keys(), "latency_ticks": known["latency_ticks"],
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
     return result, f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+
+
+def _approach_velocity(model, facts):
+    """Count/s of an approach whose momentum makes TOUCH_N in the contact's spring."""
+    with Design(str(model)) as plant:
+        contact = contact_of(plant.table)
+        stiffness = contact and value_of(plant, contact.get("stiffness"))
+    if not stiffness:
+        raise InputError(f"{model}: contact: expected one, with a stiffness")
+    far = contact["between"][1]
+    mass = sum(kg for body, kg in facts["masses_kg"].items() if body != far)
+    speed = min(simulation.APPROACH_M_PER_S, TOUCH_N / math.sqrt(stiffness * mass))
+    return max(1, round(speed * abs(facts["encoder"]["scale"])))
 
 
 def measuring_law(tuning):
@@ -134,7 +169,7 @@ def measure(tuning):
     for force in tuning.order.forces:
         name = f"{force:g}N"
         _, done[name] = _measured(tuning, name, lambda a, f=force: a.contact(f), law, order, first)
-        first = max(1, done[name]["amplitude"] // 2)
+        first = _next_amplitude(done[name]["amplitude"], force, order.forces)
         lines.append(_line(name, done[name]))
     return done, "; ".join(lines)
 
@@ -151,28 +186,35 @@ def _reach(tuning):
     }  # fmt: skip
 
 
-def _analyzer(tuning, order=None, first=1):
+def _analyzer(tuning, order=None, first=1, kind=analyzer.Analyzer):
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model)["encoder"]["scale"])
     asked = analyzer.Order(
-        band_hz=tuple(order.band_hz), averages=order.averages, force_max_N=order.force_max_N,
+        band_hz=tuple(order.band_hz), averages=order.averages, fewest=min(FEWEST, order.averages),
+        force_max_N=order.force_max_N,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
         most=min(PEAKY * (joint_fit.linear_codes(model) or 1024), analyzer.MOST_CODES),
     )  # fmt: skip
-    return analyzer.Analyzer(tuning.axis, asked, model, {}, tuning.say)
+    return kind(tuning.axis, asked, model, {}, tuning.say)
 
 
-def _measured(tuning, name, take, settings, order=None, first=1):
+def _measured(tuning, name, take, settings, order=None, first=1, kind=analyzer.Analyzer):
     """(Level, what is said of it) of a response that is taken under some settings, written to a
     folder of its own."""
     _off(tuning.axis)
-    with Settings(tuning.axis, settings), _analyzer(tuning, order, first) as measures:
+    with Settings(tuning.axis, settings), _analyzer(tuning, order, first, kind) as measures:
         rest = measures.rest() if name == "free" else analyzer.Rest(0.0, None, 0)
         level = take(measures)
     done = measuring.result_of(tuning.axis, measures.order, level, rest)
     results.write(done, tuning.folder / name)
     about = {k: done.summary[k] for k in ("coherence_median", "random_error_median")}
     return level, about | level.about()
+
+
+def _next_amplitude(amplitude, force, forces):
+    """Codes to begin with at the force after `force`: of a smaller one the swing is smaller."""
+    after = forces[min(forces.index(force) + 1, len(forces) - 1)]
+    return max(1, int(amplitude * min(1.0, after / force)))
 
 
 def _line(name, about):
@@ -208,7 +250,7 @@ def _off(axis):
 
 def _default(name):
     known = _core.objects()
-    return next(o["default"] for o in known if o["name"] == name)
+    return next(o["default"] * o["scale"] for o in known if o["name"] == name)
 
 
 def fit(tuning):
@@ -236,7 +278,8 @@ def design(tuning):
     fitted = tuning.result("fit")
     asked = outcome.Order(
         str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"], ms=order.ms,
-        ms_late=1.1 * order.ms,
+        ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
+        sections_above=SECTIONS_ABOVE, firmware=contact.firmware_of(tuning),
     )  # fmt: skip
     try:
         found = for_set.design(asked, None, tuning.say)
@@ -244,10 +287,36 @@ def design(tuning):
         raise Refusal("design", str(error)) from None
     worst = found.worst
     result = outcome.plain(found.summary())
+    checked = tuning.result("check")
+    laws = {"before": contact.bank_of(checked["before"]), "designed": found.bank}
+    result["on_fitted"] = outcome.plain(margins.on_fitted(tuning, laws, checked["latency_ticks"]))
     result["objects"] = _objects(
         tuning, found.bank, found.loss, files.largest_ms(worst), found.ranges, found.units
     )
-    return result, f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
+    result["times_p"] = times = _times_p(result)
+    line = f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
+    if times is not None and times < PAYS:
+        result["limited_by"] = (
+            f"P alone has {found.p['fS_Hz']:.3g} Hz at the same margins, the bank {times:.3g} "
+            f"times that. {found.limited_by}"
+        )
+        tuning.say(result["limited_by"])
+    return result, line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+
+
+def _times_p(designed):
+    """Bandwidth of the bank over that of P, None where P has none."""
+    p = designed["p"].get("fS_Hz")
+    return designed["worst"]["fS_Hz"] / p if p else None
+
+
+def _hf_gain(tuning):
+    """Codes per 8-bit count at high frequency: the firmware's bound is for a noise of one code."""
+    noise = tuning.result("check")["rest"]["noise_lsb"]
+    if noise is None:
+        return None
+    most = hf_most(linear.facts(tuning.model)["reading"]["bits"])
+    return min(most, max(HF_DEFAULT, most / max(1.0, noise)))
 
 
 def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
@@ -266,38 +335,15 @@ def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
 
 
 def simulate(tuning):
-    """Contact at the forces with the fitted plant and the firmware."""
-    designed = tuning.result("design")
-    bank, loss = _bank(designed), designed["contact_loss"] or {}
-    rows = []
-    with Design(str(tuning.model), tuning.result("fit")["values"]) as plant:
-        bench = simulation.Bench(plant, designed["adc_bits"])
-        bench.wait_for(bank)
-        bench.rated_N = max(tuning.order.forces)
-        bench.settings["rated_force"] = round(1e3 * bench.rated_N)
-        speed = bench.cases[0].speed_m_per_s
-        for force in tuning.order.forces:
-            case = simulation.Case(force, speed)
-            job = bench.job(case, bank, {}, 0, {n: loss[n] for n in files.LOSS if n in loss})
-            done = _simulated(job)
-            rows.append(simulation.row("design", case.name, {}, 0, done))
-    for row in simulation.unstable(rows):
-        raise Refusal("simulation", f"expected {row['case']} to settle, it does not")
-    errors = ", ".join(f"{row['static_error_percent']:.2g} %" for row in rows)
-    return {"contacts": rows}, f"contact at {len(rows)} forces settles, static error {errors}"
-
-
-def _simulated(job):
-    try:
-        return simulation.run([job], 1)[0]
-    except _core.SimulationError as error:
-        raise Refusal("simulation", f"expected a run, {error}") from None
-
-
-def _bank(designed):
-    held = designed["bank"]
-    sections = tuple(map(tuple, held["sections"]))
-    return Bank(held["force_gain"], held["integral_rad_per_s"], held["velocity_gain"], sections)
+    """Contact, strikes and random members of the set, with the fitted plant and the firmware."""
+    rows = contact.simulated(tuning)
+    kinds = [row["kind"] for row in rows]
+    errors = ", ".join(
+        f"{row['static_error_percent']:.2g} %" for row in rows if row["kind"] == "contact"
+    )
+    text = f"{kinds.count('contact')} contacts, {kinds.count('strike')} strikes and "
+    text += f"{kinds.count('set')} of the set settle, static error {errors}"
+    return {"contacts": rows}, text
 
 
 def write(tuning):
@@ -322,6 +368,7 @@ def write(tuning):
     if certificate != "fits":
         put_back(tuning)
         raise Refusal("certificate", f"expected one that fits, it is {certificate}")
+    as_found.expect(tuning, axis.link.read(list(values)))
     return {
         "certificate_state": certificate,
         "objects": len(values),
@@ -338,12 +385,10 @@ def _ensure_written(tuning):
 
 
 def put_back(tuning):
-    """The objects as they were before write()."""
-    held = tuning.read(BEFORE)
-    if held is not None:
-        _off(tuning.axis)
-        tuning.axis.link.write({"force_bank": 0})
-        tuning.axis.link.write(held)
+    """The objects as they were before write(), which is to be done again."""
+    as_found.expect(tuning, tuning.read(BEFORE))
+    as_found.put_back(tuning)
+    (tuning.folder / "write.json").unlink(missing_ok=True)
 
 
 def verify(tuning):
@@ -351,7 +396,7 @@ def verify(tuning):
     tuning.result("write")
     _ensure_written(tuning)
     designed = tuning.result("design")
-    bank = _bank(designed)
+    bank = contact.bank_of(designed["bank"])
     late = tuning.axis.read("latency_ticks")
     high = min(BAND_OF_FT * designed["worst"]["fT_Hz"], HIGHEST_HZ)
     order = replace(
@@ -359,14 +404,23 @@ def verify(tuning):
         band_hz=(tuning.order.band_hz[0], max(high, tuning.order.band_hz[1])),
         averages=max(5, tuning.order.averages // 2),
     )
-    levels, lines, first = {}, [], 1
+    measured = tuning.result("measure")[f"{order.forces[0]:g}N"]["amplitude"]
+    levels, lines, first = {}, [], max(1, measured // 4)
     try:
         for force in order.forces:
             name = f"verified-{force:g}N"
+            touched = []
+
+            def take(measures, force=force, touched=touched):
+                level = measures.contact(force, True)
+                touched.append(measures.touched)
+                return level
+
             done, about = _measured(
-                tuning, name, lambda a, f=force: a.contact(f, True), _reach(tuning), order, first
+                tuning, name, take, _reach(tuning), order, first, contact.Touching
             )
-            first = max(1, about["amplitude"] // 2)
+            about |= contact.write(tuning, touched[0])
+            first = _next_amplitude(about["amplitude"], force, order.forces)
             about |= _peaks(tuning, bank, late, done)
             levels[name] = about
             if about["Ms"] - 2 * about["Ms_error"] > about["Ms_predicted"] + MS_WITHIN:
@@ -377,7 +431,6 @@ def verify(tuning):
             lines.append(f"{force:g} N Ms {about['Ms']:.3g}, predicted {about['Ms_predicted']:.3g}")
     except Refusal as refusal:
         put_back(tuning)
-        (tuning.folder / "write.json").unlink(missing_ok=True)
         raise Refusal(refusal.name, f"{refusal.text}; the law before is in force again") from None
     return {"levels": levels}, "; ".join(lines)
 
@@ -416,12 +469,12 @@ def store(tuning):
     axis = tuning.axis
     _off(axis)
     try:
-        axis.set(store_parameters=1)
+        params.store(axis)
     except Refused as error:
-        return {"stored": False, "why": str(error)}, f"not stored: {error}"
-    found = axis.wait_for(
-        lambda s: s["store_state"] != "saving", ("store_state",), "the store to end", 10.0
-    )
-    if found["store_state"] != "saved":
-        raise Refusal("store", f"expected saved, got {found['store_state']}")
+        if REASONS[NO_MEMORY] in str(error):
+            return {"stored": False, "why": str(error)}, f"not stored: {error}"
+        put_back(tuning)
+        raise Refusal(
+            "store", f"expected it to keep the law, {error}; the law before is in force again"
+        ) from None
     return {"stored": True}, "parameters and certificate are stored"

@@ -27,6 +27,7 @@ the set (`reduced`) is a row there.
 
 import math
 import os
+import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -371,8 +372,8 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
     }
 
 
-def describe(result):
-    """The advice for a terminal."""
+def describe(result, width=None):
+    """The advice for a terminal of `width` columns, in which names are wrapped; None: any."""
 
     def number(value, digits=3):
         return "-" if value is None else f"{value:.{digits}g}"
@@ -439,9 +440,9 @@ def describe(result):
             f"simulated    stable up to k_f {found['stable_gain']:.4g}, {found['of_limit']:.2f} of "
             f"the linear limit, with the firmware and loss of contact ({found['runs']} runs)"
         )
-    head = ["V/N" if result["unit"] == "V/N" else result["unit"], "k_f", "x", "at Hz"]
+    head = ["V/N" if result["unit"] == "V/N" else result["unit"], "k_f", "gain x", "at Hz"]
     hz = number(result["reference_hz"])
-    head += [f"x at {hz} Hz", "crossover Hz", "x", *(["fS over set"] if result["over"] else [])]
+    head += [f"L x {hz} Hz", "f_c Hz", "f_c x", *(["fS over set"] if result["over"] else [])]
     head += ["run k_f", "ripple"] if with_runs else []
     table = [["", *head], ["present design", *columns(base)]]
     for row in rows:
@@ -449,19 +450,24 @@ def describe(result):
         name += "" if row["in_firmware"] else " (not in the firmware)"
         table.append([name, *columns(row)])
     wide = [max(len(r[i]) for r in table) for i in range(len(head) + 1)]
+    if width:
+        wide[0] = max(20, min(wide[0], width - sum(w + 2 for w in wide[1:])))
     for r in table:
-        cells = [r[0].ljust(wide[0]), *(c.rjust(w) for c, w in zip(r[1:], wide[1:], strict=True))]
+        *above, name = textwrap.wrap(r[0], wide[0], subsequent_indent=" ") or [""]
+        lines += above
+        cells = [name.ljust(wide[0]), *(c.rjust(w) for c, w in zip(r[1:], wide[1:], strict=True))]
         lines.append("  ".join(cells).rstrip())
-    lines.append(
-        f"k_f: DAC codes per 8-bit count; x: against the present design; x at {hz} Hz: loop gain "
-        f"there at the limit; crossover: |L| = 1 with the gain at the limit / "
+    notes = [
+        f"k_f: DAC codes per 8-bit count; x: against the present design; L x {hz} Hz: loop gain "
+        f"there at the limit; f_c: crossover, |L| = 1 with the gain at the limit / "
         f"{result['gain_margin']:g}"
         + (f"; fS over set: {FS}" if result["over"] else "")
         + ("; run k_f: simulated; ripple: its counts at half the present one" if with_runs else "")
-    )
+    ]
     if not result["over"]:
-        lines.append(
+        notes.append(
             "these are figures of one plant: --over NAME=30%,.. ranks by the bandwidth over a set, "
             "with a bank designed for it among the rows"
         )
+    lines += [text for note in notes for text in (textwrap.wrap(note, width) if width else [note])]
     return "\n".join(lines)

@@ -82,7 +82,7 @@ def design(order, out=None, progress=None):
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts["reading"]["bits"]
-        bench = simulate.Bench(plant, bits, own=own)
+        bench = simulate.Bench(plant, bits, own, order.firmware)
         say("modes of the contact")
         plants = plant_set(bench, order)
         outcome = found(plant, plants, order, bits, say)
@@ -108,7 +108,8 @@ def found(plant, plants, order, bits, say):
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
-        timings=timings,
+        timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
+        sections_above=order.sections_above or search.SECTIONS_ABOVE,
     )  # fmt: skip
     answer = search.search(plants, goal, say)
     p = plain(answer.p)

@@ -25,6 +25,10 @@ class Order:
     gain_margin: float = 2.3
     adc_bits: int | None = None  # None: the model's
     latency: str = "both"
+    hf_gain: float | None = None  # codes per 8-bit count at most; None and below: as search.Goal
+    ramp_s: float | None = None
+    sections_above: float | None = None
+    firmware: dict = field(default_factory=dict)  # settings beside the experiment's
     simulate: bool = True
     threads: int | None = None
 

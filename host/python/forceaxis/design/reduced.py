@@ -52,7 +52,7 @@ class Problem:
         delays = [DELAYS[timing] for timing in self.goal.timings]
         ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP / fS)
         self.inner.ramp = Ramp(nominal, delays, ramp_s)
-        low, high = structures.bounds(NAME, search.SECTIONS_ABOVE * fS).T
+        low, high = structures.bounds(NAME, self.goal.sections_above * fS).T
         low[0] = max(low[0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
         self._limits = limits = low, np.maximum(high, low)
         starts = self._starts(fS, rate, *limits)

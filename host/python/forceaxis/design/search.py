@@ -44,7 +44,8 @@ class Goal:
     """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
     gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the reading; hf_gain: DAC
     codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: the set-point's
-    rise in which the force has to follow, None: chosen."""
+    rise in which the force has to follow, None: chosen; sections_above: the least zero or pole, in
+    bandwidths of a PI law."""
 
     ms: float = 2.0
     ms_late: float = 2.2
@@ -55,6 +56,7 @@ class Goal:
     hf_gain: float | None = None
     timings: tuple = ("zoh", "zoh+1")
     ramp_s: float | None = None
+    sections_above: float = SECTIONS_ABOVE
 
     def ms_of(self, timing):
         """The peak of |S| that a timing of loops.TIMINGS may have."""
@@ -205,7 +207,9 @@ def search(plants, goal=None, progress=None):
     fS = problem.judge(own)[0]
     if not fS:
         raise _no_gain()
-    limits = {name: structures.bounds(name, SECTIONS_ABOVE * fS) for name in structures.STRUCTURES}
+    limits = {
+        name: structures.bounds(name, goal.sections_above * fS) for name in structures.STRUCTURES
+    }
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)

@@ -56,9 +56,9 @@ class Named(NamedTuple):
 
 class Bench:
     """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
-    besides."""
+    besides; firmware: settings in place of the experiment's, of KEPT."""
 
-    def __init__(self, design, bits, own=None):
+    def __init__(self, design, bits, own=None, firmware=None):
         self.design, self.own = design, own
         own_bits = design.facts["reading"]["bits"]
         self.change = (
@@ -71,7 +71,9 @@ class Bench:
         self.settle_s = SETTLE_S[0]
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts["reading"]["per_count"])
-        self._given = toml.read(design.experiment)["firmware"] if design.experiment else {}
+        self._given = dict(toml.read(design.experiment)["firmware"]) if design.experiment else {}
+        self._asked = firmware or {}
+        self._given |= self._asked
         self._check()
         self.settings = self._settings(bits)
         self.cases = self._cases()
@@ -143,11 +145,13 @@ class Bench:
         return known["supply_limit"] / known["R"] * drive["k_torque"] / drive["r_trans"]
 
     def _speed(self):
-        """Approach speed, m/s: the experiment's, else 20 mm/s or the object's default."""
+        """Approach speed, m/s: as given, else 20 mm/s or the object's default."""
         scale = abs(self.facts["encoder"]["scale"])
         default = objects.BY_NAME["approach_velocity_max"].default
         if "approach_velocity_max" not in self._given:
             return min(default / scale, APPROACH_M_PER_S)
+        if "approach_velocity_max" in self._asked:
+            return self._asked["approach_velocity_max"] / scale
         settings = _core.inputs(str(self.design.experiment))["firmware"]
         return settings["approach_velocity_max"] / scale
 

@@ -1,28 +1,9 @@
 """The [expect] table of an experiment, and a run beside it.
 
-    [expect]
-    verdict = "stable"       or "unstable": what [verdict] finds
-    fault = "none"           the first fault that the firmware latched
-    trace_hash = "08b6..."   every code of every tick
-    peak_force_N = 69.7      largest force in any contact of the model, at any tick
-    final_value = 30.2       mean of `signal` over its last final_s
-    settle_s = 0.81          from from_s until `signal` stays within final_value +- band (the tick
-                             after the last one outside); "never" if outside in the last final_s
-    held_force_N = 74.7      mean of the force read by ADC 0 over the window of [verdict]
-    held_force_error_percent = 0.4   of the set-point at the end of the run
-    overshoot = 0.12         how far `signal` goes beyond final_value, as a fraction of the step
-                             from its value at from_s; "undefined" when there is no step
-
-    signal = "sensor.force"  a column of the trace; default: the first contact's force, else encoder
-    from_s = 0.0             evaluation of `signal` starts here, for instance at a disturbance
-    final_s = 0.3            default: a tenth of what follows from_s
-    band = 0.05              fraction of the step, or { absolute = 1.5 } in the unit of `signal`
-
-A number is 69.7, { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.01 } or a limit
-{ min = 60, max = 80 }, one or both. A bare number is met within TOLERANCES; 1 % of 0 is 0, so a
-final_value below 1e-9 of the largest value counts as 0.
+FORMAT declares its keys; docs/guide/reference/experiment.md is written from there.
 """
 
+import difflib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +30,110 @@ TOLERANCES = {
 
 HELD = {"held_force_N": "held_N", "held_force_error_percent": "error_percent"}
 
+
+def _key(key, form, default, meaning, unit="", range_=""):
+    return {
+        "key": key,
+        "form": form,
+        "unit": unit,
+        "range": range_,
+        "required": False,
+        "default": default,
+        "meaning": meaning,
+    }
+
+
+def _number(key, meaning, unit="", range_=">= 0", form="number or { ... }"):
+    return _key(key, form, "not compared", meaning, unit, range_)
+
+
+FORMAT = (
+    {
+        "path": "expect",
+        "header": "[expect]",
+        "meaning": "What must come out: `forceaxis test` compares the run with it. A bare number "
+        "is met within the tolerance that its line names; 1 % of 0 is 0, so a `final_value` below "
+        "1e-9 of the largest value counts as 0.",
+        "when": "",
+        "keys": (
+            _number("verdict", "What [verdict] finds.", "", "", "stable, unstable"),
+            _number("fault", "First fault that the firmware latches.", "", "", "fault or none"),
+            _number("trace_hash", "Hash of every code of every tick.", "", "", "64 hex digits"),
+            _number("peak_force_N", "Largest force in any contact, at any tick; 1 %.", "N"),
+            _number("final_value", "Mean of `signal` over its last `final_s`; 1 %.", "", ""),
+            _number(
+                "settle_s",
+                "From `from_s` until `signal` stays within the band around its final value: the "
+                "tick after the last one outside; 10 ms.",
+                "s",
+                form='number, { ... } or "never"',
+            ),
+            _number(
+                "overshoot",
+                "How far `signal` goes beyond its final value, as a fraction of the step from its "
+                "value at `from_s`; 0.01.",
+                form='number, { ... } or "undefined"',
+            ),
+            _number(
+                "held_force_N",
+                "Mean of the force read by ADC 0 over the window of [verdict]; 1 %.",
+                "N",
+                "",
+            ),
+            _number(
+                "held_force_error_percent",
+                "Error of that force, of the set-point at the end of the run; 0.1 percentage "
+                "points.",
+            ),
+            _key(
+                "signal",
+                "column of the trace",
+                "force of the first contact, else encoder",
+                "What final_value, settle_s and overshoot are of.",
+            ),
+            _key(
+                "from_s",
+                "number",
+                "0",
+                "Evaluation of `signal` starts here, for instance at a disturbance.",
+                "s",
+                ">= 0",
+            ),
+            _key(
+                "final_s",
+                "number",
+                "a tenth of what follows from_s",
+                "Time at the end over which the final value is the mean.",
+                "s",
+                ">= 0",
+            ),
+            _key(
+                "band",
+                "number or { absolute = ... }",
+                "0.05",
+                "Half the settling band: a fraction of the step, or absolute in the unit of "
+                "`signal`.",
+                "",
+                ">= 0",
+            ),
+        ),
+    },
+    {
+        "path": "expect.KEY",
+        "header": "[expect] KEY = { ... }",
+        "meaning": "A number with its tolerance, or its limits: `{ value = 69.7, tolerance = 0.5 "
+        "}` or `{ min = 60, max = 80 }`, one or both.",
+        "when": "",
+        "keys": (
+            _key("value", "number", "min or max", "What is expected."),
+            _key("tolerance", "number", "as above", "Largest difference.", "", ">= 0"),
+            _key("relative", "number", "as above", "The same as a part of value.", "", ">= 0"),
+            _key("min", "number", "no limit", "At least this."),
+            _key("max", "number", "no limit", "At most this."),
+        ),
+    },
+)
+KEYS, OF_NUMBER = ([key["key"] for key in table["keys"]] for table in FORMAT)
 
 NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number exists
 
@@ -184,13 +269,7 @@ class Reader:
             return value
         if not isinstance(value, dict):
             value = {"value": self.number(key, value, low)}
-        for name in value:
-            if name not in ("value", "tolerance", "relative", "min", "max"):
-                self.fail(
-                    f"{key}.{name}",
-                    "expected one of value, tolerance, relative, min, max; "
-                    "remove or rename this key",
-                )
+        toml.expect_keys(value, OF_NUMBER, lambda name, text: self.fail(f"{key}.{name}", text))
         given = {n: self.number(f"{key}.{n}", v, -LARGEST) for n, v in value.items()}
         if "min" in given or "max" in given:
             return self.limits(key, given, low)
@@ -226,11 +305,13 @@ def read(file, data):
     if table is None:
         return None
     fail, number = reader.fail, reader.number
-    toml.expect_keys(table, (*TEXTS, *TOLERANCES, *HOW), fail)
+    toml.expect_keys(table, KEYS, fail)
     faults = objects.BY_NAME["fault"].enum
     for key, texts in (("verdict", ("stable", "unstable")), ("fault", faults)):
         if key in table and table[key] not in texts:
-            fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}")
+            meant = difflib.get_close_matches(str(table[key]), texts, 1)
+            hint = f"; did you mean {meant[0]}?" if meant else ""
+            fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}{hint}")
     if "verdict" in table and not data["criterion"]:
         fail("verdict", "expected a [verdict] table with the limits of a stable run; add it")
     text = table.get("trace_hash", "0" * 64)

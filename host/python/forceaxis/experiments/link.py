@@ -141,7 +141,7 @@ class AxisNode:
         line, self._text = self._text.split(b"\n", 1)
         return line.decode()
 
-    def _tell(self, text):
+    def _send(self, text):
         try:
             self.process.stdin.write(text.encode())
         except OSError:
@@ -160,7 +160,7 @@ class AxisNode:
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
             raise InputError(f"{experiment}: expected no tabs and line breaks in names and --set")
-        self._tell("\t".join(fields) + "\n")
+        self._send("\t".join(fields) + "\n")
         line = self._line(30)
         if line.startswith("{"):
             self._text = f"{line}\n".encode() + self._text
@@ -168,7 +168,7 @@ class AxisNode:
 
     def end(self):
         """Ends the run; returns the node's report of it."""
-        self._tell("\n")
+        self._send("\n")
         return self._report(self.link.timeout_s + 5)
 
 

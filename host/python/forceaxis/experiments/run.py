@@ -35,8 +35,9 @@ class Run:
         return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
 
 
-def run(experiment, overrides=(), over=None):
-    """Run one experiment file; over: a link.Link, with the firmware in another process.
+def run(experiment, overrides=(), over=None, text=None):
+    """Run one experiment file; over: a link.Link, with the firmware in another process. text: read
+    in place of the file's, in process only.
 
     Raises InputError with file, key and what was expected; with a link also LinkError.
     """
@@ -44,7 +45,7 @@ def run(experiment, overrides=(), over=None):
     if over:
         result, report = link.run(over, experiment, overrides)
     else:
-        result, report = _core.run(str(experiment), list(overrides)), None
+        result, report = _core.run(str(experiment), list(overrides), text=text), None
     command = ["forceaxis", "run", paths.display(experiment)]
     for text in overrides:
         command += ["--set", text]

@@ -4,6 +4,9 @@ Quantities are in N and mm where the model's converters say how large a count is
 one of the force reading, at 8 bits whatever the ADC has, or of the encoder.
 """
 
+import itertools
+import shlex
+
 from forceaxis.experiments import link
 
 OF = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
@@ -143,11 +146,18 @@ def window_text(summary):
     return f"last {seconds:g} s: {', '.join([*rows, lost])}"
 
 
+def changed(command):
+    """What --set replaced in the experiment's file."""
+    words = shlex.split(command)
+    return [value for option, value in itertools.pairwise(words) if option == "--set"]
+
+
 def rows(summary):
     """The summary for a terminal: (key, text), the outcome first."""
     energy, metrics, margin = summary["energy"], summary["metrics"], summary["edge_margin"]
     found = [
         ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
+        *([("changed", ", ".join(given))] if (given := changed(summary["command"])) else []),
         ("verdict", verdict_text(summary)),
         ("fault", summary["fault"]),
         *(

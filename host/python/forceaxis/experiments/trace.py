@@ -1,8 +1,9 @@
 """The trace of a run as files: CSV, NPZ, a figure, and the run's summary beside them."""
 
+import contextlib
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
+import os
 
 import numpy as np
 
@@ -15,7 +16,7 @@ FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result
 def figure(done, codes=False):
     """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position, force
     reading and command where the experiment names no rows. Objects that a link did not trace are
-    left out. codes: what the converters gave, not what it stands for."""
+    omitted. codes: what the converters gave, not what it stands for."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -105,25 +106,50 @@ def marks_of(done):
 
 def write(done, out, codes=False):
     """Write FILES into folder `out`, all or none of them."""
-    from forceaxis import drawing
-
-    names = list(done.columns)
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
-        trace_npz.open("wb") as packed,
-        ThreadPoolExecutor(1) as beside,  # packing needs no interpreter
+        beside(write_tables, done, trace_csv, trace_npz, events_csv),
     ):
-        packing = beside.submit(np.savez_compressed, packed, **done.columns)
+        from forceaxis import drawing
+
         drawn = figure(done, codes)
         drawing.save(drawn, png, "png", 120)
         drawing.save(drawn, svg, "svg")
-        with trace_csv.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(names)
-            writer.writerows(zip(*(done.columns[n].tolist() for n in names), strict=True))
-        with events_csv.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["time_s", "element", "from", "to"])
-            writer.writerows(done.events)
         result.write_text(json.dumps(done.summary, indent=2) + "\n")
-        packing.result()
+
+
+def write_tables(done, trace_csv, trace_npz, events_csv):
+    """The trace as CSV and NPZ, the events as CSV."""
+    columns = [[repr(value) for value in column.tolist()] for column in done.columns.values()]
+    with trace_csv.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(done.columns)
+        file.writelines(f"{','.join(row)}\n" for row in zip(*columns, strict=True))
+    with trace_npz.open("wb") as packed:
+        np.savez_compressed(packed, **done.columns)
+    with events_csv.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", "element", "from", "to"])
+        writer.writerows(done.events)
+
+
+@contextlib.contextmanager
+def beside(work, *arguments):
+    """Do `work` in a child process while the context lasts; what it wrote is there at its end.
+    Raises OSError where the child could not write."""
+    child = os.fork()
+    if child == 0:
+        status = 255
+        try:
+            work(*arguments)
+            status = 0
+        except OSError as error:
+            status = min(error.errno or 255, 255)
+        finally:
+            os._exit(status)
+    try:
+        yield
+    finally:
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if status:
+        text = os.strerror(status) if 0 < status < 255 else f"a child process ended with {status}"
+        raise OSError(max(status, 1), text)

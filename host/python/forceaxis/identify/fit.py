@@ -236,7 +236,10 @@ def read_response(path, model, held=None, **given):
             arrays = {name: saved[name] for name in ARRAYS}
             about["overrides"] = about["overrides"] | (held or {})
             measured = Measurement(**(about | given | {"model": model}), **arrays)
-    except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
+    except (
+        AttributeError, EOFError, FileNotFoundError, KeyError, TypeError, ValueError,
+        zipfile.BadZipFile,
+    ):  # fmt: skip
         raise InputError(
             f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
         ) from None

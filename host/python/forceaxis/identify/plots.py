@@ -1,11 +1,23 @@
 """Figures of measured responses: beside the linear model, and before and after a fit."""
 
 import math
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from forceaxis.drawing import GOT, INK, style
+from forceaxis.drawing import (
+    COLORS,
+    FAINT,
+    GOT,
+    INK,
+    THIN,
+    decibels,
+    legend,
+    name_of,
+    style,
+)  # fmt: skip
+from forceaxis.linear import plots
 
 
 def response(measured, model, title, width=7.2):
@@ -29,7 +41,7 @@ def response(measured, model, title, width=7.2):
         f, bottom, magnitude + radius, color=INK, alpha=0.2, linewidth=0, label="95 % band"
     )
     size.set_ylabel(f"amplitude\n{measured.unit}", fontsize=8, parse_math=False)
-    size.legend(fontsize=7, frameon=False, loc="best")
+    legend(size, loc="best")
     degrees = np.degrees(np.angle(measured.response))
     spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(magnitude, 1e-300), 1)))
     if model is not None:
@@ -55,14 +67,22 @@ def fitted(measured, start, fitted):
     """Figure: amplitude and phase, of a Measurement with its 95 % band, of the response that a fit
     started from and of the one it found (complex, at the measured frequencies)."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
+    for ax in axes:
+        style(ax)
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
     # A point without information must not stretch the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
-    axes[0].fill_between(f, low, high, color="0.8", label="95 % band")
-    rows = [(measured.response, {"color": "black", "marker": ".", "linestyle": ""}, "measured")]
-    rows.append((start, {"color": "C1", "linestyle": "--"}, "start"))
-    rows.append((fitted, {"color": "C0", "linestyle": "-"}, "fitted"))
+    axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
+    rows = [
+        (
+            measured.response,
+            {"color": INK, "marker": ".", "linestyle": "", "markersize": 4},
+            "measured",
+        )
+    ]
+    rows.append((start, {"color": FAINT, "linestyle": "--", **THIN}, "start"))
+    rows.append((fitted, {"color": GOT, "linestyle": "-", **THIN}, "fitted"))
     for values, look, label in rows:
         axes[0].loglog(f, abs(values), **look, label=label)
         degrees = np.degrees(np.angle(values))
@@ -73,11 +93,31 @@ def fitted(measured, start, fitted):
         f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
         parse_math=False,
     )
-    axes[0].legend()
+    legend(axes[0])
     axes[1].set(ylim=(-190, 190), yticks=range(-180, 181, 90))
     axes[1].set_ylabel("phase, degrees")
     axes[1].set_xlabel("frequency, Hz")
-    for axis in axes:
-        axis.grid(alpha=0.3, which="both")
+    for ax in axes:
+        ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
     figure.tight_layout()
+    plt.close(figure)
+    return figure
+
+
+def overlay(curves, points, summary):
+    """Figure of what `forceaxis bode --measured --json` prints: identify.overlay.Points with their
+    95 % band over the curves of the model."""
+    output = summary["curves"][0]["output"]
+    title = f"{name_of(summary['model'])}: {summary['input']} to {output}, measured and as modelled"
+    figure = plots.bode([replace(c, label="model") for c in curves], title, output)
+    size, phase, right = figure.axes
+    right.remove()
+    for i, p in enumerate(points, len(curves)):
+        look = {"color": COLORS[i % 6], "fmt": ".", "markersize": 3.5, "elinewidth": 0.6}
+        bars = np.minimum(p.radius, 0.9 * p.magnitude), p.radius
+        size.errorbar(p.frequency_hz, p.magnitude, yerr=bars, label=p.label, **look)
+        spread = np.degrees(np.arcsin(np.minimum(p.radius / p.magnitude, 1)))
+        phase.errorbar(p.frequency_hz, p.phase_deg, yerr=spread, **look)
+    legend(size, loc="best")
+    decibels(size, curves[0].unit)
     return figure

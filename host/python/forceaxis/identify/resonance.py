@@ -5,9 +5,12 @@
 The thesis fits it by eye in five steps, lowest resonance first; `fit` does the same to numbers.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
@@ -29,7 +32,14 @@ class Resonance:
     trough_hz: float | None = None
     trough_damping: float | None = None
 
-    def at(self, s):
+    @property
+    def trough(self) -> tuple[float, float] | None:
+        """Frequency, Hz, and damping ratio of the trough, if there is one."""
+        if self.trough_hz is None or self.trough_damping is None:
+            return None
+        return self.trough_hz, self.trough_damping
+
+    def at(self, s: ArrayLike) -> np.ndarray:
         """R_i at complex s (1/s)."""
         s = np.asarray(s, complex)
         value = 1 / _pair(s, self.peak_hz, self.peak_damping)
@@ -38,7 +48,7 @@ class Resonance:
         return value
 
 
-def _pair(s, hz, zeta):
+def _pair(s: Any, hz: Any, zeta: Any) -> Any:
     x = s / (2 * np.pi * hz)
     return x * x + 2 * zeta * x + 1
 
@@ -57,18 +67,18 @@ class Fit:
     max_db: float
     phase_error_deg: float | None
 
-    def cascade(self):
+    def cascade(self) -> Factored:
         """The product of all R_i as a Factored: zeros, poles and gain (`zpk`)."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
-        zeros = [(r.trough_hz, r.trough_damping) for r in self.resonances if r.trough_hz]
+        zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
-    def response(self, frequency_hz, rigid_response):
+    def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> np.ndarray:
         """The whole model, G_p = G_rb prod R_i, from the rigid-body response at the frequencies."""
         return np.asarray(rigid_response) * self.cascade().response(frequency_hz)
 
 
-def _roots(pairs):
+def _roots(pairs: list[tuple[float, float]]) -> np.ndarray:
     """Both roots, 1/s, of each (Hz, damping ratio)."""
     roots = []
     for hz, zeta in pairs:
@@ -77,7 +87,14 @@ def _roots(pairs):
     return np.array(roots, complex)
 
 
-def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refine=False):
+def fit(
+    frequency_hz: ArrayLike,
+    response: ArrayLike,
+    rigid_response: ArrayLike,
+    modes: int = 5,
+    prominence_db: float = 1.0,
+    refine: bool = False,
+) -> Fit:
     """Fit a cascade of at most `modes` resonances to a measured or simulated response: Fit.
 
     frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
@@ -123,7 +140,9 @@ def fit(frequency_hz, response, rigid_response, modes=5, prominence_db=1.0, refi
     )
 
 
-def _checked(frequency_hz, response, rigid_response):
+def _checked(
+    frequency_hz: ArrayLike, response: ArrayLike, rigid_response: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     f, data, rigid = (np.asarray(x) for x in (frequency_hz, response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
         raise InputError(
@@ -140,10 +159,12 @@ def _checked(frequency_hz, response, rigid_response):
     return f, data, rigid
 
 
-def _extremes(f, target, modes, prominence_db):
+def _extremes(
+    f: np.ndarray, target: np.ndarray, modes: int, prominence_db: float
+) -> tuple[list[float], list[float | None]]:
     """Frequencies of the most prominent peaks and of the trough, or None, of each."""
 
-    def at_top(i, values):
+    def at_top(i: int, values: np.ndarray) -> float:
         # Between grid points: vertex of the parabola through three of the logarithmic scale.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
@@ -158,7 +179,7 @@ def _extremes(f, target, modes, prominence_db):
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
 
 
-def _pair_up(peaks, troughs):
+def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
     """For each peak its trough or None: least total distance, and no peak lies between the two."""
     if not troughs:
         return [None] * len(peaks)
@@ -167,14 +188,16 @@ def _pair_up(peaks, troughs):
         [[any(min(p, t) < q < max(p, t) for q in peaks) for t in troughs] for p in peaks]
     )
     rows, columns = optimize.linear_sum_assignment(np.where(between, 1e3, distance))
-    pairs = [None] * len(peaks)
+    pairs: list[float | None] = [None] * len(peaks)
     for row, column in zip(rows, columns, strict=True):
         if not between[row, column]:
             pairs[row] = troughs[column]
     return pairs
 
 
-def _match(f, target, peaks, troughs):
+def _match(
+    f: np.ndarray, target: np.ndarray, peaks: list[float], troughs: list[float | None]
+) -> list[Resonance]:
     """Steps 2 to 5: move each pair until the model's own peaks and troughs, which neighbours and
     damping shift, stand where the data's do, as high and as deep; all others given, round by round.
     """
@@ -185,7 +208,7 @@ def _match(f, target, peaks, troughs):
     pairs = np.column_stack([hz, np.full(len(hz), 0.05)])  # the thesis's typical damping
     around = np.geomspace(0.8, 1.25, 181)
 
-    def model_db(at):
+    def model_db(at: np.ndarray) -> np.ndarray:
         values = np.array([_pair(2j * np.pi * at, *pair) for pair in pairs])
         return 20 * np.log10(np.abs(values)).T @ -sign
 
@@ -207,7 +230,7 @@ def _match(f, target, peaks, troughs):
     return _resonances(best, troughs)
 
 
-def _resonances(pairs, troughs):
+def _resonances(pairs: np.ndarray, troughs: Sequence[float | None]) -> list[Resonance]:
     """(Hz, damping) of all peaks, then of those troughs that are not None, as Resonance."""
     present = iter(pairs[len(troughs) :])
     return [
@@ -216,14 +239,14 @@ def _resonances(pairs, troughs):
     ]
 
 
-def _least_squares(f, target, start):
+def _least_squares(f: np.ndarray, target: np.ndarray, start: list[Resonance]) -> list[Resonance]:
     """All frequencies and ratios, as logarithms, to the least squares of the error in dB."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
-    pairs += [(r.trough_hz, r.trough_damping) for r in start if r.trough_hz is not None]
+    pairs += [r.trough for r in start if r.trough]
     signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))
     x = 2j * np.pi * f[:, None]
 
-    def error(logarithms):
+    def error(logarithms: np.ndarray) -> np.ndarray:
         hz, zeta = np.exp(logarithms.reshape(-1, 2)).T
         return (20 * np.log10(np.abs(_pair(x, hz, zeta))) * signs).sum(axis=1) - target
 
@@ -237,7 +260,15 @@ def _least_squares(f, target, start):
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
 
 
-def of_measurement(model, response, rigid, overrides, modes, prominence_db, refine):
+def of_measurement(
+    model: str,
+    response: str,
+    rigid: str,
+    overrides: Mapping[str, Any],
+    modes: int,
+    prominence_db: float,
+    refine: bool,
+) -> dict[str, Any]:
     """The result as `forceaxis identify resonances --json` prints it."""
     from forceaxis.identify import fit as fit_response
 
@@ -257,7 +288,7 @@ def of_measurement(model, response, rigid, overrides, modes, prominence_db, refi
     }
 
 
-def describe(result):
+def describe(result: dict[str, Any]) -> str:
     """The same for people."""
     lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
     for r in result["resonances"]:

@@ -4,10 +4,13 @@ They are linear only; none of them has a time simulation. Positive displacement 
 same way; transfer functions are of velocity over the actuator force, in m/s per N.
 """
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
@@ -26,7 +29,7 @@ class Factored:
     gain: float
     order: int = 0
 
-    def at(self, s):
+    def at(self, s: ArrayLike) -> np.ndarray:
         """Values at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
@@ -38,11 +41,11 @@ class Factored:
                 value = value / (1 - s / pole)
         return value
 
-    def response(self, frequency_hz):
+    def response(self, frequency_hz: ArrayLike) -> np.ndarray:
         """Values at s = 2 pi j frequency_hz."""
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
-    def zpk(self):
+    def zpk(self) -> tuple[np.ndarray, np.ndarray, float]:
         """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), the origin included."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
@@ -51,7 +54,7 @@ class Factored:
             gain = gain * (-pole) / (-zero)
         return zeros, poles, float(np.real(gain))
 
-    def transfer_function(self):
+    def transfer_function(self) -> Any:
         """As control.TransferFunction. InputError where its coefficients leave double precision."""
         import control
 
@@ -66,7 +69,7 @@ class Factored:
         return control.TransferFunction(num, den)
 
 
-def _newton(x, step):
+def _newton(x: np.ndarray, step: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Newton's iteration until it no longer moves but by rounding; step(x) = f / f'."""
     for _ in range(40):
         change = step(x)
@@ -76,22 +79,22 @@ def _newton(x, step):
     raise ArithmeticError("a root of the beam did not converge")  # a bug: starts are within reach
 
 
-def sliding_free_roots(count):
+def sliding_free_roots(count: int) -> np.ndarray:
     """The first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ..."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
-    def step(y):
+    def step(y: np.ndarray) -> np.ndarray:
         sin, cos, tanh = np.sin(y), np.cos(y), np.tanh(y)
         return (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
 
     return _newton(y, step)
 
 
-def clamped_free_roots(count):
+def clamped_free_roots(count: int) -> np.ndarray:
     """The first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ..."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
-    def step(y):
+    def step(y: np.ndarray) -> np.ndarray:
         e = np.exp(-y)
         sech, tanh = 2 * e / (1 + e * e), np.tanh(y)
         return (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
@@ -112,7 +115,7 @@ class Beam:
     length_m: float
     damping_s: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("bending_stiffness_Nm2", "mass_per_length_kg_per_m", "length_m"):
             value = getattr(self, name)
             if not 1e-12 <= value <= 1e12:
@@ -121,48 +124,49 @@ class Beam:
             raise InputError(f"Beam: damping_s: expected a number >= 0, got {self.damping_s}")
 
     @property
-    def mass_kg(self):
+    def mass_kg(self) -> float:
+        """Mass of the whole beam."""
         return self.mass_per_length_kg_per_m * self.length_m
 
     @property
-    def rate(self):
+    def rate(self) -> float:
         """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam is the frequency rate y^2."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return a / self.length_m**2
 
-    def natural_frequencies(self, count):
+    def natural_frequencies(self, count: int) -> np.ndarray:
         """rad/s of the first `count` bending modes; the rigid-body mode at 0 is not among them."""
         return self.rate * sliding_free_roots(count) ** 2
 
-    def poles(self, count):
+    def poles(self, count: int) -> np.ndarray:
         """1/s: 0 (rigid body, of velocity over force) and the pairs of `count` modes, ascending."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
-    def actuator_zeros(self, count):
+    def actuator_zeros(self, count: int) -> np.ndarray:
         """1/s: `count` pairs of V_act / F_a; there the beam vibrates with its sliding end held."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
-    def tip_zeros(self, count):
+    def tip_zeros(self, count: int) -> np.ndarray:
         """1/s: `count` real pairs of V_tip / F_a, +-2 rate ((k - 1/2) pi)^2 without damping."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
-    def _roots(self, squares):
+    def _roots(self, squares: np.ndarray) -> np.ndarray:
         """Both s of s^2 = square (1 + damping_s s) for each, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
         far = half + np.where(half < 0, -1, 1) * root  # no cancellation
         return np.column_stack([-squares / far, far]).ravel()
 
-    def actuator(self, s):
+    def actuator(self, s: ArrayLike) -> np.ndarray:
         """V_act / F_a at complex s (1/s), any shape; no overflow at any frequency. 0 is a pole."""
         return self._transfer(s)[0]
 
-    def tip(self, s):
+    def tip(self, s: ArrayLike) -> np.ndarray:
         """V_tip / F_a at complex s, as `actuator`."""
         return self._transfer(s)[1]
 
-    def _transfer(self, s):
+    def _transfer(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I):
         #   V_act / F_a = s (cosh^2 X + cos^2 X) / D,  V_tip / F_a = s 2 cosh X cos X / D,
         #   D = 4 E I b^3 (sinh X cosh X + sin X cos X)
@@ -187,7 +191,7 @@ class Beam:
         factor = s / (4 * stiffness * b**3 * bending)
         return factor * act, factor * tip
 
-    def polynomial(self, modes, output="actuator"):
+    def polynomial(self, modes: int, output: str = "actuator") -> Factored:
         """The rational approximation through mode `modes`, a Factored, of V_act or V_tip over F_a.
 
         It has the exact poles and zeros of the first `modes` modes, as many of either, and the
@@ -200,7 +204,7 @@ class Beam:
             raise InputError(f"beam modes: expected at least 1, got {modes}")
         return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
 
-    def approximation_error(self, modes, output="actuator", through=4):
+    def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
         """Largest |approximation / true - 1| of the complex response from 0 through a mode.
 
         Taken on 4000 frequencies from a thousandth of the first to the pole of mode `through`, and
@@ -217,7 +221,9 @@ class Beam:
         true = self.actuator(s) if output == "actuator" else self.tip(s)
         return float(np.abs(self.polynomial(modes, output).at(s) / true - 1).max())
 
-    def approximation_errors(self, modes=range(4, 41), through=4):
+    def approximation_errors(
+        self, modes: Iterable[int] = range(4, 41), through: int = 4
+    ) -> list[dict[str, float]]:
         """[{"modes", "actuator", "tip"}]: approximation_error of both outputs for each number."""
         outputs = ("actuator", "tip")
         return [
@@ -225,7 +231,7 @@ class Beam:
             for n in modes
         ]
 
-    def lumped(self, elements):
+    def lumped(self, elements: int) -> "LumpedBeam":
         """A LumpedBeam of `elements` bending elements with this beam's mass at their ends.
 
         Each body stands for the beam's parts next to it, at their common centre: the beam is cut
@@ -256,12 +262,12 @@ class LumpedBeam:
     """
 
     bending_stiffness_Nm2: float  # E I of the elements
-    lengths_m: tuple  # of each element, between centres
-    masses_kg: tuple  # one more than elements, the sliding one first
-    inertias_kgm2: tuple  # of all but the sliding mass
+    lengths_m: tuple[float, ...]  # of each element, between centres
+    masses_kg: tuple[float, ...]  # one more than elements, the sliding one first
+    inertias_kgm2: tuple[float, ...]  # of all but the sliding mass
     tip_offset_m: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = len(self.lengths_m)
         if n < 1 or len(self.masses_kg) != n + 1 or len(self.inertias_kgm2) != n:
             raise InputError(
@@ -273,17 +279,24 @@ class LumpedBeam:
             raise InputError("LumpedBeam: expected stiffness, lengths, masses and inertias > 0")
 
     @classmethod
-    def figure_2_24(cls, bending_stiffness_Nm2, length_m, m1_kg, m2_kg, J2_kgm2, tip_offset_m):
+    def figure_2_24(
+        cls,
+        bending_stiffness_Nm2: float,
+        length_m: float,
+        m1_kg: float,
+        m2_kg: float,
+        J2_kgm2: float,
+        tip_offset_m: float,
+    ) -> "LumpedBeam":
         """Two masses and one element."""
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
-    def matrices(self):
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """(M, K) of q = (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
-        M = np.zeros(2 * n + 1)
-        M[[0, *range(1, 2 * n, 2)]] = self.masses_kg
-        M[2::2] = self.inertias_kgm2
-        M = np.diag(M)
+        diagonal = np.zeros(2 * n + 1)
+        diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
+        diagonal[2::2] = self.inertias_kgm2
         whole = np.zeros((2 * n + 2, 2 * n + 2))  # with the angle of the sliding mass
         # Of (x, angle length) at both ends of an element without mass.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
@@ -294,9 +307,9 @@ class LumpedBeam:
                 self.bending_stiffness_Nm2 / length**3 * np.outer(scale, scale) * bending
             )
         keep = np.delete(np.arange(2 * n + 2), 1)
-        return M, whole[np.ix_(keep, keep)]
+        return np.diag(diagonal), whole[np.ix_(keep, keep)]
 
-    def system(self):
+    def system(self) -> linear.System:
         """Force on the sliding mass (N) to velocities of it and of the tip (m/s), undamped."""
         M, K = self.matrices()
         tip = np.zeros(len(M))
@@ -309,7 +322,7 @@ class LumpedBeam:
             M, 0 * K, K, first[:, None], [first, tip], names, ["force"], ["actuator", "tip"]
         )
 
-    def nonminimum_phase(self):
+    def nonminimum_phase(self) -> bool:
         """Of Figure 2.24 (one element): the tip has a real +- pair of zeros iff e (l/2) m2 > J2.
 
         The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); at equality there are none.
@@ -344,7 +357,7 @@ class TwoLinkArm:
     angle1_rad: float = 0.0
     angle2_rad: float = 0.0  # between the links, 0: stretched
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
             if not getattr(self, name) > 0:
                 raise InputError(f"TwoLinkArm: {name}: expected > 0, got {getattr(self, name)}")
@@ -352,14 +365,14 @@ class TwoLinkArm:
             if not getattr(self, name) >= 0:
                 raise InputError(f"TwoLinkArm: {name}: expected >= 0, got {getattr(self, name)}")
 
-    def mass_matrix(self):
+    def mass_matrix(self) -> np.ndarray:
         """2 x 2, kg m^2, of (angle of link 1, angle of link 2 against link 1)."""
         M22 = self.I2 + self.m2 * self.c2**2
         cross = self.m2 * self.l1 * self.c2 * np.cos(self.angle2_rad)
         M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
         return np.array([[M11, M22 + cross], [M22 + cross, M22]])
 
-    def jacobian(self):
+    def jacobian(self) -> np.ndarray:
         """Rows x, y and normal (at right angles to link 2) of the endpoint, in m/rad."""
         end = self.angle1_rad + self.angle2_rad
         s1, c1, s2, c2 = np.sin(self.angle1_rad), np.cos(self.angle1_rad), np.sin(end), np.cos(end)
@@ -368,7 +381,7 @@ class TwoLinkArm:
         normal = [self.l1 * np.cos(self.angle2_rad) + self.l2, self.l2]
         return np.array([x, y, normal])
 
-    def system(self):
+    def system(self) -> linear.System:
         """Torques 1 and 2 (N m) to both angles (rad) and the endpoint's x, y and normal (m)."""
         outputs = ["joint1", "joint2", "x", "y", "normal"]
         names = ["joint1", "joint2"]
@@ -378,7 +391,7 @@ class TwoLinkArm:
             self.mass_matrix(), D, K, np.eye(2), rows, names, ["torque1", "torque2"], outputs, 0
         )
 
-    def nonminimum_phase(self):
+    def nonminimum_phase(self) -> bool:
         """Torque 1 to the endpoint's normal, joint 2 held with k2 > 0: has it a real zero > 0?
 
         The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
@@ -390,7 +403,17 @@ class TwoLinkArm:
         return bool(self.k2 > 0 and j1 * (j1 * M[1, 1] - j2 * M[1, 0]) < 0)
 
 
-def _mechanical(M, D, K, forces, outputs, names, inputs, output_names, order=1):
+def _mechanical(
+    M: np.ndarray,
+    D: np.ndarray,
+    K: np.ndarray,
+    forces: np.ndarray,
+    outputs: ArrayLike,
+    names: Sequence[str],
+    inputs: Sequence[str],
+    output_names: Sequence[str],
+    order: int = 1,
+) -> linear.System:
     """M q'' + D q' + K q = forces u; y = outputs q (order 0) or its rate (order 1)."""
     n = len(M)
     inverse = np.linalg.inv(M)
@@ -403,7 +426,7 @@ def _mechanical(M, D, K, forces, outputs, names, inputs, output_names, order=1):
     return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
 
 
-def summary(beam, modes):
+def summary(beam: Beam, modes: int) -> dict[str, Any]:
     """What `forceaxis beam --json` prints: the first `modes` modes and the errors of 2.4.4."""
     roots = sliding_free_roots(modes)
     poles = beam.natural_frequencies(modes)
@@ -422,7 +445,7 @@ def summary(beam, modes):
     }
 
 
-def describe(result):
+def describe(result: dict[str, Any]) -> str:
     """The same for people."""
     lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
     for k, mode in enumerate(result["modes"], 1):

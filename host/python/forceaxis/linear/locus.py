@@ -49,7 +49,7 @@ class Locus:
     unit: str  # of the gain
     codes: float | None  # firmware gain of one unit
     span_hz: float
-    at_gain: np.ndarray = ()  # closed-loop poles at a given gain, 1/s
+    at_gain: np.ndarray | tuple = ()  # closed-loop poles at a given gain, 1/s
 
     def summary(self):
         """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""

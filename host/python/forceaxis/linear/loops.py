@@ -20,19 +20,23 @@ the tick of its reading on (zoh), or one tick later (zoh+1, firmware.latency_tic
 """
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from forceaxis import _core
-from forceaxis.linear.bank import series
+from forceaxis.linear.bank import Bank, series
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 
+Facts = dict[str, Any]  # of linear.facts
+
 TIMINGS = ("continuous", "zoh", "zoh+1")
 # Law -> its parameters; all are required but the inner damping.
-LAWS = {
+LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
     "pd": ("derivative_s",),
@@ -49,11 +53,11 @@ FIRMWARE_STEP = 1 / 256  # DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 / 256
 
 
-def _first_order(a, b, c, d):
+def _first_order(a: float, b: float, c: float, d: float) -> tuple[np.ndarray, ...]:
     return tuple(np.array([[float(value)]]) for value in (a, b, c, d))
 
 
-def _compensator(law, p, dt):
+def _compensator(law: str, p: dict[str, float], dt: float | None) -> tuple[np.ndarray, ...]:
     """The part of the law between error and command: pi's integral, the lead filter."""
     if law == "pi":
         w = p["integral_rad_per_s"]
@@ -66,12 +70,12 @@ def _compensator(law, p, dt):
     return _first_order(-bp / ap, 1, (bz - az * bp / ap) / ap, az / ap)
 
 
-def option(name):
+def option(name: str) -> str:
     """The command-line option of a law's parameter."""
     return "--" + name.replace("_", "-").lower()
 
 
-def _check(law, timing, given, bank):
+def _check(law: str, timing: str, given: dict[str, float], bank: Bank | None) -> None:
     if law == "bank" and bank is None:
         raise _core.InputError("--law: expected bank with an experiment that selects one")
     if bank is not None and law not in ("bank", *MOTION):
@@ -111,7 +115,7 @@ class _Plant(NamedTuple):
     states: tuple[str, ...]
 
 
-def _controlled(known, where, law, output):
+def _controlled(known: Facts, where: str, law: str, output: str) -> tuple[str, str]:
     """(signal, unit) that a loop controls. Raises InputError where the model has none."""
     if known["drive"] is None:
         raise _core.InputError(f"{where}: drive: expected a model with a drive, there is none")
@@ -124,14 +128,14 @@ def _controlled(known, where, law, output):
     return signal, unit
 
 
-def _encoder_scale(known, where):
+def _encoder_scale(known: Facts, where: str) -> float:
     """Counts per metre of the encoder."""
     if known["encoder"] is None:
         raise _core.InputError(f"{where}: encoder: expected one with a velocity gain")
     return known["encoder"]["scale"]
 
 
-def _force_rate(known, signal, unit):
+def _force_rate(known: Facts, signal: str, unit: str) -> str:
     """The signal of a force's rate, of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known["signals"]:
@@ -142,7 +146,15 @@ def _force_rate(known, signal, unit):
     return rate
 
 
-def _feedback(known, where, law, signal, moves, names, read):
+def _feedback(
+    known: Facts,
+    where: str,
+    law: str,
+    signal: str,
+    moves: bool,
+    names: list[str],
+    read: Callable[[tuple[str, ...]], System],
+) -> System:
     """The plant as a System with the outputs f, f', x and v; read(outputs) linearises it.
 
     names: the output, and the signal of its rate where the law needs it.
@@ -164,14 +176,17 @@ def _feedback(known, where, law, signal, moves, names, read):
             "in this mode; choose another output or another mode of the elements"
         )
 
-    def row(matrix, name):
+    def row(matrix: np.ndarray, name: str) -> np.ndarray:
         return matrix[[plant.outputs.index(name)]]
 
-    def relative(matrix, quantity):
-        values = [row(matrix, f"{body}.{quantity}") if body != "ground" else 0.0 for body in bodies]
+    def relative(matrix: np.ndarray, quantity: str) -> np.ndarray:
+        zero = np.zeros_like(matrix[:1])
+        values = [
+            row(matrix, f"{body}.{quantity}") if body != "ground" else zero for body in bodies
+        ]
         return values[0] - values[1]
 
-    def rows(matrix):
+    def rows(matrix: np.ndarray) -> np.ndarray:
         zero = np.zeros_like(matrix[:1])
         rate = row(matrix, names[1]) if law == "derivative" else zero
         x, v = (relative(matrix, q) if moves else zero for q in ("position", "velocity"))
@@ -180,7 +195,7 @@ def _feedback(known, where, law, signal, moves, names, read):
     return replace(plant, C=rows(plant.C), D=rows(plant.D), outputs=("f", "f'", "x", "v"))
 
 
-def _continuous(system, law, where):
+def _continuous(system: System, law: str, where: str) -> _Plant:
     """The _Plant of a law that runs without sampling."""
     A, B, C, D = system.A, system.B, system.C, system.D
     f, rate, x, v = (C[[i]] for i in range(4))
@@ -195,7 +210,7 @@ def _continuous(system, law, where):
     return _Plant(A, B, f, rate, x, v, direct, rate_direct, system.states)
 
 
-def _sampled(system, law, timing, tick_s, moves):
+def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
     """The _Plant of a law that runs once a tick: velocity, pd's rate are backward differences."""
     system = system.sampled(0, tick_s)
     A, B, C, D = system.A, system.B, system.C, system.D
@@ -223,7 +238,7 @@ def _sampled(system, law, timing, tick_s, moves):
     return _Plant(A, B, f, rate, x, v, none, none, states)
 
 
-def _late_motion(plant):
+def _late_motion(plant: _Plant) -> _Plant:
     """The _Plant with x and v of the tick before."""
     A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
     A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
@@ -232,18 +247,18 @@ def _late_motion(plant):
 
 
 def force_loop(
-    model,
-    law="p",
-    timing="zoh",
-    overrides=None,
-    modes=None,
-    output="reading",
-    free=False,
-    tick_s=TICK_S,
-    bank=None,
-    late_motion=False,
-    **parameters,
-):
+    model: str | Path,
+    law: str = "p",
+    timing: str = "zoh",
+    overrides: Mapping[str, Any] | None = None,
+    modes: Mapping[str, str] | None = None,
+    output: str = "reading",
+    free: bool = False,
+    tick_s: float = TICK_S,
+    bank: Bank | None = None,
+    late_motion: bool = False,
+    **parameters: float | None,
+) -> Loop:
     """The loop of a law around a model.
 
     model, overrides, modes, free: as in `linear.linearise`. output: the signal that takes the place
@@ -265,7 +280,7 @@ def force_loop(
         inner = bank.velocity_gain * known["volts_per_code"] * _encoder_scale(known, where) * TICK_S
     moves = bool(law in MOTION or inner)
 
-    def read(outputs):
+    def read(outputs: tuple[str, ...]) -> System:
         return linearise(model, outputs=outputs, overrides=overrides, modes=modes, free=free)
 
     system = _feedback(known, where, law, signal, moves, names, read)
@@ -311,13 +326,16 @@ def force_loop(
     )
 
 
-def no_reading(where):
+def no_reading(where: str) -> _core.InputError:
+    """The refusal of a model without an ADC on channel 0."""
     return _core.InputError(
         f"{where}: adc: expected an ADC on channel 0, there is none; choose another output"
     )
 
 
-def _with_last(A, B, rows, kept):
+def _with_last(
+    A: np.ndarray, B: np.ndarray, rows: list[np.ndarray], kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """The sampled system with a state for the last sample of row `kept`; rows widened, and its."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])

@@ -15,13 +15,18 @@ dampers still couple it to input and output, poles and zeros lie side by side, a
 in Figure 2.16a: colocated. If nothing does, it is neither and has no effect on the loop.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
+
+Pole = dict[str, float | None]  # frequency_hz, damping_ratio, real, imag
 
 CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
@@ -52,7 +57,14 @@ class Mechanics:
     output: np.ndarray
 
 
-def mechanics(model, input, output, overrides=None, states=None, free=False):
+def mechanics(
+    model: str | Path,
+    input: str,
+    output: str,
+    overrides: Mapping[str, Any] | None = None,
+    states: Mapping[str, str] | None = None,
+    free: bool = False,
+) -> Mechanics:
     """The undamped modes of a model between `input` and a position-like `output`: Mechanics."""
     masses = linear.facts(model, overrides)["masses_kg"]
     bodies = tuple(masses)
@@ -69,7 +81,7 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
 
-    def symmetric(columns):
+    def symmetric(columns: list[int]) -> np.ndarray:
         scaled = -root[:, None] * system.A[np.ix_(v, columns)] / root
         reduced = basis.T @ scaled @ basis
         return (reduced + reduced.T) / 2
@@ -96,7 +108,7 @@ def mechanics(model, input, output, overrides=None, states=None, free=False):
     return Mechanics(bodies, root**2, w, shapes, zeta, push, system.C[0, x] @ shapes)
 
 
-def default_output(facts, apart):
+def default_output(facts: dict[str, Any], apart: list[dict[str, Any]]) -> str:
     """Output of the force loop: the reading's signal, or the position of the body that would touch.
 
     facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
@@ -111,7 +123,7 @@ def default_output(facts, apart):
     return f"{body}.position"
 
 
-def as_positions(output):
+def as_positions(output: str) -> str:
     """The output whose residues have the signs of positions: a rate's integral."""
     for ending, plain in (
         (".velocity", ".position"),
@@ -123,7 +135,14 @@ def as_positions(output):
     return output
 
 
-def modes(model, input="drive.force", output=None, overrides=None, states=None, free=False):
+def modes(
+    model: str | Path,
+    input: str = "drive.force",
+    output: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    states: Mapping[str, str] | None = None,
+    free: bool = False,
+) -> dict[str, Any]:
     """Modes of vibration of a model with their labels, as `forceaxis modes --json` prints them.
 
     model, overrides, states (there: modes), free: as for linear.linearise. input: drive.force or
@@ -202,7 +221,7 @@ def modes(model, input="drive.force", output=None, overrides=None, states=None, 
     }
 
 
-def match(m, system):
+def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
     """The pole of the damped `system` for each undamped mode: ([pole or None], [others]).
 
     Poles (of a pair that with positive imaginary part) are dictionaries; those whose displacements
@@ -219,8 +238,10 @@ def match(m, system):
     return [names[pairs[i]] if i in pairs else None for i in range(len(m.w))], others
 
 
-def _assign(m, system, poles, vectors):
-    """{mode: index of its pole}"""
+def _assign(
+    m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
+) -> dict[int, int]:
+    """{mode: index of its pole}."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
@@ -231,7 +252,7 @@ def _assign(m, system, poles, vectors):
     return dict(zip(map(int, rows), map(int, columns), strict=True))
 
 
-def _damped_residues(m, system):
+def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     """For each mode, whether the damped mechanics have a residue at its pole."""
     poles, left, right = linalg.eig(system.A, left=True)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -245,7 +266,7 @@ def _damped_residues(m, system):
     return sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
 
 
-def _pole(pole):
+def _pole(pole: complex) -> Pole:
     size = abs(pole)
     return {
         "frequency_hz": float(size / (2 * np.pi)),
@@ -255,11 +276,11 @@ def _pole(pole):
     }
 
 
-def _frequency(pole):
+def _frequency(pole: Pole) -> Any:
     return pole["frequency_hz"]
 
 
-def describe(result):
+def describe(result: dict[str, Any]) -> str:
     """The text of `forceaxis modes`."""
     lines = [
         f"{result['model']}, contact {result['contact'] or 'none'}: "
@@ -289,5 +310,5 @@ def describe(result):
     return "\n".join(lines)
 
 
-def _number(value):
+def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"

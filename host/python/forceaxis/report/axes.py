@@ -46,14 +46,14 @@ def words(model):
     """Sentences about a model."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts["masses_kg"].items())
-    said = [f"Bodies: {masses}."]
+    lines = [f"Bodies: {masses}."]
     if drive := facts["drive"]:
-        said.append(f"Drive {drive['type'].replace('_', ' ')} on {drive['body']}.")
+        lines.append(f"Drive {drive['type'].replace('_', ' ')} on {drive['body']}.")
     for contact in facts["contacts"]:
-        said.append(f"Contact {contact['name']} between {' and '.join(contact['between'])}.")
+        lines.append(f"Contact {contact['name']} between {' and '.join(contact['between'])}.")
     if reading := facts["reading"]:
         unit = facts["signals"].get(reading["signal"], "")
-        said.append(
+        lines.append(
             f"The firmware reads {reading['signal']} with {reading['bits']} bits, "
             f"{abs(reading['per_count']) * 2 ** (8 - reading['bits']):.3g} {unit} a code."
         )
@@ -62,10 +62,10 @@ def words(model):
     except _core.InputError:
         found = []
     if found:
-        said.append(f"Modes at {', '.join(format(m['frequency_hz'], '.3g') for m in found)} Hz.")
-    if defaults := len(re.findall(r'"default, check', text)):
-        said.append(f'{defaults} values are defaults: look for "default, check" in the file.')
-    return said
+        lines.append(f"Modes at {', '.join(format(m['frequency_hz'], '.3g') for m in found)} Hz.")
+    if defaults := text.count("default, check"):
+        lines.append(f'{defaults} values are defaults: look for "default, check" in the file.')
+    return lines
 
 
 def laws(model, entries):

@@ -14,24 +14,21 @@ PLANTS = (
 )
 
 
-def rows():
-    """[{"model", "bits", "over", "modes", "p", "design", "limited_by"}]: p and design as of
-    reduced.Problem.worst."""
-    made = []
-    for model, bits in PLANTS:
-        plants = sets.plant_set(model)
-        problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
-        found = problem.designed()
-        made.append({
-            "model": model,
-            "bits": bits,
-            "over": ", ".join(plants.ranges),
-            "modes": len(plants.modes),
-            "p": problem.worst(Bank(1.0)),
-            "design": found,
-            "limited_by": problem.limited_by(found),
-        })  # fmt: skip
-    return made
+def row(model, bits):
+    """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS: p and
+    design as of reduced.Problem.worst."""
+    plants = sets.plant_set(model)
+    problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
+    found = problem.designed()
+    return {
+        "model": model,
+        "bits": bits,
+        "over": ", ".join(plants.ranges),
+        "modes": len(plants.modes),
+        "p": problem.worst(Bank(1.0)),
+        "design": found,
+        "limited_by": problem.limited_by(found),
+    }
 
 
 def figure(made):

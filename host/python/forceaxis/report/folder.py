@@ -47,7 +47,8 @@ class Entry:
         if not held:
             return ""
         force = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N"
-        return f"{force}, error {held['error_percent']:.2g} %"
+        error = held["error_percent"]
+        return f"{force}, error {f'{error:.2g}' if error >= 0.01 else 'below 0.01'} %"
 
     @cached_property
     def picture(self):
@@ -86,13 +87,26 @@ def files(folder):
     return found
 
 
-def read(folder):
-    """Every experiment of a folder as an Entry, in the order of their figures, then names."""
-    entries = [_entry(path, folder) for path in files(folder)]
+def begin(pool, folder):
+    """Submit every experiment of a folder to `pool`, for `ended`."""
+    return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
+
+
+def ended(begun):
+    """Every experiment as an Entry, in the order of their figures, then names."""
     return sorted(
-        entries,
+        (one.get() for one in begun),
         key=lambda e: (figure_order(e.done.summary["figure"] if e.done else ""), e.name),
     )
+
+
+def _drawn(path, folder):
+    """The Entry with its pictures, and without the trace, which would cross to another process."""
+    entry = _entry(path, folder)
+    if entry.done:
+        _ = entry.picture, entry.thumbnail
+        entry.done.columns = {}
+    return entry
 
 
 def _entry(path, folder):

@@ -107,42 +107,55 @@ def mode_rows():
     return rows
 
 
-def frequency_domain(threads):
-    """The values of frequency.html.jinja."""
-    measurements = []
-    for path in sorted(
+def begin(pool):
+    """Submit what the frequency domain shows to `pool`, for `ended`."""
+    measurements = sorted(
         paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
-    ):
-        done = measure_result.run(path)
-        measurements.append(
-            {
-                "name": path.stem,
-                "shows": done.setup.shows,
-                "summary": done.summary,
-                "image": pictures.figure(measure_result.figure(done)),
-            }
-        )
-    advice = advise.advise("laboratory", threads=threads)
-    designed = designs.rows()
+    )
+    figures = range(len(thesis_figures.thesis_figures()))
     return {
-        "claims": thesis.check(),
-        "value": thesis.value,
-        "modes": mode_rows(),
-        "figures": [
-            {
-                "figure": f.figure,
-                "see": f.see,
-                "image": pictures.figure(f.draw()),
-            }
-            for f in thesis_figures.thesis_figures()
-        ],
-        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
-        "measurements": measurements,
-        "designs": designed,
-        "designs_image": pictures.figure(designs.figure(designed)),
-        "advice": advice,
-        "advice_image": pictures.figure(linear_plots.advice(advice)),
+        "designs": [pool.apply_async(designs.row, plant) for plant in designs.PLANTS],
+        "advice": pool.apply_async(advised),
+        "claims": pool.apply_async(thesis.check),
+        "modes": pool.apply_async(mode_rows),
+        "measurements": [pool.apply_async(measured, [path]) for path in measurements],
+        "figures": [pool.apply_async(thesis_figure, [number]) for number in figures],
     }
+
+
+def ended(begun):
+    """The values of frequency.html.jinja."""
+    found = {
+        name: [one.get() for one in work] if isinstance(work, list) else work.get()
+        for name, work in begun.items()
+    }
+    advice, advice_image = found.pop("advice")
+    return found | {
+        "value": thesis.value,
+        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
+        "designs_image": pictures.figure(designs.figure(found["designs"])),
+        "advice": advice,
+        "advice_image": advice_image,
+    }
+
+
+def measured(path):
+    """A measurement of the thesis, made and drawn."""
+    done = measure_result.run(path)
+    image = pictures.figure(measure_result.figure(done))
+    return {"name": path.stem, "shows": done.setup.shows, "summary": done.summary, "image": image}
+
+
+def thesis_figure(number):
+    """A figure of the text, drawn."""
+    drawn = thesis_figures.thesis_figures()[number]
+    return {"figure": drawn.figure, "see": drawn.see, "image": pictures.figure(drawn.draw())}
+
+
+def advised():
+    """(advice for the laboratory's axis, its picture)."""
+    advice = advise.advise("laboratory", threads=1)
+    return advice, pictures.figure(linear_plots.advice(advice))
 
 
 def check():
@@ -150,7 +163,35 @@ def check():
     tables.evidence()
 
 
-def values(entries, threads=None):
+# Of one axis: what went wrong and what mended it; experiment, heading, reason.
+STORY = (
+    ("contact_unstable", "1. Force gain 10: it bounces for ever",
+     "The arm bends, the sensor rings, and the contact is lost again and again."),
+    ("contact", "2. Force gain 5: it settles, short of the set-point",
+     "Half the gain ends the bouncing; a law of gain alone cannot hold the force asked for."),
+    ("hold_biquad", "3. A designed law: the force is held",
+     "An integral and one filter section, designed for a set of workpieces."),
+)  # fmt: skip
+
+
+def story(entries):
+    """[(Entry, heading, reason)] of STORY."""
+    by_name = {e.name: e for e in entries}
+    return [(by_name[name], what, why) for name, what, why in STORY]
+
+
+def by_model(entries):
+    """The models of the experiments: those of the thesis's machines, those of elements."""
+    done = [e for e in entries if e.done]
+    elements = [e for e in done if e.done.model.stem.startswith("nl_")]
+    return {
+        "story": story(done),
+        "models": models([e for e in done if e not in elements]),
+        "element_models": models(elements),
+    }
+
+
+def values(threads=None):
     """Run tables, maps and sweeps: the values of laboratory.html.jinja."""
     found = tables.evidence()
     result = tables.run(threads)
@@ -161,8 +202,6 @@ def values(entries, threads=None):
         grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
         threads=threads,
     )
-    done = [e for e in entries if e.done]
-    elements = [e for e in done if e.done.model.stem.startswith("nl_")]
     parameters = tables.parameters()
     constants = [
         {
@@ -202,11 +241,8 @@ def values(entries, threads=None):
         sensitivity=tables.criterion_sensitivity(result["cells"], threads),
         readings=found["readings"],
         declared=tables.load().readings,
-        models=models([e for e in done if e not in elements]),
-        element_models=models(elements),
         stability_map=pictures.figure(sweep_plots.sweep(stability_map)),
         maps=maps,
         maps_image=pictures.figure(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),
         friction=friction,
-        **frequency_domain(threads),
     )

@@ -1,5 +1,8 @@
 """The report: one page that needs nothing else, of every experiment below a folder."""
 
+import multiprocessing
+import os
+import signal
 from datetime import UTC, datetime
 from importlib import resources
 
@@ -31,6 +34,13 @@ def counted(entries):
     return found
 
 
+def workers(threads):
+    """A pool of processes that an error or an interruption terminates."""
+    return multiprocessing.get_context("fork").Pool(
+        threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    )
+
+
 def write(source=None, out=None, threads=None):
     """Run every experiment below `source` and write out/index.html.
 
@@ -47,14 +57,22 @@ def write(source=None, out=None, threads=None):
     else:
         folder.files(source)
     out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be created fails before the work
-    entries = folder.read(source)
+    with workers(threads) as pool:
+        if own:
+            frequency = laboratory.begin(pool)
+        begun = folder.begin(pool, source)
+        values = laboratory.values(threads) if own else {}
+        entries = folder.ended(begun)
+        if own:
+            values |= laboratory.ended(frequency) | laboratory.by_model(entries)
+        else:
+            values = {"models": axes.described(entries)}
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(template),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    values = laboratory.values(entries, threads) if own else {"models": axes.described(entries)}
     summary = {
         "report": paths.display(out / "index.html"),
         "experiments": len(entries),

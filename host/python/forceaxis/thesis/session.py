@@ -15,8 +15,9 @@ import tempfile
 from pathlib import Path
 
 from forceaxis import _core, paths
+from forceaxis.axis.axis import trigger_on
+from forceaxis.axis.session import Session, seconds
 from forceaxis.bus.client import NoAnswer, Refused
-from forceaxis.bus.gateway import Session, seconds, trigger_on
 from forceaxis.experiments import link
 from forceaxis.experiments import run as runs
 

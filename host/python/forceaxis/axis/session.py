@@ -16,21 +16,15 @@ It has all of AxisClient too (read, write, capture, wait_event, state). A refuse
 Refused with the reason, a wait that times out NoAnswer.
 """
 
+import contextlib
 import time
 from collections import deque
 
-from forceaxis._core import InputError
+from forceaxis.axis.axis import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Axis
+from forceaxis.axis.gateway import READY_S, GatewayLink
 from forceaxis.bus import state_names
-from forceaxis.bus.client import AxisClient, NoAnswer, Refused, object_named
-from forceaxis.bus.keeper import GatewayKeeper
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 from forceaxis.bus.messages import axis_state_t
-
-MODES = {text: number for number, text in state_names.MODES.items()}
-
-# CiA 402 controlwords.
-SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
-START_HOMING, FAULT_RESET = 0x1F, 0x80
-TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 
 STATES_KEPT = 30_000  # ten minutes of 50 a second
 
@@ -38,40 +32,29 @@ STATES_KEPT = 30_000  # ten minutes of 50 a second
 class Session(AxisClient):
     """An axis, acquired until the session is closed."""
 
-    def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=10.0):
+    def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=READY_S):
         # Before the bus's thread delivers the first.
         self._states = deque(maxlen=STATES_KEPT)
-        self._keeper = None
         super().__init__(axis, url, timeout_s)
+        self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
+        self._drive = Axis(self._link)
         try:
-            self.wait_for(
-                lambda s: s.nmt_state == s.NMT_OPERATIONAL and s.statusword != s.NOT_AVAILABLE,
-                "the axis to be operational",
-                wait_s,
-            )
-            self.take()
-            self._keeper = GatewayKeeper(axis, url)
+            self._link.acquire()
         except BaseException:
-            self.close()
+            super().close()
             raise
 
     def write_all(self, values):
         """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one."""
-        if self._keeper is None or not {"watchdog", "0x2302"} & values.keys():
-            return super().write_all(values)
-        with self._keeper.unchanged:
+        with self._link.unfed(values):
             return super().write_all(values)
 
     def close(self):
         """Disables and releases the axis, unless it no longer answers."""
-        if self._keeper:
-            try:
-                self.disable()
-                self.release()
-            except (Refused, NoAnswer):
-                pass  # another client has acquired it, or it is lost: nothing to release
-            self._keeper.close()
-            self._keeper = None
+        with contextlib.suppress(Refused, NoAnswer):  # another's, or lost: nothing to release
+            self._drive.off()
+            self._link.release()
+        self._link.close()
         super().close()
 
     @property
@@ -109,27 +92,14 @@ class Session(AxisClient):
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
     def enable(self, mode, **parameters):
-        """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
-        `parameters` are written before the mode changes."""
-        number = MODES.get(mode, mode)
-        self.write_all({**parameters, "modes_of_operation": number})
-        if self.read("drive_state") != "operation_enabled":
-            for word in (SHUTDOWN, SWITCH_ON, ENABLE):
-                self.write("controlword", word)
-        self.wait_for(
-            lambda s: (
-                state_names.drive_state(s.statusword) == "operation enabled"
-                and s.mode_display == number
-            ),
-            f"operation enabled in mode {mode}",
-        )
+        """See Axis.enable()."""
+        self._drive.enable(mode, **parameters)
 
     def disable(self):
-        self.write("controlword", SHUTDOWN)
+        self._drive.disable()
 
     def reset_fault(self):
-        self.write("controlword", 0)
-        self.write("controlword", FAULT_RESET)
+        self._drive.reset_fault()
 
     def home(self, position=0):
         """Homing in place: the present position becomes `position`, counts."""
@@ -141,15 +111,10 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position, timeout_s=20.0):
-        """Profile position mode: moves to `position`, counts, and waits until it is reached."""
-        self.write_all({"target_position": position, "controlword": NEW_SETPOINT})
-        self.wait_for(lambda s: s.statusword & BIT_12, "the set-point to be taken")
-        self.write("controlword", ENABLE)
-        return self.wait_for(
-            lambda s: s.statusword & TARGET_REACHED and s.target_position_cnt == position,
-            f"position {position} to be reached",
-            timeout_s,
-        )
+        """Profile position mode: moves to `position`, counts, and waits until it is reached: the
+        next axis_state_t."""
+        self._drive.move(position, timeout_s)
+        return self.state()
 
     def wait_contact(self, force_cnt=None, within_cnt=5.0, held_s=0.3, timeout_s=10.0):
         """Waits for contact with a force within `within_cnt` of `force_cnt` for `held_s` seconds.
@@ -168,18 +133,6 @@ class Session(AxisClient):
             return s.wall_utime - since >= held_s * 1e6
 
         return self.wait_for(held, "a steady contact", timeout_s)
-
-
-def trigger_on(name, level, edge="rising"):
-    """Settings of `capture`: begin when an object passes a level, in engineering units."""
-    known = object_named(name)
-    if known is None:
-        raise InputError(f"{name}: expected the name of an object, to trigger on it")
-    return {
-        "trigger_source": known.index << 8 | known.sub,
-        "trigger_level": round(level / known.scale),
-        "trigger_edge": edge,
-    }
 
 
 def seconds(states):

@@ -1,0 +1,72 @@
+"""The programs of this package: `forceaxis`, and the nodes that a build makes.
+
+Ctrl-C ends `forceaxis` at any moment, while modules load too, with status 130 and no traceback."""
+
+import os
+import signal
+import sys
+
+
+def main():
+    """The program `forceaxis`."""
+    interrupted = False
+
+    def interrupt(*_):
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    def unraisable(what):
+        # Python drops an exception that it raises in a destructor: the interrupt is sent again.
+        if issubclass(what.exc_type, KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        else:
+            sys.__unraisablehook__(what)
+
+    try:
+        sys.unraisablehook = unraisable
+        # Ignored where a shell started this in the background, which stays so.
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, interrupt)
+        from forceaxis.cli.main import main as command_line
+
+        command_line()
+    except SystemExit:
+        raise
+    except BaseException:  # a module whose loading is interrupted may raise anything
+        if not interrupted:
+            raise
+        sys.exit(130)
+    finally:
+        if signal.getsignal(signal.SIGINT) is interrupt:
+            signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+
+
+def axis_node():
+    """The program `axis_node`: the firmware on a bus."""
+    _become("axis_node")
+
+
+def plant_node():
+    """The program `plant_node`: the plant on a bus."""
+    _become("plant_node")
+
+
+def gateway():
+    """The program `gateway`: CANopen master, LCM, Modbus TCP."""
+    _become("gateway")
+
+
+def _become(name):
+    from forceaxis.cli.common import fail
+    from forceaxis.experiments import link
+
+    try:
+        program = link.program(name)
+    except link.LinkError as error:
+        fail(str(error), status=1)
+    os.execv(program, [name, *sys.argv[1:]])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""`forceaxis completion`, and what a shell completes."""
+
+import os
+import shlex
+from pathlib import Path
+
+import click
+from click.shell_completion import get_completion_class
+
+from forceaxis import paths
+from forceaxis.cli.common import Verb, Verbs
+
+SHELLS = click.Choice(["bash", "zsh", "fish"])
+
+
+def _script(shell):
+    cli = click.get_current_context().find_root().command
+    return get_completion_class(shell)(cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE").source()
+
+
+def _places(shell):
+    """(the file of the script, the file that each new shell reads or None where it finds it)."""
+    home = Path.home()
+    data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
+    if shell == "fish":
+        config = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
+        return config / "fish/completions/forceaxis.fish", None
+    start = (
+        Path(os.environ.get("ZDOTDIR") or home) / ".zshrc" if shell == "zsh" else home / ".bashrc"
+    )
+    return data / f"forceaxis/completion.{shell}", start
+
+
+@click.group(cls=Verbs, epilog="forceaxis completion install")
+def completion():
+    """Completion of verbs, options, models, experiments and firmware objects in a shell."""
+
+
+@completion.command(
+    cls=Verb, epilog="forceaxis completion install\nforceaxis completion install zsh"
+)
+@click.argument("shell", metavar="[SHELL]", type=SHELLS, required=False)
+def install(shell):
+    """Install it for SHELL, by default the one that SHELL in the environment names.
+
+    Writes the script and, for bash and zsh, one line at the end of what a new shell reads. A second
+    call replaces the script and adds nothing.
+    """
+    named = Path(os.environ.get("SHELL", "")).name
+    if not shell and named not in SHELLS.choices:
+        raise click.UsageError(f"SHELL: expected bash, zsh or fish, got {named or 'none'}; name it")
+    shell = shell or named
+    file, start = _places(shell)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    paths.replace_text(file, _script(shell))
+    click.echo(f"script       {paths.quoted(file)}")
+    if start:
+        line = f"source {shlex.quote(str(file))}"
+        text = start.read_text(encoding="utf-8") if start.exists() else ""
+        if line not in text.splitlines():
+            paths.replace_text(start, f"{text.rstrip(chr(10))}\n{line}\n".lstrip("\n"))
+        click.echo(f"read by      {paths.quoted(start)}")
+    click.echo(f"next         exec {shell}, and press the tabulator after `forceaxis run `")
+
+
+@completion.command(cls=Verb, epilog="forceaxis completion show bash")
+@click.argument("shell", metavar="SHELL", type=SHELLS)
+def show(shell):
+    """Print the script of SHELL, for a place of your own."""
+    click.echo(_script(shell))
+
+
+VERBS = (completion,)

@@ -1,0 +1,290 @@
+"""Experiments and their results for scripts and notebooks.
+
+from forceaxis import Experiment
+
+contact = Experiment.load("press/contact.toml")
+result = contact.run(force_gain=7, force_setpoint="75 N")
+print(result)                     # verdict, force held, settling time
+result["force"], result.time_s    # NumPy arrays
+result.plot("contact.png")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from forceaxis import _core, objects, paths, toml
+from forceaxis._core import InputError
+from forceaxis.experiments import run as runs
+from forceaxis.experiments import summary as words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Event", "Experiment", "Result"]
+
+IN_MEMORY = "(in memory)"
+# What the codes of a converter stand for, by the name that a result has it under.
+QUANTITIES = {"position": "encoder", "force": "adc0", "command": "dac"}
+OF_EXPERIMENT = ("duration_s", "seed")
+
+
+class Event(NamedTuple):
+    """A change of state that the simulator located: a touch, a lost contact, sliding."""
+
+    time_s: float
+    element: str  # of the model
+    before: str
+    after: str
+
+
+class Experiment:
+    """An experiment: a plant, the firmware's objects, what happens when, what is expected.
+
+    Its format is docs/guide/reference/experiment.md. Nothing is simulated before run().
+    """
+
+    def __init__(self, source: str | Mapping[str, Any], folder: str | Path = ".") -> None:
+        """Make an experiment from TOML text, or from a dict of the same tables.
+
+        The path of its model is relative to `folder`. Values may be NumPy scalars and arrays.
+        Raises InputError: one line with the key and what was expected.
+        """
+        text = source if isinstance(source, str) else _toml_of(source)
+        self._set(Path(folder) / IN_MEMORY, text)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Experiment:
+        """Read an experiment's file, or one of those that are installed by its name, "contact".
+
+        Raises InputError: file, key and what was expected.
+        """
+        file = Path(path)
+        if isinstance(path, str) and not file.suffix and file.parent == Path():
+            file = paths.EXPERIMENTS / f"{path}.toml"
+        experiment = cls.__new__(cls)
+        experiment._set(file, None)
+        return experiment
+
+    def _set(self, file: Path, text: str | None) -> None:
+        self._file, self._text = file, text
+        found = _core.inputs(str(file), [], text=text)
+        self.title: str = found["title"]
+        self.model = Path(found["model"])
+        #: (value, unit) of each parameter of the model, with the experiment's [set] applied.
+        self.parameters: dict[str, tuple[float, str]] = {
+            name: (p["value"], p["unit"]) for name, p in found["parameters"].items()
+        }
+        #: Objects of the firmware that the experiment writes at the start.
+        self.firmware: dict[str, float] = found["firmware"]
+
+    def run(self, overrides: Mapping[str, Any] | None = None, /, **values: Any) -> Result:
+        """Simulate with other values.
+
+        A keyword is an object of the firmware, a parameter of the model, `duration_s` or `seed`.
+        `overrides` takes the names of `forceaxis run --set`: "m_r", "firmware.force_gain",
+        "experiment.duration_s", "verdict.window_s". A value is a number, a NumPy scalar, True or
+        False, or a text with a unit such as "75 N". Raises InputError, SimulationError.
+        """
+        given = {str(name): value for name, value in (overrides or {}).items()}
+        for name, value in self._full_names(values).items():
+            if name in given:
+                raise InputError(f"{name}: expected one value, got two; remove one of them")
+            given[name] = value
+        texts = [f"{name}={_text_of(name, value)}" for name, value in given.items()]
+        return Result(runs.run(self._file, texts, text=self._text))
+
+    def _full_names(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The values under the names of --set. Raises InputError with all unknown names."""
+        known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
+
+        def fail(name: str, message: str) -> None:
+            raise InputError(f"{self._name}: {name}: {message}")
+
+        toml.expect_keys(values, known, fail, "an object, a parameter, duration_s or seed")
+        full = {}
+        for name, value in values.items():
+            if name in objects.BY_NAME and name in self.parameters:
+                fail(
+                    name,
+                    "expected one meaning, got an object of the firmware and a parameter; write "
+                    f'run({{"firmware.{name}": ...}}) or run({{"{name}": ...}})',
+                )
+            prefix = "experiment." if name in OF_EXPERIMENT else ""
+            full[("firmware." if name in objects.BY_NAME else prefix) + name] = value
+        return full
+
+    @property
+    def _name(self) -> str:
+        return IN_MEMORY if self._text is not None else str(self._file)
+
+    def __repr__(self) -> str:
+        """Title and origin."""
+        return f"<Experiment {self.title!r}, {self._name}>"
+
+
+class Result:
+    """A finished run: what it came to, and its trace as arrays of one value a tick.
+
+    result["force"] (N), result["position"] (m) and result["command"] (V) are what the converters
+    read and wrote; every column of the trace is there by its own name, such as "sensor.force" or
+    "adc0". `units` has the unit of each.
+    """
+
+    def __init__(self, run: runs.Run) -> None:
+        """Wrap a finished run."""
+        self._run = run
+        #: Everything that `forceaxis run --json` prints.
+        self.summary: dict[str, Any] = run.summary
+        self.time_s: np.ndarray = run.columns["time_s"]
+        self.units: dict[str, str] = self._units()
+
+    def _units(self) -> dict[str, str]:
+        units = {"time_s": "s"}
+        for name in self._run.columns:
+            units.setdefault(name, self._run.signal_units.get(name, ""))
+        for name in self._run.units:
+            units[name] = objects.unit_in_words(objects.BY_NAME[name])
+        for name, column in QUANTITIES.items():
+            converter = self._converter(column)
+            # An ADC may read something else than a force.
+            if converter and (name != "force" or converter["unit"] == "N"):
+                units[name] = converter["unit"]
+        return units
+
+    def _converter(self, column: str) -> dict[str, Any] | None:
+        found: dict[str, Any] | None = self.summary["converters"].get(column)
+        return found
+
+    @property
+    def title(self) -> str:
+        """The experiment's title, with its figure."""
+        return str(self._run.title)
+
+    @property
+    def verdict(self) -> str | None:
+        """Whether the run is "stable" or "unstable"; None: the experiment has no [verdict]."""
+        found: str | None = self.summary["verdict"]
+        return found
+
+    @property
+    def stable(self) -> bool:
+        """Whether the verdict is "stable"."""
+        return self.verdict == "stable"
+
+    @property
+    def because(self) -> list[str]:
+        """Why the verdict is "unstable", in words."""
+        return list(self.summary["because"])
+
+    @property
+    def fault(self) -> str:
+        """The first fault that the firmware latched, or "none"."""
+        return str(self.summary["fault"])
+
+    @property
+    def _held(self) -> dict[str, Any]:
+        return self.summary["metrics"]["held_force"] or {}
+
+    @property
+    def setpoint_N(self) -> float | None:
+        """The last set-point of force; None: the experiment controls no force."""
+        return self._held.get("setpoint_N")
+
+    @property
+    def held_force_N(self) -> float | None:
+        """Mean of the force over the judged window; None: the experiment controls no force."""
+        return self._held.get("held_N")
+
+    @property
+    def overshoot_percent(self) -> float | None:
+        """Largest excess of the force over its set-point, of the set-point."""
+        return self._held.get("overshoot_percent")
+
+    @property
+    def settling_s(self) -> float | None:
+        """From the last set-point or touch until the force stays within 5 %; None: it does not."""
+        return self._held.get("settle_s")
+
+    @property
+    def events(self) -> list[Event]:
+        """Touches, lost contacts and other changes of state, by time."""
+        return [Event(*event) for event in self._run.events]
+
+    @property
+    def trace_hash(self) -> str:
+        """Hash of every code of every tick: equal for equal runs."""
+        return str(self.summary["trace_hash"])
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Give a column of the trace, or "force", "position" or "command". Raises KeyError."""
+        columns: dict[str, np.ndarray] = self._run.columns
+        if name in columns:
+            return columns[name]
+        if name not in self.units:
+            raise KeyError(f"{name}: expected one of {', '.join(self)}")
+        column = QUANTITIES[name]
+        converter = self._converter(column)
+        assert converter is not None  # or it would have no unit
+        codes = columns[column].astype(float)
+        return np.asarray((codes - converter["zero"]) * converter["per_code"])
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names that have values."""
+        return iter(self.units)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether the result has values of this name."""
+        return name in self.units
+
+    def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:
+        """Draw the run as a Matplotlib figure, and write it to `path` (.png, .svg, .pdf).
+
+        codes: what the converters gave instead of N, mm and V.
+        """
+        from forceaxis import drawing
+        from forceaxis.experiments import trace
+
+        drawn: Figure = trace.figure(self._run, codes)
+        if path is not None:
+            drawing.save(drawn, Path(path), Path(path).suffix.lstrip(".") or "png", 120)
+        return drawn
+
+    def __str__(self) -> str:
+        """Give the summary that `forceaxis run` prints."""
+        return words.describe(self.summary)
+
+    def __repr__(self) -> str:
+        """Verdict, force held and settling time."""
+        parts = [", ".join([self.verdict or "no verdict", *self.because])]
+        if self.fault != "none" and not self.because:
+            parts.append(f"fault {self.fault}")
+        if self._held:
+            settling = self.settling_s
+            parts.append(f"held {self.held_force_N:.4g} N of {self.setpoint_N:.4g} N")
+            parts.append("not settled" if settling is None else f"settled in {settling:.3g} s")
+        return f"<Result of {self.title!r}: {'; '.join(parts)}>"
+
+
+def _toml_of(tables: Mapping[str, Any]) -> str:
+    try:
+        return str(toml.write_text(tables))
+    except (AttributeError, TypeError) as error:
+        raise InputError(f"{IN_MEMORY}: expected tables, texts and numbers, {error}") from None
+
+
+def _text_of(name: str, value: Any) -> str:
+    """An override's value as --set takes it. Raises InputError."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return value
+    raise InputError(f"{name}: expected a number or a text with a unit, got {value!r}")

@@ -1,0 +1,88 @@
+"""Measured responses over a model's between the same signals: `forceaxis bode --measured`."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import linear
+from forceaxis._core import InputError
+from forceaxis.identify.fit import read_response
+from forceaxis.identify.measurement import sampled
+from forceaxis.linear import curves
+
+
+@dataclass(frozen=True)
+class Points:
+    """A measured response at its frequencies, Hz."""
+
+    label: str
+    frequency_hz: np.ndarray
+    magnitude: np.ndarray  #: in the unit of the model's curve
+    phase_deg: np.ndarray  #: in the turn of the model's curve
+    radius: np.ndarray  #: the true response is this near with 95 %
+
+
+def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
+    """(curves of the model, Points of each folder, summary) of responses between the same signals.
+
+    model: a path or stem. folders: as `forceaxis measure --out` writes them. overrides:
+    {parameter: value}. span_hz: of the curves, as far as the sampling goes. Responses that were
+    taken in other states of the plant have a curve each. Raises InputError.
+    """
+    model = linear.find_model(model)
+    measured = [(str(folder), read_response(folder, model, overrides)) for folder in folders]
+    signals = {(m.input, m.output, m.unit) for _, m in measured}
+    if len(signals) > 1:
+        found = ", ".join(sorted(f"{i} to {o}" for i, o, _ in signals))
+        raise InputError(f"--measured: expected responses between the same signals, got {found}")
+    stems = {Path(folder).name for folder, _ in measured}
+    known, points, rows = [], [], []
+    for folder, one in measured:
+        curve = _model_curve(one, span_hz)
+        if not any(_same(curve, other) for other in known):
+            known.append(curve)
+        predicted = one.predict()
+        turn = np.interp(np.log(one.frequency_hz), np.log(curve.frequency_hz), curve.phase_deg)
+        degrees = np.degrees(np.angle(one.response))
+        label = Path(folder).name if len(stems) == len(measured) else folder
+        phase = degrees + 360 * np.round((turn - degrees) / 360)
+        points.append(Points(label, one.frequency_hz, abs(one.response), phase, one.radius()))
+        rows.append(
+            {"folder": folder, "frequency_hz": one.frequency_hz.tolist(),
+             "magnitude": abs(one.response).tolist(), "phase_deg": phase.tolist(),
+             "radius": one.radius().tolist(), "coherence": one.coherence.tolist()}
+            | one.compare(predicted)
+        )  # fmt: skip
+    about = {
+        "model": str(model), "of": "measured", "input": one.input, "timing": f"{one.dt:.6g} s",
+        "curves": [{"output": one.output} | c.summary() for c in known], "measured": rows,
+    }  # fmt: skip
+    return known, points, about
+
+
+def _model_curve(measured, span_hz):
+    """What the model has where `measured` was taken, finely."""
+    system = sampled(measured, measured.overrides)
+    output = replace(system, C=system.C[1:], D=system.D[1:])
+    roots = np.concatenate([output.poles_s(), output.zeros_s()])
+    low, high = max(span_hz[0], measured.resolution_hz), min(span_hz[1], 0.499 / measured.dt)
+    hz = curves.grid_hz(low, high, roots[np.isfinite(roots)])
+    return curves.Curve("model", hz, measured.predict(frequency_hz=hz), measured.unit)
+
+
+def _same(one, other):
+    return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
+
+
+def describe(summary):
+    """The text of `forceaxis bode --measured`."""
+    lines = [curves.describe_bode(summary)]
+    for row in summary["measured"]:
+        inside = "-" if row["inside"] is None else f"{100 * row['inside']:.1f} %"
+        verdict = "the model fits" if row["fits"] else "the model does not fit"
+        lines.append(
+            f"measured     {row['folder']}: {inside} of {row['coherent']} coherent points within "
+            f"the 95 % band; {verdict} (p = {row['p_value']:.3g})"
+        )
+    return "\n".join(lines)

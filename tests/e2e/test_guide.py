@@ -1,0 +1,146 @@
+"""The guide, typed as it stands: its commands run and print what its pages show."""
+
+import csv
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import guide
+import pytest
+from forceaxis.cli import main
+from forceaxis.experiments import run as runs
+
+TEN_MINUTES = guide.PAGES / "ten_minutes.md"
+# What no test machine has; a block that needs it is read by people only.
+NEEDED = {"board", "CAN interface", "gateway", "cluster", "minutes", "terminal"}
+
+
+def pages(kind):
+    return [
+        pytest.param(p, id=p.stem, marks=[pytest.mark.long] if kind == "long" else [])
+        for p in guide.pages()
+        if guide.session(p) == kind and p != TEN_MINUTES
+    ]
+
+
+def says(claims):
+    for block, printed in claims:
+        assert guide.missing(block, printed) is None, (guide.missing(block, printed), printed)
+
+
+@pytest.mark.parametrize("page", [*pages("short"), *pages("long")])
+def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
+    says(guide.play(page, tmp_path))
+
+
+def test_every_command_of_the_guide_is_run_or_says_what_it_needs():
+    for page in guide.pages():
+        found = guide.blocks(page)
+        assert len(found) * 2 == page.read_text().count("```"), page.name
+        assert {b.kind for b in found} <= {"bash", "python", "text", "toml", "yaml"}, page.name
+        assert {b.needs for b in found if b.needs} <= NEEDED, page.name
+        runs_here = any(b.kind in guide.TYPED and not b.needs for b in found)
+        kind = guide.session(page)
+        assert kind in ({"short", "long", "vcan"} if runs_here else {None}), page.name
+        if kind in ("short", "long"):
+            assert any(b.kind == "text" for b in found), f"{page.name} shows no output"
+
+
+def test_a_page_that_shows_another_line_fails():
+    block = guide.Block("text", "verdict      stable\nfault        none\n", None, None)
+    assert guide.missing(block, "verdict      stable\nheld\nfault        none \n") is None
+    assert guide.missing(block, "fault        none\nverdict      stable\n") == "fault        none"
+    assert guide.missing(block, "verdict      unstable\n") == "verdict      stable"
+
+
+@pytest.fixture(scope="module")
+def ten_minutes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ten_minutes")
+    return folder, guide.play(TEN_MINUTES, folder)
+
+
+def test_ten_minutes_print_what_the_page_shows(ten_minutes):
+    says(ten_minutes[1])
+    commands = "".join(b.text for b in guide.blocks(TEN_MINUTES) if b.kind == "bash")
+    for verb in ("new", "run", "sweep", "test", "report"):
+        assert f"forceaxis {verb} " in commands
+
+
+def test_the_files_are_where_the_page_says(ten_minutes):
+    folder = ten_minutes[0]
+    for name in re.findall(r"`(press/[^`]+\.\w+)`", TEN_MINUTES.read_text()):
+        assert (folder / name).stat().st_size > 0
+    with (folder / "press/map/results.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 16 * 12
+
+
+def test_the_boundary_and_the_safe_gain_are_as_the_page_says(ten_minutes):
+    text = TEN_MINUTES.read_text()
+    boundary = float(re.search(r"at a gain of ([\d.]+\d)", text)[1])
+    safe = float(re.search(r"force_gain = ([\d.]+)/'", text)[1])
+    assert safe == boundary / 2
+    contact = ten_minutes[0] / "press/contact.toml"
+
+    def verdict(gain):
+        return runs.run(contact, [f"firmware.force_gain={gain}"]).summary["verdict"]
+
+    assert [verdict(boundary), verdict(boundary + 0.1)] == ["stable", "unstable"]
+    assert f"force_gain = {safe}\n" in contact.read_text()
+    # Between safe gain and boundary nothing is unstable.
+    step = (boundary - safe) / 6
+    assert {verdict(safe + k * step) for k in range(7)} == {"stable"}
+
+
+@pytest.fixture(scope="module")
+def site():
+    done = subprocess.run([guide.ROOT / "tools/guide"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    return guide.ROOT / "build/guide"
+
+
+def test_every_page_is_built_and_loads_nothing_from_elsewhere(site):
+    sources = [p.relative_to(guide.ROOT / "docs") for p in (guide.ROOT / "docs").rglob("*.md")]
+    assert len(sources) > 15
+    for source in sources:
+        page = (site / source.with_suffix(".html")).read_text()
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]*\bsrc=\"([^\"]+)\"", page)
+        loaded += re.findall(
+            r"<link[^>]*rel=\"(?:stylesheet|icon|preload)\"[^>]*href=\"([^\"]+)\"", page
+        )
+        assert len(loaded) > 4 and not [name for name in loaded if "//" in name], source
+        for name in loaded:
+            assert (site / source.parent / name.partition("?")[0]).is_file(), (source, name)
+
+
+def test_a_broken_link_or_anchor_ends_the_build(tmp_path):
+    for name in ("docs", "firmware/port", "examples"):
+        shutil.copytree(guide.ROOT / name, tmp_path / name)
+    for name in ("mkdocs.yml", "DESIGN.md"):
+        shutil.copy(guide.ROOT / name, tmp_path)
+    with (tmp_path / "docs/index.md").open("a") as page:
+        page.write("\n[gone](guide/gone.md) [elsewhere](guide/ci.md#gone)\n")
+    done = subprocess.run(
+        [Path(sys.executable).parent / "mkdocs", "build", "--strict"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    assert "gone.md" in done.stderr and "#gone" in done.stderr
+
+
+def test_the_readme_is_one_screen_whose_links_and_verbs_are_there():
+    text = (guide.ROOT / "README.md").read_text()
+    assert text.count("\n") < 90
+    links = re.findall(r"\]\(([^)#]+)\)", text)
+    assert len(links) > 15
+    for link in links:
+        assert (guide.ROOT / link).is_file(), link
+    context = click.Context(main.cli)
+    verbs = set(re.findall(r"^    forceaxis (\w+)", text, re.MULTILINE))
+    assert len(verbs) > 5
+    for verb in verbs:
+        assert main.cli.get_command(context, verb), verb

@@ -1,0 +1,110 @@
+"""The pages of docs/guide as what they are to a test: commands, the lines that they print, files.
+
+A fenced block of a page is, by its language,
+  bash      typed, command by command, in the folder of the page's session
+  python    run by the session's Python
+  text      lines that the commands above it have printed, in this order
+  yaml      shown only
+A toml or python block with a title is written to the file of that name instead.
+A line `<!-- needs: WHAT -->` before a block says what a test does not have: it is not run.
+A line `<!-- session: WHAT -->` at the head of a page says when its commands are run:
+  short     by every tools/test
+  long      by tools/test --all
+  vcan      by tools/test --all, on a virtual CAN bus (tests/wire/test_on_the_bus.py)
+A page without commands has no such line.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = ROOT / "docs/guide"
+BLOCK = re.compile(
+    r"(?:^ *<!-- needs: (?P<needs>[^>]+) -->\n)?"
+    r"^(?P<indent> *)```(?P<kind>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^ *```$",
+    re.MULTILINE | re.DOTALL,
+)
+TYPED = ("bash", "python")
+
+
+@dataclass
+class Block:
+    kind: str
+    text: str
+    needs: str | None
+    title: str | None
+
+    def commands(self):
+        """The commands of a block; a line that ends with \\ goes on in the next one."""
+        return re.sub(r"\\\n *", "", self.text).splitlines()
+
+
+def pages():
+    return sorted(PAGES.rglob("*.md"))
+
+
+def session(page):
+    found = re.search(r"^<!-- session: (\w+) -->$", page.read_text(), re.MULTILINE)
+    return found[1] if found else None
+
+
+def blocks(page):
+    return [
+        Block(
+            found["kind"],
+            re.sub(f"^{found['indent']}", "", found["text"], flags=re.MULTILINE),
+            found["needs"],
+            found["title"],
+        )
+        for found in BLOCK.finditer(page.read_text())
+    ]
+
+
+def environment():
+    programs = [Path(sys.executable).parent, ROOT / "build/release/host", ROOT / "tools"]
+    return os.environ | {
+        "PATH": ":".join(map(str, [*programs, os.environ["PATH"]])),
+        "COLUMNS": "120",
+    }
+
+
+def missing(block, printed):
+    """The first line of a block of text that was not printed after the lines before it."""
+    rest = iter(line.rstrip() for line in printed.splitlines())
+    return next((line for line in block.text.splitlines() if line.rstrip() not in rest), None)
+
+
+def play(page, folder):
+    """Runs a page in `folder`: (what it says and what the commands before it printed) pairs."""
+    for name in ("sim", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    printed, claims = "", []
+    after_text = True
+    for block in blocks(page):
+        if block.needs:
+            continue
+        if block.kind == "text":
+            claims.append((block, printed))
+            after_text = True
+        elif block.title:
+            (folder / block.title).parent.mkdir(parents=True, exist_ok=True)
+            (folder / block.title).write_text(block.text)
+        elif block.kind in TYPED:
+            printed = "" if after_text else printed
+            after_text = False
+            typed = (
+                [[sys.executable, "-c", block.text]]
+                if block.kind == "python"
+                else [["bash", "-c", command] for command in block.commands()]
+            )
+            for command in typed:
+                done = subprocess.run(
+                    command, cwd=folder, env=environment(), capture_output=True, text=True
+                )
+                assert done.returncode == 0, (command, done.stdout, done.stderr)
+                printed += done.stdout
+    return claims

@@ -1,0 +1,92 @@
+"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py SEED...` prints a
+row of JSON for each."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from drawn_axes import OVER, Hidden
+from forceaxis._core import InputError
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.commission import tune
+from forceaxis.commission.refusal import Refusal
+
+DRAWN = Path(__file__).with_name("drawn_axes.py")
+GAP_MM, TRAVEL_MM = 5.0, 1.0  # of `forceaxis new`, of tune.Order
+HEAD = ("seed", "result", "fS Hz", "P Hz", "times", "Ms true", "predicted", "verified",
+        "static error %", "force N of", "travel mm", "axis s", "whole s")  # fmt: skip
+
+
+def tuned(seed, folder, say=lambda text: None):
+    """The row of an axis: what the tool says of it, and what its truth does."""
+    folder = Path(folder) / f"axis{seed}"
+    folder.mkdir(parents=True)
+    began, refused = time.monotonic(), None
+    with subprocess.Popen(
+        [sys.executable, DRAWN, str(seed), folder], stdout=subprocess.PIPE, text=True
+    ) as process:
+        served = json.loads(process.stdout.readline())
+        forces, force_max = served["asked"]
+        link = Hidden(served["address"])
+        model, out = str(folder / "known/model.toml"), folder / "tuned"
+        order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
+        with Axis(link) as axis:
+            work = tune.Tuning(axis, order, out, say)
+            try:
+                work.run()
+            except (Refusal, NoAnswer, Refused, InputError) as error:
+                refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
+            summary = work.summary()
+            powered = axis.get("drive_state")["drive_state"]
+        seconds = time.monotonic() - began
+        row = link.judge(out, forces)
+        link.axis._connection.close()
+    worst, p = summary["worst"] or {}, summary["p"] or {}
+    levels = summary["levels"] or {}
+    return {
+        "seed": seed,
+        "refused": refused,
+        "drive_state": powered,
+        "forces_N": forces,
+        "force_bound_N": force_max,
+        "fS_Hz": worst.get("fS_Hz"),
+        "p_fS_Hz": p.get("fS_Hz"),
+        "times_p": summary["times_p"],
+        "limited_by": summary["limited_by"],
+        "Ms_predicted": worst.get("Ms"),
+        "verified": [[one["Ms"], one["Ms_predicted"]] for one in levels.values()],
+        "stored": summary["stored"],
+        "seconds": seconds,
+        "steps_s": summary["seconds"],
+        "axis_steps_s": summary["axis_seconds"],
+        **row,
+    }
+
+
+def shown(row):
+    """Its line of a table in Markdown."""
+    low, high = row["travel_mm"]
+    cells = [str(row["seed"]), row["refused"]["name"] if row["refused"] else "kept"]
+    for name, digits in (("fS_Hz", 1), ("p_fS_Hz", 1), ("times_p", 2), ("Ms", 2),
+                         ("Ms_predicted", 2)):  # fmt: skip
+        value = row.get(name)
+        cells.append("-" if value is None else f"{value:.{digits}f}")
+    cells.append(", ".join(f"{measured:.2f}" for measured, _ in row["verified"]) or "-")
+    errors = row.get("static_error_percent")
+    cells.append(f"{max(map(abs, errors)):.2f}" if errors and None not in errors else "-")
+    cells.append(f"{row['force_max_N']:.0f} of {row['force_bound_N']:.0f}")
+    cells += [f"{low:.1f} to {high:.1f}", f"{row['axis_s']:.0f}", f"{row['seconds']:.0f}"]
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        for text in sys.argv[1:]:
+            print(
+                json.dumps(tuned(int(text), scratch, lambda t: print(t, file=sys.stderr))),
+                flush=True,
+            )

@@ -1,0 +1,217 @@
+"""`forceaxis monitor --web`: who may see it, that it writes nothing, its end, and in Chromium with
+a live axis behind it."""
+
+import asyncio
+import base64
+import contextlib
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import aiohttp
+import browser
+import lcm
+import pytest
+from forceaxis.bus.lcm import Bus, decode
+from live_bus import (  # noqa: F401
+    FORCEAXIS,
+    ROOT,
+    forceaxis,
+    gateway,
+    namespace,
+    refused,
+    until,
+    url_fixture,
+)
+
+
+@contextlib.contextmanager
+def served(url, folder, *words):
+    """(process, address) of a server, ended by SIGINT."""
+    process = subprocess.Popen(
+        [FORCEAXIS, "monitor", "--web", "--port", "0", "--url", url, *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+    )  # fmt: skip
+    try:
+        line = process.stdout.readline()
+        found = re.fullmatch(r"monitor {6}(http://127\.0\.0\.1:\d+)\n", line)
+        assert found, line + process.stderr.read()
+        yield process, found[1]
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(10)
+        finally:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+            process.stderr.close()
+
+
+def screens(process):
+    """Process ids of the screens of a server."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return []
+
+
+def test_a_page_shows_newtons_and_no_key_writes_anything(url, tmp_path):
+    commands = []
+
+    async def visit(address):
+        text, end = "", time.monotonic() + 20
+        async with aiohttp.ClientSession() as session:
+            async with session.get(address) as answer:
+                page, policy = await answer.text(), answer.headers["Content-Security-Policy"]
+            scripts = re.findall(r'(?:src|href)="(/[^"]*)"', page)
+            for path in (*scripts, "/static/js/textual.js"):
+                async with session.get(address + path) as answer:
+                    assert answer.status == 200, path
+            async with session.ws_connect(f"{address}/ws?width=100&height=40") as socket:
+                for key in "r", "R", "f", "f", "c", "u", "u", "\x12", "\x10", "2":
+                    await socket.send_json(["stdin", key])
+                while not ("59.0 N" in text and "Freeze" in text) and time.monotonic() < end:
+                    message = await socket.receive(timeout=10)
+                    if message.type is aiohttp.WSMsgType.BINARY:
+                        drawn = message.data.decode("utf-8", "replace")
+                        text += re.sub(r"\x1b\[[0-9;?]*[a-zA-Z$]", "", drawn)
+        return page, policy, text
+
+    with (
+        gateway(url, axes="1,2"),
+        Bus(url, lambda channel, *_: commands.append(channel), "AXIS_[0-9]+_COMMAND"),
+        served(url, tmp_path) as (process, address),
+    ):
+        page, policy, text = asyncio.run(visit(address))
+        assert until(lambda: not screens(process)), "a page that is gone keeps its process"
+    assert "target 59.0 N" in text and "Record" not in text and "Freeze" in text
+    assert process.returncode == 130
+    assert commands == [] and list(tmp_path.iterdir()) == []
+    assert "default-src 'self'" in policy and "http" not in policy
+    assert "://" not in re.sub(r"ws://\$\{location\.host\}", "", page)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_the_end_of_the_server_ends_the_open_pages_too(number, status, url, tmp_path):
+    async def visit(process, address):
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{address}/ws?width=100&height=40") as socket,
+        ):
+            await socket.receive(timeout=20)
+            running = screens(process)
+            process.send_signal(number)
+            while not socket.closed:
+                await socket.receive(timeout=10)
+        return running
+
+    with served(url, tmp_path) as (process, address):
+        running = asyncio.run(visit(process, address))
+        assert process.wait(10) == status
+        assert running and until(lambda: not any(Path(f"/proc/{n}").exists() for n in running))
+        assert process.stderr.read() == ""
+
+
+REQUESTS = (
+    ({"Host": "evil.example"}, "/", 403),  # a name that was made to resolve to this machine
+    ({"Origin": "http://evil.example"}, "/ws", 403),  # another site's page
+    ({}, "/download/x", 404),
+    ({}, "/static/../server.py", 404),
+    ({}, "/", 200),
+)
+
+
+def test_only_its_own_page_of_this_machine_is_served(url, tmp_path):
+    async def visit(address):
+        async with aiohttp.ClientSession() as session:
+            for headers, path, status in REQUESTS:
+                async with session.get(address + path, headers=headers) as answer:
+                    assert answer.status == status, (headers, path)
+
+    with served(url, tmp_path) as (_, address):
+        asyncio.run(visit(address))
+        port = address.rpartition(":")[2]
+        refused(forceaxis("monitor", "--web", "--port", port, "--url", url), "--port", port, "free")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--web", "--once"], ["--web", "--once"]),
+        (["--port", 8000], ["--port", "--web"]),
+        (["--web", "--host", "no.such.host.invalid"], ["--host", "no.such.host.invalid"]),
+        (["--web", "--replay", "no/such.log"], ["no/such.log"]),
+    ],
+)
+def test_bad_usage_is_one_line_and_status_2(arguments, words):
+    refused(forceaxis("monitor", *arguments), *words)
+
+
+def look(address, folder, width, height):
+    """What Chromium shows of a page: {name: median of what was shown}, complaints, requests to
+    others."""
+    patterns = {"force_N": r"is (-?[0-9.]+) N", "target_N": r"target ([0-9.]+) N",
+                "position_mm": r"(-?[0-9.]+) mm"}  # fmt: skip
+
+    async def visit():
+        async with browser.opened(address, folder / str(width), width, height) as page:
+            await browser.until(page, "!!document.querySelector('.xterm-helper-textarea')")
+            await page.value("document.querySelector('.xterm-helper-textarea').focus()")
+            for key in ("r", "u", "u"):
+                await page.press(key)
+            for _ in range(300):
+                shown = {n: re.findall(p, page.received()) for n, p in patterns.items()}
+                if all(shown.values()) and len(shown["force_N"]) > 20:
+                    break
+                await asyncio.sleep(0.1)
+            await page.picture(folder / f"monitor_{width}.png")
+            own = (address, "data:", "about:", address.replace("http:", "ws:"))
+            others = [url for url in page.requests if not url.startswith(own)]
+            medians = {n: statistics.median(map(float, values)) for n, values in shown.items()}
+            return medians, page.complaints, others
+
+    return asyncio.run(visit())
+
+
+@pytest.mark.long
+def test_chromium_shows_the_force_of_a_live_axis(url, tmp_path):
+    """gateway, axis_node and plant_node run where CAN is; their bus is repeated here."""
+    senders, here = set(), lcm.LCM(url)
+
+    def repeat(lines):
+        for line in lines:
+            channel, _, data = line.partition(" ")
+            here.publish(channel, base64.b64decode(data))
+
+    def heard(channel, data, _):
+        senders.add(decode(channel, data).run_id)
+
+    program = Path(__file__).with_name("web_session.py")
+    axis = subprocess.Popen(
+        [ROOT / "tools/vcan", "-t", "240", sys.executable, program],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+    )  # fmt: skip
+    try:
+        repeat([axis.stdout.readline()])
+        threading.Thread(target=repeat, args=[axis.stdout], daemon=True).start()
+        with (
+            Bus(url, heard, "AXIS_[0-9]+_COMMAND"),
+            served(url, tmp_path, "--model", "laboratory") as (process, address),
+        ):
+            for width in (1280, 400):
+                found, complaints, others = look(address, tmp_path, width, 800)
+                assert complaints == [] and others == []
+                force, target = found["force_N"], found["target_N"]
+                assert target == pytest.approx(75, abs=0.5) and abs(force - target) < 0.25 * target
+                assert found["position_mm"] != 0
+        assert process.returncode == 130
+        # Commands are those of the session that holds the force; r made no log.
+        assert len(senders) == 1 and not list(tmp_path.glob("*.log"))
+    finally:
+        axis.stdin.close()
+        assert axis.wait(60) == 0

@@ -1,0 +1,64 @@
+"""`forceaxis tune --can` is killed in each of its steps, over a virtual CAN bus in real time: the
+axis is disabled, nothing is half-written, and the same command goes on. tune_session.py is the
+session."""
+
+import json
+import random
+import sys
+from pathlib import Path
+
+import pytest
+from forceaxis.commission.tune import STEPS
+
+SESSION = Path(__file__).parent / "tune_session.py"
+pytestmark = pytest.mark.long  # five to fifteen minutes of real time
+KILLED = -9
+MOVING = ("free", "measure", "verify")  # steps in which the axis is enabled
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory, vcan):
+    folder = tmp_path_factory.mktemp("killed")
+    done = vcan([sys.executable, SESSION, folder, random.randrange(10**6)], 1800)
+    print(done.stderr)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads((folder / "killed.json").read_text())
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, step):
+    killed = found["killed"][step]
+    assert killed["status"] == KILLED and killed["in_step"], found["seed"]
+    # The heartbeat is missed after 1000 ms; reading, and a busy machine, add to it.
+    assert killed["seconds"] < 2.0, found["seed"]
+    assert killed["fault"] == ("heartbeat_lost" if killed["enabled"] else "none")
+    assert killed["broken"] == []
+    assert killed["force_bank"] == 0 or killed["bank_state_1"] == "valid"
+    for line in killed["lines"]:
+        assert not line.startswith("forceaxis: ")
+
+
+def test_kills_met_an_enabled_axis(found):
+    assert any(found["killed"][step]["enabled"] for step in MOVING)
+
+
+def test_the_same_command_goes_on_and_finishes(found):
+    assert found["status"] == 0, found["lines"]
+    summary = json.loads(next(line for line in found["lines"] if line.startswith("{")))
+    assert summary["stored"] and summary["refused"] is None
+    assert set(summary["seconds"]) == set(STEPS)
+    after = found["after"]
+    assert after["drive_state"] in ("switch_on_disabled", "ready_to_switch_on")
+    assert (after["fault"], after["force_bank"], after["bank_state_1"]) == ("none", 1, "valid")
+    assert (after["certificate_state_1"], after["command_source"]) == ("fits", "canopen")
+    assert after["consumer_heartbeat_1"] == 0
+    kept = {name: value for name, value in found["before"].items() if name in after}
+    assert {name: after[name] for name in kept} == kept | {"force_bank": 1}
+
+
+def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found):
+    says = "the run before was killed: its fault heartbeat_lost is reset"
+    for step, after in zip(STEPS, (*STEPS[1:], None), strict=True):
+        run = found["killed"][after] if after else {"tries": 1, "lines": found["lines"]}
+        if run["tries"] == 1:  # the one right after that kill
+            assert (says in run["lines"]) == found["killed"][step]["enabled"]

@@ -1,0 +1,193 @@
+#!/usr/bin/env python3
+"""Writes docs/guide/reference: the format of models and experiments, as their readers declare it.
+
+    tools/gen_reference.py            writes the pages
+    tools/gen_reference.py --check    status 1 and one line a page that is not fresh
+
+Needs the built package: run it with .venv/bin/python after tools/setup.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+from forceaxis import _core
+from forceaxis.experiments import expect
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs/guide/reference"
+GENERATED = "<!-- Written by tools/gen_reference.py. -->\n"
+
+VALUES = """\
+A number is in the unit of its key. In its place may stand a quantity in any unit of the same kind,
+`"400 kN/m"`, or the name of a parameter of the model, in a model also negated, `"-k_w"`. Keys that
+are not in this list are refused, all at once.
+"""
+
+MODEL = f"""\
+# Models
+
+A model is the plant that the firmware runs around: a TOML file with bodies, what acts between them,
+a drive and sensors. Positive motion is toward the workpiece.
+
+{VALUES}
+For a first model of your own axis, `forceaxis new` writes one from its data sheets.
+"""
+
+EXPERIMENT = f"""\
+# Experiments
+
+An experiment is a TOML file: a model, the firmware's objects, what happens when, and when the run
+counts as stable.
+
+{VALUES}
+`--set NAME=VALUE` takes precedence over the file: a parameter (`m_w=12`), an object
+(`firmware.force_gain=7`), a key of the file (`experiment.duration_s=2`) or of its verdict
+(`verdict.window_s=2`).
+"""
+
+# The signals of a model, which an ADC, a plot and [expect] name: tests/test_formats.py compares
+# them with a model that has everything.
+SIGNALS = (
+    ("BODY.position", "m", "Position of a body."),
+    ("BODY.velocity", "m/s", "Its velocity."),
+    ("BODY.acceleration", "m/s^2", "Its acceleration, as an accelerometer on it reads it."),
+    ("LINK.force", "N", "Force of anything with two ends; positive pushes a back."),
+    ("LINK.spring_force", "N", "The part of its stiffness, as a strain gauge reads it."),
+    ("LINK.spring_force_rate", "N/s", "Rate of that part."),
+    ("LINK.deflection", "m", "x_a - x_b; of a contact the overlap, negative where it is open."),
+    ("GRAVITY.force", "N", "Force of a gravity."),
+    ("drive.force", "N", "Force of the drive on its body."),
+    ("drive.command", "V", "Output of the DAC."),
+    ("drive.current", "A", "Motor current (dc_motor, as all below)."),
+    ("drive.tach", "V", "The tachometer's voltage, not filtered."),
+    ("drive.tach_filtered", "V", "The tachometer's voltage behind the preamplifier."),
+    ("drive.current_command", "V", "Command of the current."),
+    ("drive.voltage", "V", "Voltage at the motor."),
+)
+
+
+UNITS = """\
+## Units
+
+The first unit of each line is the one that numbers without a unit are in. In a quantity each of N,
+m, s, V, A, ohm, H, Hz, g and rad may have a prefix n, u, m, c, k or M; besides, g is 0.001 kg, min
+is 60 s, deg and rev are angles in place of rad. A rate may be given in Hz, each 2 pi rad/s.
+
+"""
+
+
+def table(head, rows):
+    """Rows as a table of Markdown."""
+    cells = [[str(c).replace("|", "\\|") for c in row] for row in rows]
+    lines = [head, ["---"] * len(head), *cells]
+    return "\n".join(f"| {' | '.join(row)} |" for row in lines) + "\n"
+
+
+def kind(key):
+    """What may stand there: a unit, or words."""
+    if key["form"] == "number":
+        return f"`{key['unit']}`" if key["unit"] not in ("", "1") else "number"
+    if key["unit"] not in ("", "1"):
+        return f"{key['form']}, `{key['unit']}`"
+    choices = key["form"].split(", ")
+    simple = len(choices) > 1 and all(" " not in c for c in choices)
+    return ", ".join(f'`"{c}"`' for c in choices) if simple else key["form"]
+
+
+def limits(text):
+    """A range with at most six digits a number."""
+    return re.sub(r"[\d.]{7,}", lambda number: f"{float(number[0]):.6g}", text)
+
+
+def about(key):
+    """Its meaning; of a table in few words, all of them are at its own heading."""
+    within = "table" in key["form"]
+    return re.split(r"[:;.]( |$)", key["meaning"])[0] + "." if within else key["meaning"]
+
+
+def section(tables):
+    """Tables that have the same keys, under the heading of the first."""
+    found, others = tables[0], [f"`{t['header']}`" for t in tables[1:]]
+    when = f" with `{found['when']}`" if found["when"] else ""
+    text = f"## `{found['header']}`{when}\n\n" if found["header"] else ""
+    text += found["meaning"] + "\n\n"
+    if others:
+        text += f"The same keys have {', '.join(others)}.\n\n"
+    if found["keys"]:
+        rows = [
+            (
+                f"`{key['key']}`",
+                kind(key),
+                limits(key["range"]),
+                "required" if key["required"] else key["default"],
+                about(key),
+            )
+            for key in found["keys"]
+        ]
+        text += table(["key", "value", "range", "without it", "meaning"], rows) + "\n"
+    return text
+
+
+def sections(tables):
+    """All tables; those that have the same keys are one."""
+    same = {}
+    for found in tables:
+        same.setdefault((found["meaning"], str(found["keys"]), found["when"]), []).append(found)
+    return "".join(section(group) for group in same.values())
+
+
+def units():
+    """The units by what they measure."""
+    by_meaning = {}
+    for unit, meaning in _core.units():
+        by_meaning.setdefault(meaning.rpartition(" in ")[0] or meaning, []).append(f"`{unit}`")
+    merged = {}
+    for meaning, spellings in by_meaning.items():
+        merged.setdefault(meaning, []).extend(spellings)
+    return table(["measures", "units"], [(m, ", ".join(u)) for m, u in merged.items()])
+
+
+def pages():
+    """{file name: text} of every page."""
+    signals = (
+        "## Signals\n\nThe true signals of a model. BODY, LINK and GRAVITY stand for the names of "
+        "its elements.\n\n"
+    )
+    model = (
+        sections(_core.model_format())
+        + signals
+        + table(["signal", "unit", "meaning"], [(f"`{n}`", f"`{u}`", m) for n, u, m in SIGNALS])
+        + "\n"
+        + UNITS
+        + units()
+    )
+    own = {t["path"]: t for t in expect.FORMAT}
+    experiment = sections([own.pop(t["path"], t) for t in _core.experiment_format()])
+    experiment += sections(own.values())
+    return {
+        "model.md": f"{GENERATED}{MODEL}\n{model}",
+        "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
+    }
+
+
+def main(arguments):
+    """Write the pages, or say which are not fresh. Returns the exit status."""
+    if arguments not in ([], ["--check"]):
+        print("gen_reference: expected nothing or --check", file=sys.stderr)
+        return 2
+    stale = []
+    for name, text in pages().items():
+        file = FOLDER / name
+        if arguments:
+            if not file.exists() or file.read_text(encoding="utf-8") != text:
+                stale.append(name)
+        else:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+    for name in stale:
+        print(f"{FOLDER / name}: not fresh; run tools/gen_reference.py", file=sys.stderr)
+    return 1 if stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
