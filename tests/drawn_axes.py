@@ -88,13 +88,16 @@ class Hidden(SimLink):
     """The link to an axis that another process has drawn."""
 
     def __init__(self, address):
-        self.axis = Remote(address)
+        self.axis = self._remote = Remote(address)
         self.where, self._owned, self._armed = "the hidden axis", False, None
         self.axis.step(1)
 
     def judge(self, folder, forces):
-        """The row of judged()."""
-        return self.axis.call("judge", str(folder), forces)
+        """The row of judged(), also after close(), by which the tool has let the axis go; the last
+        request."""
+        row = self._remote.call("judge", str(folder), forces)
+        self._remote.close()
+        return row
 
 
 class Remote:
@@ -109,6 +112,9 @@ class Remote:
         if error:
             raise error
         return answer
+
+    def close(self):
+        self._connection.close()
 
     def step(self, ticks):
         return self.call("step", ticks)

@@ -44,7 +44,6 @@ def tuned(seed, folder, say=lambda text: None):
             powered = axis.get("drive_state")["drive_state"]
         seconds = time.monotonic() - began
         row = link.judge(out, forces)
-        link.axis._connection.close()
     worst, p = summary["worst"] or {}, summary["p"] or {}
     levels = summary["levels"] or {}
     return {
