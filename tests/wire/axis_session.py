@@ -53,7 +53,7 @@ def use(way):
             found["refused"] = str(error)
         found["reached"] = axis.move(-2000)["position"]
         axis.off()
-        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 0.3)
+        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 1.5)
         try:
             held = axis.capture(["tick_count", "force", "position"], samples=300, pretrigger=20)
             ticks = held.values("tick_count").tolist()
