@@ -206,7 +206,7 @@ def _measured(tuning, name, take, settings, order=None, first=1, kind=analyzer.A
         rest = measures.rest() if name == "free" else analyzer.Rest(0.0, None, 0)
         level = take(measures)
     done = measuring.result_of(tuning.axis, measures.order, level, rest)
-    results.write(done, tuning.folder / name)
+    results.write(done, tuning.folder / name, draw=False)  # the page shows it
     about = {k: done.summary[k] for k in ("coherence_median", "random_error_median")}
     return level, about | level.about()
 

@@ -23,6 +23,7 @@ PER_SIDE = 14  # of a resonance, up to this many of its half-widths
 WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
+BLOCK = 16  # members of a Grid, where there are many
 
 
 @dataclass(frozen=True)
@@ -217,6 +218,21 @@ class Grid:
             "gain_margin": float(factor) if math.isfinite(factor) else None,
             "phase_margin_deg": math.degrees(phase) if math.isfinite(phase) else None,
         }
+
+
+def blocks(plants, members, timings, density):
+    """[Grid] of all members, a few in each: their arrays stay in the processor's cache."""
+    found, refused = [], None
+    for i in range(0, len(members), BLOCK):
+        try:
+            found.append(Grid(plants, members[i : i + BLOCK], timings, density))
+        except _core.InputError as error:
+            if "expected a path" not in str(error):
+                raise
+            refused = error
+    if not found:
+        raise refused
+    return found
 
 
 def _first_root(ahead, share_q, constant):

@@ -15,7 +15,7 @@ from scipy import optimize
 from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
 from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, Bounds, Grid, hf_most
+from forceaxis.design.grid import DELAYS, Bounds, Grid, blocks, hf_most
 from forceaxis.linear.bank import GAIN_STEP, Bank
 
 PAYS = 1.1  # a larger structure is taken for this much more bandwidth
@@ -292,33 +292,39 @@ def _result(plants, goal, problem, best, say):
     bounds = problem.bounds
     members = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
-    grid = Grid(plants, members, goal.timings, DENSE)
+    grids = blocks(plants, members, goal.timings, DENSE)
     rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
         steep[name] = problem.law(numbers)[1]
-        gain = grid.largest_gain(unit.response(grid.z), steep[name], bounds)[0]
+        gain = min(_largest_gain(grid, unit, steep[name], bounds) for grid in grids)
         bank = certificate.lowered(unit, gain)
         if bank.force_gain:
-            rows.append({"name": name, "bank": bank, "worst": certificate.on_grid(grid, bank)})
-            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(grid.members)} members")
+            rows.append({"name": name, "bank": bank, "worst": certificate.on_grids(grids, bank)})
+            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(members)} members")
     chosen = None
     for row in rows:
         if chosen is None or _pays(row["worst"], chosen):
             chosen = row
-    for row in (rows[:1] if rows and rows[0]["name"] == "P" else []) + [chosen] * bool(rows):
-        row["bank"], row["worst"] = certificate.exact(plants, grid, row["bank"], goal)
+    if chosen:  # the others are only compared with it
+        chosen["bank"], chosen["worst"] = certificate.exact(plants, grids, chosen["bank"], goal)
     if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
         raise _no_gain()
     p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
+    limiting = steep[chosen["name"]]
+    tightest = min(grids, key=lambda grid: _largest_gain(grid, chosen["bank"], limiting, bounds))
     return Found(
         chosen["bank"],
         chosen["worst"],
         (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
         rows,
-        certificate.sentence(grid, chosen["bank"], steep[chosen["name"]], bounds),
+        certificate.sentence(tightest, chosen["bank"], limiting, bounds),
         chosen["name"],
     )
+
+
+def _largest_gain(grid, bank, steep, bounds):
+    return grid.largest_gain(bank.response(grid.z), steep, bounds)[0]
 
 
 def _no_gain():
