@@ -52,7 +52,9 @@ def test_the_same_command_goes_on_and_finishes(found):
     assert (after["fault"], after["force_bank"], after["bank_state_1"]) == ("none", 1, "valid")
     assert (after["certificate_state_1"], after["command_source"]) == ("fits", "canopen")
     assert after["consumer_heartbeat_1"] == 0
-    kept = {name: value for name, value in found["before"].items() if name in after}
+    # An approach that would strike is slowed down, and stays so with the law.
+    assert found["set"]["approach_velocity_max"] < found["before"]["approach_velocity_max"]
+    kept = {name: value for name, value in (found["before"] | found["set"]).items() if name in after}
     assert {name: after[name] for name in kept} == kept | {"force_bank": 1}
 
 

@@ -125,6 +125,7 @@ def main():
         tool = Tool(folder, "--json")
         found["status"], found["lines"] = tool.end(), tool.lines
         names = ("drive_state", "fault", "force_bank", "bank_state_1", "certificate_state_1")
+        found["set"] = json.loads((folder / "tuned/check.json").read_text())["result"]["settings"]
         found["after"] = axis.get(*names, "command_source", "consumer_heartbeat_1", *SETTINGS)
         axis.close()
     finally:

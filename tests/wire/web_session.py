@@ -6,7 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from forceaxis.bus.gateway import Session
+from forceaxis.gateway import Session
 from forceaxis.bus.lcm import Bus
 from forceaxis.thesis import session as thesis_session
 

@@ -89,6 +89,11 @@ def check(tuning):
     slow, own = _approach_velocity(model, facts), known["approach_velocity_max"]
     if own > slow or own == _default("approach_velocity_max"):
         settings["approach_velocity_max"] = slow
+        if own != _default("approach_velocity_max"):
+            tuning.say(
+                f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
+                f"of the axis its momentum alone would strike with more than {TOUCH_N:g} N"
+            )
     rest = _analyzer(tuning).rest()
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
