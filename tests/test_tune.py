@@ -471,6 +471,22 @@ def test_a_tuning_that_is_killed_in_any_step_goes_on(plants, short, tmp_path):
     assert summary["stored"]
 
 
+@pytest.mark.parametrize("prior, fits", [("m_w=6+-0.1%", True), ("k_w=8e5+-15%", False)])
+def test_what_is_known_better_is_weighed_as_such(plants, done, tmp_path, prior, fits):
+    """The hidden axis has a k_w of 4e5 and an m_w of 6; a prior that is far off is refused."""
+    folder = shutil.copytree(done, tmp_path / "out")
+    (folder / "fit.json").unlink()
+    (folder / tune.FILE).unlink()  # of the order without a prior
+    before = json.loads((done / "fit.json").read_text())["result"]["parameters"]["m_w"]
+    run = tuned(plants, folder, **{"--prior": prior, "--only": "fit"})
+    if fits:
+        after = json.loads((folder / "fit.json").read_text())["result"]["parameters"]["m_w"]
+        assert np.ptp(after["interval"]) < np.ptp(before["interval"])
+    else:
+        assert run.returncode == 1
+        assert json.loads(run.stdout)["refused"]["name"] == "prior"
+
+
 @pytest.mark.long
 def test_the_verb_goes_on_and_prints_one_object(plants, designed):
     done = tuned(plants, designed)

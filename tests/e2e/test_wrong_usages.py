@@ -142,6 +142,11 @@ WRONG = [
     ("tune --sim contact.toml", "'--model'"),
     (
         "tune --sim contact.toml --model laboratory --force 30,60 --over k_w=30% --force-max 250 "
+        "--prior m_w=-2 --out t",
+        "--prior: m_w=-2: expected NAME=VALUE",
+    ),
+    (
+        "tune --sim contact.toml --model laboratory --force 30,60 --over k_w=30% --force-max 250 "
         "--out tuned --only everything",
         "--only",
         "expected one of check",

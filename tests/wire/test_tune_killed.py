@@ -54,7 +54,9 @@ def test_the_same_command_goes_on_and_finishes(found):
     assert after["consumer_heartbeat_1"] == 0
     # An approach that would strike is slowed down, and stays so with the law.
     assert found["set"]["approach_velocity_max"] < found["before"]["approach_velocity_max"]
-    kept = {name: value for name, value in (found["before"] | found["set"]).items() if name in after}
+    kept = {
+        name: value for name, value in (found["before"] | found["set"]).items() if name in after
+    }
     assert {name: after[name] for name in kept} == kept | {"force_bank": 1}
 
 

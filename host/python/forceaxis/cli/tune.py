@@ -24,6 +24,11 @@ from forceaxis.cli.measure import band, newtons
     "--over", multiple=True, required=True, metavar="NAME=PERCENT%",
     help="How far a parameter may be off what is identified; several with commas. Repeatable.",
 )  # fmt: skip
+@click.option(
+    "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
+    help="What is known better, or worse, than by the part it plays: m_w=2.35 as exact as a mass "
+    "that was weighed. SI. Repeatable.",
+)  # fmt: skip
 @click.option("--force-max", "force_max_N", type=Positive(), required=True, help="N: never more.")
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
 @click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:100.")

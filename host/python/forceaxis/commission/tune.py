@@ -15,7 +15,7 @@ from pathlib import Path
 from forceaxis import linear, paths
 from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, tune_steps
+from forceaxis.commission import as_found, fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
@@ -49,6 +49,7 @@ class Tuning:
     def __init__(self, axis, order, folder, say=lambda text: None):
         self.axis, self.order, self.folder, self.say = axis, order, Path(folder), say
         self.model, self.refused = linear.find_model(order.model), None
+        fit.priors(str(self.model), order.over, order.priors)  # wrong ones before the axis moves
         self._claim()
 
     def _claim(self):
