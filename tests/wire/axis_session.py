@@ -19,6 +19,7 @@ from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.bus.keeper import HeartbeatKeeper
+from forceaxis.commission import incident, story
 from forceaxis.objects import OBJECTS
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import PORT, Can, gateway, operational, until
@@ -149,6 +150,28 @@ def share(axis):
         return [str(error), axis.read("velocity_window"), axis.read("drive_state")]
 
 
+def incidents():
+    """One fault, and its incident as each way that has recordings fetches it."""
+    with Axis(WAYS["can"]()) as axis:
+        incident.clear(axis)
+        before = axis.get("speed_max")
+        axis.set(speed_max=5)
+        axis.enable("profile position")
+        try:
+            axis.move(-1000)
+        except Refused as error:
+            found = {"said": str(error)}
+    for way in ("can", "gateway"):
+        with Axis(WAYS[way]()) as axis:
+            held = incident.fetch(axis)
+            found[way] = [held.fault, held.tick, held.recording.raw.tolist(), story.tell(held)]
+    with Axis(WAYS["can"]()) as axis:
+        incident.clear(axis)
+        axis.reset_fault()
+        axis.set(**before)
+    return found
+
+
 def beside():
     """What a client over CAN reads while a gateway polls the same node."""
     axis = Axis(WAYS["can"]())
@@ -218,6 +241,7 @@ def main():
         step("can beside gateway", beside)
         step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")
+        step("incidents", incidents)
         step("killed gateway", killed, "gateway")
         step("load gateway", loaded, "gateway", folder)
         step("list modbus", lambda: list(scan.on_modbus(URL)))

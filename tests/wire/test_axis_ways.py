@@ -77,6 +77,14 @@ def test_recordings_have_every_tick(found):
     assert "cannot be read over Modbus; use --axis or --can" in found["use modbus"]["capture"]
 
 
+def test_an_incident_is_the_same_by_each_way(found):
+    incidents = found["incidents"]
+    assert "overspeed" in incidents["said"]
+    fault, _, samples, told = incidents["can"]
+    assert fault == "overspeed" and len(samples) > 1000 and "overspeed at tick" in told[0]
+    assert incidents["gateway"] == incidents["can"]
+
+
 def test_the_watched_heartbeat_is_given_back(found):
     assert found["use can"]["after"]["watched"] == 0
     assert found["killed can"]["after"]["watched"] == 0
