@@ -27,7 +27,7 @@ def plant_set(model="laboratory", ranges=RANGES, modes=SLOPES, overrides=None):
 @pytest.fixture(scope="module")
 def laboratory():
     plants = plant_set()
-    return plants, Grid(plants, plants.nominal() + plants.corners(), BOTH, 3)
+    return plants, Grid(plants, plants.nominal() + plants.corners(), BOTH)
 
 
 def exact(plants, member, timing, numbers, gain):

@@ -28,8 +28,7 @@ RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
-RESTARTS = (1, 2, 3)  # of the search, with no, one, two sections
-DENSE = 3  # the result's grid, to the search's
+RESTARTS = (1, 1, 2)  # of the search, with no, one, two sections
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
 SECTIONS_ABOVE = 4.0
@@ -292,7 +291,7 @@ def _result(plants, goal, problem, best, say):
     bounds = problem.bounds
     members = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
-    grids = blocks(plants, members, goal.timings, DENSE)
+    grids = blocks(plants, members, goal.timings)
     rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
