@@ -150,26 +150,30 @@ def share(axis):
         return [str(error), axis.read("velocity_window"), axis.read("drive_state")]
 
 
-def incidents():
-    """One fault, and its incident as each way that has recordings fetches it."""
+def provoked():
+    """An axis that fails, without a gateway, whose polling breaks longer transfers over CAN."""
     with Axis(WAYS["can"]()) as axis:
         if incident.has_one(axis):
             incident.clear(axis)
-        before = axis.get("speed_max")
-        axis.set(trajectory_velocity=100_000, speed_max=5)
+        axis.set(**GAINS, trajectory_velocity=100_000, speed_max=5)
         axis.enable("profile position")
-        try:
-            axis.move(-1000)
-        except Refused as error:
-            found = {"said": str(error)}
-    for way in ("can", "gateway"):
-        with Axis(WAYS[way]()) as axis:
-            held = incident.fetch(axis)
-            found[way] = [held.fault, held.tick, held.recording.raw.tolist(), story.tell(held)]
-    with Axis(WAYS["can"]()) as axis:
+        axis.set(target_position=axis.read("position") - 4000, controlword=0x1F)
+        axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 5.0)
+    return fetched("can")
+
+
+def fetched(way):
+    with Axis(WAYS[way]()) as axis:
+        held = incident.fetch(axis)
+        return [held.fault, held.tick, held.recording.raw.tolist(), story.tell(held)]
+
+
+def cleared():
+    found = fetched("gateway")
+    with Axis(WAYS["gateway"]()) as axis:
         incident.clear(axis)
         axis.reset_fault()
-        axis.set(**before)
+        axis.set(speed_max=0)
     return found
 
 
@@ -235,14 +239,15 @@ def main():
         step("killed can", killed, "can")
         step("bridged", bridged)
         step("load can", loaded, "can", folder)
+        step("incident can", provoked)
         supervisor = gateway("--axes", "1", "--watch-ms", "3000")
         stack.callback(supervisor.kill)
         with GatewayLink(1).client as client:
             until(lambda: operational(client), 10)
+        step("incident gateway", cleared)
         step("can beside gateway", beside)
         step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")
-        step("incidents", incidents)
         step("killed gateway", killed, "gateway")
         step("load gateway", loaded, "gateway", folder)
         step("list modbus", lambda: list(scan.on_modbus(URL)))
