@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from forceaxis import drawing, linear, paths
 from forceaxis.cli import main as cli
+from forceaxis.design import advice_plot
 from forceaxis.linear import beam, curves, limits, locus, loops, modes, plots
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -368,6 +369,6 @@ def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
         (model, "press", "grip pad"),
         ("fig4_19", "fig4_19", "grip pad [5.1]"),
     ):
-        figure = plots.advice(advice | {"model": str(file)})
-        assert figure._suptitle.get_text() == f"{name}, zoh"
+        figure = advice_plot.figure(advice | {"model": str(file)})
+        assert figure._suptitle.get_text() == f"{name}, sampled"
         assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

@@ -4,12 +4,11 @@ import os
 import re
 
 from forceaxis import _core, paths, toml
-from forceaxis.design import advise
+from forceaxis.design import advice_plot, advise
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.linear import plots as linear_plots
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
@@ -155,7 +154,7 @@ def thesis_figure(number):
 def advised():
     """(advice for the laboratory's axis, its picture)."""
     advice = advise.advise("laboratory", threads=1)
-    return advice, pictures.figure(linear_plots.advice(advice))
+    return advice, pictures.figure(advice_plot.figure(advice))
 
 
 def check():
