@@ -74,7 +74,10 @@ def run_plot(figure, ax, done):
     kinds = averaged(done, np.where(untouched, 2, share))
     ax.set_facecolor(FAILED)
     colours = ListedColormap([UNSTABLE, STABLE, UNTOUCHED])
-    ax.pcolormesh(*edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5)
+    # With an edge of its own colour no cell shows a seam in a vector.
+    ax.pcolormesh(
+        *edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="face", linewidth=0.4
+    )
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
     single = mark_alone(ax, done)
     kinds_key(

@@ -339,7 +339,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
 
 def frame(sizes):
     """A frame, 1/s, around all roots but outer ones that a gap of six sets apart."""
-    ordered = np.sort(sizes[sizes > 0])
+    ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])  # not what rounding leaves of 0
     if not len(ordered):
         return 2 * np.pi
     gaps = np.flatnonzero(ordered[1:] > 6 * ordered[:-1])

@@ -16,6 +16,8 @@ from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
 
+WIDE_IN = 6.0  # a figure that is wider has a line of its own
+
 
 def models(entries):
     """Every model that one of the experiments is of, in the order of its figure."""
@@ -148,7 +150,10 @@ def measured(path):
 def thesis_figure(number):
     """A figure of the text, drawn."""
     drawn = thesis_figures.thesis_figures()[number]
-    return {"figure": drawn.figure, "see": drawn.see, "image": pictures.figure(drawn.draw())}
+    picture = drawn.draw()
+    wide = picture.get_figwidth() > WIDE_IN
+    image = pictures.figure(picture)
+    return {"figure": drawn.figure, "see": drawn.see, "wide": wide, "image": image}
 
 
 def advised():
