@@ -11,7 +11,7 @@ from pathlib import Path
 import forceaxis as package
 import pytest
 import tomlkit
-from forceaxis import _core
+from forceaxis import _core, drawing
 from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
@@ -120,6 +120,7 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
         assert known[name][int(float(named[name]))] == state
 
     html = (out / "index.html").read_text()
+    assert drawing.page_style() in html  # as the other pages
     assert html.count('src="data:image/') == html.count("<img") == 6
     assert not re.search(r'(src|href)="(?!data:|bank\.toml)', html)
     for text in ("PI and one biquad", "Nothing.", "contact 75 N at 20 mm/s", "-3 dB"):
