@@ -101,13 +101,6 @@ def save(figure, path, kind=None, dpi=DPI):
         figure.savefig(path, format=kind, dpi=dpi, metadata=metadata)
 
 
-def small_png(figure, dpi=85):
-    """The figure as the bytes of a PNG."""
-    file = io.BytesIO()
-    save(figure, file, "png", dpi)
-    return file.getvalue()
-
-
 def uri(figure):
     """The figure as a data URI for a page, closed: without a background, so that the page's own
     shows in light and in dark."""
