@@ -11,7 +11,7 @@ from pathlib import Path
 import forceaxis as package
 import pytest
 import tomlkit
-from forceaxis import _core
+from forceaxis import _core, drawing
 from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
@@ -120,8 +120,9 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
         assert known[name][int(float(named[name]))] == state
 
     html = (out / "index.html").read_text()
-    assert html.count('src="data:image/png;base64,') == html.count("<img") == 3
-    assert not re.search(r'(src|href)="(?!data:image|bank\.toml)', html)
+    assert drawing.page_style() in html  # as the other pages
+    assert html.count('src="data:image/') == html.count("<img") == 6
+    assert not re.search(r'(src|href)="(?!data:|bank\.toml)', html)
     for text in ("PI and one biquad", "Nothing.", "contact 75 N at 20 mm/s", "-3 dB"):
         assert text in html
 
@@ -209,7 +210,7 @@ def test_without_simulation_the_bank_is_written_all_the_same(found, tmp_path):
     assert told["contact_loss"] is None
     assert package.run(str(out / "contact.toml")).verdict == "stable"
     assert "contact_loss_cap" not in (out / "bank.toml").read_text()
-    assert (out / "index.html").read_text().count("<img") == 2
+    assert (out / "index.html").read_text().count("<img") == 4
 
 
 def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch, order, tmp_path):
@@ -222,7 +223,7 @@ def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch
     done = for_set.design(order(latency="1"), tmp_path / "law")
     assert {r["law"] for r in done.rows} == {"design"}
     assert "P " in outcome.describe(done)
-    assert (tmp_path / "law/index.html").read_text().count("<img") == 3
+    assert (tmp_path / "law/index.html").read_text().count("<img") == 4
 
 
 def test_a_folder_that_is_there_is_left_alone(found, tmp_path):

@@ -90,7 +90,7 @@ def rlocus(model, out, as_json, **given):
 
     check_drawing(out)
     loci, summary = locus.loci_of(model, **given)
-    draw(out, lambda plots: plots.rlocus(loci, plots.loop_title(summary)))
+    draw(out, lambda plots: plots.rlocus_figure(loci, summary))
     present(summary, as_json, locus.describe, out)
 
 

@@ -8,7 +8,7 @@ from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, drawing, objects, paths, words
 from forceaxis.report import axes, folder
 
 # What the page calls each status of an experiment.
@@ -22,7 +22,9 @@ WORDS = {
 
 
 def template(name):
-    """The text of a file of this package."""
+    """The text of a file of this package, or of the style sheet of all pages."""
+    if name == "page.css":
+        return drawing.page_style()
     return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -73,6 +75,7 @@ def write(source=None, out=None, threads=None):
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["plain"] = words.plain
     summary = {
         "report": paths.display(out / "index.html"),
         "experiments": len(entries),
