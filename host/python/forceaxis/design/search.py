@@ -214,8 +214,9 @@ def search(plants, goal=None, progress=None):
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
     problem.ramp = ramp
     before = own
-    for name in list(structures.STRUCTURES)[1:]:
-        say(f"{name}: searching")
+    richer = list(structures.STRUCTURES)[1:]
+    for done, name in enumerate(richer):
+        say(f"{name}: searching, {done}/{len(richer)} structures")
         best[name] = before = _search(problem, name, limits[name], zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")

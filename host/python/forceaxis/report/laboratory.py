@@ -9,6 +9,7 @@ from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
+from forceaxis.progress import counted
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
@@ -127,7 +128,7 @@ def begin(pool):
 def ended(begun):
     """The values of frequency.html.jinja."""
     found = {
-        name: [one.get() for one in work] if isinstance(work, list) else work.get()
+        name: [one.get() for one in counted(work, name)] if isinstance(work, list) else work.get()
         for name, work in begun.items()
     }
     advice, advice_image = found.pop("advice")

@@ -58,7 +58,16 @@ def write(source=None, out=None, threads=None):
         source = paths.EXPERIMENTS
     else:
         folder.files(source)
-    out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be created fails before the work
+    with paths.replacing(out, "index.html") as (file,):  # what cannot be created fails at once
+        page, summary = _made(source, out, threads, own)
+        file.write_text(page, encoding="utf-8")
+    return summary
+
+
+def _made(source, out, threads, own):
+    """(page, summary)."""
+    if own:
+        from forceaxis.report import laboratory
     with workers(threads) as pool:
         if own:
             frequency = laboratory.begin(pool)
@@ -93,8 +102,6 @@ def write(source=None, out=None, threads=None):
         objects_hash=objects.OBJECTS_HASH,
         **values,
     )
-    with paths.replacing(out, "index.html") as (file,):
-        file.write_text(page, encoding="utf-8")
     if own:
         summary |= {key: values["result"][key] for key in ("matched", "total")}
-    return summary
+    return page, summary
