@@ -33,7 +33,7 @@ CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force stands with
 COHERENT = 0.9
 MS_WITHIN = 0.3
 NEAR = 0.15  # of the limiting frequency
-PEAKY = 4  # noise is seldom at its peak: what it distorts is judged while it acts
+PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
 MORE_AVERAGES = 4  # times as many
 PART, SURE = 0.04, 0.1  # of the frequency, over which |S| is averaged; its relative error
 # How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
@@ -317,12 +317,18 @@ def _times_p(designed):
 
 
 def _hf_gain(tuning):
-    """Codes per 8-bit count at high frequency: the firmware's bound is for a noise of one code."""
+    """Codes per 8-bit count at high frequency: the firmware's bound is for a noise of one code, and
+    what a law makes of the noise is to leave the drive linear."""
     noise = tuning.result("check")["rest"]["noise_lsb"]
     if noise is None:
         return None
-    most = hf_most(linear.facts(tuning.model)["reading"]["bits"])
-    return min(most, max(HF_DEFAULT, most / max(1.0, noise)))
+    bits = linear.facts(tuning.model)["reading"]["bits"]
+    most = hf_most(bits)
+    linear_codes = joint_fit.linear_codes(tuning.model)
+    linear_gain = math.inf
+    if linear_codes is not None:  # as large as the excitation's noise, evenly drawn, may be
+        linear_gain = PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
+    return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
 
 
 def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
