@@ -21,7 +21,7 @@ from forceaxis.design.grid import hf_most
 from forceaxis.design.search import HF_DEFAULT
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result as results
-from forceaxis.linear import loops, over, plant_set
+from forceaxis.linear import loops, plant_set
 from forceaxis.linear.bank import Bank
 
 FEWEST = 5  # averages
@@ -35,7 +35,6 @@ MS_WITHIN = 0.3
 NEAR = 0.15  # of the limiting frequency
 PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
 MORE_AVERAGES = 4  # times as many
-PART, SURE = 0.04, 0.1  # of the frequency, over which |S| is averaged; its relative error
 # How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
 FELT, LEAST_CONTACT = 8.0, 0.25  # of the noise, and counts: a reading above is a contact
@@ -433,7 +432,7 @@ def verify(tuning):
                 done, about = _measured(
                     tuning, name, take, _reach(tuning), asked, first, contact.Touching
                 )
-                found = _peaks(tuning, bank, late, done)
+                found = margins.peaks(tuning, bank, late, done)
                 if found:
                     order = asked
                     break
@@ -455,34 +454,6 @@ def verify(tuning):
         put_back(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; the law before is in force again") from None
     return {"levels": levels}, "; ".join(lines)
-
-
-def _peaks(tuning, bank, late, level):
-    """Ms as measured, and as the fitted model has it at the same lines; None where no line is
-    sure."""
-    measured = level.measured
-    loop = loops.force_loop(
-        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"], bank=bank
-    )
-    gain = over.gain_at(loop, None, None, {"bank": bank})
-    hz = measured.frequency_hz
-    # Over a few percent of the frequency: the peak of many noisy lines is too high.
-    near = (abs(np.log(hz[:, None] / hz)) < PART).astype(float)
-    near /= near.sum(1, keepdims=True)
-    error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
-    found = abs(near @ level.sensitivity)
-    expected = abs(near @ loop.sensitivity(gain).response(hz).ravel())
-    sure = error < SURE * found
-    if not sure.any():
-        return None
-    peak = np.flatnonzero(sure)[found[sure].argmax()]
-    return {
-        "Ms": float(found[peak]),
-        "Ms_error": float(error[peak]),
-        "Ms_hz": float(hz[peak]),
-        "Ms_predicted": float(expected[sure].max()),
-        "lines": int(sure.sum()),
-    }
 
 
 def store(tuning):
