@@ -18,9 +18,9 @@ from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
 SLOW_HZ = 1.0  # below there is little to follow
-# A search finds the laws whose peaks fall between two points: with a third of these it did.
 PER_DECADE = (60, 270)
 PER_SIDE = 42  # of a resonance, up to WIDEST of its half-widths
+THIN = 1 / 3
 WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
@@ -44,16 +44,17 @@ def hf_most(adc_bits):
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
-def _frequencies(loop):
+def _frequencies(loop, density):
     """A member's grid, rising, up to half the tick rate."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
-        np.geomspace(low, high, round(dense * math.log10(high / low)))
+        np.geomspace(low, high, round(density * dense * math.log10(high / low)))
         for low, high, dense in zip(ends[:-1], ends[1:], PER_DECADE, strict=True)
     ]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
-    around = np.sinh(np.linspace(-1, 1, 2 * PER_SIDE + 1) * math.asinh(2 * WIDEST)) / 2
+    side = round(density * PER_SIDE)
+    around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * WIDEST)) / 2
     for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
         parts.append(root.imag + width * around)
@@ -68,9 +69,10 @@ def _damping(roots):
 class Grid:
     """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
     reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS.
-    Figures are right to some thousandth."""
+    Figures are right to some thousandth, at the density THIN to a percent or two; but there a
+    search finds the laws whose peaks stand between two points."""
 
-    def __init__(self, plants, members, timings):
+    def __init__(self, plants, members, timings, density=1.0):
         self.timings = tuple(timings)
         self.members, self.open_loops, grids, refused = [], [], [], None
         for member in members:
@@ -85,7 +87,7 @@ class Grid:
                 raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
             self.members.append(member)
             self.open_loops.append(loop)
-            grids.append(_frequencies(loop))
+            grids.append(_frequencies(loop, density))
         if not self.members:
             raise refused
         longest = max(map(len, grids))
