@@ -210,6 +210,27 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
         }  # fmt: skip
 
 
+def test_what_was_set_before_stays_and_only_the_law_is_new(plants, short, tmp_path):
+    own = {"approach_velocity_max": 100, "contact_force": 1.0, "force_max": 64.0,
+           "recorder_decimation": 3, "excitation_seed": 9}  # fmt: skip
+    axis = Axis(link(plants))
+
+    with axis:
+        axis.link.close = lambda: None  # looked at afterwards
+        axis.set(**own)
+        before = everything(axis.link)
+        tuning = tune.Tuning(axis, order(plants), tmp_path / "out")
+        tuning.run()
+    after = everything(axis.link)
+    written = tuning.result("design")["objects"]
+    assert written.keys().isdisjoint(own)
+    changed = {name for name, raw in after.items() if raw != before[name]} - {"command_source"}
+    assert {"force_bank", "bank_crc_1"} <= changed <= written.keys()
+    assert axis.get("force_bank", "certificate_state_1") == {
+        "force_bank": 1, "certificate_state_1": "fits",
+    }  # fmt: skip
+
+
 def altered(folder, step, change):
     file = folder / f"{step}.json"
     held = json.loads(file.read_text())
@@ -381,6 +402,8 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
     summary = json.loads(done.stdout)
     refused = summary["refused"]
     assert not summary["stored"]
+    if name == "fault":  # of a tool that was killed: another folder cannot put back
+        assert "a tool that was killed leaves what it had changed" in refused["text"]
     if name in ("fault", "adc", "chi2", "prior", "coherence"):
         assert summary["parameters"] is None and not (folder / "fit.json").exists()
         assert "--set" not in done.stdout + done.stderr
@@ -410,6 +433,21 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
         tune.Tuning(axis, order(plants), tmp_path, said.append).run("check")
     assert said[0] == "the run before was killed: its fault source_lost is reset"
     assert everything(link) == before
+
+
+def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
+    file = tmp_path / as_found.FILE
+    with Axis(link(plants)) as axis:
+        with as_found.kept(as_found.Folder(axis, tmp_path)):
+            held = json.loads(file.read_text())
+        held["axis"]["node_id"] = 7
+        held["values"]["rated_force"] += 1
+        file.write_text(json.dumps(held))
+        before = everything(axis.link)
+        with pytest.raises(InputError, match=r"it is of .*'node_id': 7"):
+            tune.Tuning(axis, order(plants), tmp_path).run("check")
+        assert everything(axis.link) == before
+    assert json.loads(file.read_text()) == held
 
 
 def test_an_axis_that_another_client_owns_is_left_to_it(plants, tmp_path):

@@ -47,7 +47,8 @@ def tune(way, only, out, as_json, **options):
     --out: the same command goes on after a break; after a kill it first resets the fault that the
     kill has left and puts back what was changed. A step that refuses names why, with exit status 1;
     the axis is disabled then and has what it had before. What has never been set on the axis
-    (position_gain, force_scale) is taken from MODEL.
+    (position_gain, force_scale, approach_velocity_max, contact_force) is taken from MODEL and
+    written with the bank, so is a slower approach than one that would strike; all else stays.
 
     \b
     --json: {"parameters": {name: {"value", "interval", "unit"}}, "bank": {...}, "worst": {...} as

@@ -13,7 +13,7 @@ from forceaxis.axis import params
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.commission import analyzer, as_found, contact, margins, measuring
 from forceaxis.commission import fit as joint_fit
-from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
@@ -54,9 +54,10 @@ def check(tuning):
         "contact_force",
     )  # fmt: skip
     if known["fault"] != "none":
+        left = f"; {LEFT}" if known["fault"] in ORPHANED else ""
         raise Refusal(
             "fault", f"expected an axis without a fault, got {known['fault']}; "
-            "`forceaxis axis reset` resets it"
+            f"`forceaxis axis reset` resets it{left}"
         )  # fmt: skip
     facts = linear.facts(model)
     if facts["reading"] is None or facts["encoder"] is None or not facts["contacts"]:
@@ -115,7 +116,10 @@ def check(tuning):
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
-    return result, f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+    text = f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+    if settings:
+        text += f"; as of the model: {', '.join(settings)}"
+    return result, text
 
 
 def _approach_velocity(model, facts):
@@ -399,7 +403,8 @@ def put_back(tuning):
     """The objects as they were before write(), which is to be done again."""
     as_found.expect(tuning, tuning.read(BEFORE))
     as_found.put_back(tuning)
-    (tuning.folder / "write.json").unlink(missing_ok=True)
+    for name in ("write.json", BEFORE):  # another write() may find another law
+        (tuning.folder / name).unlink(missing_ok=True)
 
 
 def verify(tuning):
