@@ -37,7 +37,15 @@ def answer(plants, goal, progress=None, factor=1.0):
         {"name": "P", "bank": P, "worst": worst},
         {"name": "PI and one biquad", "bank": bank, "worst": worst},
     ]
-    return search.Found(bank, worst, worst | {"force_gain": 1.0}, rows, "Nothing.", rows[1]["name"])
+    return search.Found(
+        bank,
+        worst,
+        worst | {"force_gain": 1.0},
+        rows,
+        "Nothing.",
+        rows[1]["name"],
+        lambda name: None,
+    )
 
 
 @pytest.fixture
@@ -142,6 +150,29 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
     assert done.worst["Ms"] == done.bank.force_gain  # the reduced bank's
     assert f"took the gain down {done.backoffs} times" in outcome.describe(done)
+
+
+@pytest.mark.parametrize("left, taken", [(0.5, "PI"), (1.5, "PI and one biquad")])
+def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
+    found, monkeypatch, order, left, taken
+):
+    """left: Hz of the chosen structure, whose gain is reduced."""
+
+    def two(plants, goal, progress=None):
+        steep, calm = (answer(plants, goal, factor=factor) for factor in (3.5, 1.0))
+        rows = [*steep.structures, {**calm.structures[1], "name": "PI"}]
+        calm = replace(calm, chosen="PI", structures=rows)
+        return replace(steep, structures=rows, instead={"PI": calm}.get)
+
+    def worst(plants, timings, law, bank):
+        return over.Worst(True, fS_Hz=left, member={"fS_Hz": (Member(), timings[0])})
+
+    monkeypatch.setattr(search, "search", two)
+    monkeypatch.setattr(over, "worst", worst)
+    done = for_set.design(order(FINE, "k_w=30%", latency="0"))
+    assert (done.chosen, done.worst["fS_Hz"]) == (taken, max(left, 1.0))
+    assert (done.backoffs == 0) == (taken == "PI")
+    assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
 
 
 def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):

@@ -8,6 +8,7 @@ law would break join the set.
 
 import math
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +80,8 @@ class Goal:
 class Found:
     """bank: quantised; worst: fS_Hz, fT_Hz, Ms, Ms_late, gain_margin, phase_margin_deg, member;
     p: the same for P, with force_gain; structures: [{name, bank, worst}] in order of size;
-    limited_by: one sentence; chosen: a structure's name."""
+    limited_by: one sentence; chosen: a structure's name; instead(name): the Found with another one
+    chosen."""
 
     bank: Bank
     worst: dict
@@ -87,6 +89,7 @@ class Found:
     structures: list
     limited_by: str
     chosen: str
+    instead: Callable
 
 
 class Problem:
@@ -305,21 +308,30 @@ def _result(plants, goal, problem, best, say):
     for row in rows:
         if chosen is None or _pays(row["worst"], chosen):
             chosen = row
-    if chosen:  # the others are only compared with it
-        chosen["bank"], chosen["worst"] = certificate.exact(plants, grids, chosen["bank"], goal)
-    if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
-        raise _no_gain()
     p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
-    limiting = steep[chosen["name"]]
-    tightest = min(grids, key=lambda grid: _largest_gain(grid, chosen["bank"], limiting, bounds))
-    return Found(
-        chosen["bank"],
-        chosen["worst"],
-        (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
-        rows,
-        certificate.sentence(tightest, chosen["bank"], limiting, bounds),
-        chosen["name"],
-    )
+
+    def taken(row):
+        # The others are only compared with it.
+        bank, worst = certificate.exact(plants, grids, row["bank"], goal)
+        if not worst or not worst["fS_Hz"]:
+            return None
+        row |= {"bank": bank, "worst": worst}
+        limiting = steep[row["name"]]
+        tightest = min(grids, key=lambda grid: _largest_gain(grid, bank, limiting, bounds))
+        return Found(
+            bank,
+            worst,
+            (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
+            rows,
+            certificate.sentence(tightest, bank, limiting, bounds),
+            row["name"],
+            lambda name: taken(next(row for row in rows if row["name"] == name)),
+        )
+
+    found = taken(chosen) if chosen else None
+    if found is None:
+        raise _no_gain()
+    return found
 
 
 def _largest_gain(grid, bank, steep, bounds):
