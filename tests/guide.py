@@ -113,7 +113,7 @@ def missing(block, printed):
 
 def play(page, folder):
     """Runs a page in `folder`: (what it says and what the commands before it printed) pairs."""
-    for name in ("sim", "examples"):
+    for name in ("sim", "examples", "tools", "build"):
         (folder / name).symlink_to(ROOT / name)
     printed, claims = "", []
     after_text = True

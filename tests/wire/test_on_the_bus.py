@@ -43,13 +43,17 @@ def typed(page, folder, vcan, seconds):
 @pytest.mark.long  # two minutes of the axis' own time
 def test_an_axis_is_tuned_on_the_bus(tmp_path, vcan):
     printed = typed(guide.PAGES / "on_the_bus.md", tmp_path, vcan, 900)
-    assert len(printed) == 11
+    assert len(printed) == 13
     assert "failed" not in printed["forceaxis axis check"]
     assert "store: parameters and certificate are stored" in printed["forceaxis tune"]
     held = re.search(r"held ([\d.]+) N", printed["forceaxis axis press"])
     assert float(held[1]) == pytest.approx(50, rel=0.01)
     assert printed["forceaxis axis params diff press/axis.toml"].strip() == ""
     assert (tmp_path / "tuned/index.html").stat().st_size > 0
+    run = printed["forceaxis run sim/experiments/contact.toml"]
+    hashes = re.findall(r"^(?:trace|axis) hash +(\w+)$", run, re.MULTILINE)
+    assert len(hashes) == 2 and len(set(hashes)) == 1
+    assert "DEVICE" in (tmp_path / "axis.eds").read_text().upper()
 
 
 @pytest.mark.long
