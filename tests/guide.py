@@ -7,6 +7,9 @@ A fenced block of a page is, by its language,
   yaml      shown only
 A toml or python block with a title is written to the file of that name instead.
 A line `<!-- needs: WHAT -->` before a block says what a test does not have: it is not run.
+A line `<!-- within: 5 % -->` before a block of text says that a search or a fit found its numbers,
+so that they depend on the processor: they may differ by that, words may not. `<!-- within: 5 % or
+0.1 -->` is for numbers near zero too, which may differ by 0.1.
 A line `<!-- session: WHAT -->` at the head of a page says when its commands are run:
   short     by every tools/test
   long      by tools/test --all
@@ -14,6 +17,7 @@ A line `<!-- session: WHAT -->` at the head of a page says when its commands are
 A page without commands has no such line.
 """
 
+import math
 import os
 import re
 import subprocess
@@ -25,9 +29,12 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs/guide"
 BLOCK = re.compile(
     r"(?:^ *<!-- needs: (?P<needs>[^>]+) -->\n)?"
+    r"(?:^ *<!-- within: (?P<relative>[\d.]+) %(?: or (?P<absolute>[\d.]+))? -->\n)?"
     r"^(?P<indent> *)```(?P<kind>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
 )
+# A number that stands by itself: the digits of a name or of a hash are part of a word.
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 TYPED = ("bash", "python")
 
 
@@ -37,6 +44,23 @@ class Block:
     text: str
     needs: str | None
     title: str | None
+    relative: float = 0.0
+    absolute: float = 0.0
+
+    def says(self, line, printed):
+        """Whether a line of this block is the printed one, its numbers within the stated bounds."""
+        if not self.relative:
+            return line.rstrip() == printed.rstrip()
+        if NUMBER.sub("#", line).split() != NUMBER.sub("#", printed).split():
+            return False
+        shown, found = (
+            [float(number.replace(",", "")) for number in NUMBER.findall(text)]
+            for text in (line, printed)
+        )
+        return all(
+            math.isclose(found[k], shown[k], rel_tol=self.relative, abs_tol=self.absolute)
+            for k in range(len(shown))
+        )
 
     def commands(self):
         """The commands of a block; a line that ends with \\ goes on in the next one."""
@@ -59,6 +83,8 @@ def blocks(page):
             re.sub(f"^{found['indent']}", "", found["text"], flags=re.MULTILINE),
             found["needs"],
             found["title"],
+            float(found["relative"] or 0) / 100,
+            float(found["absolute"] or 0),
         )
         for found in BLOCK.finditer(page.read_text())
     ]
@@ -74,13 +100,20 @@ def environment():
 
 def missing(block, printed):
     """The first line of a block of text that was not printed after the lines before it."""
-    rest = iter(line.rstrip() for line in printed.splitlines())
-    return next((line for line in block.text.splitlines() if line.rstrip() not in rest), None)
+    rest = iter(printed.splitlines())
+    return next(
+        (
+            line
+            for line in block.text.splitlines()
+            if not any(block.says(line, later) for later in rest)
+        ),
+        None,
+    )
 
 
 def play(page, folder):
     """Runs a page in `folder`: (what it says and what the commands before it printed) pairs."""
-    for name in ("sim", "examples"):
+    for name in ("sim", "examples", "tools", "build"):
         (folder / name).symlink_to(ROOT / name)
     printed, claims = "", []
     after_text = True

@@ -56,6 +56,35 @@ def test_a_page_that_shows_another_line_fails():
     assert guide.missing(block, "verdict      unstable\n") == "verdict      stable"
 
 
+def test_a_searched_number_may_differ_by_what_its_page_says_and_a_word_may_not(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "<!-- within: 5 % or 0.1 -->\n```text\ndesign  20.0 Hz, Ms 1.7  k_w = 280,000, m_w\n```\n"
+        "<!-- within: 5 % -->\n```text\nerror 0.01 N\n```\n"
+        "```text\nerror 0.01 N\n```\n"
+    )
+    found, relative, exact = guide.blocks(page)
+    for line in (
+        "design 20.9 Hz, Ms 1.79 k_w = 268,000, m_w",
+        "P\ndesign  19.1 Hz, Ms 1.7   k_w = 293000, m_w",
+    ):
+        assert guide.missing(found, line) is None
+    for line in (
+        "design 21.1 Hz, Ms 1.7  k_w = 280,000, m_w",
+        "design 20.0 Hz, Ms -1.7  k_w = 280,000, m_w",
+        "design 20.0 Hz, Ms 1.7  k_w = 280,999,000, m_w",
+        "design 20.0 Hz, Ms 1.7  k_w = 280,000, k_w",
+        "design 20.0 Hz, Ms 1.7  k_w = 280,000",
+        "design 20.0 Hz, Ms     k_w = 280,000, m_w",
+    ):
+        assert guide.missing(found, line) == found.text.rstrip()
+    assert guide.missing(relative, "error 0.0104 N") is None
+    assert guide.missing(relative, "error 0.0106 N") == "error 0.01 N"
+    assert guide.missing(exact, "error 0.0100001 N") == "error 0.01 N"
+    # A hash is a word, whatever it begins with.
+    assert not guide.Block("text", "", None, None, 0.05).says("hash 12ab", "hash 13ab")
+
+
 @pytest.fixture(scope="module")
 def ten_minutes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ten_minutes")

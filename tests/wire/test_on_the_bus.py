@@ -1,37 +1,69 @@
-"""docs/guide/on_the_bus.md, typed as printed there, in one guest with a virtual CAN bus."""
+"""The pages of docs/guide on a virtual CAN bus, typed as printed there, in one guest."""
 
 import re
+import shlex
 
 import guide
 import pytest
 
-PAGE = guide.PAGES / "on_the_bus.md"
-pytestmark = pytest.mark.long  # two minutes of the axis' own time
 
-
-def test_every_command_does_what_the_page_says(tmp_path, vcan):
-    typed = [c for block in guide.blocks(PAGE) if not block.needs for c in block.commands()]
-    assert sum(c.startswith("forceaxis ") for c in typed) == 11
+def typed(page, folder, vcan, seconds):
+    """What each verb of a page printed, by the verb with its first arguments."""
+    for name in ("sim", "examples"):
+        (folder / name).symlink_to(guide.ROOT / name)
+    commands = [c for block in guide.blocks(page) if not block.needs for c in block.commands()]
     script = [
         f"export PATH='{guide.environment()['PATH']}'",
-        f"cd {tmp_path}",
+        f"cd {folder}",
         "trap 'kill $(jobs -p); wait' EXIT",
     ]
-    for command in typed:
-        if command.endswith("&"):
+    for command in commands:
+        words = command.partition("  #")[0].strip()
+        if words.endswith("&"):
             script += [command, "sleep 2"]
+        elif words.startswith("forceaxis "):
+            script += [
+                f"echo {shlex.quote('$ ' + words.split(' --')[0])}",
+                f"{command}\n[ $? = 0 ] || exit 1",
+            ]
         else:
-            script += [f"echo '$ {command.split(' --')[0]}'", f"{command} || exit 1"]
-    (tmp_path / "typed.sh").write_text("\n".join(script) + "\n")
-    done = vcan(["bash", tmp_path / "typed.sh"], 900)
+            script += [command]
+    (folder / "typed.sh").write_text("\n".join(script) + "\n")
+    done = vcan(["bash", folder / "typed.sh"], seconds)
     print(done.stdout)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
-    printed = {
-        part.partition("\n")[0]: part.partition("\n")[2] for part in done.stdout.split("\n$ ")
-    }
+    parts = ("\n" + done.stdout).split("\n$ ")[1:]
+    assert len(parts) == sum(
+        c.startswith("forceaxis ") and not c.partition("  #")[0].rstrip().endswith("&")
+        for c in commands
+    )
+    return {part.partition("\n")[0]: part.partition("\n")[2] for part in parts}
+
+
+@pytest.mark.long  # two minutes of the axis' own time
+def test_an_axis_is_tuned_on_the_bus(tmp_path, vcan):
+    printed = typed(guide.PAGES / "on_the_bus.md", tmp_path, vcan, 900)
+    assert len(printed) == 13
     assert "failed" not in printed["forceaxis axis check"]
     assert "store: parameters and certificate are stored" in printed["forceaxis tune"]
     held = re.search(r"held ([\d.]+) N", printed["forceaxis axis press"])
     assert float(held[1]) == pytest.approx(50, rel=0.01)
     assert printed["forceaxis axis params diff press/axis.toml"].strip() == ""
     assert (tmp_path / "tuned/index.html").stat().st_size > 0
+    run = printed["forceaxis run sim/experiments/contact.toml"]
+    hashes = re.findall(r"^(?:trace|axis) hash +(\w+)$", run, re.MULTILINE)
+    assert len(hashes) == 2 and len(set(hashes)) == 1
+    assert "DEVICE" in (tmp_path / "axis.eds").read_text().upper()
+
+
+@pytest.mark.long
+def test_several_axes_are_listed_recorded_and_set_alike(tmp_path, vcan):
+    printed = typed(guide.PAGES / "several_axes.md", tmp_path, vcan, 120)
+    assert len(printed) == 9
+    rows = re.findall(r"^ *(\d+) ", printed["forceaxis axis list"], re.MULTILINE)
+    assert rows == ["1", "2"]
+    assert "tare" in printed["forceaxis axis get"]
+    assert any(f.stat().st_size > 0 for f in (tmp_path / "out/log").rglob("*.csv"))
+    assert "position_gain" in (tmp_path / "axis.toml").read_text()
+    assert (tmp_path / "axis.bin.2").stat().st_size > 0
+    assert printed["forceaxis axis params diff axis.toml"].strip() == ""
