@@ -10,7 +10,8 @@ import pytest
 import verbs
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import measuring, response
+from forceaxis.cli import live_options
+from forceaxis.commission import as_found, measuring, response
 from forceaxis.commission.analyzer import Analyzer, Order, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify import fit, result
@@ -116,6 +117,47 @@ def test_the_verb_writes_what_fit_and_design_take(axis_file, tmp_path):
     found = fit.fit(measured, {"m_w": 8.0, "k_w": 5e5})
     assert not found.rejected
     assert np.allclose(found.values, (6.6, 4.127e5), rtol=0.01)
+
+
+class Killed(SimLink):
+    """A tool that is killed once the axis is pressed: nothing is written from then on."""
+
+    class Kill(BaseException):
+        pass
+
+    killed = True
+
+    def write(self, values):
+        if self.killed and self.read(["contact"])["contact"]:
+            self._owned = False
+            raise Killed.Kill
+        super().write(values)
+
+    def close(self):
+        """The axis is looked at afterwards."""
+
+
+def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monkeypatch):
+    link = Killed(axis_file())
+    axis, names = Axis(link), (*PARAMETERS, "excitation_period", "excitation_travel")
+    axis.acquire()
+    axis.set(force_max=40.0, excitation_travel=77)
+    before = axis.get(*names)
+    monkeypatch.setattr(live_options.Way, "link", lambda way: link)
+    words = ["measure", "--axis", 1, "--force", 30, "--force-max", 100, "--averages", 4]
+    out = tmp_path / "m"
+    assert "Kill" in verbs.forceaxis(*words, "--out", out).stderr
+    link.axis.step(15_000)
+    assert axis.read("fault") == "source_lost"
+    assert axis.get(*names) != before
+    link.killed = False
+    done = verbs.forceaxis(*words, "--out", out)
+    assert done.returncode == 0, done.stderr
+    said = done.stderr.splitlines()[:2]
+    assert said[0] == "the run before was killed: its fault source_lost is reset"
+    assert said[1].endswith("objects are as they were before it")
+    assert axis.get(*names) == before
+    assert not (out / as_found.FILE).exists()
 
 
 def test_a_strike_ends_the_excitation_in_its_tick_and_half_the_amplitude_is_taken(axis_file):

@@ -208,6 +208,33 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
         }  # fmt: skip
 
 
+def test_what_was_set_before_stays_and_only_the_law_is_new(plants, short, tmp_path):
+    """The axis' own approach is fast: while something is measured it is slow."""
+    own = {"approach_velocity_max": 4000, "contact_force": 1.0, "force_max": 64.0,
+           "recorder_decimation": 3, "excitation_seed": 9}  # fmt: skip
+    axis, seen = Axis(link(plants)), set()
+
+    def say(text):
+        if text.startswith("amplitude") and " N," in text:
+            seen.add(axis.read("approach_velocity_max"))
+
+    with axis:
+        axis.link.close = lambda: None  # looked at afterwards
+        axis.set(**own)
+        before = everything(axis.link)
+        tuning = tune.Tuning(axis, order(plants), tmp_path / "out", say)
+        tuning.run()
+    after = everything(axis.link)
+    written = tuning.result("design")["objects"]
+    assert written.keys().isdisjoint(own)
+    changed = {name for name, raw in after.items() if raw != before[name]} - {"command_source"}
+    assert {"force_bank", "bank_crc_1"} <= changed <= written.keys()
+    assert axis.get("force_bank", "certificate_state_1") == {
+        "force_bank": 1, "certificate_state_1": "fits",
+    }  # fmt: skip
+    assert seen == {tuning.result("check")["approach_velocity_max"]} and max(seen) < 1000
+
+
 def altered(folder, step, change):
     file = folder / f"{step}.json"
     held = json.loads(file.read_text())
@@ -379,6 +406,8 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
     summary = json.loads(done.stdout)
     refused = summary["refused"]
     assert not summary["stored"]
+    if name == "fault":  # of a tool that was killed: another folder cannot put back
+        assert "a tool that was killed leaves what it had changed" in refused["text"]
     if name in ("fault", "adc", "chi2", "prior", "coherence"):
         assert summary["parameters"] is None and not (folder / "fit.json").exists()
         assert "--set" not in done.stdout + done.stderr
@@ -410,6 +439,21 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
     assert everything(link) == before
 
 
+def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
+    file = tmp_path / as_found.FILE
+    with Axis(link(plants)) as axis:
+        with as_found.kept(as_found.Folder(axis, tmp_path)):
+            held = json.loads(file.read_text())
+        held["axis"]["node_id"] = 7
+        held["values"]["rated_force"] += 1
+        file.write_text(json.dumps(held))
+        before = everything(axis.link)
+        with pytest.raises(InputError, match=r"it is of .*'node_id': 7"):
+            tune.Tuning(axis, order(plants), tmp_path).run("check")
+        assert everything(axis.link) == before
+    assert json.loads(file.read_text()) == held
+
+
 def test_an_axis_that_another_client_owns_is_left_to_it(plants, tmp_path):
     link, said = Taken(plants / "true/contact.toml"), []
     with pytest.raises(Refusal) as refused, Axis(link) as axis:
@@ -433,6 +477,26 @@ def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
     assert everything(link) == before
     assert Axis(link).read("drive_state") != "operation_enabled"
     assert not (tmp_path / as_found.FILE).exists()
+
+
+def test_what_is_known_narrows_the_fit_or_is_refused(plants, designed):
+    """True k_w and m_w: 4e5 N/m and 6 kg."""
+    parameters = [json.loads((designed / "fit.json").read_text())["result"]["parameters"]]
+
+    def again(prior):
+        (designed / "tune.json").unlink()  # of the order without it
+        return tuned(plants, designed, **{"--prior": prior, "--only": "fit"})
+
+    done = again("m_w=6+-0.1%")
+    assert done.returncode == 0, done.stderr
+    parameters.append(json.loads(done.stdout)["parameters"])
+    for name in ("m_w", "k_w"):
+        wide = [row[name]["interval"][1] / row[name]["interval"][0] - 1 for row in parameters]
+        assert wide[0] > 2 * wide[1]
+    done = again("m_w=6.6+-2%")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("forceaxis: prior: expected m_w ")
+    assert json.loads(done.stdout)["parameters"] is None
 
 
 def test_another_order_does_not_go_on_in_the_folder(plants, designed):

@@ -10,6 +10,10 @@ import verbs
 from forceaxis.cli.main import MODULES
 
 ROOT = Path(__file__).resolve().parents[2]
+TUNE = (
+    "tune --sim contact.toml --model laboratory --force 30,60 --over k_w=30% --force-max 250 "
+    "--out tuned"
+)
 
 # As typed in a folder that holds contact.toml and model.toml, which are right, and bad.toml,
 # empty.toml, x.csv; the words that the line must have.
@@ -140,12 +144,13 @@ WRONG = [
     ("axis check", "expected one way to an axis"),
     ("axis tare --lcm-url udpm://here", "expected one way to an axis"),
     ("tune --sim contact.toml", "'--model'"),
-    (
-        "tune --sim contact.toml --model laboratory --force 30,60 --over k_w=30% --force-max 250 "
-        "--out tuned --only everything",
-        "--only",
-        "expected one of check",
-    ),
+    (f"{TUNE} --only everything", "--only", "expected one of check"),
+    (f"{TUNE} --prior m_x=2", "--prior: m_x=2: expected NAME=VALUE or", "m_w"),
+    (f"{TUNE} --prior m_w", "--prior: m_w: expected NAME=VALUE or NAME=VALUE+-PERCENT%"),
+    (f"{TUNE} --prior m_w=-2+-5%", "--prior: m_w=-2+-5%: expected", "above 0"),
+    (f"{TUNE} --prior m_w=2+-0%", "--prior: m_w=2+-0%: expected", "above 0"),
+    (f"{TUNE} --over m_x=30%", "m_x", "expected"),
+    (f"{TUNE} --prior", "'--prior'", "requires an argument"),
     ("incident", "expected one way to an axis"),
     ("incident --axis 1 --wait never", "'--wait'", "expected a number"),
     ("monitor --json", "--json", "--once"),

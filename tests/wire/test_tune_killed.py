@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 from forceaxis.commission.tune import STEPS
+from tune_session import SETTINGS
 
 SESSION = Path(__file__).parent / "tune_session.py"
-pytestmark = pytest.mark.long  # five to fifteen minutes of real time
+pytestmark = pytest.mark.long  # four minutes of real time
 KILLED = -9
 MOVING = ("free", "measure", "verify")  # steps in which the axis is enabled
 
@@ -47,13 +48,22 @@ def test_the_same_command_goes_on_and_finishes(found):
     summary = json.loads(next(line for line in found["lines"] if line.startswith("{")))
     assert summary["stored"] and summary["refused"] is None
     assert set(summary["seconds"]) == set(STEPS)
-    after = found["after"]
-    assert after["drive_state"] in ("switch_on_disabled", "ready_to_switch_on")
-    assert (after["fault"], after["force_bank"], after["bank_state_1"]) == ("none", 1, "valid")
-    assert (after["certificate_state_1"], after["command_source"]) == ("fits", "canopen")
-    assert after["consumer_heartbeat_1"] == 0
-    kept = {name: value for name, value in found["before"].items() if name in after}
-    assert {name: after[name] for name in kept} == kept | {"force_bank": 1}
+    now = found["is"]
+    assert now["drive_state"] in ("switch_on_disabled", "ready_to_switch_on")
+    assert (now["fault"], now["force_bank"], now["bank_state_1"]) == ("none", 1, "valid")
+    assert (now["certificate_state_1"], now["command_source"]) == ("fits", "canopen")
+    assert now["consumer_heartbeat_1"] == 0
+
+
+def test_nine_kills_have_left_nothing_of_the_tool_but_the_law(found):
+    """Of all parameters, the recorder and the excitation."""
+    assert len(found["before"]) > 300
+    assert {name: found["is"][name] for name in SETTINGS} == SETTINGS
+    assert SETTINGS.keys().isdisjoint(found["law"])
+    changed = {n: (raw, found["after"][n]) for n, raw in found["before"].items()
+               if found["after"][n] != raw}  # fmt: skip
+    assert {"force_bank", "bank_crc_1"} <= changed.keys()
+    assert {n: pair for n, pair in changed.items() if n not in found["law"]} == {}
 
 
 def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found):

@@ -1,5 +1,6 @@
 """The verb that measures frequency responses, of models and of live axes."""
 
+import contextlib
 import json
 
 import click
@@ -37,7 +38,7 @@ def newtons(context, option, text):
 def measure_axis(way, out, as_json, live, options):
     """`measure` on a live axis."""
     from forceaxis import linear
-    from forceaxis.commission import analyzer, measuring
+    from forceaxis.commission import analyzer, as_found, measuring
     from forceaxis.identify import result
 
     known = ("band_hz", "resolution_hz", "averages", "seed")
@@ -49,11 +50,16 @@ def measure_axis(way, out, as_json, live, options):
     model = str(linear.find_model(live["model"])) if live["model"] else ""
     own = [text for text in way.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
+
+    def say(text):
+        click.echo(text, err=True)
+
     with live_options.owned(way) as axis:
-        done = measuring.measure(
-            axis, order, live["forces"], bool(options["free"]), model, values,
-            lambda text: click.echo(text, err=True),
-        )  # fmt: skip
+        kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
+        with kept:
+            done = measuring.measure(
+                axis, order, live["forces"], bool(options["free"]), model, values, say
+            )
     for name, one in done.items():
         if out:
             result.write(one, out / name)
@@ -129,7 +135,8 @@ def measure(target, way, plant_set, out, as_json, **options):
     amplitude is searched from one code on unless --level gives it. The axis itself ends the
     excitation where the reading falls to 0.6 of the force or comes near --force-max, where the
     contact is lost or the position is further than --travel; half the amplitude is tried then.
-    --out has a folder for each response. At the end the axis is as it was, disabled.
+    --out has a folder for each response. At the end the axis is as it was, disabled; after a kill
+    the same command with --out puts back what was changed.
     """
     from forceaxis import linear
     from forceaxis.identify import result as analyzer

@@ -24,6 +24,10 @@ from forceaxis.cli.measure import band, newtons
     "--over", multiple=True, required=True, metavar="NAME=PERCENT%",
     help="How far a parameter may be off what is identified; several with commas. Repeatable.",
 )  # fmt: skip
+@click.option(
+    "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
+    help="What is known better, or worse, than MODEL says: m_w=2.0+-5%. Repeatable.",
+)  # fmt: skip
 @click.option("--force-max", "force_max_N", type=Positive(), required=True, help="N: never more.")
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
 @click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:100.")
@@ -42,7 +46,8 @@ def tune(way, only, out, as_json, **options):
     --out: the same command goes on after a break; after a kill it first resets the fault that the
     kill has left and puts back what was changed. A step that refuses names why, with exit status 1;
     the axis is disabled then and has what it had before. What has never been set on the axis
-    (position_gain, force_scale) is taken from MODEL.
+    (position_gain, force_scale, approach_velocity_max, contact_force) is taken from MODEL and
+    written with the bank; all else stays as it is. It approaches slowly while it measures.
 
     \b
     --json: {"parameters": {name: {"value", "interval", "unit"}}, "bank": {...}, "worst": {...} as

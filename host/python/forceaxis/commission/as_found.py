@@ -1,11 +1,17 @@
-"""What a tuning finds on an axis, kept in a file of its folder until the axis has it again.
+"""What a run finds on an axis, kept in a file of its folder until the axis has it again.
 
-The file of a run that was killed, or that lost the axis, is still there: the next run writes its
-values to the axis first.
+    with kept(Folder(axis, "out/tuned", say)):
+
+The file is there before anything is changed. That of a run that was killed, or that lost the axis,
+is still there: the next run in that folder writes its values to the axis first.
 """
 
 import contextlib
+import json
+from pathlib import Path
 
+from forceaxis import paths
+from forceaxis._core import InputError
 from forceaxis.axis import params
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME, enum
@@ -26,6 +32,23 @@ SET_UP = (
 )  # fmt: skip
 
 
+class Folder:
+    """JSON files about an owned, disabled Axis. say(text): a line for what is done to it."""
+
+    def __init__(self, axis, folder, say=lambda text: None):
+        self.axis, self.folder, self.say = axis, Path(folder), say
+
+    def read(self, name):
+        """A file's value, or None."""
+        file = self.folder / name
+        return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
+
+    def write(self, name, value):
+        """Replaces a file, whole."""
+        with paths.replacing(self.folder, name) as (file,):
+            file.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
 def read(axis):
     """{object: raw value} of the parameters and SET_UP, without the consumer heartbeats, which the
     link manages. Raises Refused, NoAnswer."""
@@ -35,33 +58,35 @@ def read(axis):
 
 
 @contextlib.contextmanager
-def kept(tuning):
+def kept(folder):
     """Writes what the axis had at the beginning of the block to it at its end, whatever ends it,
-    unless the axis is silent or another client's; expect() changes those values."""
-    _recover(tuning)
-    tuning.write(FILE, read(tuning.axis))
+    unless the axis is silent or another client's; expect() changes those values. Raises InputError
+    where the folder's file is of another axis."""
+    _recover(folder)
+    folder.write(FILE, {"axis": _identity(folder.axis), "values": read(folder.axis)})
     try:
         yield
     finally:
         try:
-            put_back(tuning)
+            put_back(folder)
         except NoAnswer:
-            tuning.say(f"the axis does not answer: the next run puts back what it had ({FILE})")
+            folder.say(f"the axis does not answer: the next run puts back what it had ({FILE})")
         except Refused as error:
-            tuning.say(f"{error}: the next run puts back what it had ({FILE})")
+            folder.say(f"{error}: the next run puts back what it had ({FILE})")
         else:
-            (tuning.folder / FILE).unlink()
+            (folder.folder / FILE).unlink()
 
 
-def expect(tuning, values):
+def expect(folder, values):
     """Replaces raw values that the axis has at the end of the block."""
-    tuning.write(FILE, tuning.read(FILE) | values)
+    held = folder.read(FILE)
+    folder.write(FILE, held | {"values": held["values"] | values})
 
 
-def put_back(tuning):
+def put_back(folder):
     """Disables the axis and writes every object that differs from the file: their number. Raises
     Refused, NoAnswer."""
-    axis, held = tuning.axis, tuning.read(FILE)
+    axis, held = folder.axis, folder.read(FILE)["values"]
     source = axis.link.read(["command_source"])["command_source"]
     if source not in (axis.link.source, NOBODY):
         raise Refused(f"{axis.link.where} is owned by {enum('command_source', source)}")
@@ -76,15 +101,27 @@ def put_back(tuning):
     return len(changes)
 
 
-def _recover(tuning):
+def _identity(axis):
+    names = ("node_id", "serial_number")
+    return axis.link.read([name for name in names if axis.link.reaches(name)])
+
+
+def _recover(folder):
     """Takes an axis over from a run that was killed in this folder."""
-    if tuning.read(FILE) is None:
+    held, axis = folder.read(FILE), folder.axis
+    if held is None:
         return
-    fault = enum("fault", tuning.axis.link.read(["fault"])["fault"])
+    known = _identity(axis)
+    if any(held["axis"].get(name, value) != value for name, value in known.items()):
+        raise InputError(
+            f"{folder.folder / FILE}: expected what this axis had, {known}, it is of "
+            f"{held['axis']}, on which a run was killed; give another --out"
+        )
+    fault = enum("fault", axis.link.read(["fault"])["fault"])
     if fault in ORPHANED:
-        tuning.axis.reset_fault()
-        tuning.axis.link.wait(0.05)
-        tuning.say(f"the run before was killed: its fault {fault} is reset")
-    count = put_back(tuning)
+        axis.reset_fault()
+        axis.link.wait(0.05)
+        folder.say(f"the run before was killed: its fault {fault} is reset")
+    count = put_back(folder)
     if count:
-        tuning.say(f"the run before was killed: {count} objects are as they were before it")
+        folder.say(f"the run before was killed: {count} objects are as they were before it")

@@ -9,6 +9,7 @@ import numpy as np
 from forceaxis.axis import actions, params, params_file
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission.analyzer import noise_of
+from forceaxis.commission.refusal import LEFT, ORPHANED
 
 SAMPLES = 750  # half a second at rest
 POLLS, POLL_S = 25, 0.02  # of a link that carries no recording
@@ -40,7 +41,7 @@ CAUSES = {
     "following_error": "the axis lags behind: it is held up, or position_gain is too low",
     "force_max": "it met something on its way: make room, or tare it",
     "overspeed": "the axis moved faster than its target: check gains and signs",
-}
+} | dict.fromkeys(ORPHANED, f"its owner fell silent; {LEFT}")
 
 
 @dataclass(frozen=True)

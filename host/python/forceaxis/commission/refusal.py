@@ -4,6 +4,10 @@ from forceaxis.axis.link import NoAnswer
 
 # Faults of an axis whose owner is silent.
 ORPHANED = ("heartbeat_lost", "source_lost")
+LEFT = (
+    "a tool that was killed leaves what it had changed: the same `tune` or `measure` with its "
+    "--out puts that back, so does switching the axis off and on"
+)
 
 
 class Refusal(Exception):

@@ -10,12 +10,11 @@ import json
 import math
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
-from forceaxis import linear, paths
+from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, tune_steps
+from forceaxis.commission import as_found, fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
@@ -39,16 +38,17 @@ class Order:
     seed: int = 1
 
 
-class Tuning:
+class Tuning(as_found.Folder):
     """The steps on an Axis that is owned and disabled, in `folder`, which need not exist.
 
     say(text): a line for each step and for what it does. Raises InputError where the folder holds
-    another tuning.
+    another tuning, or the order names what the model has not.
     """
 
     def __init__(self, axis, order, folder, say=lambda text: None):
-        self.axis, self.order, self.folder, self.say = axis, order, Path(folder), say
-        self.model, self.refused = linear.find_model(order.model), None
+        super().__init__(axis, folder, say)
+        self.order, self.model, self.refused = order, linear.find_model(order.model), None
+        fit.priors(str(self.model), order.over, order.priors)  # before anything is written
         self._claim()
 
     def _claim(self):
@@ -67,15 +67,6 @@ class Tuning:
                 f"{', '.join(other)}; give another --out"
             )
         self.write(FILE, identity)
-
-    def read(self, name):
-        """A JSON file of the folder, or None."""
-        file = self.folder / name
-        return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
-
-    def write(self, name, value):
-        with paths.replacing(self.folder, name) as (file,):
-            file.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
     def result(self, step):
         """What a step that is done came to. Raises Refusal for one that is not."""

@@ -13,7 +13,7 @@ from forceaxis.axis import params
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.commission import analyzer, as_found, contact, margins, measuring
 from forceaxis.commission import fit as joint_fit
-from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
@@ -54,9 +54,10 @@ def check(tuning):
         "contact_force",
     )  # fmt: skip
     if known["fault"] != "none":
+        left = f"; {LEFT}" if known["fault"] in ORPHANED else ""
         raise Refusal(
             "fault", f"expected an axis without a fault, got {known['fault']}; "
-            "`forceaxis axis reset` resets it"
+            f"`forceaxis axis reset` resets it{left}"
         )  # fmt: skip
     facts = linear.facts(model)
     if facts["reading"] is None or facts["encoder"] is None or not facts["contacts"]:
@@ -87,8 +88,8 @@ def check(tuning):
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
     slow, own = _approach_velocity(model, facts), known["approach_velocity_max"]
-    if own > slow or own == _default("approach_velocity_max"):
-        settings["approach_velocity_max"] = slow
+    if own == _default("approach_velocity_max"):
+        settings["approach_velocity_max"] = own = slow
     rest = _analyzer(tuning).rest()
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
@@ -107,10 +108,14 @@ def check(tuning):
     result = {
         "rest": vars(rest), "settings": settings, "law": bank.keys(), "band_hz": [low, high],
         "before": margins.law_in_force(axis).keys(), "latency_ticks": known["latency_ticks"],
+        "approach_velocity_max": min(own, slow),
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
-    return result, f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+    text = f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+    if settings:
+        text += f"; never set, so as of the model: {', '.join(settings)}"
+    return result, text
 
 
 def _approach_velocity(model, facts):
@@ -179,10 +184,12 @@ def _settings(tuning):
 
 
 def _reach(tuning):
-    """Rated force and slope of the force, for the largest of the forces and what it swings by."""
+    """While it presses: rated force and slope of the force, for the largest of the forces and what
+    it swings by, and an approach of little momentum, however fast the axis' own is."""
     return {
         "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
         "force_slope": 2000,
+        "approach_velocity_max": tuning.result("check")["approach_velocity_max"],
     }  # fmt: skip
 
 
@@ -388,7 +395,8 @@ def put_back(tuning):
     """The objects as they were before write(), which is to be done again."""
     as_found.expect(tuning, tuning.read(BEFORE))
     as_found.put_back(tuning)
-    (tuning.folder / "write.json").unlink(missing_ok=True)
+    for name in ("write.json", BEFORE):  # another write() may find another law
+        (tuning.folder / name).unlink(missing_ok=True)
 
 
 def verify(tuning):
