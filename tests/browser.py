@@ -78,7 +78,8 @@ async def opened(url, profile, width=1280, height=800, dark=False):
     """A Page of `url` in a Chromium of its own, whose profile is the folder `profile`."""
     process = subprocess.Popen(
         [
-            "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+            "nice", "chromium",  # a live axis beside it keeps its time
+            "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
             "--enable-unsafe-swiftshader", f"--user-data-dir={profile}", "about:blank",
         ],
         stderr=subprocess.PIPE, text=True,

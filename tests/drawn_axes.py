@@ -125,6 +125,9 @@ class Remote:
     def write(self, number, raw):
         return self.call("write", number, raw)
 
+    def end_schedule(self):
+        return self.call("end_schedule")
+
     def samples(self, first, count, channels):
         return self.call("samples", first, count, channels)
 

@@ -279,3 +279,12 @@ def test_the_verb(experiment):
     assert set(found["steps"][0]) == {"step", "verdict", "text", "value", "limit"}
     ran = verbs.forceaxis(*way, "--yes", "--set", "k_torque=1e-9")
     assert ran.returncode == 1 and "failed  first motion     no motion" in ran.stdout
+
+
+def test_an_experiment_that_commands_its_axis_leaves_it_to_the_owner():
+    """Its controlwords of [[at]] would enable the axis in the middle of the check."""
+    ran = verbs.forceaxis("axis", "check", "--sim", "hold_biquad", "--yes")
+    assert ran.returncode == 0 and "failed" not in ran.stdout, ran.stdout + ran.stderr
+    axis = Axis(SimLink("sim/experiments/hold_biquad.toml"))
+    axis.link.wait(0.1)  # nobody owns it
+    assert axis.read("drive_state") == "operation_enabled"

@@ -27,7 +27,7 @@ def plant_set(model="laboratory", ranges=RANGES, modes=SLOPES, overrides=None):
 @pytest.fixture(scope="module")
 def laboratory():
     plants = plant_set()
-    return plants, Grid(plants, plants.nominal() + plants.corners(), BOTH, 3)
+    return plants, Grid(plants, plants.nominal() + plants.corners(), BOTH)
 
 
 def exact(plants, member, timing, numbers, gain):
@@ -201,7 +201,7 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     bank = structures.bank(NUMBERS, 7.0).quantised()
     goal = search.Goal(timings=("zoh+1",))
     assert over.worst(plants, goal.timings, law="bank", bank=bank).gain_margin < 2
-    lowered, figures = certificate.exact(plants, grid, bank, goal)
+    lowered, figures = certificate.exact(plants, [grid], bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures["gain_margin"] < 2.5 or 2.1 < figures["Ms_late"] <= 2.2
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from forceaxis import drawing, linear, paths
 from forceaxis.cli import main as cli
+from forceaxis.design import advice_plot
 from forceaxis.linear import beam, curves, limits, locus, loops, modes, plots
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -94,9 +95,10 @@ def test_a_figure_of_the_thesis_draws_and_is_readable(figure):
                 wanted += f" {one.unit}"
                 assert "beyond" in shown
             assert wanted in shown, (wanted, shown)
-    picture = drawing.small_png(drawn)
-    assert picture[:4] == b"\x89PNG" and len(picture) < 100_000
-    colours = Image.open(io.BytesIO(picture)).getcolors(1 << 20)
+    picture = io.BytesIO()
+    drawing.save(drawn, picture, "png")
+    assert picture.getvalue()[:4] == b"\x89PNG" and len(picture.getvalue()) < 150_000
+    colours = Image.open(picture).getcolors(1 << 20)
     assert len(colours) > 48  # blends of lines and grid are not merged into a palette
 
 
@@ -368,6 +370,6 @@ def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
         (model, "press", "grip pad"),
         ("fig4_19", "fig4_19", "grip pad [5.1]"),
     ):
-        figure = plots.advice(advice | {"model": str(file)})
-        assert figure._suptitle.get_text() == f"{name}, zoh"
+        figure = advice_plot.figure(advice | {"model": str(file)})
+        assert figure._suptitle.get_text() == f"{name}, sampled"
         assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

@@ -345,7 +345,6 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
         (["limit", "laboratory", "--modes", "visited"], "expected an experiment"),
         (["limit", "laboratory", "--modes", "all", "--mode", "drive.amplifier=inner"], "--mode"),
         (["limit", "laboratory", "--modes", "all", "--free"], "--free"),
-        (["step", "laboratory", "--over", "k_w=30%"], "expected --gain"),
         (["limit", "fig3_10", "--modes", "all"], "expected an ADC on channel 0"),
         (["limit", "fig4_19", "--modes", "all", "--output", "nothing"], "output: expected one of"),
         (["bode", "laboratory", "--of", "plant", "--over", "k_w=30%"], "--of"),

@@ -1,16 +1,18 @@
 """The Python package's plan: wings in one order, imports down it and in no circle, short files."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).resolve().parents[1] / "host/python/forceaxis"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "host/python/forceaxis"
 # From the ground up; what stands in one line may not import each other's wing.
 ORDER = (
-    ("_core", "paths"),
+    ("_core", "paths", "words"),
     ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
@@ -197,6 +199,35 @@ def test_what_follows_the_plan_is_not_found(tmp_path):
         (package / file).parent.mkdir(parents=True, exist_ok=True)
         (package / file).write_text(text)
     assert complaints(package) == []
+
+
+def absent(text):
+    """Names of the package that a program imports and that are not there."""
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != "forceaxis":
+            continue
+        for alias in node.names:
+            try:
+                if not hasattr(importlib.import_module(node.module), alias.name):
+                    importlib.import_module(f"{node.module}.{alias.name}")
+            except ImportError:
+                yield f"{node.module}.{alias.name}"
+
+
+def test_what_programs_import_is_there():
+    """Some of them run only in a guest or at an axis."""
+    programs = [
+        p for folder in ("tests", "tools", "examples") for p in ROOT.glob(f"{folder}/**/*.py")
+    ]
+    found = {str(p): list(absent(p.read_text(encoding="utf-8"))) for p in programs}
+    assert len(found) > 100 and not {p: names for p, names in found.items() if names}
+
+
+def test_an_import_of_what_has_moved_is_found():
+    moved = "def f():\n    from forceaxis.bus.gateway import Session\n"
+    assert list(absent(moved + "from forceaxis.gateway import Session, Sessions\n")) == [
+        "forceaxis.gateway.Sessions", "forceaxis.bus.gateway.Session",
+    ]  # fmt: skip
 
 
 def python(script):

@@ -29,21 +29,27 @@ def tuned(seed, folder, say=lambda text: None):
     with subprocess.Popen(
         [sys.executable, DRAWN, str(seed), folder], stdout=subprocess.PIPE, text=True
     ) as process:
-        served = json.loads(process.stdout.readline())
-        forces, force_max = served["asked"]
-        link = Hidden(served["address"])
-        model, out = str(folder / "known/model.toml"), folder / "tuned"
-        order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
-        with Axis(link) as axis:
-            work = tune.Tuning(axis, order, out, say)
-            try:
-                work.run()
-            except (Refusal, NoAnswer, Refused, InputError) as error:
-                refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
-            summary = work.summary()
-            powered = axis.get("drive_state")["drive_state"]
-        seconds = time.monotonic() - began
-        row = link.judge(out, forces)
+        try:
+            served = json.loads(process.stdout.readline())
+            forces, force_max = served["asked"]
+            link = Hidden(served["address"])
+            model, out = str(folder / "known/model.toml"), folder / "tuned"
+            order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
+            with Axis(link) as axis:
+                work = tune.Tuning(axis, order, out, say)
+                try:
+                    work.run()
+                except (Refusal, NoAnswer, Refused, InputError) as error:
+                    refused = {"kind": type(error).__name__, "text": str(error)} | (
+                        work.refused or {}
+                    )
+                summary = work.summary()
+                powered = axis.get("drive_state")["drive_state"]
+            seconds = time.monotonic() - began
+            row = link.judge(out, forces)
+        except BaseException:
+            process.kill()  # which waits to be asked for its judgement
+            raise
     worst, p = summary["worst"] or {}, summary["p"] or {}
     levels = summary["levels"] or {}
     return {

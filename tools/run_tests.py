@@ -10,6 +10,7 @@ usage: tools/test [--quick | --all]
 A skipped test is a failed test here, and so is a program that ends without its result.
 """
 
+import contextlib
 import os
 import re
 import subprocess
@@ -129,14 +130,29 @@ def fuzz(tally, seconds, prefix=()):
 def beside(tally):
     """What runs beside the tests of real buses, in the time that those leave: one process, where a
     compiler would be one on every core and make them late."""
-    begin = time.monotonic()
+    ctest(tally, "debug", "-L", "quick", prefix=IDLE)
+    fuzz(tally, FUZZ_S, IDLE)
+    pytest(tally, "beside", "beside and not long", prefix=IDLE)
+
+
+@contextlib.contextmanager
+def meanwhile(tally, work):
+    """Runs work() in a thread beside the block, to its end."""
+
+    def run():
+        begin = time.monotonic()
+        try:
+            work()
+        except Exception as error:  # a thread that ends so would only be missed
+            print(f"beside: {error!r}", flush=True)
+            tally.count("beside", begin, 0, 1)
+
+    thread = threading.Thread(target=run)
+    thread.start()
     try:
-        ctest(tally, "debug", "-L", "quick", prefix=IDLE)
-        fuzz(tally, FUZZ_S, IDLE)
-        pytest(tally, "beside", "beside and not long", prefix=IDLE)
-    except Exception as error:  # a thread that ends so would only be missed
-        print(f"beside: {error!r}", flush=True)
-        tally.count("beside", begin, 0, 1)
+        yield
+    finally:
+        thread.join()
 
 
 def main(arguments):
@@ -153,16 +169,14 @@ def main(arguments):
     build(tally, "debug-plain", "trace_hash")
     build(tally, "debug", "quick_programs")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
-    thread = threading.Thread(target=beside, args=[tally])
-    thread.start()
-    pytest(tally, "alone", "alone and not long")
-    thread.join()
+    with meanwhile(tally, lambda: beside(tally)):
+        pytest(tally, "alone", "alone and not long")
     if arguments == ["--all"]:
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-LE", "quick", "-j2")
         pytest(tally, "long", "long and not alone", *PARALLEL)
-        pytest(tally, "long-alone", "long and alone")
-        fuzz(tally, FUZZ_ALL_S)
+        with meanwhile(tally, lambda: fuzz(tally, FUZZ_ALL_S, IDLE)):
+            pytest(tally, "long-alone", "long and alone")
     return tally.end()
 
 

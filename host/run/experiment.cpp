@@ -369,6 +369,10 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
+  if (duration_s > kLongestRun_s)  // its trace is held in memory
+    root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
+                                sim::number_text(duration_s) +
+                                "; `axis_node` and `plant_node` with --endless run for longer");
   experiment.ticks = tick_at(duration_s);
   const double seed = root.number("seed");
   if (seed != std::floor(seed))

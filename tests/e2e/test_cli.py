@@ -556,13 +556,12 @@ sys.addaudithook(hook)
 """
 
 
-@pytest.mark.parametrize(("kind", "what"), MOMENTS, ids=lambda v: v)
-def test_an_interrupt_at_any_moment_is_status_130_and_leaves_nothing(kind, what, tmp_path):
+def interrupted(words, kind, what, tmp_path):
+    """`forceaxis WORDS`, which gets Ctrl-C at the moment; returns what it leaves in `out`."""
     (tmp_path / "hook").mkdir()
     (tmp_path / "hook/sitecustomize.py").write_text(HOOK)
-    words = [FORCEAXIS, "run", CONTACT, "--set", "experiment.duration_s=1.5"]
     done = subprocess.run(
-        [*words, "--out", tmp_path / "out"],
+        [FORCEAXIS, *words],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -572,5 +571,70 @@ def test_an_interrupt_at_any_moment_is_status_130_and_leaves_nothing(kind, what,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         env=os.environ | {"PYTHONPATH": str(tmp_path / "hook"), "MOMENT": f"{kind} {what}"},
     )
-    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "")
+    assert done.returncode == 130, done.stderr
+    assert re.fullmatch(r"forceaxis: interrupted(, .* is disabled and released)?",
+                        done.stderr.strip())  # fmt: skip
+    assert done.stdout == "" or "tune" in words
+    return {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*")}
+
+
+@pytest.mark.parametrize(("kind", "what"), MOMENTS, ids=lambda v: v)
+def test_an_interrupt_at_any_moment_is_status_130_and_leaves_nothing(kind, what, tmp_path):
+    words = ["run", CONTACT, "--set", "experiment.duration_s=1.5", "--out", tmp_path / "out"]
+    assert interrupted(words, kind, what, tmp_path) == set()
     assert not (tmp_path / "out").exists()
+
+
+TUNE = (
+    "tune --sim sim/experiments/contact.toml --set firmware.position_gain=4 --model laboratory "
+    "--force 30,75 --over k_w=30%,m_w=30% --force-max 150"
+)
+VERBS = [
+    ("sweep contact --grid firmware.force_gain=4:6:2", "import", "matplotlib.pyplot"),
+    ("report {axes}", "open", "index.html"),
+    ("identify fit fig4_19 {measured} --fit m_r", "open", "result.json"),
+    ("design fig4_19 --over k_w=30%", "import", "forceaxis.design.search"),
+    pytest.param(
+        "design fig4_19 --over k_w=30% --no-simulate", "open", "bank.toml", marks=pytest.mark.long
+    ),
+    ("measure fig4_19 --output sensor.force --bias 1 --averages 4", "open", "response.csv"),
+    ("compliance fig4_19 --points 2", "open", "c.png"),
+    ("advise fig4_19 --linear", "open", "a.png"),
+    ("new", "open", "model.toml"),
+    ("test sim/experiments/contact.toml", "import", "forceaxis.experiments.expect"),
+    ("tables", "import", "rich.progress"),
+    (TUNE, "open", "response.csv"),
+]
+
+
+@pytest.mark.parametrize(("line", "kind", "what"), VERBS, ids=lambda v: v.split(" -")[0])
+def test_an_interrupt_of_any_verb_is_one_line_and_leaves_nothing_half_written(
+    line, kind, what, tmp_path
+):
+    """A sweep keeps the journal of its finished runs, tune the steps that are done."""
+    verb = line.split()[0]
+    measured = tmp_path / "measured"
+    if "{measured}" in line:
+        simple = [
+            "measure",
+            "fig4_19",
+            "--output",
+            "sensor.force",
+            "--bias",
+            "1",
+            "--averages",
+            "4",
+        ]
+        assert forceaxis(*simple, "--out", measured).returncode == 0
+    axes, out = tmp_path / "axes", tmp_path / "out"
+    axes.mkdir()
+    text = (ROOT / CONTACT).read_text()
+    (axes / "contact.toml").write_text(text.replace("../models", str(ROOT / "sim/models")))
+    if verb in ("advise", "compliance", "test"):
+        out.mkdir()  # these write a file
+    words = line.format(measured=measured, axes=axes).split()
+    words += {"new": [out, "--yes"], "test": ["--junit", out / "results.xml"], "tables": [],
+              "advise": ["--out", out / "a.png"], "compliance": ["--out", out / "c.png"],
+              }.get(verb, ["--out", out])  # fmt: skip
+    kept = {"sweep": {"journal.jsonl"}, "tune": {"tune.json", "check.json", "index.html"}}
+    assert interrupted(words, kind, what, tmp_path) <= kept.get(verb, set())

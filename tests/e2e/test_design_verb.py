@@ -11,7 +11,7 @@ from pathlib import Path
 import forceaxis as package
 import pytest
 import tomlkit
-from forceaxis import _core
+from forceaxis import _core, drawing
 from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
@@ -37,7 +37,15 @@ def answer(plants, goal, progress=None, factor=1.0):
         {"name": "P", "bank": P, "worst": worst},
         {"name": "PI and one biquad", "bank": bank, "worst": worst},
     ]
-    return search.Found(bank, worst, worst | {"force_gain": 1.0}, rows, "Nothing.", rows[1]["name"])
+    return search.Found(
+        bank,
+        worst,
+        worst | {"force_gain": 1.0},
+        rows,
+        "Nothing.",
+        rows[1]["name"],
+        lambda name: None,
+    )
 
 
 @pytest.fixture
@@ -120,8 +128,9 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
         assert known[name][int(float(named[name]))] == state
 
     html = (out / "index.html").read_text()
-    assert html.count('src="data:image/png;base64,') == html.count("<img") == 3
-    assert not re.search(r'(src|href)="(?!data:image|bank\.toml)', html)
+    assert drawing.page_style() in html  # as the other pages
+    assert html.count('src="data:image/') == html.count("<img") == 6
+    assert not re.search(r'(src|href)="(?!data:|bank\.toml)', html)
     for text in ("PI and one biquad", "Nothing.", "contact 75 N at 20 mm/s", "-3 dB"):
         assert text in html
 
@@ -141,6 +150,29 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
     assert done.worst["Ms"] == done.bank.force_gain  # the reduced bank's
     assert f"took the gain down {done.backoffs} times" in outcome.describe(done)
+
+
+@pytest.mark.parametrize("left, taken", [(0.5, "PI"), (1.5, "PI and one biquad")])
+def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
+    found, monkeypatch, order, left, taken
+):
+    """left: Hz of the chosen structure, whose gain is reduced."""
+
+    def two(plants, goal, progress=None):
+        steep, calm = (answer(plants, goal, factor=factor) for factor in (3.5, 1.0))
+        rows = [*steep.structures, {**calm.structures[1], "name": "PI"}]
+        calm = replace(calm, chosen="PI", structures=rows)
+        return replace(steep, structures=rows, instead={"PI": calm}.get)
+
+    def worst(plants, timings, law, bank):
+        return over.Worst(True, fS_Hz=left, member={"fS_Hz": (Member(), timings[0])})
+
+    monkeypatch.setattr(search, "search", two)
+    monkeypatch.setattr(over, "worst", worst)
+    done = for_set.design(order(FINE, "k_w=30%", latency="0"))
+    assert (done.chosen, done.worst["fS_Hz"]) == (taken, max(left, 1.0))
+    assert (done.backoffs == 0) == (taken == "PI")
+    assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
 
 
 def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
@@ -209,7 +241,7 @@ def test_without_simulation_the_bank_is_written_all_the_same(found, tmp_path):
     assert told["contact_loss"] is None
     assert package.run(str(out / "contact.toml")).verdict == "stable"
     assert "contact_loss_cap" not in (out / "bank.toml").read_text()
-    assert (out / "index.html").read_text().count("<img") == 2
+    assert (out / "index.html").read_text().count("<img") == 4
 
 
 def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch, order, tmp_path):
@@ -222,7 +254,7 @@ def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch
     done = for_set.design(order(latency="1"), tmp_path / "law")
     assert {r["law"] for r in done.rows} == {"design"}
     assert "P " in outcome.describe(done)
-    assert (tmp_path / "law/index.html").read_text().count("<img") == 3
+    assert (tmp_path / "law/index.html").read_text().count("<img") == 4
 
 
 def test_a_folder_that_is_there_is_left_alone(found, tmp_path):

@@ -61,6 +61,34 @@ def test_step_is_python_controls():
         assert result["overshoot"] == pytest.approx(max(over, 0.0), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("law", "firmware"),
+    [
+        ("p", None),
+        ("pi --integral-rad-per-s 3", "runs this law as a bank with an integral"),
+        ("lead --lead-zero-hz 20 --lead-pole-hz 80", "runs this law as a bank with a section"),
+        ("pd --derivative-s 0.002", "runs this law by differences"),
+        ("derivative --derivative-s 0.002", "does not have this law"),
+    ],
+)
+def test_a_limit_says_how_the_firmware_runs_the_law(law, firmware):
+    """force_gain is a setting of the proportional law alone."""
+    shown = run("limit", "laboratory", "--law", *law.split(), "--gain", 0.001)
+    assert ("force_gain" in shown) == (firmware is None)
+    assert ("firmware  " in shown) == (firmware is not None)
+    assert firmware is None or f"firmware     {firmware}" in shown
+
+
+@pytest.mark.parametrize("over", [[], ["--over", "k_w=30%", "--modes", "nominal"]])
+def test_a_step_without_a_gain_has_half_the_critical_one(over, tmp_path):
+    figure = tmp_path / "step.png"
+    step = json.loads(run("step", "fig4_19", *over, "--out", figure, "--json"))
+    limit = json.loads(run("limit", "fig4_19", *over, "--json"))
+    critical = limit["critical_gain"]
+    assert step["gain"] == pytest.approx(critical / 2, rel=1e-9)
+    assert step["stable"] and figure.stat().st_size > 10_000
+
+
 def test_an_unstable_step_says_so():
     result = json.loads(run("step", "fig4_19", "--firmware-gain", 20, "--duration-s", 3, "--json"))
     assert not result["stable"] and result["final"] is None
@@ -90,7 +118,6 @@ def test_beam_has_the_classical_constants():
         ("linearise fig4_19 --output sensor.farce", "output: expected one of"),
         ("linearise fig4_19 --input wall.force", "input: expected one of"),
         ("linearise fig4_19 --set m_x=1", "m_x"),
-        ("step fig4_19", "--gain: expected --gain, --firmware-gain or an experiment"),
         ("step fig4_19 --gain 0.01 --duration-s 0", "--duration-s: expected two ticks"),
         ("step fig4_19 --gain 1e6 --duration-s 60", "--duration-s: expected a response that stays"),
         ("step nl_friction --gain 0.01", "expected a path from drive.command"),

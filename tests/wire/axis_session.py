@@ -19,6 +19,7 @@ from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.bus.keeper import HeartbeatKeeper
+from forceaxis.commission import incident, story
 from forceaxis.objects import OBJECTS
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import PORT, Can, gateway, operational, until
@@ -53,7 +54,7 @@ def use(way):
             found["refused"] = str(error)
         found["reached"] = axis.move(-2000)["position"]
         axis.off()
-        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 0.3)
+        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 1.5)
         try:
             held = axis.capture(["tick_count", "force", "position"], samples=300, pretrigger=20)
             ticks = held.values("tick_count").tolist()
@@ -149,6 +150,33 @@ def share(axis):
         return [str(error), axis.read("velocity_window"), axis.read("drive_state")]
 
 
+def provoked():
+    """An axis that fails, without a gateway, whose polling breaks longer transfers over CAN."""
+    with Axis(WAYS["can"]()) as axis:
+        if incident.has_one(axis):
+            incident.clear(axis)
+        axis.set(**GAINS, trajectory_velocity=100_000, speed_max=5)
+        axis.enable("profile position")
+        axis.set(target_position=axis.read("position") - 4000, controlword=0x1F)
+        axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 5.0)
+    return fetched("can")
+
+
+def fetched(way):
+    with Axis(WAYS[way]()) as axis:
+        held = incident.fetch(axis)
+        return [held.fault, held.tick, held.recording.raw.tolist(), story.tell(held)]
+
+
+def cleared():
+    found = fetched("gateway")
+    with Axis(WAYS["gateway"]()) as axis:
+        incident.clear(axis)
+        axis.reset_fault()
+        axis.set(speed_max=0)
+    return found
+
+
 def beside():
     """What a client over CAN reads while a gateway polls the same node."""
     axis = Axis(WAYS["can"]())
@@ -211,10 +239,12 @@ def main():
         step("killed can", killed, "can")
         step("bridged", bridged)
         step("load can", loaded, "can", folder)
+        step("incident can", provoked)
         supervisor = gateway("--axes", "1", "--watch-ms", "3000")
         stack.callback(supervisor.kill)
         with GatewayLink(1).client as client:
             until(lambda: operational(client), 10)
+        step("incident gateway", cleared)
         step("can beside gateway", beside)
         step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
         step("use gateway", use, "gateway")

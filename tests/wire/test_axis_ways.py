@@ -29,7 +29,7 @@ def test_the_axis_does_the_same_by_each_way(found, way):
     used = found[f"use {way}"]
     assert used["gains"] == {"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0}
     assert abs(used["reached"] + 2000) <= 10  # position_window
-    # k_f = 5 and f_d = 30 settle at 26 or 27 counts of 2.5 N; the hand strikes once.
+    # k_f = 5 and f_d = 30 settle at 26 or 27 counts of 2.5 N, within half a second of the strike.
     assert 24 <= used["pressed"]["force_count"] <= 29
     assert used["pressed"]["force_N"] == pytest.approx(2.5 * used["pressed"]["force_count"])
     assert used["owner"] == {"can": "canopen", "gateway": "lcm", "modbus": "modbus"}[way]
@@ -75,6 +75,12 @@ def test_recordings_have_every_tick(found):
         samples, ticks, _, decimation = found[f"use {way}"]["capture"]
         assert (samples, ticks, decimation) == (300, 299, 1)
     assert "cannot be read over Modbus; use --axis or --can" in found["use modbus"]["capture"]
+
+
+def test_an_incident_is_the_same_by_each_way(found):
+    fault, _, samples, told = found["incident can"]
+    assert fault == "overspeed" and len(samples) > 1000 and "overspeed at tick" in told[0]
+    assert found["incident gateway"] == found["incident can"]
 
 
 def test_the_watched_heartbeat_is_given_back(found):

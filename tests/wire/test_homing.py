@@ -72,9 +72,10 @@ def test_moves_are_in_micrometres_from_home(step):
         found = step(name)
         moved = (found["count"] - home) * UM_A_COUNT
         print(f"\n{name}: {target} um asked, {moved:.1f} um gone, {found['user']} um shown")
-        # The axis swings by a count about its target, also between the two readings.
-        assert found["user"] == pytest.approx(target, abs=14)
-        assert moved == pytest.approx(found["user"], abs=7)
+        # The axis swings by a count about its target, also between the two readings; by two where
+        # the bus of a busy machine is late.
+        assert found["user"] == pytest.approx(target, abs=3.2 * UM_A_COUNT)
+        assert moved == pytest.approx(found["user"], abs=2.2 * UM_A_COUNT)
 
 
 def test_contact_is_found_at_the_workpiece(step):
@@ -86,4 +87,4 @@ def test_contact_is_found_at_the_workpiece(step):
     show("contact", home, round(true, 1))
     assert -1 <= home - true <= 5
     off = step("move off")
-    assert off["user"] == pytest.approx(-2000, abs=14)
+    assert off["user"] == pytest.approx(-2000, abs=3.2 * UM_A_COUNT)

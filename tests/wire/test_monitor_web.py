@@ -197,7 +197,9 @@ def test_chromium_shows_the_force_of_a_live_axis(url, tmp_path):
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
     )  # fmt: skip
     try:
-        repeat([axis.stdout.readline()])
+        first = axis.stdout.readline()
+        assert first, "the session in the guest ended before contact"
+        repeat([first])
         threading.Thread(target=repeat, args=[axis.stdout], daemon=True).start()
         with (
             Bus(url, heard, "AXIS_[0-9]+_COMMAND"),
@@ -212,6 +214,7 @@ def test_chromium_shows_the_force_of_a_live_axis(url, tmp_path):
         assert process.returncode == 130
         # Commands are those of the session that holds the force; r made no log.
         assert len(senders) == 1 and not list(tmp_path.glob("*.log"))
-    finally:
+    finally:  # without an assertion, which would hide that of the body
         axis.stdin.close()
-        assert axis.wait(60) == 0
+        status = axis.wait(60)
+    assert status == 0

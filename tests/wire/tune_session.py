@@ -23,7 +23,7 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 SHEET = {"sensor_bits": 12, "sensor_noise_n": 0.3, "workpiece_stiffness_n_per_m": 4e5,
          "workpiece_mass_kg": 4}  # fmt: skip
 TRUTH = ("k_w=5e5", "m_w=5")  # of the hidden axis
-# Of the user; its approach is faster than `tune` likes it while it measures.
+# Of the user; its approach is faster than `tune` lets it be.
 SETTINGS = {"position_gain": 4.0, "velocity_gain": 20.0, "approach_velocity_max": 2000}
 # Within which a step is killed, s: less than it takes.
 WITHIN = {"check": 0.8, "free": 8.0, "measure": 12.0, "fit": 1.0, "design": 4.0, "simulate": 0.3,

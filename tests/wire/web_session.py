@@ -6,8 +6,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from forceaxis.bus.gateway import Session
 from forceaxis.bus.lcm import Bus
+from forceaxis.gateway import Session
 from forceaxis.thesis import session as thesis_session
 
 

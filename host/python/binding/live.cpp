@@ -77,6 +77,10 @@ class LiveAxis {
     }
   }
 
+  void end_schedule() {
+    for (auto &action : experiment_.actions) action.writes.clear();
+  }
+
   std::int32_t read(std::uint16_t object) const {
     std::int32_t raw = 0;
     const int error = fw_object_read(firmware_->axis(), object, &raw);
@@ -164,6 +168,9 @@ void add_live(py::module_ &m) {
            py::arg("store") = std::filesystem::path{},
            "store: file of the parameter store, \"\" for none. Raises InputError.")
       .def("step", &LiveAxis::step, py::arg("ticks"), "Ticks of 1/1500 s. Raises SimulationError.")
+      .def("end_schedule", &LiveAxis::end_schedule,
+           "From now on [[at]] does not write to the firmware; its blows and sensor failures "
+           "remain.")
       .def("read", &LiveAxis::read, py::arg("object"),
            "Raw value of an object's number, a u32 as int32; KeyError(FW_ERROR_).")
       .def("write", &LiveAxis::write, py::arg("object"), py::arg("raw"), "FW_OK or FW_ERROR_.")

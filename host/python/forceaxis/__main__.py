@@ -1,6 +1,6 @@
 """The programs of this package: `forceaxis`, and the nodes that a build makes.
 
-Ctrl-C ends `forceaxis` at any moment, while modules load too, with status 130 and no traceback."""
+Ctrl-C ends `forceaxis` at any moment, while modules load too, with status 130 and one line."""
 
 import os
 import signal
@@ -36,6 +36,7 @@ def main():
     except BaseException:  # a module whose loading is interrupted may raise anything
         if not interrupted:
             raise
+        sys.stderr.write("forceaxis: interrupted\n")
         sys.exit(130)
     finally:
         if signal.getsignal(signal.SIGINT) is interrupt:

@@ -1,6 +1,10 @@
-"""The one style of all figures: colours, axes, legends, titles, and writing them to files."""
+"""The one style of all figures and pages: colours, axes, legends, titles, numbers, and writing
+them to files."""
 
+import base64
 import io
+import re
+from importlib import resources
 from pathlib import Path
 
 import matplotlib
@@ -8,9 +12,11 @@ import matplotlib
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+import matplotlib.ticker
 import numpy as np
 
 from forceaxis._core import InputError
+from forceaxis.words import plain
 
 INK = "#1b3a5b"
 WANTED, GOT = "#3f7f5f", "#c0562b"
@@ -25,6 +31,10 @@ VERDICT = {"stable": "#2f8f78", "unstable": GOT, "": "#777777"}
 AREA = {"stable": "#b9d8cf", "unstable": "#f0c3a8", "no contact": "#f6e6c9", "failed": "#c9c9c9"}
 
 SUFFIXES = (".png", ".svg", ".pdf")
+DPI = 150
+LARGEST = 400_000  # bytes of an SVG in a page; a figure of more points becomes a PNG
+# What ends an attribute, starts a fragment or is an escape in a data URI.
+ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def style(ax):
@@ -42,6 +52,16 @@ def style(ax):
 def legend(where, **more):
     """A legend of axes or of a figure: small, without a frame."""
     return where.legend(**({"fontsize": 7, "frameon": False} | more))
+
+
+def plain_ticks(axis):
+    """Numbers without powers of ten along a logarithmic axis, at 1, 2 and 5 of each decade where
+    it has less than two."""
+    low, high = sorted(axis.get_view_interval())
+    short = high < 100 * low
+    axis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5) if short else (1,)))
+    axis.set_major_formatter(lambda value, _: plain(value))
+    axis.set_minor_formatter(matplotlib.ticker.NullFormatter())
 
 
 def decibels(ax, unit=""):
@@ -70,7 +90,7 @@ def check_name(path):
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
-def save(figure, path, kind=None, dpi=130):
+def save(figure, path, kind=None, dpi=DPI):
     """Write a figure as `kind`, by default what the name of `path` ends in; equal figures, equal
     bytes."""
     if kind is None:
@@ -81,11 +101,26 @@ def save(figure, path, kind=None, dpi=130):
         figure.savefig(path, format=kind, dpi=dpi, metadata=metadata)
 
 
-def small_png(figure, dpi=85):
-    """The figure as the bytes of a PNG."""
-    file = io.BytesIO()
-    save(figure, file, "png", dpi)
-    return file.getvalue()
+def uri(figure):
+    """The figure as a data URI for a page, closed: without a background, so that the page's own
+    shows in light and in dark."""
+    text, image = io.StringIO(), io.BytesIO()
+    with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
+        figure.savefig(text, format="svg", metadata={"Date": None}, transparent=True)
+    plt.close(figure)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    # A hundredth of a point, of what is drawn; what is written keeps its digits.
+    svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
+    if len(svg) <= LARGEST:
+        return "data:image/svg+xml," + svg.translate(ESCAPES)
+    figure.savefig(image, format="png", dpi=DPI, transparent=True)
+    return "data:image/png;base64," + base64.b64encode(image.getvalue()).decode()
+
+
+def page_style():
+    """The style sheet that all pages have in common."""
+    return resources.files("forceaxis").joinpath("page.css").read_text(encoding="utf-8")
 
 
 def finish(figure, ax, title):

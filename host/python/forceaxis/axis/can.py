@@ -19,6 +19,7 @@ OWN_NODE = 126  # 127 is a gateway's
 LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXTS = range(0x1008, 0x100B)
+UPLOADED, DOWNLOADED, ABORTED = 2, 3, 4  # a server's command specifiers (CiA 301, 7.2.4.3)
 TRANSFER_ABORTS = (0x0503, 0x0504)  # toggle bit, time-out, command specifier, block
 NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
 HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
@@ -109,13 +110,16 @@ class CanLink(RecorderLink):
 
     def _answered(self, can_id, data, timestamp):
         """Drops an answer to another client of the same channel, such as a gateway that polls."""
-        about = struct.unpack_from("<HB", data, 1) if len(data) == 8 else None
-        if self._expected is None or about == self._expected:
-            self._sdo.on_response(can_id, data, timestamp)
+        if self._expected is not None:
+            command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
+            kind, *expected = self._expected
+            if about != expected or command >> 5 not in (kind, ABORTED):
+                return
+        self._sdo.on_response(can_id, data, timestamp)
 
     @contextlib.contextmanager
     def _asking(self, what, about=None):
-        """An access to the object at `about`, (index, sub-index), or a longer transfer."""
+        """An access `about`, (UPLOADED or DOWNLOADED, index, sub-index), or a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -157,7 +161,7 @@ class CanLink(RecorderLink):
         """Bytes of an object; asked again where a frame may have been lost."""
         for remaining in range(READS, 0, -1):
             try:
-                with self._asking(name, None if index in TEXTS else (index, sub)):
+                with self._asking(name, None if index in TEXTS else (UPLOADED, index, sub)):
                     return self._sdo.upload(index, sub)
             except NoAnswer:
                 if remaining == 1:
@@ -174,7 +178,7 @@ class CanLink(RecorderLink):
 
     def _download(self, name, raw):
         known = BY_NAME[name]
-        with self._asking(name, (known.index, known.sub)):
+        with self._asking(name, (DOWNLOADED, known.index, known.sub)):
             self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
 
     def acquire(self):

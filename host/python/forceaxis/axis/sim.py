@@ -8,7 +8,8 @@ FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
 
 
 class SimLink(RecorderLink):
-    """The axis of an experiment; it is disabled until it is enabled through the link.
+    """The axis of an experiment, which commands it by [[at]] until a client owns it; before that,
+    and without such commands, it is disabled.
 
     store: file of the parameter store, made where there is none. Raises InputError.
     """
@@ -45,6 +46,7 @@ class SimLink(RecorderLink):
             self.axis.step(1)  # a write acts in the tick after it, as over a bus
 
     def acquire(self):
+        self.axis.end_schedule()  # whoever owns an axis alone commands it
         self.write({"command_source": self.source})
         self._owned = True
 

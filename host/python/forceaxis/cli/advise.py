@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli.common import Positive, Slow, Subject, as_json, threads
-from forceaxis.cli.models import TIMINGS, check_drawing, draw, drawn, present
+from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
 def over_options(verb):
@@ -78,7 +78,11 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
     result = design.advise(
         model, models.overrides(overrides), timing, factor, runs, threads, over, modes
     )
-    draw(out, lambda plots: plots.advice(result))
+    if out:
+        from forceaxis import drawing
+        from forceaxis.design import advice_plot
+
+        drawing.save(advice_plot.figure(result), out)
     width = shutil.get_terminal_size().columns
     present(result, as_json, lambda found: design.describe(found, width), out)
 

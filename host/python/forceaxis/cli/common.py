@@ -13,8 +13,10 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from forceaxis import paths
+from forceaxis import paths, progress
 from forceaxis._core import InputError
+
+SENTENCE = 300  # characters; click ends a longer one in dots
 
 
 class Verb(click.Command):
@@ -42,11 +44,21 @@ def done_waiting():
         stop()
 
 
+def listed(context, formatter, verbs):
+    """A list of verbs, each with its first sentence, which wraps."""
+    found = [(name, context.command.get_command(context, name)) for name in verbs]
+    formatter.write_dl([(name, verb.get_short_help_str(SENTENCE)) for name, verb in found])
+
+
 class Verbs(click.Group):
     """A verb that has verbs of its own."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
+
+    def format_commands(self, ctx, formatter):
+        with formatter.section("Commands"):
+            listed(ctx, formatter, self.list_commands(ctx))
 
 
 class Folder(click.Path):
@@ -255,7 +267,8 @@ def show(rows):
 
 @contextlib.contextmanager
 def waiting(what):
-    """On a terminal, say after two seconds what is under way and for how long it has been."""
+    """On a terminal, say after two seconds what is under way, for how long, and how much of it is
+    done."""
     if not sys.stderr.isatty():
         yield
         return
@@ -265,7 +278,9 @@ def waiting(what):
         pause = 2.0
         while not over.wait(pause):
             pause = 0.5
-            sys.stderr.write(f"\r\x1b[2K{what}, {time.monotonic() - began:.0f} s")
+            text = f"{what}, {time.monotonic() - began:.0f} s"
+            text += f", {progress.shown}" if progress.shown else ""
+            sys.stderr.write(f"\r\x1b[2K{text[: shutil.get_terminal_size().columns - 1]}")
             sys.stderr.flush()
 
     thread = threading.Thread(target=report, daemon=True)

@@ -5,11 +5,13 @@ import functools
 import signal
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import click
 
+from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import fail
+from forceaxis.cli.common import Subject, fail
 
 OWN_NODE = 126  # as axis.can's, which is not loaded here
 WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
@@ -25,7 +27,7 @@ class Way:
     node: int = 1
     own_node: int = OWN_NODE
     modbus: str | None = None
-    sim: str | None = None
+    sim: Path | None = None
     overrides: tuple[str, ...] = ()
     store: str = ""
 
@@ -83,7 +85,12 @@ OPTIONS = (
         help="Node id of this program's heartbeat with --can, which the axis watches.",
     ),
     click.option("--modbus", metavar="URL", help="tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD]."),
-    click.option("--sim", metavar="EXPERIMENT", help="A simulated axis, in its own time."),
+    click.option(
+        "--sim",
+        type=Subject(paths.EXPERIMENTS, as_path=True),
+        metavar="EXPERIMENT",
+        help="A simulated axis, in its own time.",
+    ),
     click.option(
         "--set",
         "overrides",

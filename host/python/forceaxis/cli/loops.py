@@ -90,7 +90,7 @@ def rlocus(model, out, as_json, **given):
 
     check_drawing(out)
     loci, summary = locus.loci_of(model, **given)
-    draw(out, lambda plots: plots.rlocus(loci, plots.loop_title(summary)))
+    draw(out, lambda plots: plots.rlocus_figure(loci, summary))
     present(summary, as_json, locus.describe, out)
 
 
@@ -142,12 +142,13 @@ def nyquist(model, out, as_json, ranges, visit, **given):
 def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **given):
     """Step response of the closed loop around MODEL|EXPERIMENT, linear and in contact.
 
-    The set-point steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
+    The gain is that of the options, of the experiment, or half the critical one. The set-point
+    steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
     90 %), settle_s (2 %), overshoot, final and stable; null where the loop is unstable, the
     final value 0, or the response needs longer than --duration-s. Over a set: `members`, the
     nominal one first, each with these, and the worst.
     """
-    from forceaxis.linear import limits, sets
+    from forceaxis.linear import curves, limits, sets
 
     check_drawing(out)
     if sets.wanted(ranges, visit, given["timing"]):
@@ -159,7 +160,7 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **
         present(result, as_json, sets.describe_step, out)
         return
     loop = limits.from_options(model, **given)
-    gain = limits.one_gain(loop, gain, firmware_gain)
+    gain = curves.shown_gain(loop, gain, firmware_gain)
     result = limits.step_summary(loop, gain, duration_s)
     draw(out, lambda plots: plots.step_response(result))
     present(result, as_json, limits.describe_step, out)

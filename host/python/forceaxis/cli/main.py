@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 import forceaxis.cli
-from forceaxis.cli.common import Verb, fail
+from forceaxis.cli.common import Verb, fail, listed
 
 JOBS = """\
 Judge my axis
@@ -116,12 +116,9 @@ class Program(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx, formatter):
-        room = formatter.width - max(map(len, MODULES)) - 6
         for group, verbs in GROUPS.items():
             with formatter.section(group):
-                formatter.write_dl(
-                    [(v, self.get_command(ctx, v).get_short_help_str(room)) for v in verbs]
-                )
+                listed(ctx, formatter, verbs)
 
     def format_epilog(self, ctx, formatter):
         Verb.format_epilog(self, ctx, formatter)
@@ -168,7 +165,7 @@ def main():
             text.encode()  # what is not UTF-8 is refused before anything sees it
         cli(standalone_mode=False)
     except click.exceptions.Abort:
-        sys.exit(130)
+        fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:
         verbs = ", ".join(error.ctx.command.list_commands(error.ctx))
         fail(f"{error.ctx.command_path}: expected a verb: {verbs}")

@@ -8,7 +8,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Positive, Verb, as_json
+from forceaxis.cli.common import Folder, Positive, Verb, as_json, waiting
 
 
 def band(context, option, text):
@@ -151,9 +151,10 @@ def measure(target, way, plant_set, out, as_json, **options):
 
     if way.overrides:
         options["set"] = linear.overrides(way.overrides)
-    done = analyzer.run(target, options, linear.overrides(plant_set))
-    if out:
-        analyzer.write(done, out)
+    with waiting("measure"):
+        done = analyzer.run(target, options, linear.overrides(plant_set))
+        if out:
+            analyzer.write(done, out)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:

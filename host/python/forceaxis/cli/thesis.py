@@ -103,7 +103,7 @@ def session(out, as_json):
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     def report(step):
-        if not as_json:
+        if sys.stderr.isatty() and not as_json:
             click.echo(f"session      {step}", err=True)
 
     found = thesis_session.whole(out, report)

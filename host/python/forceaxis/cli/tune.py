@@ -26,7 +26,8 @@ from forceaxis.cli.measure import band, newtons
 )  # fmt: skip
 @click.option(
     "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
-    help="What is known better, or worse, than MODEL says: m_w=2.0+-5%. Repeatable.",
+    help="What is known better, or worse, than by the part it plays: m_w=2.35 as exact as a mass "
+    "that was weighed. SI. Repeatable.",
 )  # fmt: skip
 @click.option("--force-max", "force_max_N", type=Positive(), required=True, help="N: never more.")
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
@@ -47,7 +48,7 @@ def tune(way, only, out, as_json, **options):
     kill has left and puts back what was changed. A step that refuses names why, with exit status 1;
     the axis is disabled then and has what it had before. What has never been set on the axis
     (position_gain, force_scale, approach_velocity_max, contact_force) is taken from MODEL and
-    written with the bank; all else stays as it is. It approaches slowly while it measures.
+    written with the bank, so is a slower approach than one that would strike; all else stays.
 
     \b
     --json: {"parameters": {name: {"value", "interval", "unit"}}, "bank": {...}, "worst": {...} as

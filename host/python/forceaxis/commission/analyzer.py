@@ -242,7 +242,7 @@ class Analyzer:
                 self.order.averages, self.samples, self._hold(), self.order.seed
             )
             self._measure(level, self._apart, still, min(FREE_SWING, travel / 2), "encoder", seeds)
-            self._home()
+            self.go_home()
         finally:
             self.close()
         return level
@@ -464,7 +464,7 @@ class Analyzer:
     def _apart(self, amplitude, seed, settle=1.0):
         """A realisation apart: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
-        self._home()
+        self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self._wait(FREE_SETTLE * settle * self.order.settle_s, self._free)
@@ -491,7 +491,7 @@ class Analyzer:
         if state["limit_reason"] in ("position_min", "position_max"):
             raise Ended("ended_travel")
 
-    def _home(self):
+    def go_home(self):
         """Stands again where the measurement began."""
         self.axis.enable("profile position")
         if abs(self.axis.read("position") - self.home) > STANDING:

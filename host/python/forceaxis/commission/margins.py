@@ -1,11 +1,15 @@
-"""What an axis' force law of before, and the one that it gets, bear on the fitted plant."""
+"""What an axis' force laws bear: that of before and the one that it gets, on the fitted plant and
+as measured."""
 
 from dataclasses import asdict
+
+import numpy as np
 
 from forceaxis.linear import loops, over
 from forceaxis.linear.bank import Bank, of_settings
 
 COEFFICIENTS = 15  # of a bank
+PART, SURE = 0.04, 0.1  # of the frequency, over which |S| is averaged; its relative error
 
 
 def law_in_force(axis):
@@ -28,10 +32,38 @@ def on_fitted(tuning, banks, late):
     for name, bank in banks.items():
         found[name] = None
         if bank.force_gain:
-            loop = loops.force_loop(
-                str(tuning.model), "bank", ("zoh", "zoh+1")[late],
-                tuning.result("fit")["values"], bank=bank,
-            )  # fmt: skip
-            gain = over.gain_at(loop, None, None, {"bank": bank})
-            found[name] = asdict(over.figures(loop, gain)) | {"law": bank.keys()}
+            found[name] = asdict(over.figures(*_loop(tuning, bank, late))) | {"law": bank.keys()}
     return found
+
+
+def _loop(tuning, bank, late):
+    """(loop of a Bank on the fitted plant, its gain)."""
+    loop = loops.force_loop(
+        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"], bank=bank
+    )
+    return loop, over.gain_at(loop, None, None, {"bank": bank})
+
+
+def peaks(tuning, bank, late, level):
+    """Ms as measured, and as the fitted model has it at the same lines; None where no line is
+    sure."""
+    measured = level.measured
+    loop, gain = _loop(tuning, bank, late)
+    hz = measured.frequency_hz
+    # Over a few percent of the frequency: the peak of many noisy lines is too high.
+    near = (abs(np.log(hz[:, None] / hz)) < PART).astype(float)
+    near /= near.sum(1, keepdims=True)
+    error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
+    found = abs(near @ level.sensitivity)
+    expected = abs(near @ loop.sensitivity(gain).response(hz).ravel())
+    sure = error < SURE * found
+    if not sure.any():
+        return None
+    peak = np.flatnonzero(sure)[found[sure].argmax()]
+    return {
+        "Ms": float(found[peak]),
+        "Ms_error": float(error[peak]),
+        "Ms_hz": float(hz[peak]),
+        "Ms_predicted": float(expected[sure].max()),
+        "lines": int(sure.sum()),
+    }

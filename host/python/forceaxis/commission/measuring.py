@@ -12,7 +12,7 @@ FREE = "free"
 
 def measure(axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None):
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
-    contact. The axis is owned, disabled and at rest; so it is afterwards.
+    contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
     model: a path; the response is compared with its linear model then. Raises Refusal, NoAnswer,
     Refused.
@@ -26,6 +26,8 @@ def measure(axis, order, forces=(), free=False, model="", overrides=None, say=la
         for force in forces:
             say(f"pressed with {force:g} N, commands to the reading")
             done[f"{force:g}N"] = result_of(axis, order, analyzer.contact(force), rest)
+        if forces:
+            analyzer.go_home()
     return done
 
 

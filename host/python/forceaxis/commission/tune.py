@@ -95,8 +95,9 @@ class Tuning(as_found.Folder):
         return self.summary()
 
     def _do(self, step, again):
+        place = f"{STEPS.index(step) + 1}/{len(STEPS)}"
         if not again and self.read(f"{step}.json") is not None:
-            self.say(f"{step}: done before")
+            self.say(f"{place} {step}: done before")
             return
         for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
             (self.folder / f"{later}.json").unlink(missing_ok=True)
@@ -111,7 +112,7 @@ class Tuning(as_found.Folder):
         ticks = (self.axis.read("tick_count") - tick) % 2**32
         times = {"seconds": round(took, 3), "axis_seconds": round(ticks / TICKS_PER_S, 3)}
         self.write(f"{step}.json", times | {"result": result})
-        self.say(f"{step}: {line} ({took:.1f} s)")
+        self.say(f"{place} {step}: {line} ({took:.1f} s)")
 
     def summary(self):
         """What is known so far, as `--json` prints it."""

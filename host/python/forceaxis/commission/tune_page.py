@@ -1,6 +1,5 @@
 """The page of a tuning: responses, margins, contact as predicted and as measured."""
 
-import base64
 import html
 
 import matplotlib.pyplot as plt
@@ -8,28 +7,32 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis.commission import as_found, contact
-from forceaxis.drawing import GOT, INK, WANTED, finish, legend, small_png, style
+from forceaxis.drawing import (
+    GOT,
+    INK,
+    WANTED,
+    finish,
+    legend,
+    page_style,
+    plain_ticks,
+    style,
+    uri,
+)
 from forceaxis.identify import fit
+from forceaxis.words import plain
 
 ALT = "Response with its 95 % band beside the fitted model's, and its coherence"
 FILE = "index.html"
 HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Tuned axis</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">
 <style>
-:root { color-scheme: light dark; }
-body { font: 15px/1.5 sans-serif; max-width: 62em; margin: 1.5em auto; padding: 0 1em; }
-h1 { font-size: 1.5em; overflow-wrap: anywhere; } h2 { font-size: 1.15em; margin-top: 1.6em; }
-table { border-collapse: collapse; display: block; overflow-x: auto; }
-td, th { padding: .2em .8em; text-align: right; }
-td { white-space: nowrap; }
-td:first-child, th:first-child { text-align: left; padding-left: 0; white-space: normal; }
-tr + tr { border-top: 1px solid #8884; }
-.refused { border-left: 4px solid #c0562b; padding-left: .8em; }
-.figures { display: flex; flex-wrap: wrap; gap: .8em; }
-.figures img { flex: 1 1 18em; min-width: 0; max-width: min(100%, 30em); background: white;
-  border-radius: 4px; }
+{style}h1 {{ overflow-wrap: anywhere; }}
+.refused {{ border-left: 4px solid var(--bad); padding-left: .8em; }}
 </style>
 """
+TERMS = """<p class="small">fS: the lowest frequency at which |S| reaches -3 dB; fT: where |T| last
+falls through -3 dB; Ms: the largest |S|. Over the set: of its worst member.</p>"""
 FIGURES = (
     ("fS, Hz", "fS_Hz"),
     ("fT, Hz", "fT_Hz"),
@@ -48,7 +51,7 @@ def write(tuning, summary):
     values = ((tuning.read("fit.json") or {}).get("result") or {}).get("values") or {}
     touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
     parts = [
-        f"<h1>{html.escape(summary['axis'])}</h1>",
+        f"<h1>Tuned: {html.escape(summary['axis'])}</h1>",
         _verdict(tuning, summary),
         _margins(summary),
     ]
@@ -64,7 +67,7 @@ def write(tuning, summary):
         parts += ["<h2>Responses</h2>", _images(figures, ALT)]
     parts += [_fitted(summary), _steps(summary)]
     with paths.replacing(folder, FILE) as (file,):
-        file.write_text(HEAD + "".join(parts), encoding="utf-8")
+        file.write_text(HEAD.format(style=page_style()) + "".join(parts), encoding="utf-8")
 
 
 def _verdict(tuning, summary):
@@ -100,18 +103,19 @@ def _margins(summary):
     if not rows:
         return ""
     head = ["law", *(text for text, _ in FIGURES)]
-    return "<h2>Margins, old and new</h2>" + _rows([head, *rows])
+    return "<h2>Margins, old and new</h2>" + _rows([head, *rows]) + TERMS
 
 
 def _verified(summary):
     """The measured peaks of |S|."""
     if not summary["levels"]:
         return ""
-    rows = [["with", "Ms", "+-", "predicted", "at, Hz"]]
+    rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
     for level in summary["levels"].values():
         error = 2 * level["Ms_error"]
-        numbers = (level["Ms"], error, level["Ms_predicted"], level["Ms_hz"])
-        rows.append([f"{level['bias_N']:.4g} N", *map(_number, numbers)])
+        numbers = (level["Ms"], level["Ms_predicted"], level["Ms_hz"])
+        Ms, predicted, at = map(_number, numbers)
+        rows.append([f"{level['bias_N']:.3g} N", Ms, plain(error, 2), predicted, at])
     return "<h2>Peak of |S|, measured with the law and predicted</h2>" + _rows(rows)
 
 
@@ -121,7 +125,7 @@ def _fitted(summary):
         return ""
     rows = [["parameter", "value", "95 % interval", "unit"]]
     for name, row in summary["parameters"].items():
-        ends = " .. ".join(_number(end) for end in row["interval"])
+        ends = " to ".join(_number(end) for end in row["interval"])
         rows.append([name, _number(row["value"]), ends, row["unit"]])
     return "<h2>What the responses say of the axis</h2>" + _rows(rows)
 
@@ -135,14 +139,17 @@ def _steps(summary):
 
 def _rows(rows):
     lines = [
-        "".join(f"<{tag}>{html.escape(str(cell))}</{tag}>" for cell in row)
+        "".join(
+            f"<{tag}{' class=number' if column else ''}>{html.escape(str(cell))}</{tag}>"
+            for column, cell in enumerate(row)
+        )
         for tag, row in zip(["th"] + ["td"] * (len(rows) - 1), rows, strict=True)
     ]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def _number(value):
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None else plain(value, 4)
 
 
 def _touch_down(folder, force_N):
@@ -184,11 +191,13 @@ def _response(name, one, values):
     coherence.set(ylim=(0, 1.05), xlabel="frequency, Hz")
     title = "apart: codes to the encoder" if name == "free" else f"{name}: codes to the reading"
     size.set_title(title, fontsize=9, loc="left", color=INK)
-    for axis, text in ((size, one.unit), (phase, "degrees"), (coherence, "coherence")):
+    for axis, text in ((size, one.unit), (phase, "phase, degrees"), (coherence, "coherence")):
         style(axis)
         axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
         axis.set_ylabel(text)
-        axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    size.set_ylim(bottom=magnitude.min() / 2)  # the band may reach far down
+    plain_ticks(coherence.xaxis)
+    plain_ticks(size.yaxis)
     legend(size)
     figure.tight_layout()
     plt.close(figure)
@@ -196,9 +205,5 @@ def _response(name, one, values):
 
 
 def _images(figures, alt):
-    tags = [
-        f'<img alt="{alt}" src="data:image/png;base64,'
-        f'{base64.b64encode(small_png(figure, 130)).decode()}">'
-        for figure in figures
-    ]
+    tags = [f'<img alt="{alt}" src="{uri(figure)}">' for figure in figures]
     return f'<div class="figures">{"".join(tags)}</div>'

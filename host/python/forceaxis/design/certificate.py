@@ -32,7 +32,6 @@ def lowered(bank, factor):
 
 
 def on_grid(grid, bank):
-    """The figures of a bank over the members of a Grid, to some thousandth."""
     law, gain = bank.response(grid.z), bank.force_gain
     first, _ = grid.bandwidths(law, gain)
     peaks = dict(zip(grid.timings, grid.peaks(law, gain)[0].max(axis=1), strict=True))
@@ -49,7 +48,21 @@ def on_grid(grid, bank):
     }
 
 
-def exact(plants, grid, bank, goal):
+def on_grids(grids, bank):
+    """The same over the members of several Grids."""
+    rows = [on_grid(grid, bank) for grid in grids]
+    slowest = min(rows, key=lambda row: row["fS_Hz"])
+    found = {}
+    for name in slowest:
+        known = [row[name] for row in rows if row[name] is not None]
+        largest = name in ("Ms", "Ms_late", "static_error")
+        found[name] = slowest["member"] if name == "member" else (
+            (max if largest else min)(known, default=None)
+        )  # fmt: skip
+    return found
+
+
+def exact(plants, grids, bank, goal):
     """(bank, figures): with the gain lowered as far as the exact worst of the set asks for; the
     bank's gain is 0 where none is left."""
     bank = lowered(bank, FIRST)
@@ -59,7 +72,7 @@ def exact(plants, grid, bank, goal):
         found = {t: over.worst(plants, (t,), law="bank", bank=bank) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
-            return bank, _figures(found, grid, bank)
+            return bank, _figures(found, grids, bank)
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))  # a peak may hardly fall with it
     return replace(bank, force_gain=0.0), None
 
@@ -79,7 +92,7 @@ def _factor(worst, goal, timing):
     return factor
 
 
-def _figures(found, grid, bank):
+def _figures(found, grids, bank):
     def least(name):
         known = [abs(getattr(w, name)) for w in found.values() if getattr(w, name) is not None]
         return min(known, default=None)
@@ -94,7 +107,7 @@ def _figures(found, grid, bank):
         "Ms_late": ms.get("zoh+1"),
         "gain_margin": least("gain_margin"),
         "phase_margin_deg": least("phase_margin_deg"),
-        "static_error": _static_error(grid, bank),
+        "static_error": max(_static_error(grid, bank) for grid in grids),
         "member": member.values | member.modes if member else {},
     }
 

@@ -20,6 +20,7 @@ from forceaxis.design.search import Goal
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.progress import counted
 
 SPAN = (1 / 20, 4.0)  # of the model's own stiffness
 POINTS_MAX = 40
@@ -71,7 +72,7 @@ def compliance(
         overrides = design.overrides
     rows = [
         _point(text, element, float(value), overrides, over, bits, setpoint, threads)
-        for value in np.geomspace(low, high, points)
+        for value in counted(np.geomspace(low, high, points), "stiffnesses")
     ]
     return {
         "model": paths.display(design.model),

@@ -1,7 +1,8 @@
 """A force law for a set of plants: searched, simulated with the firmware, written.
 
 The search (`search`) knows the linear set; the simulation (`simulate`) has the last word: the gain
-that it takes away is said. What is written is `files` and `page`.
+that it takes away is said, and another structure is taken that is left with more bandwidth. What is
+written is `files` and `page`.
 """
 
 import os
@@ -85,12 +86,12 @@ def design(order, out=None, progress=None):
         bench = simulate.Bench(plant, bits, own, order.firmware)
         say("modes of the contact")
         plants = plant_set(bench, order)
-        outcome = found(plant, plants, order, bits, say)
+        outcome, instead = found(plant, plants, order, bits, say)
         more = () if order.modes == "all" else visited(bench, outcome.bank, plants.modes)
         if len(more) > len(plants.modes):
-            outcome = found(plant, replace(plants, modes=more), order, bits, say)
+            outcome, instead = found(plant, replace(plants, modes=more), order, bits, say)
         if order.simulate:
-            simulated(bench, outcome, say)
+            outcome = simulated(bench, outcome, instead, say)
         if out is not None:
             from forceaxis.design import page  # Matplotlib, only where something is drawn
 
@@ -104,46 +105,79 @@ def design(order, out=None, progress=None):
 
 
 def found(plant, plants, order, bits, say):
-    """The Outcome of the search."""
+    """(the Outcome of the search, name -> the Outcome with another structure, or None)."""
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
         timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
         sections_above=order.sections_above or search.SECTIONS_ABOVE,
     )  # fmt: skip
+    units = {n: unit for n, (_, unit) in plant.facts["parameters"].items()}
+
+    def outcome(answer):
+        p = plain(answer.p)
+        return Outcome(
+            order=order,
+            plants=plants,
+            units=units,
+            bits=bits,
+            bank=answer.bank,
+            worst=plain(answer.worst),
+            p=p,
+            p_bank=Bank(p["force_gain"]),
+            structures=plain(answer.structures),
+            chosen=answer.chosen,
+            limited_by=answer.limited_by,
+        )
+
     answer = search.search(plants, goal, say)
-    p = plain(answer.p)
-    return Outcome(
-        order=order,
-        plants=plants,
-        units={n: unit for n, (_, unit) in plant.facts["parameters"].items()},
-        bits=bits,
-        bank=answer.bank,
-        worst=plain(answer.worst),
-        p=p,
-        p_bank=Bank(p["force_gain"]),
-        structures=plain(answer.structures),
-        chosen=answer.chosen,
-        limited_by=answer.limited_by,
-    )
+
+    def instead(name):
+        other = answer.instead(name)
+        return other and outcome(other)
+
+    return outcome(answer), instead
 
 
-def simulated(bench, outcome, say):
-    """Simulates an Outcome, and reduces its gain where the simulation asks for it."""
+def simulated(bench, outcome, instead, say):
+    """The Outcome with what the simulation leaves of its gain, or of that of another structure,
+    which it may leave with more bandwidth. Raises InputError where it leaves none."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = [{}, *random_members(outcome.plants, MEMBERS)]
-    bench.wait_for(outcome.bank)
-    bank, loss, rows, steps = simulate.safe(bench, outcome.bank, members, latencies, threads, say)
-    if steps:
-        outcome.bank, outcome.worst = bank, reassessed(outcome, bank)
-    outcome.loss, outcome.backoffs = loss, steps
-    outcome.rows = rows
-    if outcome.p_bank.force_gain:
-        say("simulating P")
-        outcome.rows += simulate.simulate(
-            bench, outcome.p_bank, members, latencies, None, threads, "p"
+
+    def left(one):
+        bench.wait_for(one.bank)
+        bank, one.loss, one.rows, one.backoffs = simulate.safe(
+            bench, one.bank, members, latencies, threads, say
         )
+        if one.backoffs:
+            one.bank, one.worst = bank, reassessed(one, bank)
+        return one
+
+    best, refused = None, None
+    others = [row for row in outcome.structures if row["name"] not in ("P", outcome.chosen)]
+    others.sort(key=lambda row: row["worst"]["fS_Hz"], reverse=True)
+    for name in (outcome.chosen, *(row["name"] for row in others)):
+        one = outcome if name == outcome.chosen else instead(name)
+        if one is None or (best and one.worst["fS_Hz"] <= best.worst["fS_Hz"]):
+            continue
+        try:
+            one = left(one)
+        except InputError as error:
+            refused = refused or error
+            continue
+        if best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]:
+            best = one
+        if not best.backoffs:
+            break
+    if best is None:
+        raise refused
+    bench.wait_for(best.bank)
+    if best.p_bank.force_gain:
+        say("simulating P")
+        best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
+    return best
 
 
 def random_members(plants, count, seed=1988):

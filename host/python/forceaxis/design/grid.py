@@ -18,11 +18,13 @@ from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
 SLOW_HZ = 1.0  # below there is little to follow
-PER_DECADE = (20, 90)
-PER_SIDE = 14  # of a resonance, up to this many of its half-widths
+PER_DECADE = (60, 270)
+PER_SIDE = 42  # of a resonance, up to WIDEST of its half-widths
+THIN = 1 / 3
 WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
+BLOCK = 16  # members of a Grid, where there are many
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def _frequencies(loop, density):
     ]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
-    side = PER_SIDE * density
+    side = round(density * PER_SIDE)
     around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * WIDEST)) / 2
     for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
@@ -66,10 +68,11 @@ def _damping(roots):
 
 class Grid:
     """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
-    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS; density:
-    of the grid, figures are right to a percent or two at 1, to some thousandth at 3."""
+    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS.
+    Figures are right to some thousandth, at the density THIN to a percent or two; but there a
+    search finds the laws whose peaks stand between two points."""
 
-    def __init__(self, plants, members, timings, density=1):
+    def __init__(self, plants, members, timings, density=1.0):
         self.timings = tuple(timings)
         self.members, self.open_loops, grids, refused = [], [], [], None
         for member in members:
@@ -217,6 +220,21 @@ class Grid:
             "gain_margin": float(factor) if math.isfinite(factor) else None,
             "phase_margin_deg": math.degrees(phase) if math.isfinite(phase) else None,
         }
+
+
+def blocks(plants, members, timings):
+    """[Grid] of all members, a few in each: their arrays stay in the processor's cache."""
+    found, refused = [], None
+    for i in range(0, len(members), BLOCK):
+        try:
+            found.append(Grid(plants, members[i : i + BLOCK], timings))
+        except _core.InputError as error:
+            if "expected a path" not in str(error):
+                raise
+            refused = error
+    if not found:
+        raise refused
+    return found
 
 
 def _first_root(ahead, share_q, constant):

@@ -108,10 +108,6 @@ def number(value, digits=3):
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def shown(value):
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
 def describe(outcome):
     """The outcome for a terminal."""
     bank, worst, p = outcome.bank, outcome.worst, outcome.p

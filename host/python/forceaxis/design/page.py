@@ -1,12 +1,12 @@
 """The page of a design: one HTML file with its tables and figures."""
 
-import base64
 from importlib import resources
 from pathlib import Path
 
 import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
+from markupsafe import Markup
 
 from forceaxis import _core, drawing, objects
 from forceaxis.design import files
@@ -14,7 +14,10 @@ from forceaxis.design import outcome as outcomes
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.system import TICK_S
+from forceaxis.words import plain
 
+WIDE_IN = 4.4  # of a figure; two stand side by side, one on a telephone
+FAR = 20.0  # |L| beyond the frame
 RANDOM = 4  # choices of values drawn beside nominal and corners
 ROWS = (
     ("fS, Hz", "fS_Hz"),
@@ -25,10 +28,6 @@ ROWS = (
     ("phase margin, degrees", "phase_margin_deg"),
     ("gain, DAC codes per count of force", "force_gain"),
 )
-
-
-def image(figure):
-    return "data:image/png;base64," + base64.b64encode(drawing.small_png(figure, 110)).decode()
 
 
 def responses(outcome, bank, frequency_hz):
@@ -51,106 +50,92 @@ def laws(outcome):
     return [*p, (outcome.chosen, outcome.bank)]
 
 
-def sensitivity(outcome, frequency_hz, loops):
-    """|S| and |T| in dB; columns: P, the design."""
-    shown = laws(outcome)
-    figure, axes = plt.subplots(
-        2, len(shown), figsize=(9.2, 5.2), sharex=True, sharey="row", squeeze=False
-    )
-    for column, (name, _) in enumerate(shown):
-        for L, nominal in loops[column]:
-            look = {"color": INK, "linewidth": 1.3, "zorder": 3} if nominal else {
-                "color": GOT, "linewidth": 0.5, "alpha": 0.5
-            }  # fmt: skip
-            for ax, value in zip(axes[:, column], (1 / (1 + L), L / (1 + L)), strict=True):
-                ax.semilogx(frequency_hz, 20 * np.log10(np.abs(value)), **look)
-        axes[0, column].axhline(20 * np.log10(outcome.order.ms), color=WANTED, linewidth=0.9)
-        axes[0, column].set_title(name, fontsize=9, loc="left", color=INK)
-        for ax in axes[:, column]:
-            style(ax)
-            ax.axhline(-3.01, color=FAINT, linewidth=0.8, linestyle=":")
-            ax.set_xlim(frequency_hz[0], frequency_hz[-1])
-            ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes[1, column].set_xlabel("frequency, Hz")
-    axes[0, 0].set_ylabel("|S|, dB")
-    axes[1, 0].set_ylabel("|T|, dB")
-    axes[0, 0].set_ylim(-40, 12)
-    axes[1, 0].set_ylim(-40, 12)
+def sensitivity(outcome, name, frequency_hz, loops):
+    """|S| and |T| of one law over the set, in dB."""
+    figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
+    for L, nominal in loops:
+        look = {"color": INK, "linewidth": 1.3, "zorder": 3} if nominal else {
+            "color": GOT, "linewidth": 0.5, "alpha": 0.5
+        }  # fmt: skip
+        for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
+            ax.semilogx(frequency_hz, 20 * np.log10(np.abs(value)), **look)
+    axes[0].axhline(20 * np.log10(outcome.order.ms), color=WANTED, linewidth=0.9)
+    for ax, what in zip(axes, "ST", strict=True):
+        style(ax)
+        ax.axhline(-3.01, color=FAINT, linewidth=0.8, linestyle=":")
+        ax.set_xlim(frequency_hz[0], frequency_hz[-1])
+        ax.set_ylim(-40, 12)
+        ax.set_ylabel(f"|{what}|, dB")
+    drawing.plain_ticks(axes[1].xaxis)
+    axes[1].set_xlabel("frequency, Hz")
     legend(
-        axes[0, -1],
+        axes[1],
         handles=[
             plt.Line2D([], [], color=INK, label="nominal"),
             plt.Line2D([], [], color=GOT, linewidth=0.7, label="corners and random members"),
-            plt.Line2D([], [], color=WANTED, label="Ms"),
+            plt.Line2D([], [], color=WANTED, label="largest |S| asked for"),
             plt.Line2D([], [], color=FAINT, linestyle=":", label="-3 dB"),
         ],
-        loc="lower right",
+        loc="lower left",
     )
-    figure.tight_layout()
-    plt.close(figure)
+    drawing.finish(figure, axes[0], name)
     return figure
 
 
-def nyquist(outcome, loops):
-    """Loop gains around -1; columns: P, the design."""
-    shown = laws(outcome)
-    figure, axes = plt.subplots(
-        1, len(shown), figsize=(9.2, 4.6), sharex=True, sharey=True, squeeze=False
-    )
-    axes = axes[0]
+def nyquist(outcome, name, loops):
+    """Loop gains of one law around -1."""
+    figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
-    for ax, (name, _), found in zip(axes, shown, loops, strict=True):
-        style(ax)
-        ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
-        radius = 1 / outcome.order.ms
-        ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
-        for L, nominal in found:
-            ax.plot(
-                L.real, L.imag, color=INK if nominal else GOT,
-                linewidth=1.3 if nominal else 0.5, alpha=1 if nominal else 0.5,
-                zorder=3 if nominal else 2,
-            )  # fmt: skip
-        ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
-        ax.set_xlim(-2.2, 1.6)
-        ax.set_ylim(-2.2, 1.6)
-        ax.set_aspect("equal")
-        ax.set_title(name, fontsize=9, loc="left", color=INK)
-        ax.set_xlabel("real part")
-    axes[0].set_ylabel("imaginary part")
-    figure.tight_layout()
-    plt.close(figure)
+    style(ax)
+    ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
+    radius = 1 / outcome.order.ms
+    ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
+    for L, nominal in loops:
+        near = np.where(np.abs(L) < FAR, L, np.nan)
+        ax.plot(
+            near.real, near.imag, color=INK if nominal else GOT,
+            linewidth=1.3 if nominal else 0.5, alpha=1 if nominal else 0.5,
+            zorder=3 if nominal else 2,
+        )  # fmt: skip
+    ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
+    ax.set_xlim(-2.2, 1.6)
+    ax.set_ylim(-2.2, 1.6)
+    ax.set_aspect("equal")
+    ax.set_xlabel("real part")
+    ax.set_ylabel("imaginary part")
+    drawing.finish(figure, ax, name)
     return figure
 
 
-def contact(bench, outcome):
-    """Force over time, P and design: the middle set-point, and a strike there."""
-    middle, struck = bench.cases[1], bench.cases[-1]
-    figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.4))
+def contact(bench, outcome, case):
+    """Force over time of a case, P and design."""
+    figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
+    style(ax)
     latency = outcomes.LATENCIES[outcome.order.latency][0]
     loss = {name: outcome.loss[name] for name in files.LOSS if name in outcome.loss}
-    for ax, case in zip(axes, (middle, struck), strict=True):
-        style(ax)
-        start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
-        for name, bank in laws(outcome):
-            color = INK if bank is outcome.bank else GOT
-            own = loss if bank is outcome.bank else None
-            file, texts = bench.job(case, bank, {}, latency, own)
-            done = runs.run(Path(file), texts)
-            force = done.columns[bench.facts["contacts"][0]["name"] + ".force"]
-            time_s = done.columns["time_s"]
-            if not case.strike_N_s:  # from a little before the first touch
-                touched = np.flatnonzero(force > 0)
-                start = time_s[touched[0]] - 0.05 if len(touched) else 0.0
-            shown = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
-            ax.plot(time_s[shown], force[shown], color=color, linewidth=1.0, label=name)
-        ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8)
-        ax.set_title(case.name, fontsize=9, loc="left", color=INK)
-        ax.set_xlabel("time, s")
-    axes[0].set_ylabel("force, N")
-    legend(axes[0], loc="lower right")
-    figure.tight_layout()
-    plt.close(figure)
+    start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
+    for name, bank in laws(outcome):
+        color = INK if bank is outcome.bank else GOT
+        own = loss if bank is outcome.bank else None
+        file, texts = bench.job(case, bank, {}, latency, own)
+        done = runs.run(Path(file), texts)
+        force = done.columns[bench.facts["contacts"][0]["name"] + ".force"]
+        time_s = done.columns["time_s"]
+        if not case.strike_N_s:  # from a little before the first touch
+            touched = np.flatnonzero(force > 0)
+            start = time_s[touched[0]] - 0.05 if len(touched) else 0.0
+        inside = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
+        ax.plot(time_s[inside], force[inside], color=color, linewidth=1.0, label=name)
+    ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
+    ax.set_xlabel("time, s")
+    ax.set_ylabel("force, N")
+    legend(ax, loc="lower right")
+    drawing.finish(figure, ax, case.name)
     return figure
+
+
+def shown(value):
+    return plain(value, 4) if isinstance(value, float) else str(value)
 
 
 def structure_rows(outcome):
@@ -174,22 +159,34 @@ def write(folder, bench, outcome, run):
     number = outcomes.number
     html = environment.from_string(text).render(
         o=outcome,
-        title=bench.design.model.stem,
-        ranges=", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g} {outcome.units[n]}"
+        title=drawing.name_of(bench.design.model),
+        ranges=", ".join(f"{n} {plain(r[1], 4)} to {plain(r[2], 4)} {outcome.units[n]}"
                          for n, r in outcome.ranges.items()),
         latencies=" and ".join(map(str, outcomes.LATENCIES[outcome.order.latency])),
         figures=[(n, number(outcome.p.get(k)),
                   number(outcome.bank.force_gain if k == "force_gain" else outcome.worst.get(k)))
                  for n, k in ROWS],
         worst_member=", ".join(
-            f"{n} = {outcomes.shown(v)}" for n, v in outcome.worst["member"].items()
+            f"{n} = {shown(v)} {outcome.units.get(n, '')}".rstrip()
+            for n, v in outcome.worst["member"].items()
         ),
         structures=structure_rows(outcome),
-        sensitivity=image(sensitivity(outcome, frequency_hz, loops)),
-        nyquist=image(nyquist(outcome, loops)),
-        contact=image(contact(bench, outcome)) if outcome.rows else None,
+        sensitivity=[
+            (name, drawing.uri(sensitivity(outcome, name, frequency_hz, found)))
+            for (name, _), found in zip(laws(outcome), loops, strict=True)
+        ],
+        nyquist=[
+            (name, drawing.uri(nyquist(outcome, name, found)))
+            for (name, _), found in zip(laws(outcome), loops, strict=True)
+        ],
+        contact=[
+            (case.name, drawing.uri(contact(bench, outcome, case)))
+            for case in ((bench.cases[1], bench.cases[-1]) if outcome.rows else ())
+        ],
         case_head=outcomes.CASE_HEAD,
-        cases=outcomes.cases(outcome.rows),
+        cases=[[case, {"p": "P", "design": outcome.chosen}[law], *cells]
+               for case, law, *cells in outcomes.cases(outcome.rows)],
+        style=Markup(drawing.page_style()),
         unsettled=lambda cell: len(set(cell.split(" of "))) > 1,
         members=outcomes.MEMBERS,
         run=run,

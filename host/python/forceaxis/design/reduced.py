@@ -76,7 +76,7 @@ class Problem:
     def exact(self, bank):
         """(bank, figures) with the gain at which the exact worst of the set keeps the margins: some
         hundredths below that of the grid, in seconds instead of milliseconds."""
-        return certificate.exact(self.plants, self.grid, bank, self.goal)
+        return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found):
         """The sentence of a design: the bound that, widened alone, lets the bandwidth rise most."""

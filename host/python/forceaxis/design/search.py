@@ -1,12 +1,14 @@
 """The force law with the most bandwidth that a set of plants bears at stated margins.
 
 For each structure the shape that lets the worst member's |S| stay below -3 dB longest is sought by
-differential evolution and a simplex; the gain follows from the shape (`grid`). The corners of a set
-are not always its worst, so members drawn at random that the law would break join the set.
+differential evolution on a thin grid and a simplex on that of the result; the gain follows from the
+shape (`grid`). The corners of a set are not always its worst, so members drawn at random that the
+law would break join the set.
 """
 
 import math
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +17,7 @@ from scipy import optimize
 from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
 from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, Bounds, Grid, hf_most
+from forceaxis.design.grid import DELAYS, THIN, Bounds, Grid, blocks, hf_most
 from forceaxis.linear.bank import GAIN_STEP, Bank
 
 PAYS = 1.1  # a larger structure is taken for this much more bandwidth
@@ -28,8 +30,8 @@ RAMP = 0.2  # of the period of a PI law's bandwidth
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
 SAFE = 0.97
-RESTARTS = (1, 2, 3)  # of the search, with no, one, two sections
-DENSE = 3  # the result's grid, to the search's
+GENERATIONS = 90  # half as many often end in a lesser optimum, more restarts or not
+RESTARTS = (1, 2, 2)  # of the search, with no, one, two sections
 # Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
 # contact's onset, where they ring.
 SECTIONS_ABOVE = 4.0
@@ -78,7 +80,8 @@ class Goal:
 class Found:
     """bank: quantised; worst: fS_Hz, fT_Hz, Ms, Ms_late, gain_margin, phase_margin_deg, member;
     p: the same for P, with force_gain; structures: [{name, bank, worst}] in order of size;
-    limited_by: one sentence; chosen: a structure's name."""
+    limited_by: one sentence; chosen: a structure's name; instead(name): the Found with another one
+    chosen."""
 
     bank: Bank
     worst: dict
@@ -86,14 +89,15 @@ class Found:
     structures: list
     limited_by: str
     chosen: str
+    instead: Callable
 
 
 class Problem:
     """One set of members, and how good a law is for it."""
 
-    def __init__(self, plants, members, goal, ramp):
+    def __init__(self, plants, members, goal, ramp, density=1.0):
         self.bounds = goal.bounds()
-        self.grid = Grid(plants, members, goal.timings)
+        self.grid = Grid(plants, members, goal.timings, density)
         self.ramp = ramp
 
     def law(self, numbers):
@@ -148,22 +152,23 @@ def _starts(name, limits, plants_zeros, best, rng, count):
     return np.clip(rows, low, high)
 
 
-def _search(problem, name, limits, zeros, best, seed):
-    """The numbers of a structure's best law."""
+def _cost(problem, low, high):
+    return lambda numbers: -problem.judge(np.clip(numbers, low, high))[0]
+
+
+def _search(problem, thin, name, limits, zeros, best, seed):
+    """The numbers of a structure's best law of a Problem, searched for on its thin grid."""
     low, high = limits.T
-
-    def cost(numbers):
-        return -problem.judge(np.clip(numbers, low, high))[0]
-
+    cost, rough = _cost(problem, low, high), _cost(thin, low, high)
     rng = np.random.default_rng(seed)
     results = []
     for _ in range(RESTARTS[structures.STRUCTURES[name]]):
         found = optimize.differential_evolution(
-            cost,
+            rough,
             limits,
             init=_starts(name, limits, zeros, best, rng, max(8 * len(limits), 12)),
             seed=int(rng.integers(2**31)),
-            maxiter=50,
+            maxiter=GENERATIONS,
             tol=1e-4,
             polish=False,
         )
@@ -199,10 +204,10 @@ def search(plants, goal=None, progress=None):
     say = progress or (lambda text: None)
     _check(goal)
     members = first_members(plants)
-    problem = Problem(plants, members, goal, None)
+    problem, thin = (Problem(plants, members, goal, None, density) for density in (1.0, THIN))
     check_plants(problem)
     zeros = antiresonances(problem.grid)
-    own = _search(problem, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
+    own = _search(problem, thin, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
     best = {"P": np.zeros(0), "PI": own}
     fS = problem.judge(own)[0]
     if not fS:
@@ -213,11 +218,12 @@ def search(plants, goal=None, progress=None):
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
-    problem.ramp = ramp
+    problem.ramp = thin.ramp = ramp
     before = own
-    for name in list(structures.STRUCTURES)[1:]:
-        say(f"{name}: searching")
-        best[name] = before = _search(problem, name, limits[name], zeros, before, SEED)
+    richer = list(structures.STRUCTURES)[1:]
+    for done, name in enumerate(richer):
+        say(f"{name}: searching, {done}/{len(richer)} structures")
+        best[name] = before = _search(problem, thin, name, limits[name], zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")
     others = plants.nominal() + plants.corners() + _random(plants, PROBE, SEED)
@@ -231,11 +237,7 @@ def search(plants, goal=None, progress=None):
         problem = Problem(plants, members, goal, ramp)
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             low, high = limits[name].T
-
-            def cost(numbers, low=low, high=high, problem=problem):
-                return -problem.judge(np.clip(numbers, low, high))[0]
-
-            best[name] = _polished(cost, best[name], low, high)
+            best[name] = _polished(_cost(problem, low, high), best[name], low, high)
     return _result(plants, goal, problem, best, say)
 
 
@@ -292,33 +294,48 @@ def _result(plants, goal, problem, best, say):
     bounds = problem.bounds
     members = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
-    grid = Grid(plants, members, goal.timings, DENSE)
+    grids = blocks(plants, members, goal.timings)
     rows, steep = [], {}
     for name, numbers in best.items():
         unit = structures.bank(numbers, 1.0).quantised()
         steep[name] = problem.law(numbers)[1]
-        gain = grid.largest_gain(unit.response(grid.z), steep[name], bounds)[0]
+        gain = min(_largest_gain(grid, unit, steep[name], bounds) for grid in grids)
         bank = certificate.lowered(unit, gain)
         if bank.force_gain:
-            rows.append({"name": name, "bank": bank, "worst": certificate.on_grid(grid, bank)})
-            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(grid.members)} members")
+            rows.append({"name": name, "bank": bank, "worst": certificate.on_grids(grids, bank)})
+            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(members)} members")
     chosen = None
     for row in rows:
         if chosen is None or _pays(row["worst"], chosen):
             chosen = row
-    for row in (rows[:1] if rows and rows[0]["name"] == "P" else []) + [chosen] * bool(rows):
-        row["bank"], row["worst"] = certificate.exact(plants, grid, row["bank"], goal)
-    if not chosen or not chosen["worst"] or not chosen["worst"]["fS_Hz"]:
-        raise _no_gain()
     p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
-    return Found(
-        chosen["bank"],
-        chosen["worst"],
-        (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
-        rows,
-        certificate.sentence(grid, chosen["bank"], steep[chosen["name"]], bounds),
-        chosen["name"],
-    )
+
+    def taken(row):
+        # The others are only compared with it.
+        bank, worst = certificate.exact(plants, grids, row["bank"], goal)
+        if not worst or not worst["fS_Hz"]:
+            return None
+        row |= {"bank": bank, "worst": worst}
+        limiting = steep[row["name"]]
+        tightest = min(grids, key=lambda grid: _largest_gain(grid, bank, limiting, bounds))
+        return Found(
+            bank,
+            worst,
+            (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
+            rows,
+            certificate.sentence(tightest, bank, limiting, bounds),
+            row["name"],
+            lambda name: taken(next(row for row in rows if row["name"] == name)),
+        )
+
+    found = taken(chosen) if chosen else None
+    if found is None:
+        raise _no_gain()
+    return found
+
+
+def _largest_gain(grid, bank, steep, bounds):
+    return grid.largest_gain(bank.response(grid.z), steep, bounds)[0]
 
 
 def _no_gain():

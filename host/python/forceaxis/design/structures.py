@@ -11,7 +11,7 @@ import numpy as np
 
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
-INTEGRAL = (0.1, 100.0)  # rad/s
+INTEGRAL = (0.6, 100.0)  # rad/s; a slower one has not settled within the ten seconds of simulate
 HIGHEST_HZ = 600.0
 ZERO_DAMPING = (0.02, 2.0)
 POLE_DAMPING = (0.4, 2.0)  # less amplifies the quantisation of the reading at one frequency

@@ -47,9 +47,9 @@ def tradeoff(order, against, progress=None):
         )  # fmt: skip
         problem = reduced.Problem(plants, goal)
         known, rows = [], []
-        for value in values:
+        for done, value in enumerate(values):
             if progress:
-                progress(f"{against} {value:g}")
+                progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed()["numbers"])
         for value in values:  # what keeps one margin may be the best at another

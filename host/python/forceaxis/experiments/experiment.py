@@ -251,7 +251,7 @@ class Result:
 
         drawn: Figure = trace.figure(self._run, codes)
         if path is not None:
-            drawing.save(drawn, Path(path), Path(path).suffix.lstrip(".") or "png", 120)
+            drawing.save(drawn, Path(path), Path(path).suffix.lstrip(".") or "png")
         return drawn
 
     def __str__(self) -> str:

@@ -62,13 +62,17 @@ EVENTS = {
     "fault": ("X", "#b3261e"),
 }
 CONTACT = "#dbe6f1"
+IN_LINE = 5  # keys of a legend
 
 
-def trace(time_s, rows, title, notes=(), marks=None, width=7.2):
+def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
     """Figure of rows of Lines over time. notes: (text, colour) of lines below the title."""
     marks = marks or Marks()
-    notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, 135)]
-    head, foot, tall = 0.3 + 0.14 * len(notes), 0.68, 1.25
+    chars = round(18.5 * width)
+    notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
+    handles = keys(marks, time_s, rows)
+    lines = -(-len(handles) // IN_LINE)  # of the legend
+    head, foot, tall = 0.3 + 0.14 * len(notes), 0.5 + 0.18 * lines, 1.2
     height = head + tall * len(rows) + foot
     figure, axes = plt.subplots(len(rows), 1, sharex=True, figsize=(width, height), squeeze=False)
     for ax, row in zip(axes[:, 0], rows, strict=True):
@@ -97,8 +101,9 @@ def trace(time_s, rows, title, notes=(), marks=None, width=7.2):
             0.02, 1 - (0.25 + 0.14 * i) / height, line, fontsize=7, color=colour, va="top",
             parse_math=False,
         )  # fmt: skip
-    if handles := keys(marks, time_s, rows):
-        legend(figure, handles=handles, loc="lower left", ncols=len(handles), columnspacing=1.2,
+    if handles:
+        ncols = min(len(handles), IN_LINE)
+        legend(figure, handles=handles, loc="lower left", ncols=ncols, columnspacing=1.2,
                handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
     plt.close(figure)
     return figure

@@ -196,7 +196,7 @@ def write_difference(outcome, place):
     drawn = figure(outcome.examined)
     names = [place.with_suffix(suffix).name for suffix in (".png", ".svg", ".txt", ".npz")]
     with paths.replacing(place.parent, *names) as (png, svg, text, trace):
-        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, png, "png")
         drawing.save(drawn, svg, "svg")
         text.write_text(f"{outcome.name}\n{expect.table(outcome.checks)}\n", encoding="utf-8")
         with trace.open("wb") as file:

@@ -279,7 +279,7 @@ def write(done, out):
         with npz.open("wb") as stream:
             np.savez_compressed(stream, **done.columns)
         pyarrow.parquet.write_table(pyarrow.table(done.columns), parquet)
-        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, png, "png")
         drawing.save(drawn, svg, "svg")
         summary.write_text(json.dumps(done.summary, indent=2) + "\n")
 

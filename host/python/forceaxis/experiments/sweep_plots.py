@@ -1,5 +1,7 @@
 """Figures of a sweep: verdicts or peak forces over its parameters, and boundaries."""
 
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -7,7 +9,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from forceaxis import objects
-from forceaxis.drawing import AREA, INK, VERDICT, legend, style
+from forceaxis.drawing import AREA, INK, VERDICT, legend, plain_ticks, style
+from forceaxis.words import plain
 
 STABLE, UNSTABLE, UNTOUCHED, FAILED = (
     AREA[kind] for kind in ("stable", "unstable", "no contact", "failed")
@@ -17,14 +20,19 @@ MARKERS = (("stable", "o", "stable"), ("unstable", "x", "unstable"), ("", "v", "
 
 def sweep(done):
     """Figure of a sweep, by the first two of its parameters."""
-    figure, ax = plt.subplots(figsize=(6.4, 4.6))
+    figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
     draw = boundary_plot if done.search else run_plot
     title = draw(figure, ax, done)
     if len(done.axes) > 2:
         title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
-    title += f"\n{done.summary['experiment']}, {done.summary['counts']['runs']} runs"
+    title += f"\n{Path(done.summary['experiment']).name}, {done.summary['counts']['runs']} runs"
     in_newton(ax, done)
+    for axis in (ax.xaxis, ax.yaxis):
+        if axis.get_scale() == "log":
+            plain_ticks(axis)
+        else:
+            axis.set_major_formatter(lambda value, _: plain(value, 6))
     figure.suptitle(title, fontsize=9, x=0.02, ha="left", color=INK, parse_math=False)
     figure.tight_layout(rect=(0, 0.05, 1, 1))
     plt.close(figure)
@@ -66,7 +74,10 @@ def run_plot(figure, ax, done):
     kinds = averaged(done, np.where(untouched, 2, share))
     ax.set_facecolor(FAILED)
     colours = ListedColormap([UNSTABLE, STABLE, UNTOUCHED])
-    ax.pcolormesh(*edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5)
+    # With an edge of its own colour no cell shows a seam in a vector.
+    ax.pcolormesh(
+        *edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="face", linewidth=0.4
+    )
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
     single = mark_alone(ax, done)
     kinds_key(

@@ -113,7 +113,7 @@ def write(done, out, codes=False):
         from forceaxis import drawing
 
         drawn = figure(done, codes)
-        drawing.save(drawn, png, "png", 120)
+        drawing.save(drawn, png, "png")
         drawing.save(drawn, svg, "svg")
         result.write_text(json.dumps(done.summary, indent=2) + "\n")
 

@@ -14,6 +14,7 @@ from forceaxis._core import InputError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
+from forceaxis.progress import counted
 
 CORRELATED = 0.95  # two parameters whose estimates are: a warning
 VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
@@ -147,7 +148,7 @@ def fit(measured, starts, where="fit"):
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
     scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS, p))
-    for shift in scatter:
+    for shift in counted(scatter, "starts"):
         if 2 * best.cost <= enough:
             break
         other = search(start + shift)

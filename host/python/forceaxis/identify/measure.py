@@ -27,6 +27,7 @@ from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.setup import CODES, read_setup
+from forceaxis.progress import counted
 
 LEFT_BEHIND = 1e-8  # share of a transient that remains when measuring starts
 FIRST_OF_HANN = 3  # line
@@ -328,7 +329,7 @@ def record_periods(bench, lines, lead_in, drifts, rng):
         sets = [(lines, None)]
     recorded = [np.empty((setup.averages, 2, n)) for _ in sets]
     ramp = (np.arange(n) - (n - 1) / 2) / n
-    for i in range(setup.averages):
+    for i in counted(range(setup.averages), "averages"):
         for place, (_, line) in enumerate(sets):
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]

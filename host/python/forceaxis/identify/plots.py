@@ -15,12 +15,13 @@ from forceaxis.drawing import (
     decibels,
     legend,
     name_of,
+    plain_ticks,
     style,
 )  # fmt: skip
 from forceaxis.linear import plots
 
 
-def response(measured, model, title, width=7.2):
+def response(measured, model, title, width=5.6):
     """Figure: amplitude and phase over frequency, of a Measurement with its 95 % band and of the
     linear model (complex, at its frequencies; None: without), coherence below."""
     f = measured.frequency_hz
@@ -57,6 +58,8 @@ def response(measured, model, title, width=7.2):
     for ax in (size, phase, coherence):
         style(ax)
         ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
+    plain_ticks(size.yaxis)
+    plain_ticks(coherence.xaxis)
     size.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)
@@ -66,7 +69,7 @@ def response(measured, model, title, width=7.2):
 def fitted(measured, start, fitted):
     """Figure: amplitude and phase, of a Measurement with its 95 % band, of the response that a fit
     started from and of the one it found (complex, at the measured frequencies)."""
-    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7.2, 5.2), height_ratios=(3, 2))
+    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
         style(ax)
     f, size = measured.frequency_hz, abs(measured.response)
@@ -99,6 +102,8 @@ def fitted(measured, start, fitted):
     axes[1].set_xlabel("frequency, Hz")
     for ax in axes:
         ax.grid(True, which="both", linewidth=0.3, alpha=0.6)
+    plain_ticks(axes[0].yaxis)
+    plain_ticks(axes[1].xaxis)
     figure.tight_layout()
     plt.close(figure)
     return figure

@@ -176,8 +176,8 @@ def figure(done):
     return plots.response(measured, done.model, f"Fig {number}: {title}" if number else title)
 
 
-def write(done, out):
-    """Write response.csv, response.npz, plot.png and result.json into folder `out`."""
+def write(done, out, draw=True):
+    """Write response.csv, response.npz, result.json and, to draw, plot.png into folder `out`."""
     measured = done.measured
     columns = {
         "frequency_hz": measured.frequency_hz,
@@ -195,9 +195,8 @@ def write(done, out):
         arrays_of_model["model"] = done.model
     # The other members of the Measurement, for `fit.read_response`.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
-    drawn = figure(done)
-    names = ("response.csv", "response.npz", "plot.png", "result.json")
-    with paths.replacing(out, *names) as (table, arrays, picture, result):
+    names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]
+    with paths.replacing(out, *names) as (table, arrays, result, *pictures):
         with table.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
@@ -211,5 +210,6 @@ def write(done, out):
                 **arrays_of_model,
                 about=json.dumps(about),
             )
-        drawn.savefig(picture, dpi=120, format="png")
+        for picture in pictures:
+            figure(done).savefig(picture, dpi=120, format="png")
         result.write_text(json.dumps(done.summary, indent=2) + "\n")

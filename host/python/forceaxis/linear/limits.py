@@ -134,17 +134,28 @@ def hz_text(hz):
     return "at infinite frequency" if hz is None else f"at {hz:.4g} Hz"
 
 
+# How the firmware runs the laws that are no mode of its own.
+IN_FIRMWARE = {
+    "pi": "runs this law as a bank with an integral: `forceaxis design`",
+    "lead": "runs this law as a bank with a section: `forceaxis design`",
+    "pd": "runs this law by differences, as a bank with a section: `forceaxis design`",
+    "derivative": "does not have this law: it has no input for a sensor of the force's derivative",
+}
+
+
 def describe_limit(summary):
     """The same for people."""
     unit = summary["unit"]
     lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
+    if summary["law"] in IN_FIRMWARE:
+        lines.append(f"firmware     {IN_FIRMWARE[summary['law']]}")
     if summary["critical_gain"]:
         hz = hz_text(summary["frequency_hz"])
         lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
     else:
         none = "none" if summary["critical_gain"] is None else "0"
         lines.append(f"limit        {none}: {summary['reason']}")
-    if summary["firmware_gain"]:
+    if summary["firmware_gain"] and summary["law"] not in IN_FIRMWARE:
         largest = summary["largest_firmware_gain"]
         below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
         lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
@@ -157,7 +168,8 @@ def describe_limit(summary):
         lines.append(f"crossing     {c['gain']:.6g} {unit} {hz_text(c['frequency_hz'])}, {what}")
     at = summary.get("at")
     if at:
-        own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
+        own = at["firmware_gain"] and summary["law"] not in IN_FIRMWARE
+        own = f", force_gain {at['firmware_gain']:.5g}" if own else ""
         lines.append(
             f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
         )
@@ -212,17 +224,8 @@ def _figures(time_s, value, final, duration_s):
     )
 
 
-def refuse_no_gain():
-    """Raises InputError."""
-    raise _core.InputError(
-        "--gain: expected --gain, --firmware-gain or an experiment with a gain, got none"
-    )
-
-
 def step_summary(loop, gain, duration_s):
     """What `forceaxis step` prints as JSON. Raises InputError."""
-    if gain is None:
-        refuse_no_gain()
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)

@@ -109,11 +109,11 @@ def locus(loop, label="", span_hz=None, gain=None):
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(4):  # finer where a branch moves far
+    for _ in range(6):  # finer where a branch moves far
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))
-        far = (moved > edge / 45) & (inside[1:] | inside[:-1])
+        far = (moved > edge / 120) & (inside[1:] | inside[:-1])
         rough = np.flatnonzero(far.any(axis=1))
         if not len(rough) or len(gains) > 1500:
             break

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from forceaxis import _core
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
+from forceaxis.words import plain
 
 RANGES_MAX = 8  # 256 corners
 
@@ -24,8 +25,8 @@ class Member:
     modes: dict = field(default_factory=dict)
 
     def label(self):
-        """For people: "k_w = 288890, drive.amplifier = high outer"; "nominal"."""
-        parts = [f"{n} = {v:.6g}" for n, v in self.values.items()]
+        """For people: "k_w = 288,900, drive.amplifier = high outer"; "nominal"."""
+        parts = [f"{n} = {plain(v, 4)}" for n, v in self.values.items()]
         parts += [f"{n} = {state}" for n, state in self.modes.items()]
         return ", ".join(parts) or "nominal"
 

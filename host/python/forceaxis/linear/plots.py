@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from forceaxis import paths
 from forceaxis.drawing import (
     COLORS,
     DASHES,
@@ -22,10 +21,11 @@ from forceaxis.drawing import (
     finish,
     legend,
     name_of,
+    plain_ticks,
     style,
 )
 from forceaxis.linear.locus import Array
-from forceaxis.linear.system import find_model
+from forceaxis.linear.system import facts
 
 MEMBER = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
 
@@ -69,13 +69,13 @@ def bode(
         phase.axhline(-180, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     phase.set_ylabel("phase, degrees")
     phase.set_xlabel("frequency, Hz")
-    phase.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
         if high < 10 * low:  # a decade at least, so that a flat curve looks flat
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
-        axes[0, 0].yaxis.set_minor_formatter(plt.NullFormatter())
+        plain_ticks(axes[0, 0].yaxis)
         units = dict.fromkeys(c.unit for c in curves)
         axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "))
         if margins:
@@ -83,11 +83,19 @@ def bode(
         decibels(axes[0, 0], " or ".join(units))
     if len(curves) > 1:
         legend(axes[0, 0], loc="best")
+    elif others:
+        members_key(axes[0, 0])
     axes[0, 0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     tall = size[1]
     figure.subplots_adjust(0.125, 0.46 / tall, 0.9, 1 - 0.3 / tall, hspace=0.12)
     plt.close(figure)
     return figure
+
+
+def members_key(ax, **more):
+    """What the curves over a set are."""
+    thin = Line2D([], [], label="corners and random members", **MEMBER)
+    legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best", **more)
 
 
 def mark_margins(size, phase, curve, loop):
@@ -145,7 +153,10 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
         at = int(np.argmin(np.abs(frequency_hz - hz)))
         point = values[at]
         ax.plot(point.real, point.imag, "o", color=INK, markersize=2.5)
-        out = point / abs(point) * 9
+        # Across the curve, away from the other half of it and from the origin.
+        along = values[min(at + 1, len(values) - 1)] - values[max(at - 1, 0)]
+        out = along * 1j / abs(along)
+        out *= 14 if (out * point.conjugate()).real > 0 else -14
         ax.annotate(
             f"{hz:g} Hz", (point.real, point.imag), (out.real, out.imag),
             textcoords="offset points", fontsize=7, color=INK, ha="center", va="center",
@@ -241,6 +252,14 @@ def rlocus(loci, title="", wide=2.7):
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
+    keys = [
+        Line2D([], [], label="open-loop pole", marker="x", color=INK, linestyle=""),
+        Line2D([], [], label="zero", marker="o", color=GOT, markerfacecolor="none", linestyle=""),
+        Line2D([], [], label="crossing", marker="D", color=GOT, linestyle="", markersize=4.5),
+    ]
+    if any(len(one.at_gain) for one in loci):
+        keys.append(Line2D([], [], label="at the gain", marker="s", color=INK, linestyle=""))
+    legend(axes[0], handles=keys, loc="upper left", handletextpad=0.3, markerscale=0.8)
     headline(figure, title)
     return figure
 
@@ -248,7 +267,7 @@ def rlocus(loci, title="", wide=2.7):
 def gain_text(gain, one):
     """A gain with its unit, and the firmware's number for it where it has one."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
-    return text + (f"\n(k_f = {gain * one.codes:.3g})" if one.codes else "")
+    return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
 
 def label_crossings(ax, one, span):
@@ -320,7 +339,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
 
 def frame(sizes):
     """A frame, 1/s, around all roots but outer ones that a gap of six sets apart."""
-    ordered = np.sort(sizes[sizes > 0])
+    ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])  # not what rounding leaves of 0
     if not len(ordered):
         return 2 * np.pi
     gaps = np.flatnonzero(ordered[1:] > 6 * ordered[:-1])
@@ -385,56 +404,31 @@ def step_response(result):
     return figure
 
 
-def advice(result):
-    """Figure of `advise.advise()`: critical gain and crossover under each change."""
-    rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]]
-    figure, ax = plt.subplots(figsize=(7.6, 0.9 + 0.21 * len(rows)))
-    style(ax)
-    ax.axvline(1, color=FAINT, linewidth=0.9)
-    for y, row in enumerate(rows):
-        gain, crossover = row["ratio"]["critical_gain"], row["ratio"]["crossover_hz"]
-        if crossover:
-            ax.plot([gain, crossover], [y, y], color="#d8dee4", linewidth=1.2, zorder=1)
-            ax.plot(crossover, y, "o", color=INK, markersize=4.5)
-        ax.plot(gain, y, "D", color=GOT, markersize=4, markerfacecolor="none")
-    known = find_model(result["model"]).parent == paths.MODELS
-    names = [r["change"] + (f" [{r['thesis']}]" if known and r["thesis"] else "") for r in rows]
-    ax.set_yticks(range(len(rows)), names, fontsize=7)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.set_xscale("log")
-    ticks = [0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 10, 20, 50]
-    low, high = ax.get_xlim()
-    ax.set_xticks([x for x in ticks if low <= x <= high])
-    ax.minorticks_off()
-    ax.xaxis.set_major_formatter(lambda value, _: f"x {value:g}")
-    ax.set_xlabel("against the present design")
-    shown = [
-        Line2D([], [], color=INK, marker="o", linestyle="", markersize=4.5,
-               label=f"crossover at limit / {result['gain_margin']:g}"),
-        Line2D([], [], color=GOT, marker="D", linestyle="", markersize=4, markerfacecolor="none",
-               label="critical gain"),
-    ]  # fmt: skip
-    legend(ax, handles=shown, loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
-    mode = result["limiting_mode"]
-    note = (
-        f": limited by {mode['name']}, {mode['label']}" if mode and mode["name"] != "none" else ""
-    )
-    figure.tight_layout(rect=(0, 0, 1, 1 - 0.3 / figure.get_figheight()))
-    headline(figure, f"{name_of(result['model'])}, {result['timing']}{note}")
-    return figure
+def with_units(label, model):
+    """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters."""
+    known = facts(model)["parameters"]
+    parts = (part.partition(" = ") for part in label.split(", "))
+    return ", ".join(f"{n} = {v} {known[n][1]}" if n in known else n for n, _, v in parts)
+
+
+LAWS = {"p": "P", "pi": "PI", "pd": "PD", "bank": "designed bank"}
+TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late"}
 
 
 def loop_title(summary):
     """The title of a figure of a loop."""
-    return f"{name_of(summary['model'])}, {summary['law']}, {summary['timing']}"
+    law, timing = summary["law"], summary["timing"]
+    return f"{name_of(summary['model'])}: {LAWS.get(law, law)}, {TIMINGS.get(timing, timing)}"
 
 
 def bode_figure(curves, summary):
     """Figure of what `forceaxis bode --json` prints; over a set the first curve is nominal."""
+    if "over" not in summary:
+        curves = [replace(c, label=with_units(c.label, summary["model"])) for c in curves]
     if summary["of"] != "plant":
         names = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sensitivity"}
         label = names[summary["of"]]
-        title = f"{loop_title(summary)}: {label}"
+        title = f"{loop_title(summary)}, {label}"
         if "over" not in summary:
             loop = summary["curves"][0].get("loop")
             return bode(curves, title, label, margins=loop if summary["of"] == "loop" else None)
@@ -446,10 +440,16 @@ def bode_figure(curves, summary):
     return bode(curves, title, label)
 
 
+def rlocus_figure(loci, summary):
+    """Figure of what `forceaxis rlocus --json` prints."""
+    named = [replace(one, label=with_units(one.label, summary["model"])) for one in loci]
+    return rlocus(named, loop_title(summary))
+
+
 def nyquist_figure(summary):
     """Figure of what `forceaxis nyquist --json` prints."""
     at = summary["at"]
-    own = f" (k_f = {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
+    own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
     title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
     values = np.array(summary["real"]) + 1j * np.array(summary["imag"])
     return nyquist(np.array(summary["frequency_hz_of_curve"]), values, title)
@@ -458,7 +458,7 @@ def nyquist_figure(summary):
 def nyquist_set_figure(curves, summary):
     """Figure of what `forceaxis nyquist --json` prints over a set."""
     at, first = summary["at"], curves[0]
-    own = f" (k_f = {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
+    own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
     title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
     return nyquist(first.frequency_hz, first.response, title, others=curves[1:])
 

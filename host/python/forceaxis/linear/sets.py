@@ -40,12 +40,6 @@ class Subject:
         """That of the nominal plant in its first mode."""
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
-    def gain_of(self, loop):
-        """k of a loop, None without a gain."""
-        if self.gain is None and self.force_gain is None:
-            return None
-        return limits.one_gain(loop, self.gain, self.force_gain)
-
     def shown_gain(self):
         """(k, force_gain) of the loops to draw: those given, else half of the largest that all
         bear, or k = 1."""
@@ -278,11 +272,11 @@ def bode(
 
 def step_of(found, duration_s):
     """What `forceaxis step` prints over a set: the nominal response, and those of the others."""
-    if found.gain is None and found.force_gain is None:
-        limits.refuse_no_gain()
+    given = found.shown_gain()
     rows = []
     for member, timing, loop in _members(found):
-        one = limits.step_summary(loop, found.gain_of(loop), duration_s)
+        gain = over.gain_at(loop, *given, found.arguments)
+        one = limits.step_summary(loop, gain, duration_s)
         rows.append(_one(member, timing) | {
             name: one[name] for name in ("stable", "rise_s", "settle_s", "overshoot", "final",
                                          "time_s", "value")
@@ -295,7 +289,7 @@ def step_of(found, duration_s):
             row = max(has, key=lambda row: row[name])
             worst[name] = {"value": row[name]} | {n: row[n] for n in ("values", "modes", "timing")}
     loop = found.nominal()
-    gain = found.gain_of(loop)
+    gain = over.gain_at(loop, *given, found.arguments)
     return described(found) | {
         "gain": gain,
         "unit": loop.unit,

@@ -8,6 +8,7 @@ from forceaxis.design.search import Goal
 from forceaxis.linear import loops, modes, settings
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.words import plain
 
 
 def limits(model):
@@ -89,7 +90,7 @@ def laws(model, entries):
             banks.append({"entry": entry, "bank": own.bank, "worst": problem.at(own.bank)})
     units = {name: unit for name, (_, unit) in linear.facts(model)["parameters"].items()}
     over = ", ".join(
-        f"{name} {low:.4g} to {high:.4g} {units.get(name, '')}".rstrip()
+        f"{name} {plain(low, 4)} to {plain(high, 4)} {units.get(name, '')}".rstrip()
         for name, (_, low, high) in plants.ranges.items()
     )
     return {"over": over, "p": p, "banks": banks}

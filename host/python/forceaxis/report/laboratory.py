@@ -4,18 +4,20 @@ import os
 import re
 
 from forceaxis import _core, paths, toml
-from forceaxis.design import advise
+from forceaxis.design import advice_plot, advise
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.linear import plots as linear_plots
+from forceaxis.progress import counted
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
+
+WIDE_IN = 6.0  # a figure that is wider has a line of its own
 
 
 def models(entries):
@@ -126,7 +128,7 @@ def begin(pool):
 def ended(begun):
     """The values of frequency.html.jinja."""
     found = {
-        name: [one.get() for one in work] if isinstance(work, list) else work.get()
+        name: [one.get() for one in counted(work, name)] if isinstance(work, list) else work.get()
         for name, work in begun.items()
     }
     advice, advice_image = found.pop("advice")
@@ -149,13 +151,16 @@ def measured(path):
 def thesis_figure(number):
     """A figure of the text, drawn."""
     drawn = thesis_figures.thesis_figures()[number]
-    return {"figure": drawn.figure, "see": drawn.see, "image": pictures.figure(drawn.draw())}
+    picture = drawn.draw()
+    wide = picture.get_figwidth() > WIDE_IN
+    image = pictures.figure(picture)
+    return {"figure": drawn.figure, "see": drawn.see, "wide": wide, "image": image}
 
 
 def advised():
     """(advice for the laboratory's axis, its picture)."""
     advice = advise.advise("laboratory", threads=1)
-    return advice, pictures.figure(linear_plots.advice(advice))
+    return advice, pictures.figure(advice_plot.figure(advice))
 
 
 def check():

@@ -1,35 +1,19 @@
 """Pictures inside the page: whole figures as SVG images, thumbnails as inline SVG."""
 
-import io
 import itertools
-import re
-from base64 import b64encode
 
-import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 
 from forceaxis import drawing
 
-LARGEST = 400_000  # bytes of an SVG; a figure of more points becomes a PNG
 WIDTH, HEIGHT = 160, 56  # of a thumbnail
 STEPS = 80  # of a thumbnail's line, each with its lowest and highest value
-# What ends an attribute, starts a fragment or is an escape in a data URI.
-ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def figure(drawn):
     """A matplotlib figure as a data URI, closed."""
-    text = io.StringIO()
-    with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
-        drawn.savefig(text, format="svg", metadata={"Date": None})
-    plt.close(drawn)
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"(?<=\d\.\d\d)\d+", "", svg)  # a hundredth of a point
-    if len(svg) <= LARGEST:
-        return Markup("data:image/svg+xml," + svg.translate(ESCAPES))
-    return Markup("data:image/png;base64," + b64encode(drawing.small_png(drawn, 130)).decode())
+    return Markup(drawing.uri(drawn))
 
 
 def thumbnail(done):

@@ -11,7 +11,7 @@ def plateau(curves, wanted, label):
 
     curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
     """
-    figure, ax = plt.subplots(figsize=(6.4, 2.8))
+    figure, ax = plt.subplots(figsize=(5.6, 2.8))
     style(ax)
     for name, pairs in curves.items():
         ratio, score = np.transpose(pairs)
@@ -19,6 +19,7 @@ def plateau(curves, wanted, label):
     ax.axhline(wanted, color="#999999", linewidth=0.6)
     ax.set_xlabel("constant, % of its fitted value")
     ax.set_ylabel(label)
+    ax.yaxis.get_major_locator().set_params(integer=True)
     ax.legend(fontsize=7, frameon=False)
     figure.tight_layout()
     plt.close(figure)
@@ -27,7 +28,8 @@ def plateau(curves, wanted, label):
 
 def contact_maps(maps, gains, gaps):
     """Which runs cycle, over the initial gap and the gain as a part of the linear limit."""
-    figure, axes = plt.subplots(1, len(maps), sharey=True, figsize=(9.4, 3.6))
+    size = (5.6, 0.7 + 2.3 * len(maps))
+    figure, axes = plt.subplots(len(maps), 1, sharex=True, figsize=size)
     columns, rows = np.meshgrid(np.arange(len(gaps)), gains)
     for ax, m in zip(axes, maps, strict=True):
         style(ax)
@@ -39,11 +41,11 @@ def contact_maps(maps, gains, gaps):
         ax.axhline(1, color="#555555", linewidth=0.9, linestyle="--")
         ax.set_title(m.title, fontsize=8, loc="left", color=INK, parse_math=False)
         ax.set_xticks(range(0, len(gaps), 2), [f"{gap * 1e3:g}" for gap in gaps[::2]])
-        ax.set_xlabel("initial gap, mm", fontsize=8)
-    axes[0].set_ylabel("force gain / linear limit", fontsize=8)
+        ax.set_ylabel("force gain / linear limit", fontsize=8)
+    axes[-1].set_xlabel("initial gap, mm", fontsize=8)
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="lower left", ncols=2, fontsize=7, frameon=False
     )
-    figure.tight_layout(rect=(0, 0.04, 1, 1))
+    figure.tight_layout(rect=(0, 0.02, 1, 1))
     plt.close(figure)
     return figure

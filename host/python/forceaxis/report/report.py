@@ -8,7 +8,7 @@ from importlib import resources
 
 import jinja2
 
-from forceaxis import _core, objects, paths
+from forceaxis import _core, drawing, objects, paths, words
 from forceaxis.report import axes, folder
 
 # What the page calls each status of an experiment.
@@ -22,7 +22,9 @@ WORDS = {
 
 
 def template(name):
-    """The text of a file of this package."""
+    """The text of a file of this package, or of the style sheet of all pages."""
+    if name == "page.css":
+        return drawing.page_style()
     return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -56,7 +58,16 @@ def write(source=None, out=None, threads=None):
         source = paths.EXPERIMENTS
     else:
         folder.files(source)
-    out.mkdir(parents=True, exist_ok=True)  # a folder that cannot be created fails before the work
+    with paths.replacing(out, "index.html") as (file,):  # what cannot be created fails at once
+        page, summary = _made(source, out, threads, own)
+        file.write_text(page, encoding="utf-8")
+    return summary
+
+
+def _made(source, out, threads, own):
+    """(page, summary)."""
+    if own:
+        from forceaxis.report import laboratory
     with workers(threads) as pool:
         if own:
             frequency = laboratory.begin(pool)
@@ -73,6 +84,7 @@ def write(source=None, out=None, threads=None):
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["plain"] = words.plain
     summary = {
         "report": paths.display(out / "index.html"),
         "experiments": len(entries),
@@ -90,8 +102,6 @@ def write(source=None, out=None, threads=None):
         objects_hash=objects.OBJECTS_HASH,
         **values,
     )
-    with paths.replacing(out, "index.html") as (file,):
-        file.write_text(page, encoding="utf-8")
     if own:
         summary |= {key: values["result"][key] for key in ("matched", "total")}
-    return summary
+    return page, summary

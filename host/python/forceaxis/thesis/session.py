@@ -219,7 +219,7 @@ def whole(folder, report=lambda step: None):
         with paths.replacing(folder, *names) as (kept, png, svg):
             shutil.copyfile(journal, kept)
             drawn = figure(states, held)
-            drawing.save(drawn, png, "png", 120)
+            drawing.save(drawn, png, "png")
             drawing.save(drawn, svg, "svg")
     report("replaying the journal")
     done, journal = runs.replay(folder / "axis.journal")
