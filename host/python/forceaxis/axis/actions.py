@@ -15,6 +15,7 @@ FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
 POINTS = range(2, 9)
 POLL_S = 0.02
 MOST_COUNTS = 512  # of force_max
+STAND_S = 5.0  # a disabled axis coasts
 MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
 
 
@@ -56,6 +57,15 @@ def stop(axis):
             STOP_S,
         )
     return state(axis)
+
+
+def wait_to_stand(axis):
+    """Waits while a disabled axis coasts, STAND_S at most. Raises NoAnswer, Refused."""
+    before, passed = None, 0.0
+    while (now := axis.read("position")) != before and passed < STAND_S:
+        before = now
+        axis.link.wait(0.2)
+        passed += 0.2
 
 
 def tare(axis):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.axis import params
+from forceaxis.axis import actions, params
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME, enum
 from forceaxis.commission.refusal import ORPHANED
@@ -122,6 +122,7 @@ def _recover(folder):
         axis.reset_fault()
         axis.link.wait(0.05)
         folder.say(f"the run before was killed: its fault {fault} is reset")
+        actions.wait_to_stand(axis)  # disabled by the fault, it may still coast
     count = put_back(folder)
     if count:
         folder.say(f"the run before was killed: {count} objects are as they were before it")

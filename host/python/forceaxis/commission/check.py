@@ -22,7 +22,6 @@ SETTLE_S = 1.3
 MOVE_SPEED_MAX = 8  # counts a tick: at least four times as fast as the move is
 ARRIVED_CNT = 20
 RESTORE_TRIES = 4
-STAND_S = 5.0  # a disabled axis coasts
 ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
 NO_LIMIT = 2**31 - 1
 # What a fault that stops the first motion mostly means.
@@ -337,14 +336,6 @@ class Check:
         if interrupt:
             raise interrupt
 
-    def _stand(self):
-        """Waits until the axis, which coasts since it was disabled, stands."""
-        before, passed = None, 0.0
-        while (now := self.axis.read("position")) != before and passed < STAND_S:
-            before = now
-            self.axis.link.wait(0.2)
-            passed += 0.2
-
     def _tare(self):
         band = self.known["tare_band"] or self.known["contact_force"]
         if not self.passed:
@@ -355,7 +346,7 @@ class Check:
                        self.reading, band)  # fmt: skip
         else:
             try:
-                self._stand()
+                actions.wait_to_stand(self.axis)
                 found = actions.tare(self.axis)
             except (Refused, NoAnswer) as error:
                 self._done("tare", "failed", str(error), self.reading, band)
