@@ -152,16 +152,22 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     assert f"took the gain down {done.backoffs} times" in outcome.describe(done)
 
 
-@pytest.mark.parametrize("left, taken", [(0.5, "PI"), (1.5, "PI and one biquad")])
+@pytest.mark.parametrize(
+    "left, other, taken", [(0.3, 0.4, "PI"), (0.5, 0.4, "PI and one biquad"), (0.5, 1.0, "PI")]
+)
 def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
-    found, monkeypatch, order, left, taken
+    found, monkeypatch, order, left, other, taken
 ):
-    """left: Hz of the chosen structure, whose gain is reduced."""
+    """left: Hz of the chosen structure, which promised 2 Hz, at a third of its gain, the first that
+    contact bears; other: what the other promises."""
 
     def two(plants, goal, progress=None):
         steep, calm = (answer(plants, goal, factor=factor) for factor in (3.5, 1.0))
-        rows = [*steep.structures, {**calm.structures[1], "name": "PI"}]
-        calm = replace(calm, chosen="PI", structures=rows)
+        calm = replace(calm, chosen="PI", worst=calm.worst | {"fS_Hz": other})
+        rows = [
+            steep.structures[1] | {"worst": steep.worst | {"fS_Hz": 2.0}},
+            calm.structures[1] | {"worst": calm.worst, "name": "PI"},
+        ]
         return replace(steep, structures=rows, instead={"PI": calm}.get)
 
     def worst(plants, timings, law, bank):
@@ -170,7 +176,7 @@ def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
     monkeypatch.setattr(search, "search", two)
     monkeypatch.setattr(over, "worst", worst)
     done = for_set.design(order(FINE, "k_w=30%", latency="0"))
-    assert (done.chosen, done.worst["fS_Hz"]) == (taken, max(left, 1.0))
+    assert (done.chosen, done.worst["fS_Hz"]) == (taken, other if taken == "PI" else left)
     assert (done.backoffs == 0) == (taken == "PI")
     assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
 

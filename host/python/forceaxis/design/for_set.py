@@ -5,6 +5,7 @@ that it takes away is said, and another structure is taken that is left with mor
 written is `files` and `page`.
 """
 
+import itertools
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -146,30 +147,34 @@ def simulated(bench, outcome, instead, say):
     latencies = LATENCIES[order.latency]
     members = [{}, *random_members(outcome.plants, MEMBERS)]
 
-    def left(one):
+    def left(one, least):
         bench.wait_for(one.bank)
         bank, one.loss, one.rows, one.backoffs = simulate.safe(
-            bench, one.bank, members, latencies, threads, say
+            bench, one.bank, members, latencies, threads, say, least
         )
         if one.backoffs:
             one.bank, one.worst = bank, reassessed(one, bank)
         return one
 
+    promised = {row["name"]: row["worst"]["fS_Hz"] for row in outcome.structures if row["worst"]}
+    names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
+    names = [outcome.chosen, *sorted(names, key=promised.get, reverse=True)]
+    # First each with about as much gain as the next one promises; then, if all fail, with any.
+    shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best, refused = None, None
-    others = [row for row in outcome.structures if row["name"] not in ("P", outcome.chosen)]
-    others.sort(key=lambda row: row["worst"]["fS_Hz"], reverse=True)
-    for name in (outcome.chosen, *(row["name"] for row in others)):
-        one = outcome if name == outcome.chosen else instead(name)
-        if one is None or (best and one.worst["fS_Hz"] <= best.worst["fS_Hz"]):
-            continue
-        try:
-            one = left(one)
-        except InputError as error:
-            refused = refused or error
-            continue
-        if best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]:
-            best = one
-        if not best.backoffs:
+    for tries in (zip(names, shares, strict=True), ((name, 0.0) for name in names[:-1])):
+        for name, least in tries:
+            if best and (not best.backoffs or promised[name] <= best.worst["fS_Hz"]):
+                continue
+            one = outcome if name == outcome.chosen else instead(name)
+            try:
+                one = one and left(one, least)
+            except InputError as error:
+                refused = refused or error
+                continue
+            if one and (best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]):
+                best = one
+        if best:
             break
     if best is None:
         raise refused

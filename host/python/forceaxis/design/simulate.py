@@ -337,12 +337,15 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
     }
 
 
-def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None):
+def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
     """(bank, loss, rows, backoffs): the bank with its gain reduced until every case is stable.
 
-    Raises InputError where none of BACKOFFS steps is enough.
+    least: share of its gain below which no step is tried but the first. Raises InputError where
+    none of BACKOFFS steps is enough.
     """
     for steps in range(BACKOFFS + 1):
+        if steps and BACKOFF**steps < least:
+            break
         gain = bank.force_gain * BACKOFF**steps
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
@@ -358,11 +361,11 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None):
             loss["strike_N_s"] = loss["strike_default_N_s"]
             chosen = rows
         return tried, loss, chosen, steps
-    bad = unstable(rows)[0]
+    bad, share = unstable(rows)[0], tried.force_gain / bank.force_gain
     raise InputError(
         f"simulation: expected contact that settles, {bad['case']} does not even at "
-        f"{tried.force_gain:.3g}, {BACKOFF**BACKOFFS:.2g} of the designed gain; a smaller set, a "
-        "softer pad or a slower approach"
+        f"{tried.force_gain:.3g}, {share:.2g} of the designed gain; a smaller set, a softer pad or "
+        "a slower approach"
     )
 
 
