@@ -200,6 +200,16 @@ def test_press_without_a_bound_of_the_speed_is_refused():
     assert "expected a position_gain" in refusal(done, 1)
 
 
+@pytest.mark.parametrize("mode, gain, said", [("force", 0, 1), ("force", 4, 0), ("-2", 0, 0)])
+def test_an_axis_that_is_enabled_without_a_position_gain_is_warned_of(mode, gain, said):
+    done = forceaxis(
+        "axis", "enable", "--sim", CONTACT, "--seconds", "0.2", "--set",
+        f"firmware.position_gain={gain}", "--", mode,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("position_gain is 0: the axis neither approaches nor follows") == said
+
+
 @pytest.mark.parametrize("force", ["60 kg", "much", "", "1 2 3"])
 def test_press_wants_a_force(force):
     assert "expected a force as" in refusal(forceaxis("axis", "press", *SIM, force), 2)

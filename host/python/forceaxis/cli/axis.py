@@ -209,13 +209,17 @@ def enable(mode, words, seconds, way, as_json):
     the axis is enabled: a target acts only if it is written then. Ends with status 1 as soon as the
     axis is no longer enabled.
     """
+    from forceaxis.axis.axis import MODES
     from forceaxis.bus import state_names
 
-    number = int(mode) if mode.lstrip("-").isdigit() else mode
+    number = int(mode) if mode.lstrip("-").isdigit() else MODES.get(mode, mode)
+    moved = state_names.FORCE_MODES | state_names.TARGET_MODES | state_names.PROFILE_MODES
     with owned(way) as axis:
         values = in_units(axis, words)
         axis.enable(number, **values)
         axis.set(**{name: v for name, v in values.items() if name.startswith("target_")})
+        if axis.read("position_gain") == 0 and number in moved:
+            click.echo("position_gain is 0: the axis neither approaches nor follows", err=True)
         if not as_json:
             print_state(axis, "enabled", False)
         passed = 0.0
