@@ -461,6 +461,29 @@ def test_an_axis_that_another_client_owns_is_left_to_it(plants, tmp_path):
     assert (tmp_path / as_found.FILE).exists()
 
 
+def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
+    """A damped axis does not leave the workpiece when it is disabled; what presses it again after a
+    loss of contact is not seen to approach."""
+    sheet = {
+        "guide_damping_n_s_per_m": 300, "rotor_inertia_kg_m2": 1e-5, "approach_mm": 2,
+        "sensor_bits": 12, "sensor_noise_n": 0.15, "workpiece_stiffness_n_per_m": 4e5,
+        "workpiece_mass_kg": 4,
+    }  # fmt: skip
+    new.write(tmp_path / "axis", *data_sheet.collect({k: str(v) for k, v in sheet.items()}))
+    gains = ["firmware.position_gain=4", "firmware.velocity_gain=20", "firmware.mode=disabled"]
+    asked = tune.Order(
+        str(tmp_path / "axis/model.toml"), FORCES, ("k_w=30%",), force_max_N=200.0, averages=4
+    )
+    hidden = SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5", *gains])
+    with Axis(hidden) as axis:
+        tuning = tune.Tuning(axis, asked, tmp_path / "out")
+        for step in ("check", "free", "measure"):
+            tuning.run(step)
+    measured = tuning.result("measure")
+    assert [round(level["bias_N"] / force, 1) for level, force in
+            zip(measured.values(), FORCES, strict=True)] == [1.0, 1.0]  # fmt: skip
+
+
 def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
     link = SimLink(plants / "true/contact.toml")
     before = everything(link)

@@ -177,7 +177,14 @@ def measure(tuning):
     law = _objects(tuning, bank, {}) | {"bump_decay_shift": 0} | _reach(tuning)
     for force in tuning.order.forces:
         name = f"{force:g}N"
-        _, done[name] = _measured(tuning, name, lambda a, f=force: a.contact(f), law, order, first)
+
+        def take(measures, force=force):
+            level = measures.contact(force)
+            # An axis that still touches does not approach again, so it keeps the cap of the first.
+            law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
+            return level
+
+        _, done[name] = _measured(tuning, name, take, law, order, first)
         first = _next_amplitude(done[name]["amplitude"], force, order.forces)
         lines.append(_line(name, done[name]))
     return done, "; ".join(lines)
