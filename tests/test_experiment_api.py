@@ -85,7 +85,10 @@ def test_from_memory_is_the_same_run(contact, monkeypatch):
     ("source", "says"),
     [
         ("title = ", r"\(in memory\): line 1, column 9: expected valid TOML"),
-        ({"title": "t"}, r"\(in memory\): duration_s: expected a number from .*, got nothing; add"),
+        (
+            {"title": "t"},
+            r"\(in memory\): duration_s: expected a finite number > 0 in s .*, got nothing; add",
+        ),
         ({"title": {1, 2}}, r"\(in memory\): expected tables, texts and numbers, got \{1, 2\}"),
         ({"titel": "t", "modle": "m"}, "did you mean model, title\\?"),
     ],

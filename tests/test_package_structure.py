@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "host/python/forceaxis"
 # From the ground up; what stands in one line may not import each other's wing.
 ORDER = (
-    ("_core", "paths", "words"),
+    ("_core", "paths", "words", "progress"),
     ("objects", "drawing", "toml"),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
