@@ -40,7 +40,9 @@ class Page:
             if method == "Runtime.consoleAPICalled" and about["type"] in COMPLAINTS:
                 self.complaints.append(" ".join(str(a.get("value")) for a in about["args"]))
             elif method == "Runtime.exceptionThrown":
-                self.complaints.append(about["exceptionDetails"]["text"])
+                details = about["exceptionDetails"]
+                thrown = details.get("exception", {}).get("description", "")
+                self.complaints.append(f"{details['text']} {thrown} {details.get('url', '')}")
             elif method == "Log.entryAdded" and about["entry"]["level"] in COMPLAINTS:
                 self.complaints.append(about["entry"]["text"])
             elif method == "Network.requestWillBeSent":

@@ -152,6 +152,14 @@ def test_bad_usage_is_one_line_and_status_2(arguments, words):
     refused(forceaxis("monitor", *arguments), *words)
 
 
+async def shown(page, done, seconds=60):
+    for _ in range(10 * seconds):
+        if done():
+            return
+        await asyncio.sleep(0.1)
+    raise AssertionError(f"did not come; complaints {page.complaints}: {page.received()[-2000:]}")
+
+
 def look(address, folder, width, height):
     """What Chromium shows of a page: {name: median of what was shown}, complaints, requests to
     others."""
@@ -162,17 +170,18 @@ def look(address, folder, width, height):
         async with browser.opened(address, folder / str(width), width, height) as page:
             await browser.until(page, "!!document.querySelector('.xterm-helper-textarea')")
             await page.value("document.querySelector('.xterm-helper-textarea').focus()")
+            await shown(page, lambda: page.received())  # a key before its socket is open is lost
             for key in ("r", "u", "u"):
                 await page.press(key)
-            for _ in range(300):
-                shown = {n: re.findall(p, page.received()) for n, p in patterns.items()}
-                if all(shown.values()) and len(shown["force_N"]) > 20:
-                    break
-                await asyncio.sleep(0.1)
+
+            def values():
+                return {n: re.findall(p, page.received()) for n, p in patterns.items()}
+
+            await shown(page, lambda: all(values().values()) and len(values()["force_N"]) > 20)
             await page.picture(folder / f"monitor_{width}.png")
             own = (address, "data:", "about:", address.replace("http:", "ws:"))
             others = [url for url in page.requests if not url.startswith(own)]
-            medians = {n: statistics.median(map(float, values)) for n, values in shown.items()}
+            medians = {n: statistics.median(map(float, v)) for n, v in values().items()}
             return medians, page.complaints, others
 
     return asyncio.run(visit())
