@@ -259,6 +259,10 @@ def test_a_map_marks_them_and_refine_looks_closer(tmp_path, monkeypatch):
     assert len(done.columns["verdict"]) == 9  # the grid stays a grid
     assert len((tmp_path / "closer.csv").read_text().splitlines()) == 9
     assert "--refine" in done.summary["command"]
+    assert "around it" in dict(sweeps.describe(done))["alone"]
+    grid["firmware.force_setpoint"] = "26:30:2"
+    even = sweeps.sweep(*given, refine=True)
+    assert dict(sweeps.describe(even))["alone"] == "no point: nothing to look closer at"
     figure = sweep_plots.sweep(done)
     assert "stands alone" in [t.get_text() for t in figure.legends[0].get_texts()]
     (newton,) = figure.axes[0].child_axes

@@ -1,4 +1,6 @@
-"""Numbers as people read them."""
+"""Numbers as people read them, and names that they may have meant."""
+
+import difflib
 
 
 def plain(value, digits=3):
@@ -10,3 +12,9 @@ def plain(value, digits=3):
     decimals = max(0, digits - len(str(int(abs(rounded)))))
     text = f"{rounded:,.{decimals}f}"
     return text if abs(rounded) >= 1e4 else text.replace(",", "")
+
+
+def suggestion(name, known):
+    """The end of a message about an unknown name: what may have been meant, or nothing."""
+    meant = difflib.get_close_matches(name, known, 2, 0.65)
+    return f"; did you mean {' or '.join(meant)}?" if meant else ""

@@ -14,7 +14,6 @@ A refused command raises Refused with the reason, an unacknowledged one NoAnswer
 or value that is not in the object table raises InputError before anything is sent.
 """
 
-import difflib
 import math
 import re
 import threading
@@ -34,6 +33,7 @@ from forceaxis.bus.lcm import (
 )
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.words import suggestion
 
 STRAGGLERS_S = 1.0
 HEARD_S = 1.0  # seconds; a gateway publishes states more often
@@ -58,10 +58,9 @@ def object_named(name):
     if ADDRESS.fullmatch(name):
         return None
     if name not in BY_NAME:
-        meant = difflib.get_close_matches(name, BY_NAME, 2, 0.65)
-        hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
         raise InputError(
-            f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]{hint}"
+            f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]"
+            f"{suggestion(name, BY_NAME)}"
         )
     return BY_NAME[name]
 
@@ -76,8 +75,9 @@ def to_raw(name, value):
         wanted, low, high = "an integer of at most 32 bits", -(2**31), 2**32 - 1
     else:
         low, high = known.min, known.max
-        span = f"{low * known.scale:g} to {high * known.scale:g}"
-        wanted = f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {known.unit}"
+        span = " to ".join(f"{n * known.scale:g}" for n in dict.fromkeys((low, high)))
+        unit = "" if known.unit == "1" else known.unit
+        wanted = f"one of {', '.join(texts(known))}" if texts(known) else f"{span} {unit}".rstrip()
     try:
         if known is None:
             raw = int(value, 0) if isinstance(value, str) else int(value)

@@ -1,7 +1,6 @@
 """Shared by verbs: the form of their help, options, errors."""
 
 import contextlib
-import difflib
 import os
 import shutil
 import sys
@@ -15,6 +14,7 @@ from click.shell_completion import CompletionItem
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError
+from forceaxis.words import suggestion
 
 SENTENCE = 300  # characters; click ends a longer one in dots
 
@@ -108,12 +108,6 @@ class Kind(click.Choice):
         super().__init__(link.KINDS)
 
 
-def close(name, known):
-    """The end of a message about an unknown name: what may have been meant, or nothing."""
-    meant = difflib.get_close_matches(name, known, 2, 0.65)
-    return f"; did you mean {' or '.join(meant)}?" if meant else ""
-
-
 class Subject(click.ParamType):
     """A file that a verb reads: a path, or the stem of a file in one of `folders` of sim. Gives
     the text as it was typed; with `as_path` a Path, of a stem the file's."""
@@ -136,11 +130,11 @@ class Subject(click.ParamType):
             places = " or ".join(paths.display(f) for f in self.folders)
             raise InputError(
                 f"{kind}: {text}: expected a path ending in .toml or a name of {places}"
-                f"{close(text, known)}"
+                f"{suggestion(text, known)}"
             )
         if not is_stem and path.suffix == ".toml" and not path.exists():
             near = [p.name for p in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-            if meant := close(path.name, near):
+            if meant := suggestion(path.name, near):
                 raise InputError(f"{text}: file: expected a readable file, got none{meant}")
         if not self.as_path:
             return value

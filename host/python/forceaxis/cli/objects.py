@@ -8,7 +8,8 @@ import textwrap
 import click
 
 from forceaxis import objects, paths
-from forceaxis.cli.common import File, Verb, as_json, close
+from forceaxis.cli.common import File, Verb, as_json
+from forceaxis.words import suggestion
 
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
@@ -103,7 +104,7 @@ def objects_(pattern, as_json, **files):
         return
     rows = [o for o in objects.OBJECTS if pattern in o.name]
     if not rows:
-        hint = close(pattern, objects.BY_NAME)
+        hint = suggestion(pattern, objects.BY_NAME)
         raise click.UsageError(
             f"{pattern}: expected part of an object's name, got none of it{hint}"
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from forceaxis import _core, objects
 from forceaxis._core import InputError
+from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
 
@@ -140,7 +141,10 @@ def check_names(experiment, inputs, overrides, axes):
         room, dot, key = name.partition(".")
         if not dot:
             if name not in inputs["parameters"]:
-                fail("a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY")
+                fail(
+                    "a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY"
+                    f"{suggestion(name, inputs['parameters'])}"
+                )
             value = inputs["parameters"][name]["value"]
             if name in _core.inputs(str(experiment), [*overrides, f"{name}={value!r}"])["unused"]:
                 fail("a parameter that the model uses, this one changes nothing here")

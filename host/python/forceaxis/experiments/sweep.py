@@ -139,6 +139,7 @@ def sweep(
         "failures": [
             {"index": i, **rows[i], "error": str(columns["error"][i])} for i in failed[:10]
         ],
+        "refined": refine,
         "alone": [alone_row(rows[i], columns["verdict"][i], axes, closer) for i in single],
         "seed": seed if random else None,
         **identity,
@@ -227,6 +228,8 @@ def describe(done):
     elif counts["stable"] + counts["unstable"]:
         lines.append(("verdict", f"{counts['stable']} stable, {counts['unstable']} unstable"))
     lines += [("alone", alone_line(one, done)) for one in summary["alone"][:10]]
+    if summary["refined"] and not summary["alone"]:
+        lines.append(("alone", "no point: nothing to look closer at"))
     if counts["failed"]:
         first = summary["failures"][0]
         lines.append(
