@@ -225,7 +225,7 @@ def converse(folder, answers, *arguments):
         shown += chunk
         if shown.endswith("]: ") and len(shown) > answered:
             answered = len(shown)
-            name = shown.splitlines()[-1].split()[0]
+            name = shown.splitlines()[-1].split()[0].rstrip(",")
             asked.append(name)
             queue = answers.get(name, [])
             os.write(terminal, ((queue.pop(0) if queue else "") + "\n").encode())
@@ -235,20 +235,29 @@ def converse(folder, answers, *arguments):
 
 def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     answers = {
-        "lead-mm-per-rev": ["none"],
-        "pulley-radius-mm": ["twelve", "12"],
+        "back-emf-v-s-per-rad": ["3", "0.2"],
+        "resistance-ohm": ["<"],
+        "lead-mm-per-rev": ["none", "5", "none"],
+        "pulley-radius-mm": ["<", "twelve", "12"],
+        "efficiency": ["<"],
         "workpiece-stiffness-n-per-m": ["4e5"],
     }
     status, shown, asked = converse(tmp_path, answers, "--moving-mass-kg", "20")
     assert status == 0, shown
     assert "moving-mass-kg" not in asked  # given as an option
-    assert asked.count("pulley-radius-mm") == 2  # "twelve" is refused, in one line, and asked again
-    assert "expected a plain number from 0.01 to 10000 mm, got 'twelve'" in shown
-    assert "back-emf-v-s-per-rad [0.1]: " in shown  # the default follows the torque constant
+    assert asked.count("pulley-radius-mm") == 3  # back to the lead, "twelve", which is refused, 12
+    words = "expected a plain number from 0.01 to 10000 mm, got 'twelve'"
+    assert words in " ".join(shown.split())
+    assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
+    assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
+    assert "lead-mm-per-rev, mm/rev [5]: " in shown
+    assert "\n2 of 36  motor: back-EMF" in shown.replace("\r", "")
+    assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one
     model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
     assert model["parameters"]["r_trans"] == {"value": 0.012, "unit": "m/rad", "source": "given"}
+    assert model["parameters"]["k_back_emf"]["value"] == 0.2
     assert model["parameters"]["R"]["source"].startswith("default, check")
     assert ran(tmp_path, "contact.toml")["verdict"] == "stable"
 

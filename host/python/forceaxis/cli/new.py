@@ -1,7 +1,9 @@
 """`forceaxis new`."""
 
 import json
+import shutil
 import sys
+import textwrap
 
 import click
 
@@ -21,20 +23,31 @@ def options(command):
     return command
 
 
-def prompt(field, default):
-    """Ask for one value on the terminal until it is one; None: the default was taken."""
-    click.echo(f"\n{field.part}: {field.ask}")
-    proposed = data_sheet.shown(field, default)
+def prompt(field, proposed, number):
+    """Ask for one value on the terminal until it is one, or the question before is wanted."""
+    count = len(data_sheet.FIELDS)
+    if number == 1:
+        filled(f"Enter takes what is in brackets, {data_sheet.BACK} goes back, Ctrl-C ends.")
+    filled(f"{number} of {count}  {field.part}: {field.ask}", first="\n")
+    unit = "" if field.unit == "1" else f", {field.unit}"
     while True:
-        text = click.prompt(f"  {field.option[2:]}", default=proposed)
-        if text == proposed:
-            return None
+        text = click.prompt(f"  {field.option[2:]}{unit}", default=proposed).strip()
+        if text == data_sheet.BACK:
+            return text
         try:
             field.parse(text)
+            return text
         except InputError as error:
-            click.echo(f"  {error}")
-            continue
-        return text
+            filled(str(error), "  ")
+
+
+def filled(text, indent="", first=""):
+    """Print within the width of the terminal."""
+    width = shutil.get_terminal_size().columns
+    lines = textwrap.fill(
+        text, width, initial_indent=indent, subsequent_indent="  ", break_on_hyphens=False
+    )
+    click.echo(first + lines)
 
 
 @click.command(

@@ -176,37 +176,59 @@ FIELDS = (
 BY_NAME = {f.name: f for f in FIELDS}
 
 
+BACK = "<"  # an answer: to the question before
+
+
 def collect(given, ask=None):
-    """Every value and its origin. `given`: texts by name; `ask(field, default)` -> text.
+    """Every value and its origin. `given`: texts by name; `ask(field, proposed, number)` -> text
+    that parses, or BACK; number: of the field, from 1.
 
     Returns (values, sources). Raises InputError for a value that is out of range or without effect.
     """
-    values, sources = {}, {}
     texts = {name: text for name, text in given.items() if text is not None}
     for field in FIELDS:  # giving the one alternative answers "none" to the other
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
-    for field in FIELDS:
+    values, sources, answers, asked, i = {}, {}, {}, [], 0
+    while i < len(FIELDS):
+        field = FIELDS[i]
         text = texts.get(field.name)
-        needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
-        refusal = None
-        if needs and values[needs.name] is None:
-            refusal = f"expected no value while {needs.option} is {needs.word}; give that one too"
-        elif other and values[other.name] is not None:
-            refusal = f"expected no value beside {other.option}; give one of the two"
-        if refusal:
+        if refusal := without_effect(field, values):
             if text not in (None, field.word):
                 raise InputError(f"{field.option}: {refusal}")
             values[field.name] = None
+            sources.pop(field.name, None)  # of an answer before one went back
+            i += 1
             continue
         default = field.default(values) if callable(field.default) else field.default
         if text is None and ask is not None:
-            text = ask(field, default)
+            proposed = shown(field, default)
+            text = ask(field, answers.get(field.name, proposed), i + 1)
+            if text == BACK:
+                i = asked.pop() if asked else i
+                continue
+            asked.append(i)
+            if text == proposed:
+                text = None
+                answers.pop(field.name, None)
+            else:
+                answers[field.name] = text
         if text is None:
             values[field.name], sources[field.name] = default, f"default, check: {field.why}"
         else:
             values[field.name], sources[field.name] = field.parse(text), "given"
+        i += 1
     return values, sources
+
+
+def without_effect(field, values):
+    """Why a field may have no value beside those before it; None if it may."""
+    needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
+    if needs and values[needs.name] is None:
+        return f"expected no value while {needs.option} is {needs.word}; give that one too"
+    if other and values[other.name] is not None:
+        return f"expected no value beside {other.option}; give one of the two"
+    return None
 
 
 def shown(field, default):
