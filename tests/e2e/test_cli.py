@@ -505,6 +505,14 @@ def test_a_shell_completes_models_experiments_and_objects():
     assert "m_w=" in completed("run", "contact", "--set", "m_")
     assert "b_w=" in completed("limit", "fig4_19", "--set", "b")
     assert completed("limit", "nowhere", "--set", "b_") == []
+    assert "m_w=" in completed("sweep", "contact", "--grid", "m_")
+    assert "firmware.force_gain=" in completed("sweep", "contact", "--bisect", "firmware.force_g")
+    assert "k_w=" in completed("design", "laboratory", "--over", "k_")
+    assert "k_w=" in completed("tune", "--model", "laboratory", "--prior", "k_")
+    assert "laboratory" in completed("tune", "--model", "lab")
+    assert {"force", "force_gain"} <= set(completed("axis", "get", "forc"))
+    assert "force_gain=" in completed("axis", "set", "forc")
+    assert "force=" not in completed("axis", "set", "forc")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

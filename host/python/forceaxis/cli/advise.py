@@ -5,7 +5,7 @@ import shutil
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Positive, Slow, Subject, as_json, threads
+from forceaxis.cli.common import Override, Parameter, Positive, Slow, Subject, as_json, threads
 from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
@@ -21,6 +21,7 @@ def over_options(verb):
     return click.option(
         "--over",
         multiple=True,
+        type=Parameter(),
         metavar="NAME=PERCENT%|LOW..HIGH",
         help="A parameter and how far it may be off; several with commas. Repeatable.",
     )(verb)
@@ -37,7 +38,14 @@ def over_options(verb):
     metavar="MODEL|EXPERIMENT",
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
-@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    type=Override(),
+    metavar="NAME=VALUE",
+    help="A model parameter.",
+)
 @click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
 @click.option(
     "--factor",
@@ -98,10 +106,18 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
 @click.option("--element", help="The stiffness that is varied. Default: the contact's.")
-@click.option("--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A model parameter.")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    type=Override(),
+    metavar="NAME=VALUE",
+    help="A model parameter.",
+)
 @click.option(
     "--over",
     multiple=True,
+    type=Parameter(),
     metavar="NAME=PERCENT%|LOW..HIGH",
     help="The set, as in advise. Default: mass and stiffness of what is pressed on, 30 %.",
 )

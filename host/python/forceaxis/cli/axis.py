@@ -11,7 +11,7 @@ import click
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Positive, Verbs, as_json
+from forceaxis.cli.common import Object, Positive, Verbs, as_json
 from forceaxis.cli.live_options import connected, live, owned
 
 
@@ -123,7 +123,7 @@ def table_of(rows):
     epilog="""forceaxis axis get --axis 1 force position fault
     forceaxis axis get --can can0 'recorder_*' --json"""
 )
-@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@click.argument("names", nargs=-1, required=True, type=Object(), metavar="NAME...")
 @live
 @as_json
 def get(names, way, as_json):
@@ -145,7 +145,7 @@ def get(names, way, as_json):
     epilog="""forceaxis axis set --axis 1 force_gain=7 position_gain=4
     forceaxis axis set --can can0 force_setpoint="75 N" recorder_trigger_edge=rising""",
 )
-@click.argument("words", nargs=-1, required=True, metavar="NAME=VALUE...")
+@click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
 @live
 @as_json
 def set_objects(words, way, as_json):

@@ -7,7 +7,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis, lines, shown
-from forceaxis.cli.common import Folder, Positive, as_json
+from forceaxis.cli.common import Folder, Object, Positive, as_json
 from forceaxis.cli.live_options import live, owned
 
 
@@ -90,7 +90,7 @@ def asked(axis, most):
     epilog="""forceaxis axis capture --axis 1 force dac_code --samples 1500 --out out/rest
     forceaxis axis capture --can can0 force position --trigger "force rising 31" --pretrigger 300"""
 )
-@click.argument("signals", nargs=-1, required=True, metavar="SIGNAL...")
+@click.argument("signals", nargs=-1, required=True, type=Object(), metavar="SIGNAL...")
 @click.option(
     "--samples", type=click.IntRange(0, 65535), default=0, help="Default: what the recorder holds."
 )

@@ -10,7 +10,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Folder, Positive, Verb, Verbs, as_json, show
+from forceaxis.cli.common import File, Folder, Positive, Subject, Verb, Verbs, as_json, show
 
 log_file = click.argument(
     "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
@@ -50,6 +50,7 @@ log_file = click.argument(
 @click.option("--codes", is_flag=True, help="Counts and DAC codes, not N, mm, V; key u changes it.")
 @click.option(
     "--model",
+    type=Subject(paths.MODELS),
     metavar="MODEL",
     help="Positions in mm by this model's encoder, for axes without units of their own (6092h).",
 )

@@ -156,6 +156,30 @@ class Override(click.ParamType):
         return [CompletionItem(text) for text in completed(ctx, incomplete)]
 
 
+class Parameter(click.ParamType):
+    """NAME=...; completes the parameters of the verb's model."""
+
+    name = "parameter"
+
+    def shell_complete(self, ctx, param, incomplete):
+        return [CompletionItem(n) for n in _parameters(ctx) if n.startswith(incomplete)]
+
+
+class Object(click.ParamType):
+    """The name of a firmware object, with `=` NAME=VALUE of one that can be written."""
+
+    name = "object"
+
+    def __init__(self, end=""):
+        self.end = end
+
+    def shell_complete(self, ctx, param, incomplete):
+        from forceaxis import objects
+
+        known = (o.name + self.end for o in objects.OBJECTS if "w" in o.access or not self.end)
+        return [CompletionItem(name) for name in sorted(known) if name.startswith(incomplete)]
+
+
 def completed(ctx, text):
     """What `--set TEXT` may become: firmware.NAME=, texts of an enumeration, the parameters of the
     verb's own file, verdict and duration. Never raises."""
@@ -177,7 +201,10 @@ def _parameters(ctx):
     from forceaxis.linear import settings
 
     # An option without its value, which is what is completed, leaves the words in `args`.
-    arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)]
+    arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
+        "model",
+        "sim",
+    ]
     subject = next(filter(None, map(ctx.params.get, arguments)), None)
     subject = subject or next(iter(ctx.args), None)
     if not subject:

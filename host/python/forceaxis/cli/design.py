@@ -8,7 +8,7 @@ from dataclasses import replace
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Folder, Subject, Verb, as_json, threads
+from forceaxis.cli.common import Folder, Override, Parameter, Subject, Verb, as_json, threads
 
 
 @click.command(
@@ -27,6 +27,7 @@ from forceaxis.cli.common import Folder, Subject, Verb, as_json, threads
 @click.option(
     "--over",
     multiple=True,
+    type=Parameter(),
     metavar="NAME=PERCENT%|LOW..HIGH",
     help="A parameter of the model and how far it may be off; several with commas. Repeatable.",
 )
@@ -52,7 +53,7 @@ from forceaxis.cli.common import Folder, Subject, Verb, as_json, threads
     help="latency_ticks that one design is made for.",
 )
 @click.option(
-    "--set", "overrides", multiple=True, metavar="NAME=VALUE",
+    "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE",
     help="A model parameter (b_w=363), in its own unit. Repeatable.",
 )  # fmt: skip
 @click.option(
@@ -60,7 +61,7 @@ from forceaxis.cli.common import Folder, Subject, Verb, as_json, threads
     help="Of `forceaxis measure --out`: MODEL is fitted to it first. Repeatable.",
 )  # fmt: skip
 @click.option(
-    "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
+    "--prior", "priors", multiple=True, type=Parameter(), metavar="NAME=VALUE[+-PERCENT%]",
     help="With --measured: what is known of a parameter (m_w=4.1+-2%). Repeatable.",
 )  # fmt: skip
 @click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")

@@ -157,6 +157,7 @@ def named(context, option, texts):
 @click.option(
     "--grid",
     multiple=True,
+    type=Override(),
     metavar="NAME=FROM:TO:COUNT[:log]",
     callback=named,
     help="COUNT values from FROM to TO, both included, or NAME=VALUE,VALUE,...; all combinations "
@@ -165,6 +166,7 @@ def named(context, option, texts):
 @click.option(
     "--random",
     multiple=True,
+    type=Override(),
     metavar="NAME=FROM:TO[:log]",
     callback=named,
     help="Draw --count points, uniform in the value or in its logarithm.",
@@ -176,6 +178,7 @@ def named(context, option, texts):
 @click.option(
     "--bisect",
     multiple=True,
+    type=Override(),
     metavar="NAME=FROM:TO:TOLERANCE",
     callback=named,
     help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "

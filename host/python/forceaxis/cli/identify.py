@@ -6,7 +6,16 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Slow, Subject, Verbs, as_json, done_waiting
+from forceaxis.cli.common import (
+    Folder,
+    Override,
+    Parameter,
+    Slow,
+    Subject,
+    Verbs,
+    as_json,
+    done_waiting,
+)
 
 
 class Known(click.ParamType):
@@ -214,11 +223,16 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 @click.argument("model", type=Subject(paths.MODELS))
 @click.argument("response", type=click.Path())
 @click.option(
-    "--fit", "names", multiple=True, required=True, metavar="NAME[=START]",
+    "--fit", "names", multiple=True, required=True, type=Parameter(), metavar="NAME[=START]",
     help="Parameter to fit, and where to start if not from the model's value. Repeatable.",
 )  # fmt: skip
 @click.option(
-    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="Parameter that is held."
+    "--set",
+    "overrides",
+    multiple=True,
+    type=Override(),
+    metavar="NAME=VALUE",
+    help="Parameter that is held.",
 )
 @click.option("--input", help="Signal. Default: as recorded; of a CSV file drive.command.")
 @click.option("--output", help="Signal. Default: as recorded; required with a CSV file.")
@@ -281,7 +295,12 @@ def fit(model, response, names, overrides, out, as_json, **given):
 )
 @click.option("--refine", is_flag=True, help="Least squares in dB after the five steps.")
 @click.option(
-    "--set", "overrides", multiple=True, metavar="NAME=VALUE", help="A parameter of MODEL."
+    "--set",
+    "overrides",
+    multiple=True,
+    type=Override(),
+    metavar="NAME=VALUE",
+    help="A parameter of MODEL.",
 )
 @as_json
 def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):

@@ -11,7 +11,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Subject, fail
+from forceaxis.cli.common import Override, Subject, fail
 
 OWN_NODE = 126  # as axis.can's, which is not loaded here
 WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
@@ -95,6 +95,7 @@ OPTIONS = (
         "--set",
         "overrides",
         multiple=True,
+        type=Override(),
         metavar="NAME=VALUE",
         help="A model's parameter; of --sim as with run.",
     ),

@@ -8,7 +8,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Positive, Verb, as_json, waiting
+from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json, waiting
 
 
 def band(context, option, text):
@@ -109,10 +109,12 @@ def measure_axis(way, out, as_json, live, options):
     "--travel", type=click.IntRange(1), help="Counts. Of an axis: never further. Default: 500."
 )
 @click.option("--settle", "settle_s", type=Positive(), help="s. Of an axis. Default: 1.")
-@click.option("--model", help="Of an axis: compare with this model, under --set.")
+@click.option(
+    "--model", type=Subject(paths.MODELS), help="Of an axis: compare with this model, under --set."
+)
 @click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
 @click.option(
-    "--plant-set", multiple=True, metavar="NAME=VALUE",
+    "--plant-set", multiple=True, type=Parameter(), metavar="NAME=VALUE",
     help="Parameter of the plant alone, behind the analyzer's back.",
 )  # fmt: skip
 @click.option(

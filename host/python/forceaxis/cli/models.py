@@ -5,7 +5,16 @@ import json
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import File, Override, Positive, Slow, Subject, as_json, done_waiting
+from forceaxis.cli.common import (
+    File,
+    Override,
+    Parameter,
+    Positive,
+    Slow,
+    Subject,
+    as_json,
+    done_waiting,
+)
 
 
 def check_drawing(out):
@@ -105,6 +114,7 @@ def law_options(verb):
 vary = click.option(
     "--vary",
     multiple=True,
+    type=Parameter(),
     metavar="NAME=VALUE,VALUE",
     help="One curve for each value of a model parameter. Repeatable, all combinations.",
 )
@@ -146,6 +156,7 @@ def over_options(verb):
             "--over",
             "ranges",
             multiple=True,
+            type=Parameter(),
             metavar="NAME=RANGE",
             help="A parameter's range, k_w=30% or m_w=4..9: corners, random members, and a search "
             "for the worst. Repeatable, or several with commas between.",

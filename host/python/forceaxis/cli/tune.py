@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Positive, Verb, as_json
+from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json
 from forceaxis.cli.measure import band, newtons
 
 
@@ -16,16 +16,21 @@ from forceaxis.cli.measure import band, newtons
     --force 30,150 --over k_w=30%,m_w=30% --force-max 250 --out out/tuned""",
 )
 @live_options.live
-@click.option("--model", required=True, help="What is known of it, as of `forceaxis new`.")
+@click.option(
+    "--model",
+    type=Subject(paths.MODELS),
+    required=True,
+    help="What is known of it, as of `forceaxis new`.",
+)
 @click.option(
     "--force", "forces", required=True, callback=newtons, metavar="N,N", help="Two or more, N."
 )
 @click.option(
-    "--over", multiple=True, required=True, metavar="NAME=PERCENT%",
+    "--over", multiple=True, required=True, type=Parameter(), metavar="NAME=PERCENT%",
     help="How far a parameter may be off what is identified; several with commas. Repeatable.",
 )  # fmt: skip
 @click.option(
-    "--prior", "priors", multiple=True, metavar="NAME=VALUE[+-PERCENT%]",
+    "--prior", "priors", multiple=True, type=Parameter(), metavar="NAME=VALUE[+-PERCENT%]",
     help="What is known better, or worse, than by the part it plays: m_w=2.35 as exact as a mass "
     "that was weighed. SI. Repeatable.",
 )  # fmt: skip
