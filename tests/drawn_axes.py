@@ -31,6 +31,10 @@ PRESS = {
 }  # fmt: skip
 
 
+# Of the firmware: as an axis is delivered.
+DELIVERED = ("firmware.mode=disabled", "firmware.position_gain=0")
+
+
 def written(folder, sheet):
     values, sources = data_sheet.collect({name: repr(value) for name, value in sheet.items()})
     new.write(folder, values, sources)
@@ -199,7 +203,7 @@ def serve(seed, folder):
     model = written(folder / "known", sheet) / "model.toml"
     truth = truth_of(model, off)
     axis = _core.LiveAxis(
-        str(folder / "known/contact.toml"), [*given(truth), "firmware.mode=disabled"],
+        str(folder / "known/contact.toml"), [*given(truth), *DELIVERED],
         str(folder / "store.bin"),
     )  # fmt: skip
     axis.step(1)

@@ -195,11 +195,6 @@ def test_press_bounds_the_approach_and_restores_what_it_set(axis):
     assert axis.read("drive_state") == "fault"
 
 
-def test_press_without_a_bound_of_the_speed_is_refused():
-    done = forceaxis("axis", "press", "--sim", CONTACT, "30")
-    assert "expected a position_gain" in refusal(done, 1)
-
-
 @pytest.mark.parametrize("mode, gain, said", [("force", 0, 1), ("force", 4, 0), ("-2", 0, 0)])
 def test_an_axis_that_is_enabled_without_a_position_gain_is_warned_of(mode, gain, said):
     done = forceaxis(
@@ -208,6 +203,15 @@ def test_an_axis_that_is_enabled_without_a_position_gain_is_warned_of(mode, gain
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("position_gain is 0: the axis neither approaches nor follows") == said
+
+
+@pytest.mark.parametrize("verb", ["axis move 100", "axis press 20", "measure --free"])
+def test_nothing_moves_without_a_position_gain(tmp_path, verb):
+    out = ["--out", tmp_path / "out"] if verb.startswith("measure") else []
+    done = forceaxis(*verb.split(), "--sim", CONTACT, *out)
+    text = refusal(done, 1)
+    assert "expected a position_gain" in text and "`--set firmware.position_gain=4`" in text
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("force", ["60 kg", "much", "", "1 2 3"])

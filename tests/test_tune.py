@@ -3,6 +3,7 @@ name and leaves the axis as it was; a tuning that is killed goes on."""
 
 import json
 import os
+import re
 import shutil
 import signal
 from typing import NamedTuple
@@ -59,7 +60,8 @@ def plants(tmp_path_factory):
     ):
         new.write(folder / name, *data_sheet.collect({k: str(v) for k, v in values.items()}))
         contact = folder / name / "contact.toml"
-        contact.write_text(contact.read_text().replace('mode = "force"\n', ""))
+        delivered = re.sub('mode = "force"\n|position_gain = .*\n', "", contact.read_text())
+        contact.write_text(delivered)
     # The axis pushed at rest, the workpiece struck every two seconds.
     for name, body, N_s, times in (
         ("pushed", "axis", 5, [0.2]),

@@ -20,11 +20,12 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def nodes(folder, truth):
     """(axis_node, plant_node) of the hidden axis."""
     common = [folder / "known/contact.toml", "--link", "socketcan", "--endless", "--pace", "real"]
-    common += [word for text in drawn_axes.given(truth) for word in ("--set", text)]
-    own = ["--can", "vcan0", "--store", folder / "store.bin", "--set", "firmware.mode=disabled"]
+    values = (*drawn_axes.given(truth), *drawn_axes.DELIVERED)
+    common += [word for text in values for word in ("--set", text)]
+    own = ["--can", "vcan0", "--store", folder / "store.bin"]
     return [
         subprocess.Popen([link.program(name), *common, *more], stdout=subprocess.PIPE, text=True)
-        for name, more in (("axis_node", own), ("plant_node", own[-2:]))
+        for name, more in (("axis_node", own), ("plant_node", []))
     ]
 
 

@@ -137,10 +137,21 @@ def bounded(axis, counts):
         axis.set(force_max=own)
 
 
+def expect_position_gain(axis):
+    """Refuses an axis whose position_gain is 0: it neither approaches nor follows."""
+    if axis.read("position_gain") == 0:
+        raise Refused(
+            f"{axis.link.where}: expected a position_gain, without which it neither approaches nor "
+            "follows; give it one, `axis set position_gain=4`, or with --sim "
+            "`--set firmware.position_gain=4`"
+        )
+
+
 def move(axis, position, speed=None, timeout_s=60.0, counts=MOVE_COUNTS):
     """Moves to a position in profile position mode and disables the axis there: its state() before
     that. speed: count/s, None: trajectory_velocity; counts: bound of the reading. Raises Refused,
     NoAnswer, which names the fault where the bound was passed."""
+    expect_position_gain(axis)
     with bounded(axis, counts):
         axis.enable("profile position", **({"trajectory_velocity": speed} if speed else {}))
         axis.move(position, timeout_s)
@@ -157,11 +168,7 @@ def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: N
     Parameters set for it are restored afterwards. shown(state) is called some times a second.
     Raises InputError, Refused, NoAnswer.
     """
-    if axis.read("position_gain") == 0:
-        raise Refused(
-            f"{axis.link.where}: expected a position_gain, which bounds the speed of the approach; "
-            "it is 0"
-        )
+    expect_position_gain(axis)
     bounds = {"approach_timeout": approach_s * 1e3}
     bounds["approach_velocity_max" if newton else "touch_velocity_max"] = speed
     wanted = "target_force" if newton else "force_setpoint"

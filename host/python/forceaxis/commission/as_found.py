@@ -63,6 +63,7 @@ def kept(folder):
     unless the axis is silent or another client's; expect() changes those values. Raises InputError
     where the folder's file is of another axis."""
     _recover(folder)
+    new = not folder.folder.exists()
     folder.write(FILE, {"axis": _identity(folder.axis), "values": read(folder.axis)})
     try:
         yield
@@ -75,6 +76,8 @@ def kept(folder):
             folder.say(f"{error}: the next run puts back what it had ({FILE})")
         else:
             (folder.folder / FILE).unlink()
+            if new and not any(folder.folder.iterdir()):
+                folder.folder.rmdir()
 
 
 def expect(folder, values):

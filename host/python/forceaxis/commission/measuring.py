@@ -3,6 +3,7 @@
 import numpy as np
 
 from forceaxis import _core, objects
+from forceaxis.axis import actions
 from forceaxis.commission.analyzer import QUIET_LSB, Analyzer
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
@@ -18,6 +19,7 @@ def measure(axis, order, forces=(), free=False, model="", overrides=None, say=la
     Refused.
     """
     done = {}
+    actions.expect_position_gain(axis)
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
         if free:

@@ -100,7 +100,8 @@ def check(tuning):
         raise Refusal(
             "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
             f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
-            "ADC of more bits or less filtering"
+            "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
+            "[[adc]] (`forceaxis new --sensor-noise-n`)"
         )  # fmt: skip
     if rest.noise_lsb is not None and known["contact_force"] == _default("contact_force"):
         # A law that is weak stands lightly, below a coarse threshold; its integral waits there.

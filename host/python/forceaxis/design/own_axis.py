@@ -29,21 +29,16 @@ def design(folder):
     {"refused": why} without a bank.
     """
     try:
-        with changes.Design(_approach(folder)) as plant:
+        with changes.Design(folder / "contact.toml") as plant:
             return _designed(plant, folder)
     except (_core.InputError, _core.SimulationError) as error:
         return None, {"refused": str(error)}
 
 
-def _approach(folder, count_per_s=None):
-    """contact.toml with the position gain of step.toml, which mode of operation 4 approaches by."""
-    contact, step = (
-        tomlkit.parse((folder / name).read_text(encoding="utf-8"))
-        for name in ("contact.toml", "step.toml")
-    )
-    contact["firmware"]["position_gain"] = step["firmware"]["position_gain"]
-    if count_per_s:
-        contact["firmware"]["approach_velocity_max"] = count_per_s
+def _approach(folder, count_per_s):
+    """contact.toml with a speed of the approach of mode of operation 4."""
+    contact = tomlkit.parse((folder / "contact.toml").read_text(encoding="utf-8"))
+    contact["firmware"]["approach_velocity_max"] = count_per_s
     path = folder / "approach.toml"
     path.write_text(tomlkit.dumps(contact), encoding="utf-8")
     return path
