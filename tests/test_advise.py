@@ -9,7 +9,7 @@ import pytest
 from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
-from forceaxis.design import advise
+from forceaxis.design import advise, advise_text
 from forceaxis.linear import loops
 from scipy import optimize
 
@@ -187,9 +187,9 @@ def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
             peaks.append(S.max())
     assert present["fS_Hz"] == pytest.approx(min(bandwidths), rel=1e-2)
     assert 1.5 < max(peaks) <= 2.02  # the search judges on a grid
-    assert "designed bank" in advise.describe(result) and "not in the firmware" in advise.describe(
-        result
-    )
+    text = advise_text.describe(result)
+    assert "designed bank" in text and "not in the firmware" in text and "fS over" in text
+    assert max(map(len, advise_text.describe(result, 80).splitlines())) <= 80
     json.dumps(result, allow_nan=False)
 
 
@@ -219,7 +219,7 @@ def test_the_limiting_mode_is_named(model, element, label, how):
 def test_the_drive_alone_limits_a_rigid_axis():
     result = advise.advise("fig4_11", runs="none")
     assert result["limiting_mode"]["name"] == "none"
-    assert "lag of drive" in advise.describe(result)
+    assert "lag of drive" in advise_text.describe(result)
     # 4.3.5: the base's colocated mode does not limit either.
     assert advise.advise("fig4_17", runs="none")["limiting_mode"]["name"] == "none"
 
@@ -231,7 +231,7 @@ def test_without_a_limit_there_is_nothing_to_compare_with():
     hold = row(result, "hold of one tick")
     assert hold["critical_gain"] == pytest.approx(halved("fig2_3"), rel=1e-6)
     assert hold["ratio"]["critical_gain"] is None
-    assert "no limit" in advise.describe(result)
+    assert "no limit" in advise_text.describe(result)
 
 
 @pytest.fixture(scope="module")

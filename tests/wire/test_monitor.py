@@ -143,6 +143,9 @@ def test_the_monitor_fits_the_terminal_or_says_what_it_needs(url, size):
         await settle(pilot, lambda: len(app.query(AxisPanel)) == 6 or size == (40, 10))
         await pilot.pause(0.1)
         small = str(app.query_one("#small").render())
+        if size != (40, 10):
+            keys = app.query_one("Footer").children
+            assert max(key.region.right for key in keys) <= size[0], "a key is cut off"
         if size == (40, 10):
             assert "60 x 16" in small and "40 x 10" in small
             await pilot.resize_terminal(100, 30)

@@ -78,7 +78,7 @@ class Monitor(App):
             yield Grid(id="panels")
             yield Static(id="chart")
             yield Static(id="events")
-            yield Footer()
+            yield Footer(compact=True)
         yield Static(id="small")
 
     def on_mount(self):

@@ -238,7 +238,7 @@ def strip_charts(axis, width, height, now_us, span_s, codes=False):
         for values, colour, word in ((is_, IS, legend[0]), (wanted, WANTED, legend[1])):
             finite = np.flatnonzero(np.isfinite(values))
             if finite.size:
-                last = charts.number(values[finite[-1]], 5)
+                last = charts.number(values[finite[-1]], 3)
                 title.append(f"   ━ {word} {last} {measure}".rstrip(), style=colour)
                 lines.append((*broken(time_s, values), colour))
         parts.append(charts.panel(width, rows, title, lines, (-span_s, 0), least=least))

@@ -78,6 +78,7 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
     """
     from forceaxis import linear as models
     from forceaxis.design import advise as design
+    from forceaxis.design import advise_text
 
     check_drawing(out)
     if simulate and linear:
@@ -92,7 +93,7 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
 
         drawing.save(advice_plot.figure(result), out)
     width = shutil.get_terminal_size().columns
-    present(result, as_json, lambda found: design.describe(found, width), out)
+    present(result, as_json, lambda found: advise_text.describe(found, width), out)
 
 
 @click.command(

@@ -27,7 +27,6 @@ the set (`reduced`) is a row there.
 
 import math
 import os
-import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -48,10 +47,6 @@ LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
-FS = (
-    "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
-    "gain margin 2.3 and |S| <= 2"
-)
 
 
 def performance(loop, reference_hz=None):
@@ -371,104 +366,3 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
         "runs": runs,
         "ripple_count": float(quiet["metrics"]["force_ripple_count"]),
     }
-
-
-def describe(result, width=None):
-    """The advice for a terminal of `width` columns, in which names are wrapped; None: any."""
-
-    def number(value, digits=3):
-        return "-" if value is None else f"{value:.{digits}g}"
-
-    def columns(row):
-        ratio = row.get("ratio") or dict.fromkeys(
-            ("critical_gain", "loop_gain_at", "crossover_hz"), 1
-        )
-        none = row["critical_gain"] is None
-        return [
-            "no limit" if none else f"{row['critical_gain']:.4f}",
-            number(row["firmware_gain"]),
-            number(ratio["critical_gain"]),
-            number(row["frequency_hz"]),
-            number(ratio["loop_gain_at"]),
-            number(row["crossover_hz"]),
-            number(ratio["crossover_hz"]),
-            *([number((row.get("over") or {}).get("fS_Hz"))] if result["over"] else []),
-            *simulated(row),
-        ]
-
-    def simulated(row):
-        if not with_runs:
-            return []
-        found = row.get("simulated")
-        if found is None:
-            return ["", ""]
-        if found["stable_gain"] is None:
-            return ["none", ""]
-        more = "> " if found["unstable_gain"] is None else ""
-        return [f"{more}{found['stable_gain']:.3g}", number(found["ripple_count"])]
-
-    rows, mode, base = result["rows"], result["limiting_mode"], result["present"]
-    with_runs = "simulated" in base
-    lines = [f"model        {result['title']}", f"timing       {result['timing']}"]
-    if mode:
-        what = mode["how"]
-        if mode["name"] != "none":
-            what = (
-                f"{mode['name']}, {mode['label']}, {mode['frequency_hz']:.3g} Hz undamped: {what}"
-            )
-        lines.append(f"limited by   {what}")
-    if base["critical_gain"] is None:
-        lines.append("limit        none, stable at every gain")
-    elif base["critical_gain"]:
-        own = f" (k_f {base['firmware_gain']:.4g})" if base["firmware_gain"] else ""
-        lines.append(
-            f"limit        {base['critical_gain']:.4g} {result['unit']}{own} at "
-            f"{base['frequency_hz']:.3g} Hz"
-        )
-    else:
-        lines.append("limit        0, unstable at any small gain")
-    if result["next_crossing"]:
-        following = result["next_crossing"]
-        lines.append(
-            f"next         {following['gain']:.4g} {result['unit']}, another pole leaves at "
-            f"{following['frequency_hz']:.3g} Hz"
-        )
-    if result["present_gain"] is not None:
-        lines.append(f"force_gain   {result['present_gain']:g} in {result['experiment']}")
-    if with_runs and base["simulated"]["of_limit"]:
-        found = base["simulated"]
-        lines.append(
-            f"simulated    stable up to k_f {found['stable_gain']:.4g}, {found['of_limit']:.2f} of "
-            f"the linear limit, with the firmware and loss of contact ({found['runs']} runs)"
-        )
-    head = ["V/N" if result["unit"] == "V/N" else result["unit"], "k_f", "gain x", "at Hz"]
-    hz = number(result["reference_hz"])
-    head += [f"L x {hz} Hz", "f_c Hz", "f_c x", *(["fS over set"] if result["over"] else [])]
-    head += ["run k_f", "ripple"] if with_runs else []
-    table = [["", *head], ["present design", *columns(base)]]
-    for row in rows:
-        name = row["change"] + (f" [{row['thesis']}]" if row["thesis"] else "")
-        name += "" if row["in_firmware"] else " (not in the firmware)"
-        table.append([name, *columns(row)])
-    wide = [max(len(r[i]) for r in table) for i in range(len(head) + 1)]
-    if width:
-        wide[0] = max(20, min(wide[0], width - sum(w + 2 for w in wide[1:])))
-    for r in table:
-        *above, name = textwrap.wrap(r[0], wide[0], subsequent_indent=" ") or [""]
-        lines += above
-        cells = [name.ljust(wide[0]), *(c.rjust(w) for c, w in zip(r[1:], wide[1:], strict=True))]
-        lines.append("  ".join(cells).rstrip())
-    notes = [
-        f"k_f: DAC codes per 8-bit count; x: against the present design; L x {hz} Hz: loop gain "
-        f"there at the limit; f_c: crossover, |L| = 1 with the gain at the limit / "
-        f"{result['gain_margin']:g}"
-        + (f"; fS over set: {FS}" if result["over"] else "")
-        + ("; run k_f: simulated; ripple: its counts at half the present one" if with_runs else "")
-    ]
-    if not result["over"]:
-        notes.append(
-            "these are figures of one plant: --over NAME=30%,.. ranks by the bandwidth over a set, "
-            "with a bank designed for it among the rows"
-        )
-    lines += [text for note in notes for text in (textwrap.wrap(note, width) if width else [note])]
-    return "\n".join(lines)
