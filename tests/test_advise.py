@@ -251,6 +251,7 @@ def test_the_simulated_limit_is_where_the_verdict_turns(simulated):
     )
     assert 0.3 < found["of_limit"] < 0.9
     assert simulated["present_gain"] == 5.0 and simulated["timing"] == "zoh"
+    assert max(map(len, advise_text.describe(simulated, 80).splitlines())) <= 80
 
 
 def test_a_pad_that_is_put_in_runs_as_the_model_with_a_pad(simulated, tmp_path):

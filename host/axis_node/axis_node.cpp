@@ -324,9 +324,9 @@ int main(int argc, char **argv) {
   AxisOptions own;
   CLI::App app(
       "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
-      "Prints one line when ready and one JSON object at the end. If the plant falls silent, the\n"
-      "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed\n"
-      "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended\n"
+      "Prints one line when ready and one JSON object at the end. If the plant falls silent, the "
+      "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed "
+      "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended "
       "by SIGINT and SIGTERM, journal and report written. A session (--endless) that was ended is "
       "0.");
   nodes::add_options(app, options);

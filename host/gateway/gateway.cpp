@@ -292,13 +292,13 @@ class Gateway {
 int main(int argc, char **argv) {
   GatewayOptions options;
   CLI::App app(
-      "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes\n"
-      "their state, events and captures over LCM and takes commands there, and serves Modbus TCP,\n"
+      "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes "
+      "their state, events and captures over LCM and takes commands there, and serves Modbus TCP, "
       "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes of CANopen and of its own clients stop by quick stop\n"
-      "first, for which a second signal does not wait. If it is killed, they miss its\n"
-      "heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another\n"
-      "gateway is there, 2 wrong usage, 130 and 143 ended at once by a second SIGINT or\n"
+      "Ends on SIGTERM or SIGINT: axes of CANopen and of its own clients stop by quick stop "
+      "first, for which a second signal does not wait. If it is killed, they miss its "
+      "heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another "
+      "gateway is there, 2 wrong usage, 130 and 143 ended at once by a second SIGINT or "
       "SIGTERM.");
   add_gateway_options(app, options);
   app.footer(

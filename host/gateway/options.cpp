@@ -6,8 +6,10 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <memory>
 
 #include "host/lcm/url.hpp"
+#include "host/program/help.hpp"
 #include "host/program/number_range.hpp"
 #include "host/run/objects.hpp"
 
@@ -103,7 +105,7 @@ AxisSettings::Parameter parameter_of(const std::string &set, const std::string &
 }  // namespace
 
 void add_gateway_options(CLI::App &app, GatewayOptions &o) {
-  app.get_formatter()->column_width(34);
+  app.formatter(std::make_shared<nodes::Help>());
   app.add_option("--can", o.can, "CAN interface of the axes.")->capture_default_str();
   app.add_option("--axes", o.axes,
                  "Node ids, which are Modbus units and LCM channels too: 1,2 or 1-6.")

@@ -94,7 +94,7 @@ int main(int argc, char **argv) {
   nodes::NodeOptions options;
   CLI::App app(
       "The plants of one or several axes, tick by tick in lock-step with axis_node.\n"
-      "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run\n"
+      "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run "
       "failed (axis_node silent), 2 wrong usage or input. A session (--endless) that was ended is "
       "0.");
   nodes::add_options(app, options);

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cctype>
+#include <memory>
 #include <stdexcept>
 
 #include "host/lcm/url.hpp"
+#include "host/program/help.hpp"
 #include "host/program/number_range.hpp"
 
 namespace forceaxis::nodes {
@@ -24,7 +26,7 @@ std::pair<int, std::size_t> axis_prefix(const std::string &set) {
 }  // namespace
 
 void add_options(CLI::App &app, NodeOptions &o) {
-  app.get_formatter()->column_width(34);
+  app.formatter(std::make_shared<Help>());
   app.add_option("EXPERIMENT", o.files, "Experiment file of each axis; both nodes read the same.");
   app.add_option("--set", o.sets,
                  "NAME=VALUE as for `forceaxis run`, or N:NAME=VALUE for axis N alone. Repeatable.")

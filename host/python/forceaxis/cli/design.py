@@ -16,7 +16,7 @@ from forceaxis.cli.common import Folder, Override, Parameter, Subject, Verb, as_
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
     forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
     forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json
-    forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \
+    forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \\
     --measured out/m/150N --over k_w=30%,m_w=30% --out out/law""",
 )
 @click.argument(
@@ -86,18 +86,21 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     --measured the set lies about what the responses say of MODEL's parameters and is widened by
     what they leave open; a fit that is rejected ends with exit status 1.
 
-    \b
     --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
     with their certificate, as `write_all` of a gateway's client takes them) and index.html.
-    --json: {"bank": {"force_gain": DAC codes per 8-bit count, "integral_rad_per_s": ...,
-      "sections": [[b0, b1, b2, a1, a2], ...], "velocity_gain": ...},
-     "worst": {"fS_Hz": ..., "fT_Hz": ..., "Ms": ..., "gain_margin": ..., "phase_margin_deg": ...,
-      "member": {...}},
+
+    \b
+    --json: {"bank": {"force_gain": DAC codes per 8-bit count,
+      "integral_rad_per_s": ..., "sections": [[b0, b1, b2, a1, a2], ...],
+      "velocity_gain": ...},
+     "worst": {"fS_Hz": ..., "fT_Hz": ..., "Ms": ..., "gain_margin": ...,
+      "phase_margin_deg": ..., "member": {...}},
      "p": {the same for P at the same margins, and its "force_gain"},
-     "simulated": [{"law": "design" | "p", "case": ..., "member": {...}, "latency_ticks": 0,
-      "verdict": ..., "static_error_percent": ..., "peak_N": ..., "settle_ms": ...,
-      "overshoot_percent": ...}],
-     "structures": [...], "chosen": ..., "limited_by": ..., "contact_loss": {...}, ...}
+     "simulated": [{"law": "design" | "p", "case": ..., "member": {...},
+      "latency_ticks": 0, "verdict": ..., "static_error_percent": ...,
+      "peak_N": ..., "settle_ms": ..., "overshoot_percent": ...}],
+     "structures": [...], "chosen": ..., "limited_by": ...,
+     "contact_loss": {...}, ...}
     """
     from forceaxis import linear
     from forceaxis.design import for_set, outcome

@@ -86,7 +86,8 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
 @click.command(
     cls=Verb,
     epilog="""axis_node sim/experiments/contact.toml --can vcan0 --journal axis.journal &
-    plant_node sim/experiments/contact.toml --pace real && forceaxis replay axis.journal""",
+    plant_node sim/experiments/contact.toml --pace real
+    forceaxis replay axis.journal""",
 )
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--out", type=Folder(), help="Folder, as for run.")

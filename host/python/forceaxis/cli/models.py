@@ -210,18 +210,19 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
     becomes.
 
     \b
-    --json: {"model": "fig4_19", "title": ..., "contact": "pressed" | "apart" | null (has none),
-     "input": "drive.force", "output": "sensor.spring_force", "path": true, "criterion": ...,
+    --json: {"model": "fig4_19", "title": ...,
+     "contact": "pressed" | "apart" | null (has none), "input": "drive.force",
+     "output": "sensor.spring_force", "path": true, "criterion": ...,
      "modes": [                          ascending
        {"frequency_hz": 44.84, "damping_ratio": 0.0067,        null at 0 Hz
         "shape": {"robot": -0.0106, "workpiece": 1.0},         largest is 1
         "residue": 178.1,                unit of the output / (N s^2)
         "label": "colocated",            or "noncolocated", "neither"
         "against_lowest": "colocated", "against_below": "colocated",
-        "reference": false,              true: the mode that the others are compared with
+        "reference": false,              true: others are compared with it
         "driven": {"frequency_hz": 44.85, "damping_ratio": 0.007,
                    "real": -1.97, "imag": 281.8}}],            1/s, or null
-     "other_poles": [{...}]}             of the whole system, matched by no mode, as "driven"
+     "other_poles": [{...}]}             matched by no mode, as "driven"
     """
     from forceaxis import linear
     from forceaxis.linear import modes as vibration

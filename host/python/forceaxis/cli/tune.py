@@ -56,11 +56,14 @@ def tune(way, only, out, as_json, **options):
     written with the bank, so is a slower approach than one that would strike; all else stays.
 
     \b
-    --json: {"parameters": {name: {"value", "interval", "unit"}}, "bank": {...}, "worst": {...} as
-     `forceaxis design` has them, "on_fitted": {"before" and "designed": margins on the fitted
-     plant}, "Ms_predicted": over the set, "Ms_verified": the largest, "levels": {name: {"Ms":
-     measured, "Ms_predicted": at the same lines, "peak_N": of the touch-down, ...}}, "stored":
-     true, "seconds": {step: ...}, "refused": null | {"step", "name", "text"}}
+    --json: {"parameters": {name: {"value", "interval", "unit"}},
+     "bank": {...}, "worst": {...} as `forceaxis design` has them,
+     "on_fitted": {"before", "designed": margins on the fitted plant},
+     "Ms_predicted": over the set, "Ms_verified": the largest,
+     "levels": {name: {"Ms": measured, "Ms_predicted": at the same lines,
+      "peak_N": of the touch-down, ...}},
+     "stored": true, "seconds": {step: ...},
+     "refused": null | {"step", "name", "text"}}
     """
     from forceaxis.commission import tune as tuning
     from forceaxis.commission import tune_page
