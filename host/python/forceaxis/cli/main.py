@@ -152,10 +152,11 @@ def with_help(error):
     """A message of wrong usage; one that lacks what was expected names the help that has it."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
-    if context is None or re.search(r"\bexpected\b", text):
+    if re.search(r"\bexpected\b", text):
         return text
     end = "" if text[-1] in ".?" else ";"
-    return f"{text}{end} `{context.command_path} --help` shows what is expected"
+    verb = context.command_path if context else "forceaxis VERB"
+    return f"{text}{end} `{verb} --help` shows what is expected"
 
 
 def main():
@@ -180,6 +181,10 @@ def main():
             fail(str(error), status=1)
         if "forceaxis._core.InputError" in names:
             fail(str(error))
+        if isinstance(error, FileNotFoundError) and error.filename:
+            folder = Path(error.filename).parent
+            what = f"file, there is none in {folder}" if folder.is_dir() else f"folder {folder}"
+            fail(f"{error.filename}: expected a {what}; check the path")
         if isinstance(error, OSError):
             where = f"{error.filename}: " if error.filename else ""
             fail(f"{where}expected to be able to read and write here, {error.strerror}")
