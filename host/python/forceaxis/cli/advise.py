@@ -5,7 +5,7 @@ import shutil
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Override, Parameter, Positive, Slow, Subject, as_json, threads
+from forceaxis.cli.common import Parameter, Positive, Slow, Subject, as_json, set_option, threads
 from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
@@ -38,14 +38,7 @@ def over_options(verb):
     metavar="MODEL|EXPERIMENT",
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="A model parameter.",
-)
+@set_option("A model parameter.")
 @click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
 @click.option(
     "--factor",
@@ -107,14 +100,7 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
 @click.option("--element", help="The stiffness that is varied. Default: the contact's.")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="A model parameter.",
-)
+@set_option("A model parameter.")
 @click.option(
     "--over",
     multiple=True,

@@ -156,6 +156,13 @@ class Override(click.ParamType):
         return [CompletionItem(text) for text in completed(ctx, incomplete)]
 
 
+def set_option(text):
+    """--set, with this text as its help."""
+    return click.option(
+        "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
+    )
+
+
 class Parameter(click.ParamType):
     """NAME=...; completes the parameters of the verb's model."""
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Folder, Override, Parameter, Subject, Verb, as_json, threads
+from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_option, threads
 
 
 @click.command(
@@ -52,10 +52,7 @@ from forceaxis.cli.common import Folder, Override, Parameter, Subject, Verb, as_
     show_default=True,
     help="latency_ticks that one design is made for.",
 )
-@click.option(
-    "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE",
-    help="A model parameter (b_w=363), in its own unit. Repeatable.",
-)  # fmt: skip
+@set_option("A model parameter (b_w=363), in its own unit. Repeatable.")
 @click.option(
     "--measured", multiple=True, metavar="FOLDER",
     help="Of `forceaxis measure --out`: MODEL is fitted to it first. Repeatable.",

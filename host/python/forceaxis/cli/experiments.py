@@ -20,6 +20,7 @@ from forceaxis.cli.common import (
     fail,
     link_of,
     linked,
+    set_option,
     show,
     threads,
     waiting,
@@ -42,15 +43,10 @@ codes_option = click.option(
     forceaxis run sim/experiments/contact.toml --link lcm""",
 )
 @click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
+@set_option(
+    "A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
     "experiment.duration_s or a key of the verdict (verdict.window_s=2); a number or a quantity "
-    '("75 N"). Repeatable, once for each name.',
+    '("75 N"). Repeatable, once for each name.'
 )
 @click.option(
     "--out",
@@ -185,14 +181,7 @@ def named(context, option, texts):
     help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "
     "point of --grid or --random.",
 )
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="As for run, for all points.",
-)
+@set_option("As for run, for all points.")
 @click.option(
     "--out",
     type=Folder(),

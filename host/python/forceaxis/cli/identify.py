@@ -8,13 +8,13 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import (
     Folder,
-    Override,
     Parameter,
     Slow,
     Subject,
     Verbs,
     as_json,
     done_waiting,
+    set_option,
 )
 
 
@@ -226,14 +226,7 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
     "--fit", "names", multiple=True, required=True, type=Parameter(), metavar="NAME[=START]",
     help="Parameter to fit, and where to start if not from the model's value. Repeatable.",
 )  # fmt: skip
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="Parameter that is held.",
-)
+@set_option("Parameter that is held.")
 @click.option("--input", help="Signal. Default: as recorded; of a CSV file drive.command.")
 @click.option("--output", help="Signal. Default: as recorded; required with a CSV file.")
 @click.option("--averages", type=click.IntRange(2), help="Required with a CSV file.")
@@ -294,14 +287,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
     "--prominence-db", type=float, default=1.0, show_default=True, help="A peak stands out by this."
 )
 @click.option("--refine", is_flag=True, help="Least squares in dB after the five steps.")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    type=Override(),
-    metavar="NAME=VALUE",
-    help="A parameter of MODEL.",
-)
+@set_option("A parameter of MODEL.")
 @as_json
 def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):
     """The polynomial resonance model of a measured response, by the five steps of 4.2.

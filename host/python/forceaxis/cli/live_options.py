@@ -11,7 +11,7 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import Override, Subject, fail
+from forceaxis.cli.common import Subject, fail, set_option
 
 OWN_NODE = 126  # as axis.can's, which is not loaded here
 WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
@@ -91,14 +91,7 @@ OPTIONS = (
         metavar="EXPERIMENT",
         help="A simulated axis, in its own time.",
     ),
-    click.option(
-        "--set",
-        "overrides",
-        multiple=True,
-        type=Override(),
-        metavar="NAME=VALUE",
-        help="A model's parameter; of --sim as with run.",
-    ),
+    set_option("A model's parameter; of --sim as with run."),
     click.option("--store", default="", metavar="FILE", help="Parameter store of --sim."),
 )
 

@@ -7,13 +7,13 @@ import click
 from forceaxis import paths
 from forceaxis.cli.common import (
     File,
-    Override,
     Parameter,
     Positive,
     Slow,
     Subject,
     as_json,
     done_waiting,
+    set_option,
 )
 
 
@@ -57,14 +57,7 @@ def _model_options(subject, *folders):
                 "drive.amplifier=high outer). Default: contacts pressed, everything else in the "
                 "middle of its range. Repeatable.",
             ),
-            click.option(
-                "--set",
-                "overrides",
-                multiple=True,
-                type=Override(),
-                metavar="NAME=VALUE",
-                help="A model parameter (b_m=0.02), in its own unit. Repeatable.",
-            ),
+            set_option("A model parameter (b_m=0.02), in its own unit. Repeatable."),
             click.argument("model", metavar=subject, type=Subject(*folders)),
         ):
             verb = decorate(verb)
