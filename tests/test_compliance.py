@@ -64,6 +64,7 @@ def test_its_figures_are_those_of_the_worst_member(soft):
     assert loops.FIRMWARE_STEP * round(gain / loops.FIRMWARE_STEP) == gain
 
 
+@pytest.mark.long
 def test_the_front_rises_with_what_is_allowed(tmp_path):
     done = verbs.forceaxis(
         *("design", "fig4_19", "--over", OVER, "--latency", 0, "--pareto", "bandwidth,hf"),

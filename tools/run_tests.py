@@ -165,13 +165,13 @@ def main(arguments):
         pytest(tally, "quick", "quick", *PARALLEL)
         return tally.end()
     ctest(tally, "release", "-j2")
-    # Their traces are compared with those of the release build.
-    build(tally, "debug-plain", "trace_hash")
     build(tally, "debug", "quick_programs")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
     with meanwhile(tally, lambda: beside(tally)):
         pytest(tally, "alone", "alone and not long")
     if arguments == ["--all"]:
+        # Their traces are compared with those of the release build.
+        build(tally, "debug-plain", "trace_hash")
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-LE", "quick", "-j2")
         pytest(tally, "long", "long and not alone", *PARALLEL)

@@ -11,7 +11,8 @@ ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
-@pytest.mark.parametrize("other", ["debug-plain", pytest.param("debug", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("other", ["debug-plain", "debug"])
 @pytest.mark.parametrize(
     ("experiment", "overrides"),
     [

@@ -14,6 +14,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
+pytestmark = pytest.mark.long  # every experiment; test_report_folder.py has a few
+
+
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     out = tmp_path_factory.mktemp("report")
