@@ -161,6 +161,8 @@ def describe(shown):
         force = "-"
         if a["force_N"] is not None:
             force = f"{a['force_N']:.2f} N"
+            if a["target_force_N"] is not None:
+                force += f" of {a['target_force_N']:.2f} N"
         elif a["force_cnt"] is not None:
             force = f"{a['force_cnt']:.2f} counts of the force reading"
         parts = [

@@ -304,8 +304,8 @@ def describe(done):
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
         ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
          f"{done['force_limit_gain']:.4g}"),
-        ("set-point", f"{done['force_setpoint']:.4g} counts, {done['setpoint_N']:.4g} N, of which "
-         f"this gain holds {100 * done['held_share']:.3g} %"),
+        ("set-point", f"{done['setpoint_N']:.4g} N, of which this gain holds "
+         f"{100 * done['held_share']:.3g} %"),
         *bought,
         ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
