@@ -6,7 +6,7 @@ import sys
 import click
 
 from forceaxis.cli.axis import axis
-from forceaxis.cli.common import as_json
+from forceaxis.cli.common import as_json, fitted
 from forceaxis.cli.live_options import live, owned
 
 
@@ -42,12 +42,12 @@ def check(yes, travel, output, way, as_json):
 
     def show(step):
         if not as_json:
-            click.echo(f"{step.verdict:<8}{step.step:<17}{step.text}")
+            click.echo(fitted(f"{step.verdict:<8}{step.step:<17}{step.text}", 25))
 
     def consent(text):
         if yes or not sys.stdin.isatty():
             return yes
-        return click.confirm(f"{text} Nothing stands in its way?", err=True)
+        return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)
 
     with owned(way) as found:
         run = Check(found, travel, output, show)

@@ -277,16 +277,22 @@ def coloured(text, word=None):
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
+def fitted(text, indent=0):
+    """A line within the width of the terminal that standard output is; what follows is indented."""
+    if not sys.stdout.isatty():
+        return text
+    width = max(shutil.get_terminal_size().columns, 40)
+    return textwrap.fill(text, width, subsequent_indent=" " * indent, break_on_hyphens=False,
+                         break_long_words=False)  # fmt: skip
+
+
 def show(rows):
     """Print (key, text) rows; on a terminal within its width, the verdict in its colour."""
     done_waiting()
-    indent = " " * 13
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     for key, text in rows:
         line = f"{key:12} {text}"
-        if width and key not in ("trace hash", "axis hash", "again", "files"):  # are copied whole
-            line = textwrap.fill(line, max(width, 40), subsequent_indent=indent,
-                                 break_on_hyphens=False, break_long_words=False)  # fmt: skip
+        if key not in ("trace hash", "axis hash", "again", "files"):  # are copied whole
+            line = fitted(line, 13)
         if key == "verdict":
             word = text.partition(":")[0]
             line = line.replace(word, coloured(word), 1)

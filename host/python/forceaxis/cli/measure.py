@@ -8,7 +8,17 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json, waiting
+from forceaxis.cli.common import (
+    Folder,
+    Parameter,
+    Positive,
+    Subject,
+    Verb,
+    as_json,
+    fitted,
+    show,
+    waiting,
+)
 
 
 def band(context, option, text):
@@ -52,7 +62,7 @@ def measure_axis(way, out, as_json, live, options):
     values = linear.overrides(own) if model else {}
 
     def say(text):
-        click.echo(text, err=True)
+        click.echo(fitted(text, 2), err=True)
 
     with live_options.owned(way) as axis:
         kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
@@ -66,7 +76,7 @@ def measure_axis(way, out, as_json, live, options):
         if not as_json:
             rows = [("measurement", name), *measuring.describe(one.summary)]
             rows += [("files", paths.quoted(out / name))] if out else []
-            click.echo("\n".join(f"{key:12} {text}" for key, text in rows))
+            show(rows)
     if as_json:
         click.echo(json.dumps({name: one.summary for name, one in done.items()}, allow_nan=False))
 

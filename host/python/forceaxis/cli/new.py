@@ -1,14 +1,12 @@
 """`forceaxis new`."""
 
 import json
-import shutil
 import sys
-import textwrap
 
 import click
 
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verb, as_json
+from forceaxis.cli.common import Folder, Verb, as_json, fitted
 from forceaxis.design import data_sheet, new
 
 
@@ -27,8 +25,10 @@ def prompt(field, proposed, number):
     """Ask for one value on the terminal until it is one, or the question before is wanted."""
     count = len(data_sheet.FIELDS)
     if number == 1:
-        filled(f"Enter takes what is in brackets, {data_sheet.BACK} goes back, Ctrl-C ends.")
-    filled(f"{number} of {count}  {field.part}: {field.ask}", first="\n")
+        click.echo(
+            fitted(f"Enter takes what is in brackets, {data_sheet.BACK} goes back, Ctrl-C ends.")
+        )
+    click.echo("\n" + fitted(f"{number} of {count}  {field.part}: {field.ask}", 2))
     unit = "" if field.unit == "1" else f", {field.unit}"
     while True:
         text = click.prompt(f"  {field.option[2:]}{unit}", default=proposed).strip()
@@ -38,16 +38,7 @@ def prompt(field, proposed, number):
             field.parse(text)
             return text
         except InputError as error:
-            filled(str(error), "  ")
-
-
-def filled(text, indent="", first=""):
-    """Print within the width of the terminal."""
-    width = shutil.get_terminal_size().columns
-    lines = textwrap.fill(
-        text, width, initial_indent=indent, subsequent_indent="  ", break_on_hyphens=False
-    )
-    click.echo(first + lines)
+            click.echo(fitted(f"  {error}", 2))
 
 
 @click.command(

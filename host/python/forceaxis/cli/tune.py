@@ -6,7 +6,7 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json
+from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json, fitted
 from forceaxis.cli.measure import band, newtons
 
 
@@ -75,7 +75,9 @@ def tune(way, only, out, as_json, **options):
         given["band_hz"] = tuple(given["band_hz"])
     order = tuning.Order(**given)
     with live_options.owned(way) as axis:
-        steps = tuning.Tuning(axis, order, out, lambda text: click.echo(text, err=as_json))
+        steps = tuning.Tuning(
+            axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
+        )
         try:
             steps.run(only)
         finally:

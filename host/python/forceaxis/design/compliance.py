@@ -7,6 +7,7 @@ set-point; the hardest strike on the contact that either law survives with the f
 """
 
 import os
+import textwrap
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
@@ -159,8 +160,8 @@ def describe(result):
         f"set          {', '.join(result['over']) or 'this plant alone'}",
         f"set-point    {result['setpoint_N']:.4g} N",
     ]
-    table = [["N/m", "P fS Hz", "bank fS Hz", "P static error %", "motion mm", "P strike N s",
-              "bank strike N s"]]  # fmt: skip
+    table = [["", "P fS", "bank fS", "P error", "motion", "P strike", "bank strike"],
+             ["N/m", "Hz", "Hz", "%", "mm", "N s", "N s"]]  # fmt: skip
     for row in result["rows"]:
         table.append([
             f"{row['stiffness']:.4g}", number(row["p_fS_Hz"]), number(row["fS_Hz"]),
@@ -169,10 +170,11 @@ def describe(result):
         ])  # fmt: skip
     wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
     lines += ["  ".join(c.rjust(w) for c, w in zip(r, wide, strict=True)) for r in table]
-    lines.append(
-        "fS: lowest frequency at which |S| reaches -3 dB, of the set's worst member; motion: of "
-        "the drive, from touch to the set-point; strike: the hardest survived in simulation; -: no "
-        "gain at the margins"
+    lines += textwrap.wrap(
+        "fS: lowest frequency at which |S| reaches -3 dB, of the set's worst member; error: of the "
+        "force held; motion: of the drive, from touch to the set-point; strike: the hardest "
+        "survived in simulation; -: no gain at the margins",
+        80,
     )
     return "\n".join(lines)
 

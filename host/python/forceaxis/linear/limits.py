@@ -359,14 +359,14 @@ def describe_poles(summary):
     def lines(kind):
         for root in summary[kind]:
             s = [root["re_per_s"], root["im_per_s"]]
-            text = "at -infinity" if None in s else f"{s[0]:12.6g} {s[1]:+12.6g}j 1/s"
+            text = "at -infinity" if None in s else f"{s[0]:11.6g} {s[1]:+11.6g}j 1/s"
+            if None not in s:
+                text += f" {root['hz']:8.5g} Hz"
             if None not in s and root.get("damping_ratio") is not None:
-                text += f"  {root['hz']:9.5g} Hz  damping {root['damping_ratio']:.5g}"
-            elif None not in s:
-                text += f"  {root['hz']:9.5g} Hz"
+                text += f" zeta {root['damping_ratio']:<8.4g}"
             if "re_z" in root:
-                text += f"  z {root['re_z']:+.6f} {root['im_z']:+.6f}j"
-            yield f"{kind[:-1]:12} {text}"
+                text += f" z {root['re_z']:+.5f}{root['im_z']:+.5f}j"
+            yield f"{kind[:-1]} {text.rstrip()}"
 
     head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
     if "closed" in summary:
