@@ -173,6 +173,23 @@ def printed(words, **environment):
     return text.decode().replace("\r\n", "\n")
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "poles contact --law p --timing zoh",
+        "advise fig4_11 --linear",
+        "limit contact",
+        "modes fig4_19",
+        "objects force_tare",
+        "axis check --sim contact --set firmware.mode=disabled --set firmware.position_gain=4 --yes",
+        "measure --sim contact --set firmware.position_gain=4 --free",
+    ],
+)
+def test_tables_fit_80_columns(line):
+    text = printed(line.split(), COLUMNS="80")
+    assert max(map(len, re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines())) <= 80
+
+
 def test_colour_and_width_on_a_terminal_none_in_a_pipe():
     words = ["run", EXPERIMENTS / "contact.toml", "--set", "experiment.duration_s=1.5"]
     coloured = printed(words)
