@@ -181,7 +181,7 @@ def printed(words, **environment):
         "limit contact",
         "modes fig4_19",
         "objects force_tare",
-        "axis check --sim contact --set firmware.mode=disabled --set firmware.position_gain=4 --yes",
+        "axis check --sim contact --set firmware.position_gain=4 --yes",
         "measure --sim contact --set firmware.position_gain=4 --free",
     ],
 )

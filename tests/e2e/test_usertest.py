@@ -341,6 +341,22 @@ def test_update_fills_an_empty_table(tmp_path, line_end):
     assert forceaxis("test", here).returncode == 0
 
 
+def test_update_holds_a_verdict_alone_to_what_comes_out(tmp_path):
+    """As `forceaxis new` writes it; limits and numbers of one's own are not added to."""
+    here = axes(tmp_path, axis='verdict = "stable"', own='verdict = "stable"\nsettle_s = 0.749')
+    own = (here / "own.toml").read_bytes()
+    assert forceaxis("test", here).returncode == 0
+    done = forceaxis("test", here, "--update")
+    assert done.stdout.endswith("1 passed, 1 updated, 0 failed\n"), done.stdout + done.stderr
+    after = (here / "axis.toml").read_bytes()
+    expect = tomllib.loads(after.decode())["expect"]
+    assert expect["final_value"] == pytest.approx(0.5, rel=1e-4) and "trace_hash" in expect
+    assert forceaxis("test", here, "--update").stdout.endswith("2 passed, 0 failed\n")
+    assert ((here / "axis.toml").read_bytes(), (here / "own.toml").read_bytes()) == (after, own)
+    (here / "model.toml").write_text(MODEL.replace("4.0", "5.0"))
+    assert forceaxis("test", here, "-k", "axis").returncode == 1
+
+
 def test_update_of_contact_adds_its_peak(tmp_path):
     shutil.copytree(ROOT / "sim/models", tmp_path / "models")
     (tmp_path / "e").mkdir()

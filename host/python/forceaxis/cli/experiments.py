@@ -277,7 +277,8 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as
     { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 }
     say. --update rewrites what
-    differs, fills an empty [expect], and leaves limits and the rest of the file as they are.
+    differs, fills an [expect] that is empty or has the verdict alone, and leaves limits and the
+    rest of the file as they are.
 
     Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.
     """

@@ -1,6 +1,7 @@
 """Experiments as regression tests: every file with an [expect] table is run and compared."""
 
 import contextlib
+import functools
 import os
 import time
 import xml.etree.ElementTree as ET
@@ -103,8 +104,9 @@ def find(targets, pattern=None):
     return tests, skipped
 
 
-def run_test(file):
-    """Outcome of one file; a user's mistake is an Outcome, not an exception."""
+def run_test(file, update=False):
+    """Outcome of one file; a user's mistake is an Outcome, not an exception. update: one that
+    passes keeps the run too, if its [expect] is to be filled."""
     began = time.perf_counter()
     outcome = Outcome(file, "error")
     try:
@@ -117,7 +119,9 @@ def run_test(file):
         elif outcome.examined.differences:
             outcome.status = "failed"
         else:
-            outcome.status, outcome.examined = "passed", None
+            outcome.status = "passed"
+            if not (update and rewrite.bare(outcome.checks)):
+                outcome.examined = None
     except SimulationError as error:
         outcome.status, outcome.message = "failed", str(error)
     except InputError as error:
@@ -139,6 +143,8 @@ def write_update(outcome):
         new = mark + rewrite.rewritten(file, text.removeprefix("\ufeff"), examined)
         if new != text:
             paths.replace_text(file, new)
+        elif outcome.status == "passed":
+            return
         wanted = expect.read(file, _core.inputs(str(file))).wanted
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
@@ -166,7 +172,7 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
     outcomes = []
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         try:
-            for outcome in pool.map(run_test, tests):
+            for outcome in pool.map(functools.partial(run_test, update=update), tests):
                 if out and outcome.status == "failed" and outcome.examined:
                     place = out / outcome.file.resolve().relative_to(top)
                     outcome.drawn = write_difference(outcome, place)

@@ -8,14 +8,21 @@ from forceaxis import toml
 from forceaxis._core import InputError
 from forceaxis.experiments.expect import TOLERANCES, Number
 
+FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
 
-def filled(text, values):
-    """The experiment's text with all but overshoot put below the line [expect]."""
-    keys = ("verdict", "peak_force_N", "final_value", "settle_s", "trace_hash")
+
+def bare(checks):
+    """True if [expect] is empty or has the verdict alone: --update fills it."""
+    return all(check.key == "verdict" for check in checks)
+
+
+def filled(text, values, checks):
+    """The experiment's text with FILLED put below the line [expect], but what it has."""
+    there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
-        for key in keys
-        if values[key] is not None
+        for key in FILLED
+        if values[key] is not None and key not in there
     ]
     return re.sub(
         r"^[ \t]*\[expect\][ \t]*(#.*)?(\n|\Z)",
@@ -56,7 +63,9 @@ def rewritten(file, text, examined):
     """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
-    new = updated(old, examined) if examined.checks else filled(old, examined.measured.values)
+    new = updated(old, examined) if examined.checks else old
+    if bare(examined.checks):
+        new = filled(new, examined.measured.values, examined.checks)
     changes = difflib.SequenceMatcher(None, old.splitlines(), new.splitlines(), autojunk=False)
     lost = sum(end - start for kind, start, end, *_ in changes.get_opcodes() if kind != "equal")
     before, after = ({**toml.read_text(t), "expect": None} for t in (old, new))
