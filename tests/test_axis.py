@@ -158,7 +158,7 @@ def test_press_ends_beyond_its_bound(axis):
         actions.press(axis, 30.0, False, 20_000, 5.0, 1.0, counts=10.0)
     assert axis.read("drive_state") == "fault" and axis.read("force_max") == 0
     done = forceaxis("axis", "press", *SIM, "30", "--force-max", "4000 N")
-    assert "--force-max: expected up to 512 counts" in refusal(done, 2)
+    assert "--force-max: expected up to 512 force counts" in refusal(done, 2)
 
 
 def test_a_position_that_is_not_reached_is_said(axis):

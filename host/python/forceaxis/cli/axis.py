@@ -249,7 +249,7 @@ def bound_of(axis, text):
         counts = 0.0
     if not 0 < counts <= 512:
         raise InputError(
-            f'--force-max: expected up to 512 counts, or a force as "75 N", got {text}'
+            f'--force-max: expected up to 512 force counts, or a force as "75 N", got {text}'
         )
     return counts
 
@@ -321,7 +321,7 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
         if len(words) > 1 and not newton and words[1] != "count":
             raise ValueError
     except (ValueError, IndexError):
-        raise InputError(f'{force}: expected a force as "75 N", or counts as 30') from None
+        raise InputError(f'{force}: expected a force as "75 N", or force counts as 30') from None
     begin = time.monotonic()
     with owned(way) as axis:
 

@@ -182,13 +182,14 @@ class Analyzer:
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         if np.ptp(place) > STANDING:
-            raise Refusal("moving", f"expected an axis at rest, it moves by {np.ptp(place)} counts")
+            moved = f"{np.ptp(place)} encoder counts"
+            raise Refusal("moving", f"expected an axis at rest, it moves by {moved}")
         reading = float(np.mean(held.values("force")))
         band = self.known["tare_band"] or self.known["contact_force"] / 2
         if abs(reading) > band:
             raise Refusal(
-                "tare", f"expected a reading within {band:g} counts at rest, got {reading:.3g}; "
-                "move the axis out of contact and tare it"
+                "tare", f"expected a reading within {band:g} force counts at rest, got "
+                f"{reading:.3g}; move the axis out of contact and tare it"
             )  # fmt: skip
         ends = raw.min() == 0 or raw.max() == 2**self.bits - 1
         noise = None if ends else noise_of(raw)
@@ -329,10 +330,8 @@ class Analyzer:
             moved = np.ptp(y) * unit
             errors = response.deviation(u, y, rest, self.lines, steps, self.order.averages)
             error = errors[level.of_loop]
-            self.say(
-                f"amplitude {amplitude} codes: swing {moved:.3g} {'N' if unit != 1 else 'counts'}, "
-                f"deviation {100 * error:.2g} %"
-            )
+            swung = f"{moved:.3g} {'N' if unit != 1 else 'encoder counts'}"
+            self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
                 return amplitude
             room = swing / max(moved, 1e-9)

@@ -100,8 +100,8 @@ class Check:
         counts, code = (self.known[f"first_motion_{n}"] for n in ("counts", "code"))
         way = "away from" if self.direction < 0 else "toward"
         return (
-            f"It moves {counts} counts in open loop, at most {REACH * counts} with {code} of 2047 "
-            f"codes, then {self.travel} counts {way} the workpiece and back with at most "
+            f"It moves {counts} encoder counts in open loop, at most {REACH * counts} with {code} "
+            f"of 2047 codes, then {self.travel} counts {way} the workpiece and back with at most "
             f"{self._output()} codes, never more than {self._span()} counts from here. The tare is "
             "taken where the reading is near zero."
         )
@@ -182,7 +182,7 @@ class Check:
                     ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
         swing, band = float(np.ptp(force)), self.known["contact_force"]
         noise = noise_of(raw)
-        text = f"{noise:.3g} LSB rms, {swing:.3g} counts from peak to peak"
+        text = f"{noise:.3g} LSB rms, {swing:.3g} force counts from peak to peak"
         if swing > band:
             self._done("force at rest", "failed", f"{text}: expected at most contact_force; check "
                        "shield and supply", swing, band)  # fmt: skip
@@ -194,7 +194,7 @@ class Check:
         self.reading = float(np.mean(force))
         newton = self.reading * self.known["force_scale"] * 1e-6
         apart = abs(self.reading) <= band
-        self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} counts "
+        self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} force counts "
                    f"({newton:.4g} N)" + ("" if apart else ": in contact, or without its tare"),
                    self.reading, band)  # fmt: skip
         self._judge("current", current.max() < top, f"code {float(np.mean(current)):.4g}",
@@ -216,7 +216,7 @@ class Check:
                  if abs(v) < NO_LIMIT]  # fmt: skip
         text = f"{', '.join(named)}, position {self.start}" if named else "no soft limits"
         self._judge("limits", bool(free), text, max(room.values()), self._span(),
-                    f": expected room for {self._span()} counts on one side")  # fmt: skip
+                    f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self):
         """How far the axis may be from its start, whatever happens."""
@@ -269,8 +269,9 @@ class Check:
             error = str(refusal)
         found = self.axis.get(*names, "fault", "position")
         result, moved = found["first_motion_result"], found["first_motion_moved"]
-        text = (f"{_words(result)}: {moved} counts at code {found['first_motion_code_reached']}, "
-                f"force changed by {found['first_motion_force']:.3g} counts")  # fmt: skip
+        text = (f"{_words(result)}: {moved} encoder counts at code "
+                f"{found['first_motion_code_reached']}, force changed by "
+                f"{found['first_motion_force']:.3g} force counts")  # fmt: skip
         if result == "passed" and not error:
             seen = abs(found["first_motion_force"]) > self.known["contact_force"]
             sign = "" if seen else "; the sign of the force shows at the first contact"
@@ -305,8 +306,9 @@ class Check:
             if abs(errors[-1]) > ARRIVED_CNT:
                 break
         worst = max(errors, key=abs)
-        self._judge("move", abs(worst) <= ARRIVED_CNT, f"{self.travel} counts out and back, "
-                    f"{worst} counts beside its target, at most code {largest}", worst,
+        self._judge("move", abs(worst) <= ARRIVED_CNT,
+                    f"{self.travel} encoder counts out and back, {worst} beside its target, "
+                    f"at most code {largest}", worst,
                     ARRIVED_CNT,
                     f", {_words(now['limit_reason'])} limits it: it is held up, or position_gain "
                     "is too low")  # fmt: skip
@@ -341,7 +343,7 @@ class Check:
         if not self.passed:
             self._skip("what failed comes first", "tare")
         elif abs(self.reading) > band:
-            self._done("tare", "skipped", f"{self.reading:.4g} counts at rest: beyond "
+            self._done("tare", "skipped", f"{self.reading:.4g} force counts at rest: beyond "
                        f"{'tare_band' if self.known['tare_band'] else 'contact_force'}",
                        self.reading, band)  # fmt: skip
         else:
@@ -351,7 +353,7 @@ class Check:
             except (Refused, NoAnswer) as error:
                 self._done("tare", "failed", str(error), self.reading, band)
                 return
-            self._done("tare", "passed", f"{found['force_tare']:.4g} counts, the reading is "
+            self._done("tare", "passed", f"{found['force_tare']:.4g} force counts, the reading is "
                        f"{found['force']:.4g}; `axis params store` keeps it", found["force_tare"],
                        band)  # fmt: skip
 

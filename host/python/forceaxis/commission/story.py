@@ -93,7 +93,7 @@ class _Story:
         return f"{speed:.1f} count/tick"
 
     def length(self, counts):
-        return f"{counts / self.per_mm:.2f} mm" if self.per_mm else f"{counts:.0f} count"
+        return f"{counts / self.per_mm:.2f} mm" if self.per_mm else f"{counts:.0f} encoder counts"
 
     def switches(self):
         changed = np.flatnonzero(np.diff(self.inputs))

@@ -117,7 +117,7 @@ def check(tuning):
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
-    text = f"at rest, reading {rest.reading:.2g} counts{noise}; to be measured with {law}"
+    text = f"at rest, reading {rest.reading:.2g} force counts{noise}; to be measured with {law}"
     if settings:
         text += f"; as of the model: {', '.join(settings)}"
     return result, text
