@@ -13,7 +13,7 @@ from multiprocessing.connection import Client, Listener
 from pathlib import Path
 
 import numpy as np
-from forceaxis import _core, linear
+from forceaxis import _core, linear, objects
 from forceaxis.axis.sim import SimLink
 from forceaxis.design import data_sheet, files, new, simulate
 from forceaxis.design.changes import Design
@@ -32,7 +32,11 @@ PRESS = {
 
 
 # Of the firmware: as an axis is delivered.
-DELIVERED = ("firmware.mode=disabled", "firmware.position_gain=0")
+DELIVERED = (
+    "firmware.mode=disabled",
+    *(f"firmware.{name}={objects.default(name):.0f}"
+      for name in ("position_gain", "force_scale", "rated_force")),
+)  # fmt: skip
 
 
 def written(folder, sheet):

@@ -53,6 +53,12 @@ def certificate(bank_crc, adc_bits, force_scale):
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
+def default(name):
+    """Engineering value of an object as it is delivered."""
+    known = BY_NAME[name]
+    return known.default * known.scale
+
+
 def unit_in_words(known):
     """The unit of an object for a reader: of what its counts and codes are. Readings of the force
     have counts of 8 bits, in fractions; whole counts are the encoder's."""

@@ -4,6 +4,7 @@ from forceaxis import _core, paths
 from forceaxis.axis.link import REASONS, TICKS_PER_S, RecorderLink, Refused, unsigned
 from forceaxis.bus.state_names import BY_NAME
 
+SCALE_WITHIN = 0.1  # of the model, as a calibration may find the sensor
 FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
 
 
@@ -25,6 +26,22 @@ class SimLink(RecorderLink):
         self.store = store  # "": none
         self._owned = False
         self.axis.step(1)  # the first inputs
+        self.warning = self._scale_warning(experiment, overrides)
+
+    def _scale_warning(self, experiment, overrides):
+        """One line where the axis has another force_scale than its model's sensor, else None."""
+        model = _core.inputs(str(experiment), list(overrides))["model"]
+        reading = _core.facts(model)["reading"]
+        if reading is None:
+            return None
+        has, sensor = self.read(["force_scale"])["force_scale"] * 1e-6, abs(reading["per_count"])
+        if abs(has / sensor - 1) < SCALE_WITHIN:
+            return None
+        return (
+            f"{self.where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
+            f"got {has:.6g}: its newtons are wrong by a factor of {sensor / has:.3g}; give "
+            f"[firmware] force_scale = {round(sensor * 1e6)}"
+        )
 
     def read(self, names):
         found = {}

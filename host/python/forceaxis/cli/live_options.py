@@ -130,6 +130,8 @@ def connected(way):
     with errors():
         try:
             axis = Axis(way.link())
+            if warning := getattr(axis.link, "warning", None):
+                click.echo(f"forceaxis: warning: {warning}", err=True)
             yield axis
         except KeyboardInterrupt as interrupt:
             end = f", {axis.link.where} {axis.close()}" if axis else ""

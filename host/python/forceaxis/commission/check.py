@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from forceaxis import objects
 from forceaxis.axis import actions, params, params_file
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission.analyzer import noise_of
@@ -83,7 +84,7 @@ class Check:
             "adc_bits", "force_zero_code", "contact_force", "force_max", "position_min",
             "position_max", "position_gain", "output_limit", "following_error_max", "speed_max",
             "inputs_fitted", "tare_band", "first_motion_counts", "first_motion_code",
-            "first_motion_speed", "force_scale",
+            "first_motion_speed", "force_scale", "calibration_date",
         )  # fmt: skip
         for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
             step()
@@ -164,6 +165,15 @@ class Check:
                     f"{gain:g} code/count, output limited to {self._output()} codes", gain,
                     "above 0", ": set them, the axis would not move")  # fmt: skip
 
+    def _scale(self):
+        scale = self.known["force_scale"]
+        self.newton = scale * 1e-6
+        unset = not self.known["calibration_date"] and scale == objects.default("force_scale")
+        text = f"{self.newton:.6g} N a force count"
+        self._done("force scale", "noted" if unset else "passed",
+                   text + (", as delivered: set force_scale, or calibrate; all newtons follow it"
+                           if unset else ""), self.newton)  # fmt: skip
+
     def _rest(self):
         names = ("force_raw", "force", "current_raw", "position")
         try:
@@ -180,6 +190,7 @@ class Check:
         code = float(np.mean(raw))
         self._judge("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
                     ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
+        self._scale()
         swing, band = float(np.ptp(force)), self.known["contact_force"]
         noise = noise_of(raw)
         text = f"{noise:.3g} LSB rms, {swing:.3g} force counts from peak to peak"
@@ -192,7 +203,7 @@ class Check:
         else:
             self._done("force at rest", "passed", text, noise, DITHER_LSB)
         self.reading = float(np.mean(force))
-        newton = self.reading * self.known["force_scale"] * 1e-6
+        newton = self.reading * self.newton
         apart = abs(self.reading) <= band
         self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} force counts "
                    f"({newton:.4g} N)" + ("" if apart else ": in contact, or without its tare"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from forceaxis import _core, linear
+from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
 from forceaxis.axis import params
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
@@ -76,7 +76,7 @@ def check(tuning):
     settings = {}
     scale = 1e6 * abs(facts["reading"]["per_count"])
     if abs(known["force_scale"] / scale - 1) > SCALE_WITHIN:
-        if known["calibration_date"] or known["force_scale"] != _default("force_scale"):
+        if known["calibration_date"] or known["force_scale"] != objects.default("force_scale"):
             raise Refusal(
                 "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
                 f"{known['force_scale']:g}: calibrate it, or set the model"
@@ -88,9 +88,9 @@ def check(tuning):
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
     slow, own = _approach_velocity(model, facts), known["approach_velocity_max"]
-    if own > slow or own == _default("approach_velocity_max"):
+    if own > slow or own == objects.default("approach_velocity_max"):
         settings["approach_velocity_max"] = slow
-        if own != _default("approach_velocity_max"):
+        if own != objects.default("approach_velocity_max"):
             tuning.say(
                 f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
                 f"of the axis its momentum alone would strike with more than {TOUCH_N:g} N"
@@ -103,7 +103,7 @@ def check(tuning):
             "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
             "[[adc]] (`forceaxis new --sensor-noise-n`)"
         )  # fmt: skip
-    if rest.noise_lsb is not None and known["contact_force"] == _default("contact_force"):
+    if rest.noise_lsb is not None and known["contact_force"] == objects.default("contact_force"):
         # A law that is weak stands lightly, below a coarse threshold; its integral waits there.
         felt = FELT * rest.noise_lsb * 2.0 ** (8 - known["adc_bits"])
         felt = max(felt, 2 * abs(rest.reading), LEAST_CONTACT)
@@ -263,11 +263,6 @@ class Settings:
 def _off(axis):
     axis.disable()
     axis.link.wait(0.05)
-
-
-def _default(name):
-    known = _core.objects()
-    return next(o["default"] * o["scale"] for o in known if o["name"] == name)
 
 
 def fit(tuning):

@@ -200,6 +200,8 @@ def render(name, title, axis, sources, first=None):
         title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
         bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
         back_emf_speed=back_emf_speed(v), count_N=v["sensor_full_scale_n"] / 128,
+        force_scale=round(within("force_scale", 1e6 * v["sensor_full_scale_n"] / 128)),
+        rated_force=round(within("rated_force", 1e3 * v["sensor_full_scale_n"])),
     )  # fmt: skip
     if first:
         count = axis.encoder_scale
