@@ -58,6 +58,14 @@ def test_get_has_units_and_patterns():
     assert found == {"force_scale": 2_500_000, "fault": "none"}
 
 
+def test_a_scale_that_is_not_its_models_is_warned_of():
+    done = forceaxis("axis", "get", *SIM, "--set", "firmware.force_scale=5000000", "force")
+    assert said(done).startswith("force") and done.stderr.count("\n") == 1
+    assert "warning" in done.stderr and "expected force_scale 2.5 N/count" in done.stderr
+    assert "wrong by a factor of 0.5" in done.stderr
+    assert forceaxis("axis", "get", *SIM, "force").stderr == ""
+
+
 def test_set_reads_back_what_the_axis_has():
     done = forceaxis("axis", "set", *SIM, "force_gain=6.999", "force_setpoint=75 N", "--json")
     # 1/256 is the least step; 2.5 N a count.

@@ -66,12 +66,20 @@ def test_a_sound_axis_passes_and_is_left_as_it_was(experiment):
     run, axis, way = checked(file, consent=lambda text: asked.append(text) or True)
     assert run.passed, run.steps
     assert {step.verdict for step in run.steps} == {"passed", "noted"}
-    assert [s.step for s in run.steps if s.verdict == "noted"] == ["force at rest"], "no dither"
+    noted = [step.step for step in run.steps if step.verdict == "noted"]
+    assert noted == ["force scale", "force at rest"], "never set; no dither"
     assert 400 <= way <= SPAN and f"never more than {SPAN} counts" in asked[0]
     assert params.read(axis) == before
     found = {step.step: step for step in run.steps}
     assert found["first motion"].value == "passed" and abs(found["move"].value) <= 2
     assert found["force sensor"].value == 0 and found["force sensor"].limit == 255
+
+
+@pytest.mark.parametrize("given", [{"force_scale": 2_400_000}, {"calibration_date": 15000}])
+def test_a_scale_that_was_set_passes(experiment, given):
+    run, _, _ = checked(experiment(firmware=given))
+    scale = next(step for step in run.steps if step.step == "force scale")
+    assert scale.verdict == "passed" and scale.value == given.get("force_scale", 2_500_000) * 1e-6
 
 
 def test_a_noisy_reading_is_measured_in_codes(experiment):

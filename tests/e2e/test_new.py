@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import verbs
+from forceaxis.axis import actions
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.sim import SimLink
 from forceaxis.experiments import run as runs
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
@@ -71,6 +74,30 @@ def test_the_first_verdict_is_stable(tmp_path, sheet):
     dry = 10 if sheet == "worn axis" else 0
     assert contact["metrics"]["final_force_N"] == pytest.approx(held, abs=count + dry)
     assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+
+
+@pytest.mark.parametrize("sheet", ["small stage", "gantry", "belt axis"])
+@pytest.mark.parametrize("experiment", ["contact.toml", "step.toml"])
+def test_newtons_on_the_bus_are_the_sensors(tmp_path, sheet, experiment):
+    result = made(tmp_path, SHEETS[sheet])
+    wanted_N, gain = result["setpoint_N"] / 2, result["force_gain"]
+    link = SimLink(tmp_path / "mine" / experiment, [f"firmware.force_gain={gain}"])
+    assert link.warning is None
+    with Axis(link) as axis:
+        axis.acquire()
+        # Its default law leaves an error; what it reads is what the plant's sensor bears.
+        model = tomllib.loads((tmp_path / "mine/model.toml").read_text())
+        slow = 0.002 * model["parameters"]["encoder_scale"]["value"]
+        borne_N = []
+
+        def shown(state):
+            borne_N.append(link.axis.extremes["force_N"])
+            link.axis.reset_extremes()
+
+        found = actions.press(axis, wanted_N, True, slow, 20.0, 2.0, shown)
+        count_N = axis.read("force_scale") * 1e-6
+        assert found["most_N"] == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled
+        assert axis.read("force_max") == 0 and found["force_N"] < 1.05 * wanted_N
 
 
 # Not the thesis robot: it bounces for ever below its linear limit, as in the laboratory.

@@ -159,6 +159,16 @@ def with_help(error):
     return f"{text}{end} `{verb} --help` shows what is expected"
 
 
+def with_table(message):
+    """The message about a name of [set] that is no parameter, where it is one of another table."""
+    wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
+    if wrong:
+        from forceaxis.experiments.points import meant
+
+        return message.replace("; correct", f"{meant(wrong[1])}; correct")
+    return message
+
+
 def main():
     """Entry point: every mistake of the user is one line on standard error and exit status 2."""
     try:
@@ -180,7 +190,7 @@ def main():
         if names & FAILURES:
             fail(str(error), status=1)
         if "forceaxis._core.InputError" in names:
-            fail(str(error))
+            fail(with_table(str(error)))
         if isinstance(error, FileNotFoundError) and error.filename:
             folder = Path(error.filename).parent
             what = f"file, there is none in {folder}" if folder.is_dir() else f"folder {folder}"

@@ -19,6 +19,17 @@ KEYS = {
 }
 
 
+def meant(name, parameters=()):
+    """As words.suggestion(), of all that --set takes; a name without its table is given it."""
+    full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
+    full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
+    if name in full:
+        return f"; did you mean {full[name]}?"
+    room = name.partition(".")[0] + "."
+    near = [text for text in full.values() if text.startswith(room)] if "." in name else []
+    return suggestion(name, near or [*parameters, *full.values()])
+
+
 @dataclass(frozen=True)
 class Axis:
     """A swept parameter."""
@@ -143,17 +154,18 @@ def check_names(experiment, inputs, overrides, axes):
             if name not in inputs["parameters"]:
                 fail(
                     "a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY"
-                    f"{suggestion(name, inputs['parameters'])}"
+                    f"{meant(name, inputs['parameters'])}"
                 )
             value = inputs["parameters"][name]["value"]
             if name in _core.inputs(str(experiment), [*overrides, f"{name}={value!r}"])["unused"]:
                 fail("a parameter that the model uses, this one changes nothing here")
         elif room == "firmware":
             if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
-                fail("a firmware object that can be written; see `forceaxis objects`")
+                fail(f"a firmware object that can be written{meant(name)}; `forceaxis objects` "
+                     "lists them")  # fmt: skip
         elif key not in KEYS.get(room, ()):
             known = [f"{r}.{k}" for r, keys in KEYS.items() for k in keys]
-            fail(f"a model parameter, firmware.OBJECT or one of {', '.join(known)}")
+            fail(f"a model parameter, firmware.OBJECT or one of {', '.join(known)}{meant(name)}")
 
 
 def unit_of(name, inputs):

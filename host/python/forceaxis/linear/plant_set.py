@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from forceaxis import _core
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
-from forceaxis.words import plain
+from forceaxis.words import plain, suggestion
 
 RANGES_MAX = 8  # 256 corners
 
@@ -79,7 +79,7 @@ def ranges_of(model, over, overrides=None):
         if name not in known:
             raise _core.InputError(
                 f"--over: {text}: expected a parameter of the model, one of "
-                f"{', '.join(sorted(known))}"
+                f"{', '.join(sorted(known))}{suggestion(name, known)}"
             )
         if name in ranges:
             raise _core.InputError(f"--over: {name}: expected each parameter once")
