@@ -14,6 +14,11 @@ def plain(value, digits=3):
     return text if abs(rounded) >= 1e4 else text.replace(",", "")
 
 
+def counted(number, noun):
+    """ "1 mode", "2 modes"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def suggestion(name, known):
     """The end of a message about an unknown name: what may have been meant, or nothing."""
     meant = difflib.get_close_matches(name, known, 2, 0.65)

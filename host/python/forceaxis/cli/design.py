@@ -8,7 +8,16 @@ from dataclasses import replace
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_option, threads
+from forceaxis.cli.common import (
+    Folder,
+    Parameter,
+    Positive,
+    Subject,
+    Verb,
+    as_json,
+    set_option,
+    threads,
+)
 
 
 @click.command(
@@ -44,6 +53,11 @@ from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_
 @click.option(
     "--adc-bits", type=int, help="Of the force's ADC, 8 to 16. Default: the model's; a finer one "
     "keeps the range.",
+)  # fmt: skip
+@click.option(
+    "--hf-gain", type=Positive(), metavar="CODES",
+    help="Largest gain at high frequency, DAC codes per 8-bit count. Default: 80; at most 15 per "
+    "code of the ADC. It turns the reading's noise into commands.",
 )  # fmt: skip
 @click.option(
     "--latency",

@@ -123,14 +123,14 @@ def _static_error(grid, bank):
     return float(np.abs(1 / (1 + bank.force_gain * grid.plant[:, 0])).max())
 
 
-def sentence(grid, bank, steep, bounds):
-    """What keeps the gain from more; steep: the law's gain at high frequency for the gain 1."""
+def sentence(grid, bank, steep, bounds, finer):
+    """What keeps the gain from more; steep: the law's gain at high frequency for the gain 1; finer:
+    Goal.hf_cure()."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     _, name, member, timing, hz = grid.largest_gain(law, steep, free)
     reached = bank.force_gain * steep >= NEAR * bounds.hf_gain
     high = f"the gain at high frequency ({bounds.hf_gain:.3g} codes per 8-bit count)"
-    finer = "an ADC of more bits would let it rise"
     if name == "hf" or (reached and _margin_left(grid, law, bank, free, steep)):
         return f"{high[0].upper()}{high[1:]} is the limit: {finer}."
     mode = _mode_near(grid.open_loops[member], hz)

@@ -170,7 +170,7 @@ def simulated(bench, outcome, instead, say):
             try:
                 one = one and left(one, least)
             except InputError as error:
-                refused = refused or error
+                refused = error  # the last one has tried the least gain
                 continue
             if one and (best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]):
                 best = one

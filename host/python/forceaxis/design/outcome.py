@@ -4,8 +4,10 @@ from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 
 from forceaxis import paths
+from forceaxis.design import simulate
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
 TIMINGS = {0: "zoh", 1: "zoh+1"}
@@ -114,7 +116,7 @@ def describe(outcome):
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [
         f"model        {paths.display(Path(outcome.plants.model))}",
-        f"set          {ranges}; {len(outcome.plants.modes)} modes",
+        f"set          {ranges}; {counted(len(outcome.plants.modes), 'mode')}",
         f"bank         {outcome.chosen}: gain {bank.force_gain:.5g} codes per 8-bit count, "
         f"integral {bank.integral_rad_per_s:.4g} 1/s, {len(bank.sections)} sections, "
         f"{bank.hf_gain():.3g} codes per count at high frequency",
@@ -146,8 +148,7 @@ def describe(outcome):
         loss = outcome.loss
         lines.append(
             f"contact loss cap {loss['contact_loss_cap']} codes for {loss['contact_loss_dwell']} "
-            f"ms: strikes of {loss['strike_N_s']:.3g} N s are survived, "
-            f"{loss['strike_default_N_s']:.3g} with the defaults"
+            f"ms: {simulate.strikes_survived(loss)}"
         )
     if outcome.out:
         lines.append(f"files        {', '.join(f'{outcome.out}/{n}' for n in outcome.written)}")

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from forceaxis import _core, drawing, objects
-from forceaxis.design import files
+from forceaxis.design import files, simulate
 from forceaxis.design import outcome as outcomes
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
@@ -187,6 +187,7 @@ def write(folder, bench, outcome, run):
         cases=[[case, {"p": "P", "design": outcome.chosen}[law], *cells]
                for case, law, *cells in outcomes.cases(outcome.rows)],
         style=Markup(drawing.page_style()),
+        strikes_survived=simulate.strikes_survived,
         unsettled=lambda cell: len(set(cell.split(" of "))) > 1,
         members=outcomes.MEMBERS,
         run=run,

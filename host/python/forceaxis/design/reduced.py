@@ -9,7 +9,7 @@ from scipy import optimize
 
 from forceaxis.design import certificate, search, structures
 from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, hf_most
+from forceaxis.design.grid import DELAYS
 from forceaxis.linear.bank import Bank
 
 NAME = "PI and one biquad"
@@ -97,16 +97,14 @@ class Problem:
                 "settle without overshoot; a stiffer drive or more damping would move it."
             )
         if name == "hf":
-            least = own.hf_gain < 0.99 * search.HF_SHARE * hf_most(self.goal.adc_bits)
-            cure = "a reading with less noise" if least else "an ADC of more bits"
             return (
                 f"The gain at high frequency ({own.hf_gain:.3g} codes per 8-bit count) is the "
-                f"limit: {cure} would let it rise."
+                f"limit: {self.goal.hf_cure()}."
             )
         loose = replace(own, hf_gain=math.inf, ms=(1e3,) * len(own.ms), gain_margin=1e-3)
         kept = {"ms": "ms", "gm": "gain_margin"}[name]
         only = replace(loose, **{kept: getattr(own, kept)})
-        return certificate.sentence(self.grid, found["bank"], 1.0, only)
+        return certificate.sentence(self.grid, found["bank"], 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS, rate, low, high):
         """Zeros on the antiresonances with a pole above; a lead; a lag; PI with its best rate."""

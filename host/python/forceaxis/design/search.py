@@ -75,6 +75,14 @@ class Goal:
             HF_SHARE * min(most, self.hf_gain or max(HF_DEFAULT, hf_most(8))),
         )
 
+    def hf_cure(self):
+        """What would widen the bound of the gain at high frequency."""
+        if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
+            return "an ADC of more bits would let it rise"
+        if self.hf_gain:
+            return "a reading with less noise would let it rise"
+        return "`design --hf-gain` lets it rise where the reading is quiet"
+
 
 @dataclass(frozen=True)
 class Found:
@@ -323,7 +331,7 @@ def _result(plants, goal, problem, best, say):
             worst,
             (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
             rows,
-            certificate.sentence(tightest, bank, limiting, bounds),
+            certificate.sentence(tightest, bank, limiting, bounds, goal.hf_cure()),
             row["name"],
             lambda name: taken(next(row for row in rows if row["name"] == name)),
         )

@@ -305,7 +305,8 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
 
     Returns {"contact_loss_cap", "contact_loss_dwell", "strike_N_s": the largest of a ladder up to
     which every strike is survived at both lower set-points, "strike_default_N_s": the same with
-    the firmware's defaults}; 0 where not even the first is survived.
+    the firmware's defaults, "strike_hardest_N_s": of the ladder}; 0 where not even the first is
+    survived.
     """
     slow = bench.press_speed_code(bench.cases[0].speed_m_per_s / 4)
     choices = [(cap, dwell) for dwell in DWELLS_MS for cap in dict.fromkeys((0, slow, 2048))]
@@ -334,7 +335,17 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
         "contact_loss_dwell": best[1],
         "strike_N_s": min(borne[best]) * strike,
         "strike_default_N_s": min(borne[choices[0]]) * strike,
+        "strike_hardest_N_s": STRIKES[-1] * strike,
     }
+
+
+def strikes_survived(loss):
+    """The sentence on what choose_loss() found; ">=" where the ladder ends before the law does."""
+    texts = [
+        (">= " if loss[key] == loss["strike_hardest_N_s"] else "") + f"{loss[key]:.3g}"
+        for key in ("strike_N_s", "strike_default_N_s")
+    ]
+    return f"strikes of {texts[0]} N s are survived, {texts[1]} with the firmware's defaults"
 
 
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
@@ -365,7 +376,7 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
     raise InputError(
         f"simulation: expected contact that settles, {bad['case']} does not even at "
         f"{tried.force_gain:.3g}, {share:.2g} of the designed gain; a smaller set, a softer pad or "
-        "a slower approach"
+        "a slower approach (approach_velocity_max)"
     )
 
 

@@ -10,6 +10,7 @@ from forceaxis._core import InputError
 from forceaxis.design import changes, files, for_set, reduced, search, simulate
 from forceaxis.design.outcome import LATENCIES, TIMINGS
 from forceaxis.linear.bank import Bank
+from forceaxis.words import counted
 
 # What bandwidth is set against: its values, and what they are.
 AGAINST = {
@@ -100,7 +101,7 @@ def describe(result):
     against = result["against"]
     lines = [
         f"model        {result['model']}",
-        f"set          {', '.join(result['over'])}; {len(result['modes'])} modes",
+        f"set          {', '.join(result['over'])}; {counted(len(result['modes']), 'mode')}",
         f"{against:>11}  bandwidth Hz  P's  Ms    late  gain margin  "
         "DAC codes/count of force at high frequency",
     ]

@@ -192,13 +192,20 @@ def describe_limit(summary):
     return "\n".join(lines)
 
 
+# Where a law's static error alone is that large.
+AT_REST = {
+    "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
+    "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
+}
+
+
 def figures_text(at):
     """Lines about |S| and |T| of a loop, or of the worst of some."""
-    text = {None: "nowhere", 0.0: "at 0 Hz"}
     rows = []
     for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
-        rows.append(f"{name:12} {text.get(at[key]) or hz_text(at[key])}")
-    sag = ", and is below it also below fS" if at["sag"] else ""
+        text = {None: "nowhere", 0.0: AT_REST[key]}.get(at[key]) or hz_text(at[key])
+        rows.append(f"{name:12} {text}")
+    sag = ", and is below it also below fS" if at["sag"] and at["fT_Hz"] else ""
     rows[1] += sag
     return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 

@@ -157,13 +157,15 @@ def worst_text(at, unit):
     if not at["stable"]:
         lines[0] += f"unstable at {member_text(at['member']['stable'])}"
         return lines
-    lines[0] += f"all of {at['members']} stable; the worst:"
+    lines[0] += f"all {at['members']} plants stable; the worst:"
     for name, label in NAMES.items():
         value = at[name]
         text = "none" if value is None else f"{value:.4g}{UNITS.get(name, '')}"
+        if value == 0 and name in limits.AT_REST:
+            text = limits.AT_REST[name] + ","
         who = at["member"].get(name)
         lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
-    if at["sag"]:
+    if at["sag"] and at["fT_Hz"]:
         lines.append(f"sag          |T| below -3 dB below fS at {member_text(at['member']['sag'])}")
     return lines
 
