@@ -273,6 +273,7 @@ Experiment Journal::load() const {
 
 Journal read_journal(const std::filesystem::path &file) {
   std::ifstream in(file);
+  if (!in) throw sim::InputError(file.string(), "file", "expected a readable file, got none");
   Journal journal;
   journal.file = file;
   std::string text;

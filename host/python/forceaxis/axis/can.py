@@ -1,6 +1,7 @@
 """An axis on a CAN bus, accessed as its CANopen master: SDO, NMT, a supervised heartbeat."""
 
 import contextlib
+import errno
 import logging
 import math
 import struct
@@ -64,9 +65,14 @@ def network(interface, bus=None):
         else:
             made.connect()
     except (OSError, can.CanError) as error:
+        why = str(error)
+        if isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT:
+            why = (
+                "this kernel has no CAN; `modprobe can_raw vcan`, or `tools/vcan` for a virtual bus"
+            )
         raise InputError(
             f"--can {interface}: expected a CAN interface that is up (`ip link show {interface}`), "
-            f"{error}"
+            f"{why}"
         ) from None
     try:
         yield made

@@ -6,7 +6,7 @@ import sys
 import click
 
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verb, as_json, fitted
+from forceaxis.cli.common import Folder, Verb, as_json, fitted, show, waiting
 from forceaxis.design import data_sheet, new
 
 
@@ -72,8 +72,12 @@ def new_(name, yes, force, no_design, as_json, **given):
         from forceaxis.design import own_axis
 
         design = own_axis.design
-    done = new.write(name, *values, force, design)
-    click.echo(json.dumps(done) if as_json else new.describe(done))
+    with waiting("new"):
+        done = new.write(name, *values, force, design)
+    if as_json:
+        click.echo(json.dumps(done))
+    else:
+        show(new.described(done))
 
 
 VERBS = (new_,)

@@ -6,6 +6,7 @@ FS = (
     "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
     "gain margin 2.3 and |S| <= 2"
 )
+GAIN_MAX = 256  # of force_gain
 NAME_WIDTH = 20  # at least, of a change
 
 
@@ -15,6 +16,9 @@ def describe(result, width=None):
     def number(value, digits=3):
         return "-" if value is None else f"{value:.{digits}g}"
 
+    def gain(value):
+        return "> 256" if value is not None and value >= GAIN_MAX else number(value)
+
     def columns(row):
         ratio = row.get("ratio") or dict.fromkeys(
             ("critical_gain", "loop_gain_at", "crossover_hz"), 1
@@ -22,7 +26,7 @@ def describe(result, width=None):
         none, run = row["critical_gain"] is None, simulated(row)
         return {
             limit: "no limit" if none else f"{row['critical_gain']:.4f}",
-            "force_\ngain": number(row["firmware_gain"]),
+            "force_\ngain": gain(row["firmware_gain"]),
             "gain\nx": number(ratio["critical_gain"]),
             "at\nHz": number(row["frequency_hz"]),
             there: number(ratio["loop_gain_at"]),
@@ -42,6 +46,7 @@ def describe(result, width=None):
         more = "> " if found["unstable_gain"] is None else ""
         return [f"{more}{found['stable_gain']:.3g}", number(found["ripple_count"])]
 
+    thesis = [row["thesis"] for row in result["rows"] if row["thesis"]]
     rows, mode, base = result["rows"], result["limiting_mode"], result["present"]
     hz = number(result["reference_hz"])
     limit, there = "V/N" if result["unit"] == "V/N" else result["unit"], f"L x\n{hz} Hz"
@@ -84,7 +89,7 @@ def describe(result, width=None):
             t for text in lines for t in textwrap.wrap(text, width, subsequent_indent=13 * " ")
         ]
     notes = {
-        "force_\ngain": "force_gain: DAC codes per 8-bit count",
+        "force_\ngain": "force_gain: DAC codes per 8-bit count, up to 256 in the firmware",
         "gain\nx": "x: against the present design",
         there: f"L x {hz} Hz: loop gain there at the limit",
         "f_c\nHz": "f_c: crossover, |L| = 1 with the gain at the limit / "
@@ -130,5 +135,7 @@ def describe(result, width=None):
             "these are figures of one plant: --over NAME=30%,.. ranks by the bandwidth over a set, "
             "with a bank designed for it among the rows"
         )
+    if thesis:
+        notes.append(f"[{thesis[0]}]: the section of the thesis that looks at this change")
     lines += [text for note in notes for text in (textwrap.wrap(note, width) if width else [note])]
     return "\n".join(lines)

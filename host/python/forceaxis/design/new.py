@@ -274,6 +274,7 @@ def write(folder, values, sources, force=False, design=None):
         "position_gain": first.position_gain,
         "design": bought,
         "defaults": [n for n, s in sources.items() if s != "given"],
+        "marked": written[model].count("default, check"),
     }
 
 
@@ -294,14 +295,14 @@ def refuse_existing(folder, force):
         )
 
 
-def describe(done):
-    """The summary for a terminal."""
+def described(done):
+    """Lines (key, text) for a terminal."""
     bought = []
     if done["design"]:
         from forceaxis.design import own_axis
 
         bought = own_axis.describe(done["design"])
-    rows = [
+    return [
         ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
         ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
         ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
@@ -309,7 +310,6 @@ def describe(done):
         ("set-point", f"{done['setpoint_N']:.4g} N, of which this gain holds "
          f"{100 * done['held_share']:.3g} %"),
         *bought,
-        ("not given", f'{len(done["defaults"])} values: look for "default, check" in model.toml'),
+        ("not given", f'{done["marked"]} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
     ]  # fmt: skip
-    return "\n".join(f"{key:12} {value}" for key, value in rows)
