@@ -53,7 +53,7 @@ def refusal(done, status):
 
 def test_get_has_units_and_patterns():
     lines = said(forceaxis("axis", "get", *SIM, "force_gain", "tare_st*")).splitlines()
-    assert lines == ["force_gain  5 code/count", "tare_state  idle"]
+    assert lines == ["force_gain  5 DAC code/count of force", "tare_state  idle"]
     found = json.loads(said(forceaxis("axis", "get", *SIM, "force_scale", "fault", "--json")))
     assert found == {"force_scale": 2_500_000, "fault": "none"}
 
@@ -231,12 +231,12 @@ def test_enable_holds_for_a_while_and_ends_with_a_fault():
     done = forceaxis(
         "axis", "enable", *SIM, "profile velocity", "target_velocity=-3000", "--seconds", "0.5"
     )
-    assert said(done).splitlines()[-1].startswith("after: operation enabled, profile velocity")
+    assert said(done).splitlines()[-1].startswith("after: operation enabled, mode profile velocity")
     done = forceaxis(
         "axis", "enable", *SIM, "force counts", "approach_timeout=100", "force_setpoint=-5"
     )
     last = said(done, 1).splitlines()[-1]
-    assert last.startswith("no longer enabled: fault, force counts, fault no_contact")
+    assert last.startswith("no longer enabled: fault, mode force counts, fault no_contact")
     done = forceaxis("axis", "enable", *SIM, "sideways")
     assert "expected a mode of operation" in refusal(done, 2)
 
@@ -302,7 +302,7 @@ def test_tare_at_rest_and_the_reason_where_it_is_refused(axis):
     with pytest.raises(Refused, match="tare: not in this state of the axis"):
         actions.tare(axis)
     lines = said(forceaxis("axis", "tare", *SIM)).splitlines()
-    assert lines == ["force_tare  0 count", "force       0 count"]
+    assert lines == ["force_tare  0 N (0 force counts)", "force       0 N (0 force counts)"]
 
 
 def test_calibration_by_points(axis):
@@ -324,7 +324,7 @@ def test_calibrate_takes_points_or_asks():
     assert said(done).startswith("force_scale 2.525 N/count, linearity error 0 per mille")
     # Nothing presses: both readings are 0, which the axis refuses.
     done = forceaxis("axis", "calibrate", *SIM, stdin="0\n50\n\n")
-    assert "0 count = 50 N" in done.stdout
+    assert "0 force counts = 50 N" in done.stdout
     assert "calibration refused spread" in refusal(done, 1)
     done = forceaxis("axis", "calibrate", *SIM, "--point", "40")
     assert refusal(done, 2) == "--point 40: expected COUNT,N as 20.4,50"

@@ -181,6 +181,8 @@ def printed(words, **environment):
         "limit contact",
         "modes fig4_19",
         "objects force_tare",
+        "limit hold_biquad --law bank",
+        "axis stop --sim contact",
         "axis check --sim contact --set firmware.position_gain=4 --yes",
         "measure --sim contact --set firmware.position_gain=4 --free",
     ],

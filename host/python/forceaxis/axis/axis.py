@@ -162,9 +162,10 @@ class Axis:
         found = self.link.read(ABOUT)
         return (
             f"it is {state_names.drive_state(found['statusword'])}, "
-            f"{state_names.mode(found['modes_of_operation_display'])}, "
+            f"mode {state_names.mode(found['modes_of_operation_display'])}, "
             f"fault {state_names.enum('fault', found['fault'])}, "
-            f"position {found['position']} count, force {from_raw('force', found['force']):g} count"
+            f"position {found['position']} encoder counts, "
+            f"force {from_raw('force', found['force']):g} force counts"
         )
 
     def _mended(self) -> str:

@@ -11,7 +11,7 @@ import click
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Object, Positive, Verbs, as_json
+from forceaxis.cli.common import Object, Positive, Verbs, as_json, fitted
 from forceaxis.cli.live_options import connected, live, owned
 
 
@@ -35,13 +35,20 @@ def shown(value):
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def lines(values):
-    """{object: value} for a reader, with units."""
+def lines(axis, values):
+    """{object: value} of an axis for a reader, with units; readings of the force in N too."""
+    from forceaxis.axis import quantity
+
     width = max((len(name) for name in values), default=0)
+    readings = [name for name in values if quantity.is_reading(objects.BY_NAME[name])]
+    newton = quantity.force_per_count(axis) if readings else None
     for name, value in values.items():
-        unit = objects.BY_NAME[name].unit
-        after = f" {unit}" if unit != "1" and not isinstance(value, str) else ""
-        yield f"{name:<{width}}  {shown(value)}{after}"
+        text = shown(value)
+        if name in readings:
+            text = f"{value * newton:.6g} N ({text} force counts)"
+        elif not isinstance(value, str) and (unit := objects.unit_in_words(objects.BY_NAME[name])):
+            text += f" {unit}"
+        yield f"{name:<{width}}  {text}"
 
 
 def assignments(words):
@@ -68,10 +75,11 @@ def print_state(axis, prefix, as_json, **more):
     if as_json:
         click.echo(json.dumps(now))
     else:
-        click.echo(
-            f"{prefix}: {now['state']}, {now['mode']}, fault {now['fault']}, position "
-            f"{now['position']} count, force {now['force']:.4g} count ({now['force_N']:.4g} N)"
-        )
+        click.echo(fitted(
+            f"{prefix}: {now['state']}, mode {now['mode']}, fault {now['fault']}, position "
+            f"{now['position']} encoder counts, force {now['force_N']:.4g} N "
+            f"({now['force']:.4g} force counts)", 2
+        ))  # fmt: skip
 
 
 @axis.command(
@@ -137,7 +145,7 @@ def get(names, way, as_json):
         wanted += fitting if fitting else [name]
     with connected(way) as axis:
         values = axis.get(*dict.fromkeys(wanted))
-    click.echo(json.dumps(values) if as_json else "\n".join(lines(values)))
+        click.echo(json.dumps(values) if as_json else "\n".join(lines(axis, values)))
 
 
 @axis.command(
@@ -160,7 +168,7 @@ def set_objects(words, way, as_json):
         axis.set(**values)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
-    click.echo(json.dumps(back) if as_json else "\n".join(lines(back)))
+        click.echo(json.dumps(back) if as_json else "\n".join(lines(axis, back)))
 
 
 @axis.command(epilog="forceaxis axis stop --can can0 --node 3")
@@ -328,7 +336,7 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
         def report(now):
             count = now["force"]
             at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
-            click.echo(f"{at}force {count:.4g} count, {count * per_count:.4g} N")
+            click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
         per_count = quantity.force_per_count(axis)
         reports = {} if as_json else {"shown": report}
@@ -338,7 +346,7 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
         click.echo(json.dumps(held))
     else:
         click.echo(
-            f"held {held['force_N']:.4g} N ({held['force_count']:.4g} count), "
+            f"held {held['force_N']:.4g} N ({held['force_count']:.4g} force counts), "
             f"{held['least_N']:.4g} to {held['most_N']:.4g} N, peak {held['peak_N']:.4g} N"
         )
 

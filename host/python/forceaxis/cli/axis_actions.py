@@ -23,7 +23,7 @@ def tare(way, as_json):
 
     with owned(way) as axis:
         found = actions.tare(axis)
-    click.echo(json.dumps(found) if as_json else "\n".join(lines(found)))
+        click.echo(json.dumps(found) if as_json else "\n".join(lines(axis, found)))
 
 
 @axis.command(
@@ -82,7 +82,7 @@ def asked(axis, most):
         except ValueError:
             raise InputError(f"{text}: expected a force in N") from None
         count = actions.reading(axis)
-        click.echo(f"{count:.5g} count = {newton:g} N")
+        click.echo(f"{count:.5g} force counts = {newton:g} N")
         yield count, newton
 
 

@@ -286,6 +286,13 @@ def fitted(text, indent=0):
                          break_long_words=False)  # fmt: skip
 
 
+def fitted_lines(text):
+    """Lines "key          text" within the width of the terminal; rows of a table stay."""
+    return "\n".join(
+        line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
+    )
+
+
 def show(rows):
     """Print (key, text) rows; on a terminal within its width, the verdict in its colour."""
     done_waiting()

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import sys
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from forceaxis.cli.common import (
     Subject,
     Verb,
     as_json,
+    fitted_lines,
     set_option,
     threads,
 )
@@ -129,7 +131,8 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     if as_json:
         click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
-        click.echo(outcome.describe(found))
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        click.echo(fitted_lines(outcome.describe(found, width)))
 
 
 def _identified(order, measured, priors):
@@ -158,7 +161,9 @@ def _pareto(order, pareto, out, as_json):
         result = tradeoff.tradeoff(order, against, progress)
     if out is not None:
         tradeoff.write(out, result)
-    click.echo(json.dumps(result, allow_nan=False) if as_json else tradeoff.describe(result))
+    click.echo(
+        json.dumps(result, allow_nan=False) if as_json else fitted_lines(tradeoff.describe(result))
+    )
 
 
 @contextlib.contextmanager

@@ -266,7 +266,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     final_value = 30.2        # mean of `signal` over its last final_s
     held_force_N = 74.7       # mean over the window, and its error:
     held_force_error_percent = 0.4
-    settle_s = 0.81           # until it stays within +-band; or "never"
+    settle_s = 0.81           # from_s until within +-band; or "never"
     overshoot = 0.12          # beyond final_value, fraction of the step
     trace_hash = "08b6..."    # every code of every tick
     signal = "sensor.force"   # default: the first contact's force, or encoder

@@ -14,6 +14,7 @@ from forceaxis.cli.common import (
     Verbs,
     as_json,
     done_waiting,
+    fitted_lines,
     set_option,
 )
 
@@ -269,7 +270,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     else:
-        click.echo(fit_response.describe(summary))
+        click.echo(fitted_lines(fit_response.describe(summary)))
         if out:
             click.echo(f"files        {paths.quoted(out)}")
 
@@ -304,7 +305,9 @@ def resonances(model, response, rigid, modes, prominence_db, refine, overrides, 
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
     done_waiting()
-    click.echo(json.dumps(result, allow_nan=False) if as_json else resonance.describe(result))
+    click.echo(
+        json.dumps(result, allow_nan=False) if as_json else fitted_lines(resonance.describe(result))
+    )
 
 
 VERBS = (identify,)

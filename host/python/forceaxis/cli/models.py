@@ -13,6 +13,7 @@ from forceaxis.cli.common import (
     Subject,
     as_json,
     done_waiting,
+    fitted_lines,
     set_option,
 )
 
@@ -40,7 +41,7 @@ def present(summary, as_json, describe, out=None):
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
         return
-    click.echo(describe(summary))
+    click.echo(fitted_lines(describe(summary)))
     if out:
         click.echo(f"figure       {paths.quoted(out)}")
 

@@ -29,6 +29,7 @@ ABOUT = ("incident_fault", "incident_error_code", "incident_tick", "incident_lat
 STATES = ("incident", "incident_kept")
 COMPLETE_S = 5.0  # an incident's end, and its CRC
 FULL_SCALE_BITS = 8  # counts of the force are those of an 8-bit reading
+NEAR_MS = 100  # on both sides of the error: the second column of the figure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,33 +208,43 @@ def figure(incident, counts_per_mm=None):
     """Force, position and code over the time from the error."""
     import matplotlib.pyplot as plt
 
-    from forceaxis.drawing import GOT, INK, THIN, WANTED, style
+    from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style
 
     time_ms = incident.time_ms
-    unit, scale = ("mm", counts_per_mm) if counts_per_mm else ("count", 1)
+    unit, scale = ("mm", counts_per_mm) if counts_per_mm else ("encoder counts", 1)
     way = incident.travel / scale
     demand = way + (incident.column("profile_position") - incident.column("position")) / scale
     wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
     columns = (
         ("force, N", ((incident.force_N, INK), (wanted, WANTED))),
         (f"way, {unit}", ((way, INK), (demand, WANTED))),
-        ("code", ((incident.column("dac_code"), INK),)),
+        ("DAC code", ((incident.column("dac_code"), INK),)),
     )
-    near = max(-100.0, float(time_ms[0]))
+    limit = incident.parameters["force_max"]
+    bound = from_raw("force_max", limit) * incident.parameters["force_scale"] * 1e-6
     made, rows = plt.subplots(3, 2, sharex="col", figsize=(9, 5.5), layout="constrained")
     for pair, (label, lines) in zip(rows, columns, strict=True):
-        for ax, begin in zip(pair, (float(time_ms[0]), near), strict=True):
+        for ax, inside in zip(pair, (time_ms >= time_ms[0], abs(time_ms) <= NEAR_MS), strict=True):
             style(ax)
-            inside = time_ms >= begin
             for values, color in lines:
                 ax.plot(time_ms[inside], values[inside], color=color, **THIN)
             ax.axvline(0, color=GOT, linewidth=0.8)
+            if label.startswith("force") and bound:
+                ax.axhline(bound, color=FAINT, linewidth=0.8, linestyle="--")
         pair[0].set_ylabel(label, fontsize=8)
     for ax in rows[-1]:
         ax.set_xlabel("time from the error, ms", fontsize=8)
     rows[0, 0].set_title(
         f"{incident.where}: {words(incident)}", fontsize=9, loc="left", color=INK, parse_math=False
     )
+    keys = [
+        plt.Line2D([], [], color=INK, label="measured"),
+        plt.Line2D([], [], color=WANTED, label="demanded"),
+        plt.Line2D([], [], color=GOT, label="the error"),
+    ]
+    if bound:
+        keys.append(plt.Line2D([], [], color=FAINT, linestyle="--", label="force_max"))
+    legend(made, handles=keys, loc="outside lower center", ncols=len(keys))
     plt.close(made)
     return made
 

@@ -42,7 +42,7 @@ def _headline(incident):
     later = f"; {incident.later} later error{'s' * (incident.later > 1)}" if incident.later else ""
     return (
         f"{words(incident)}{place} at tick {incident.tick}, "
-        f"{mode(incident.parameters['modes_of_operation'])}{later}"
+        f"mode {mode(incident.parameters['modes_of_operation'])}{later}"
     )
 
 
@@ -90,7 +90,7 @@ class _Story:
     def rate(self, speed):
         if self.per_mm:
             return f"{speed * TICKS_PER_S / self.per_mm:.1f} mm/s"
-        return f"{speed:.1f} count/tick"
+        return f"{speed:.1f} encoder counts/tick"
 
     def length(self, counts):
         return f"{counts / self.per_mm:.2f} mm" if self.per_mm else f"{counts:.0f} encoder counts"

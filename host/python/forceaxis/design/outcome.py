@@ -110,8 +110,8 @@ def number(value, digits=3):
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def describe(outcome):
-    """The outcome for a terminal."""
+def describe(outcome, width=None):
+    """The outcome for a terminal of `width` columns; None: any."""
     bank, worst, p = outcome.bank, outcome.worst, outcome.p
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [
@@ -143,7 +143,12 @@ def describe(outcome):
             table.append([s["name"], *figures])
         lines += columns(table)
     if outcome.rows:
-        lines += columns([CASE_HEAD, *cases(outcome.rows)])
+        table = columns([CASE_HEAD, *cases(outcome.rows)])
+        if width and len(table[0]) > width:
+            short = [[case.removeprefix("contact "), law, stable.replace(" of ", "/"), *cells[:-1]]
+                     for case, law, stable, *cells in cases(outcome.rows)]  # fmt: skip
+            table = columns([["simulated contact", *NARROW_HEAD], *short])
+        lines += table
     if outcome.loss:
         loss = outcome.loss
         lines.append(
@@ -156,6 +161,7 @@ def describe(outcome):
 
 
 CASE_HEAD = ["simulated", "law", "stable", "static error %", "peak N", "settle ms", "overshoot %"]
+NARROW_HEAD = ["law", "stable", "error %", "peak N", "settle ms"]
 
 
 def cases(rows):

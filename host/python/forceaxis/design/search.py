@@ -80,7 +80,7 @@ class Goal:
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
             return "an ADC of more bits would let it rise"
         if self.hf_gain:
-            return "a reading with less noise would let it rise"
+            return "a higher bound, which a reading with less noise permits, would let it rise"
         return "`design --hf-gain` lets it rise where the reading is quiet"
 
 
