@@ -64,6 +64,8 @@ def test_a_scale_that_is_not_its_models_is_warned_of():
     assert "warning" in done.stderr and "expected force_scale 2.5 N/count" in done.stderr
     assert "wrong by a factor of 0.5" in done.stderr
     assert forceaxis("axis", "get", *SIM, "force").stderr == ""
+    with pytest.warns(UserWarning, match="wrong by a factor of 0.5"):
+        Axis.sim(CONTACT, ["firmware.force_scale=5000000"])
 
 
 def test_set_reads_back_what_the_axis_has():

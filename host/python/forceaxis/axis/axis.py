@@ -11,6 +11,7 @@ with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, ga
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,10 +47,14 @@ class Axis:
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
-        """The axis of an experiment in process, in its own time. Raises InputError."""
+        """The axis of an experiment in process, in its own time. Raises InputError; warns where its
+        newtons are not those of its model."""
         from forceaxis.axis.sim import SimLink
 
-        return cls(SimLink(experiment, overrides, store))
+        link = SimLink(experiment, overrides, store)
+        if link.warning:
+            warnings.warn(link.warning, stacklevel=2)
+        return cls(link)
 
     @classmethod
     def can(cls, interface: str = "can0", node: int = 1) -> Axis:

@@ -193,16 +193,17 @@ def describe_bode(summary):
     for c in summary["curves"]:
         frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
         lines.append(f"{c['output']:12} {c['label']}".rstrip())
+        unit = f" {c['unit']}" if c["unit"] else ""
         for i in (0, -1):
             lines.append(
-                f"{'':12} {c['magnitude'][i]:.4g} {c['unit']}, {phase[i]:.4g} degrees at "
+                f"{'':12} {c['magnitude'][i]:.4g}{unit}, {phase[i]:.4g} degrees at "
                 f"{frequency[i]:.4g} Hz"
             )
         for i in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
             share = (phase[i] + 180) / (phase[i] - phase[i + 1])
             at = frequency[i] + share * (frequency[i + 1] - frequency[i])
             size = np.interp(at, frequency, c["magnitude"])
-            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g} {c['unit']}")
+            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g}{unit}")
         if c.get("loop", {}).get("at"):
             text = limits.describe_limit(c["loop"]).splitlines()
             lines += [line for line in text if line.startswith(AT)]
