@@ -9,17 +9,8 @@ from dataclasses import replace
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import (
-    Folder,
-    Parameter,
-    Positive,
-    Subject,
-    Verb,
-    as_json,
-    fitted_lines,
-    set_option,
-    threads,
-)
+from forceaxis.cli import common
+from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_option, threads
 
 
 @click.command(
@@ -57,7 +48,7 @@ from forceaxis.cli.common import (
     "keeps the range.",
 )  # fmt: skip
 @click.option(
-    "--hf-gain", type=Positive(), metavar="CODES",
+    "--hf-gain", type=common.Positive(), metavar="CODES",
     help="Largest gain at high frequency, DAC codes per 8-bit count. Default: 80; at most 15 per "
     "code of the ADC. It turns the reading's noise into commands.",
 )  # fmt: skip
@@ -132,7 +123,7 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
         click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
     else:
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        click.echo(fitted_lines(outcome.describe(found, width)))
+        click.echo(common.fitted_lines(outcome.describe(found, width)))
 
 
 def _identified(order, measured, priors):
@@ -162,7 +153,9 @@ def _pareto(order, pareto, out, as_json):
     if out is not None:
         tradeoff.write(out, result)
     click.echo(
-        json.dumps(result, allow_nan=False) if as_json else fitted_lines(tradeoff.describe(result))
+        json.dumps(result, allow_nan=False)
+        if as_json
+        else common.fitted_lines(tradeoff.describe(result))
     )
 
 
