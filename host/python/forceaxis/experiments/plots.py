@@ -127,7 +127,7 @@ def draw_row(ax, time_s, row):
 
 def draw_setpoints(ax, time_s, setpoints):
     """Set-points of force as steps, nothing where there is none."""
-    if not setpoints or time_s[-1] < setpoints[0][0]:
+    if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
     newton = np.where(newton == 0, np.nan, newton)
