@@ -21,6 +21,7 @@ from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.keeper import WatchdogKeeper
+from forceaxis.cli import live_options
 from forceaxis.cli.axis import table_of
 from forceaxis.objects import BY_NAME, OBJECTS_HASH
 from verbs import forceaxis
@@ -66,6 +67,20 @@ def test_a_scale_that_is_not_its_models_is_warned_of():
     assert forceaxis("axis", "get", *SIM, "force").stderr == ""
     with pytest.warns(UserWarning, match="wrong by a factor of 0.5"):
         Axis.sim(CONTACT, ["firmware.force_scale=5000000"])
+
+
+def test_newtons_of_a_scale_that_nobody_set_are_warned_of(axis, capsys):
+    def warned():
+        live_options.warn_of_newtons(axis)
+        return capsys.readouterr().err
+
+    assert warned() == "", "a simulated one is warned of by its model"
+    del axis.link.warning
+    assert "force_scale is 2.5 N/count as delivered" in warned()
+    axis.set(calibration_date=15_000)
+    assert warned() == ""
+    axis.set(calibration_date=0, force_scale=2_400_000)
+    assert warned() == ""
 
 
 def test_set_reads_back_what_the_axis_has():

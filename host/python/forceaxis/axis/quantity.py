@@ -3,6 +3,7 @@
 from forceaxis._core import InputError
 from forceaxis.bus.client import object_named
 from forceaxis.bus.state_names import texts
+from forceaxis.objects import default
 
 NEWTON = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 
@@ -10,6 +11,11 @@ NEWTON = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 def force_per_count(axis):
     """Force of one count of an 8-bit reading in N, as the axis has it."""
     return axis.read("force_scale") * 1e-6
+
+
+def never_set(force_scale, calibration_date):
+    """Whether an axis has the force_scale that it was delivered with, whatever its sensor is."""
+    return not calibration_date and force_scale == default("force_scale")
 
 
 def is_reading(known):

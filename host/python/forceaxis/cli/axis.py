@@ -12,7 +12,7 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
 from forceaxis.cli.common import Object, Positive, Verbs, as_json, fitted
-from forceaxis.cli.live_options import connected, live, owned
+from forceaxis.cli.live_options import connected, live, owned, warn_of_newtons
 
 
 @click.group(
@@ -338,6 +338,7 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
             at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
+        warn_of_newtons(axis)
         per_count = quantity.force_per_count(axis)
         reports = {} if as_json else {"shown": report}
         reports["counts"] = bound_of(axis, force_max)

@@ -143,6 +143,21 @@ def connected(way):
                 axis.close()
 
 
+def warn_of_newtons(axis):
+    """On standard error, where nobody has set the scale by which an axis takes newtons. A simulated
+    one is warned of by its model."""
+    from forceaxis.axis import quantity
+
+    found = axis.get("force_scale", "calibration_date")
+    if not hasattr(axis.link, "warning") and quantity.never_set(**found):
+        scale = f"force_scale is {found['force_scale'] * 1e-6:g} N/count"
+        click.echo(
+            f"forceaxis: warning: {axis.link.where}: {scale} as delivered: newtons are right only "
+            "if its sensor has that; set it, or `forceaxis axis calibrate`",
+            err=True,
+        )
+
+
 @contextlib.contextmanager
 def owned(way, shared=False):
     """As connected(), acquired, and disabled and released at the end. shared: see

@@ -6,8 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from forceaxis import objects
-from forceaxis.axis import actions, params, params_file
+from forceaxis.axis import actions, params, params_file, quantity
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission.analyzer import noise_of
 from forceaxis.commission.refusal import LEFT, ORPHANED
@@ -168,7 +167,7 @@ class Check:
     def _scale(self):
         scale = self.known["force_scale"]
         self.newton = scale * 1e-6
-        unset = not self.known["calibration_date"] and scale == objects.default("force_scale")
+        unset = quantity.never_set(scale, self.known["calibration_date"])
         text = f"{self.newton:.6g} N a force count"
         self._done("force scale", "noted" if unset else "passed",
                    text + (", as delivered: set force_scale, or calibrate; all newtons follow it"
