@@ -153,7 +153,8 @@ def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monk
     link.killed = False
     done = verbs.forceaxis(*words, "--out", out)
     assert done.returncode == 0, done.stderr
-    said = done.stderr.splitlines()[:2]
+    warning, *said = done.stderr.splitlines()[:3]
+    assert "force_scale is 2.5 N/count as delivered" in warning
     assert said[0] == "the run before was killed: its fault source_lost is reset"
     assert said[1].endswith("objects are as they were before it")
     assert axis.get(*names) == before

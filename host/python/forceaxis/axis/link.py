@@ -18,6 +18,7 @@ from forceaxis.bus.state_names import BY_NAME
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S = 1500
+SCALE_WITHIN = 0.1  # of a sensor's force_scale: what a calibration may find
 NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen: of the device, of its firmware
 
 
@@ -62,11 +63,13 @@ class Link(abc.ABC):
     """One axis; `where` names it in messages ("axis 1 at the gateway"), `options` are those of the
     verbs that reach it ("--axis 1"). Several threads may use it.
 
-    `source` is the raw command_source that its writes come from."""
+    `source` is the raw command_source that its writes come from. `warning` is one line on what its
+    user has to know, or None."""
 
     where: str
     options: str
     source: int
+    warning: str | None = None
     _keeper = None  # a bus.keeper.Keeper from acquire() to release()
 
     @abc.abstractmethod

@@ -14,7 +14,8 @@ def force_per_count(axis):
 
 
 def never_set(force_scale, calibration_date):
-    """Whether an axis has the force_scale that it was delivered with, whatever its sensor is."""
+    """Whether an axis has the force_scale (uN a count) that it was delivered with, whatever its
+    sensor is; calibration_date: 0 is none."""
     return not calibration_date and force_scale == default("force_scale")
 
 

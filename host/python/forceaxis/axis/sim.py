@@ -1,10 +1,9 @@
 """A simulated axis: firmware and plant of an experiment in process, in their own time."""
 
 from forceaxis import _core, paths
-from forceaxis.axis.link import REASONS, TICKS_PER_S, RecorderLink, Refused, unsigned
+from forceaxis.axis.link import REASONS, SCALE_WITHIN, TICKS_PER_S, RecorderLink, Refused, unsigned
 from forceaxis.bus.state_names import BY_NAME
 
-SCALE_WITHIN = 0.1  # of the model, as a calibration may find the sensor
 FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
 
 

@@ -338,7 +338,7 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
             at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
-        warn_of_newtons(axis)
+        warn_of_newtons(axis, way)
         per_count = quantity.force_per_count(axis)
         reports = {} if as_json else {"shown": report}
         reports["counts"] = bound_of(axis, force_max)

@@ -130,8 +130,8 @@ def connected(way):
     with errors():
         try:
             axis = Axis(way.link())
-            if warning := getattr(axis.link, "warning", None):
-                click.echo(f"forceaxis: warning: {warning}", err=True)
+            if axis.link.warning:
+                click.echo(f"forceaxis: warning: {axis.link.warning}", err=True)
             yield axis
         except KeyboardInterrupt as interrupt:
             end = f", {axis.link.where} {axis.close()}" if axis else ""
@@ -143,13 +143,13 @@ def connected(way):
                 axis.close()
 
 
-def warn_of_newtons(axis):
-    """On standard error, where nobody has set the scale by which an axis takes newtons. A simulated
-    one is warned of by its model."""
+def warn_of_newtons(axis, way):
+    """On standard error, where nobody has set the scale by which an axis takes newtons. That of a
+    simulated one is compared with its model's."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
-    if not hasattr(axis.link, "warning") and quantity.never_set(**found):
+    if way.sim is None and quantity.never_set(**found):
         scale = f"force_scale is {found['force_scale'] * 1e-6:g} N/count"
         click.echo(
             f"forceaxis: warning: {axis.link.where}: {scale} as delivered: newtons are right only "

@@ -65,7 +65,7 @@ def measure_axis(way, out, as_json, live, options):
         click.echo(fitted(text, 2), err=True)
 
     with live_options.owned(way) as axis:
-        live_options.warn_of_newtons(axis)
+        live_options.warn_of_newtons(axis, way)
         kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
         with kept:
             done = measuring.measure(

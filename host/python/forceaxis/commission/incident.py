@@ -205,7 +205,8 @@ def missing(incident):
 
 
 def figure(incident, counts_per_mm=None):
-    """Force, position and code over the time from the error."""
+    """Force in N with force_max, way in mm or encoder counts, DAC code, over ms from the error: all
+    that was recorded, and NEAR_MS on both sides."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style
@@ -215,22 +216,22 @@ def figure(incident, counts_per_mm=None):
     way = incident.travel / scale
     demand = way + (incident.column("profile_position") - incident.column("position")) / scale
     wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
+    limit = from_raw("force_max", incident.parameters["force_max"])  # 0: none
+    bound = limit * incident.parameters["force_scale"] * 1e-6
     columns = (
-        ("force, N", ((incident.force_N, INK), (wanted, WANTED))),
-        (f"way, {unit}", ((way, INK), (demand, WANTED))),
-        ("DAC code", ((incident.column("dac_code"), INK),)),
+        ("force, N", ((incident.force_N, INK), (wanted, WANTED)), bound),
+        (f"way, {unit}", ((way, INK), (demand, WANTED)), 0),
+        ("DAC code", ((incident.column("dac_code"), INK),), 0),
     )
-    limit = incident.parameters["force_max"]
-    bound = from_raw("force_max", limit) * incident.parameters["force_scale"] * 1e-6
     made, rows = plt.subplots(3, 2, sharex="col", figsize=(9, 5.5), layout="constrained")
-    for pair, (label, lines) in zip(rows, columns, strict=True):
+    for pair, (label, lines, most) in zip(rows, columns, strict=True):
         for ax, inside in zip(pair, (time_ms >= time_ms[0], abs(time_ms) <= NEAR_MS), strict=True):
             style(ax)
             for values, color in lines:
                 ax.plot(time_ms[inside], values[inside], color=color, **THIN)
             ax.axvline(0, color=GOT, linewidth=0.8)
-            if label.startswith("force") and bound:
-                ax.axhline(bound, color=FAINT, linewidth=0.8, linestyle="--")
+            if most:
+                ax.axhline(most, color=FAINT, linewidth=0.8, linestyle="--")
         pair[0].set_ylabel(label, fontsize=8)
     for ax in rows[-1]:
         ax.set_xlabel("time from the error, ms", fontsize=8)

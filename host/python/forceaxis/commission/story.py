@@ -6,6 +6,7 @@ from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.bus.client import from_raw
 from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import words
+from forceaxis.words import counted
 
 ENABLED = 0x27  # of statusword & 0x6F: operation enabled
 MS = 1e3 / TICKS_PER_S
@@ -39,7 +40,7 @@ def tell(incident, counts_per_mm=None):
 def _headline(incident):
     place = " (kept over a restart)" if incident.kept else ""
     place = " (kept over a power cut)" if incident.archived else place
-    later = f"; {incident.later} later error{'s' * (incident.later > 1)}" if incident.later else ""
+    later = f"; {counted(incident.later, 'later error')}" if incident.later else ""
     return (
         f"{words(incident)}{place} at tick {incident.tick}, "
         f"mode {mode(incident.parameters['modes_of_operation'])}{later}"

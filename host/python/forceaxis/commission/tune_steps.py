@@ -9,8 +9,8 @@ import numpy as np
 
 from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
-from forceaxis.axis import params
-from forceaxis.axis.link import REASONS, NoAnswer, Refused
+from forceaxis.axis import params, quantity
+from forceaxis.axis.link import REASONS, SCALE_WITHIN, NoAnswer, Refused
 from forceaxis.commission import analyzer, as_found, contact, margins, measuring
 from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
@@ -27,7 +27,6 @@ from forceaxis.linear.bank import Bank
 FEWEST = 5  # averages
 SHARE = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
-SCALE_WITHIN = 0.1
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)  # of the integral to measure with
 CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force stands within seconds
 COHERENT = 0.9
@@ -76,7 +75,7 @@ def check(tuning):
     settings = {}
     scale = 1e6 * abs(facts["reading"]["per_count"])
     if abs(known["force_scale"] / scale - 1) > SCALE_WITHIN:
-        if known["calibration_date"] or known["force_scale"] != objects.default("force_scale"):
+        if not quantity.never_set(known["force_scale"], known["calibration_date"]):
             raise Refusal(
                 "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
                 f"{known['force_scale']:g}: calibrate it, or set the model"

@@ -8,6 +8,7 @@ import itertools
 import shlex
 
 from forceaxis.experiments import link
+from forceaxis.words import counted
 
 OF = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
 
@@ -15,11 +16,6 @@ OF = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
 def quantity(value, unit):
     """A value of the model in words, lengths in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
-
-
-def times(number):
-    """How often."""
-    return f"{number} time{'s' * (number != 1)}"
 
 
 def size_of_count(what, converters):
@@ -52,7 +48,7 @@ def reasons(criterion, metrics, fault, converters):
         if metrics["peak_force_N"] == 0:
             found.append("never in contact")
         elif metrics["contact_losses"]:
-            found.append(f"contact lost {times(metrics['contact_losses'])} in the window")
+            found.append(f"contact lost {counted(metrics['contact_losses'], 'time')} in the window")
         elif not metrics["in_contact"]:
             found.append("not in contact at the end")
     found += force_reasons(criterion, metrics["held_force"])
@@ -142,7 +138,7 @@ def window_text(summary):
         ripple(what, metrics[f"{what}_ripple_count"], summary["converters"])
         for what in ("force", "position")
     ]
-    lost = f"contact lost {times(metrics['contact_losses'])}"
+    lost = f"contact lost {counted(metrics['contact_losses'], 'time')}"
     return f"last {seconds:g} s: {', '.join([*rows, lost])}"
 
 

@@ -39,6 +39,7 @@ from forceaxis.experiments.sweep_runs import (
     identity_of,
     run_columns,
 )
+from forceaxis.words import counted
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
 
@@ -144,7 +145,7 @@ def sweep(
         "seed": seed if random else None,
         **identity,
         "objects_hash": objects.OBJECTS_HASH,
-        "where": scheduler or f"{threads} thread{'s' * (threads > 1)}",
+        "where": scheduler or counted(threads, "thread"),
         "seconds": round(seconds, 3),
         "command": command_of(
             experiment, grid, random, count, seed, bisect, overrides, out, scheduler, refine

@@ -8,6 +8,7 @@ import numpy as np
 from forceaxis import _core, paths
 from forceaxis.linear import loops, over, settings
 from forceaxis.linear import system as linear
+from forceaxis.words import counted
 
 # The command line's options, {option: parameter}: click writes names in lower case.
 OPTIONS = {
@@ -95,7 +96,7 @@ def law_text(summary):
         parts += [
             f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
         ]
-        parts.append(f"{count} section{'s' * (count != 1)}")
+        parts.append(counted(count, "section"))
     return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
 
 
