@@ -1,6 +1,7 @@
 """What carries an axis, on stand-ins of a CAN bus and of a Modbus client.
 tests/wire/test_axis_ways.py has both on real buses."""
 
+import contextlib
 import time
 from pathlib import Path
 
@@ -47,6 +48,17 @@ def consumers(local):
     return [local.value(f"consumer_heartbeat_{i}").raw for i in range(1, 5)]
 
 
+@contextlib.contextmanager
+def acquired(bus):
+    """A link that owns the stand-in, closed at the end."""
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        yield link
+    finally:
+        link.close()
+
+
 OURS = OWN_NODE << 16 | 1000
 
 
@@ -66,9 +78,7 @@ def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, me
     local, bus = node
     for i, raw in enumerate(before, 1):
         local.value(f"consumer_heartbeat_{i}").raw = raw
-    link = CanLink("virtual", 1, bus=bus)
-    try:
-        link.acquire()
+    with acquired(bus) as link:
         link.write({"force_gain": 1792})
         link.write({"controlword": 7})
         # What enables nothing needs no supervision, and makes none.
@@ -83,8 +93,6 @@ def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, me
         assert OURS in consumers(local)
         link.release()
         assert consumers(local) == after
-    finally:
-        link.close()
 
 
 def test_can_no_free_place_refuses_before_the_controlword(node):
@@ -92,35 +100,25 @@ def test_can_no_free_place_refuses_before_the_controlword(node):
     for i in range(1, 5):
         local.value(f"consumer_heartbeat_{i}").raw = i << 16 | 500
     local.value("controlword").raw = 0
-    link = CanLink("virtual", 1, bus=bus)
-    try:
-        link.acquire()
+    with acquired(bus) as link:
         with pytest.raises(Refused, match="free heartbeat consumer"):
             link.write({"controlword": 15})
         assert local.value("controlword").raw == 0
-    finally:
-        link.close()
 
 
 def test_can_another_node_of_the_own_id_is_refused(node):
     local, bus = node
-    link = CanLink("virtual", 1, bus=bus)
-    try:
-        link.acquire()
+    with acquired(bus) as link:
         local.network.send_message(0x700 + OWN_NODE, [5])
         link.read(["fault"])
         with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
             link.write({"controlword": 15})
         assert OURS not in consumers(local)
-    finally:
-        link.close()
 
 
 def test_can_the_heartbeat_goes_on_during_a_long_transfer(node):
     local, bus = node
-    link = CanLink("virtual", 1, bus=bus)
-    try:
-        link.acquire()
+    with acquired(bus) as link:
         link.write({"controlword": 15})
         with link._asking("a transfer"):
             before = len(local.heard)
@@ -131,8 +129,6 @@ def test_can_the_heartbeat_goes_on_during_a_long_transfer(node):
         before = len(local.heard)
         time.sleep(0.2)
         assert len(local.heard) == before  # nobody waits for it any more
-    finally:
-        link.close()
 
 
 def test_can_refusals_and_silence_are_named(node):
