@@ -1,7 +1,5 @@
 #include "host/run/experiment.hpp"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -18,6 +16,7 @@
 #include "host/run/objects.hpp"
 #include "host/run/sha256.hpp"
 #include "sim/model/section.hpp"
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
 namespace {

@@ -6,8 +6,6 @@
 // written from there. Objects of the firmware: object_values.hpp. Overrides are texts, each name
 // once, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140"; they
 // take precedence over the file.
-#include <toml++/impl/forward_declarations.h>
-
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -20,6 +18,7 @@
 #include "host/run/object_values.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/model.hpp"
+#include "sim/model/toml_forward.hpp"
 
 namespace forceaxis::host {
 
