@@ -55,8 +55,8 @@ class Screen(AppService):
     opened and closed in a loop never have more processes than MOST_PAGES."""
 
     async def stop(self) -> None:
-        """Ask the process to end; terminate it where it does not within QUIT_S, as one that has not yet
-        read what asks it."""
+        """Ask the process to end; terminate it where it does not within QUIT_S, as while it is
+        still starting."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(super().stop(), QUIT_S)
         if (process := self._process) is None:
