@@ -111,9 +111,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   fw_t *fw = fw_of(objects);
   switch (object) {
     case AXIS_OBJ_FAULT_RESET:
-      axis_fault_reset(&fw->axis);
-      cia402_fault_reset(&fw->drive, &fw->axis);
-      return FW_OK;
+      return cia402_fault_reset(&fw->drive, &fw->axis);
     case AXIS_OBJ_STORE_PARAMETERS:
     case AXIS_OBJ_STORE_ALL:
       return begin_store(fw, store_save(&fw->store));

@@ -248,7 +248,9 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
     return;
   }
   if (from == AXIS_DRIVE_STATE_FAULT) {
-    axis_fault_reset(axis);
+    if (!axis_fault_reset(axis)) {
+      return;
+    }
     forget_setpoints(axis);
   }
   go(drive, axis, from, to);
@@ -405,12 +407,16 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   cia402_show(drive, axis);
 }
 
-void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
+int cia402_fault_reset(cia402_t *drive, axis_t *axis) {
+  if (!axis_fault_reset(axis)) {
+    return FW_ERROR_STATE;
+  }
   if (state_of(drive) == AXIS_DRIVE_STATE_FAULT) {
     forget_setpoints(axis);
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
   }
   cia402_show(drive, axis);
+  return FW_OK;
 }
 
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {

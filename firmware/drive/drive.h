@@ -155,6 +155,7 @@ typedef struct {
   uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */
   uint8_t controlled;         /* 1: a force mode was on in the last tick */
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
+  int8_t pressed;             /* there: sign of the reading at the latest contact */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has limited a target */
   uint8_t uncertified;        /* 1: the force law has no certificate; law_force, law_output apply */
@@ -226,8 +227,9 @@ void cia402_release_law(cia402_t *drive);
 /* The native `mode` was written (by the port itself): the state follows. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 
-/* fault_reset was given outside the controlword. */
-void cia402_fault_reset(cia402_t *drive, axis_t *axis);
+/* fault_reset was given outside the controlword: FW_OK, or FW_ERROR_STATE while the fault still
+ * waits for its tick. */
+int cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
 /* Targets written for the modes of the drive do not act until they are written again; their offsets
  * are 0. */

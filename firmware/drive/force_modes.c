@@ -15,6 +15,15 @@ static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
   axis->params.mode = AXIS_MODE_FORCE;
 }
 
+/* What the law computes in this tick, of a law without a certificate. */
+static inline void restrict_output(const cia402_t *drive, axis_t *axis) {
+  if (axis->params.output_limit > drive->law_output) {
+    const int16_t most = (int16_t)drive->law_output;
+    axis->params.output_limit = drive->law_output;
+    axis->law_codes = (axis_codes_t){.least = (int16_t)-most, .most = most};
+  }
+}
+
 /* Out of contact: in position mode, toward the sign of the target, at most at
  * approach_velocity_max. */
 static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
@@ -44,8 +53,9 @@ static int32_t bounded_force(const cia402_t *drive, int32_t force) {
 
 /* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
  * once throws the axis against a workpiece that comes back. */
-static bool dwells_after_loss(cia402_t *drive) {
+static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   if (drive->signals.contact != 0) {
+    drive->pressed = (axis->signals.force > 0) ? 1 : -1;
     drive->dwell_remaining = fx_ticks_from_ms(drive->params.contact_loss_dwell);
     return false;
   }
@@ -54,6 +64,19 @@ static bool dwells_after_loss(cia402_t *drive) {
   }
   drive->dwell_remaining -= 1;
   return true;
+}
+
+/* From the reading without contact to the end of the dwell nothing presses with more than
+ * contact_loss_cap: toward the workpiece that is lost, nor where the set-point presses by now. */
+static void cap_pressing(const cia402_t *drive, axis_t *axis) {
+  const int16_t cap = (int16_t)drive->params.contact_loss_cap;
+  const bool down = axis->params.force_setpoint < 0;
+  if (!down || drive->pressed > 0) {
+    axis->free_codes.most = cap;
+  }
+  if (down || drive->pressed < 0) {
+    axis->free_codes.least = (int16_t)-cap;
+  }
 }
 
 /* One tick of the demanded force toward the target. A halt bypasses the shaper, from the force that
@@ -82,7 +105,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const int32_t target = bounded_force(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);
   touch_approach(&drive->touch, target, drive->force_demand_q16);
-  const bool dwells = dwells_after_loss(drive);
+  const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
       /* Lost: brake at once, without the bias that would carry the pressing code on. */
@@ -105,11 +128,9 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   demand(drive, target, cyclic, halted);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
-  if (axis->params.output_limit > drive->law_output) {
-    axis->params.output_limit = drive->law_output;
-  }
+  restrict_output(drive, axis);
   if (dwells || drive->params.contact_loss_dwell != 0) {
-    axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
+    cap_pressing(drive, axis);
   }
 }
 

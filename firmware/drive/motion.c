@@ -12,7 +12,8 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->output_limit = drive->overridden.output_limit;
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
-    axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+    axis->free_codes = axis_codes_all();
+    axis->law_codes = axis_codes_all();
     axis->bumpless_contact = 0;
     drive->overridden.active = 0;
   }

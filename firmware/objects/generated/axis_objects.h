@@ -1252,8 +1252,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x52c9eaf7)
-#define AXIS_OBJECTS_HASH_TEXT "52c9eaf7"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xb850474e)
+#define AXIS_OBJECTS_HASH_TEXT "b850474e"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
