@@ -156,17 +156,18 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
+  /* With a call between them: the compiler would write two at once, with a register of floats. */
+  axis->free_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
+  axis->law_codes = axis_codes_all();
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
+  axis->late_codes = axis_codes_all();
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
   axis->law.selected = 0;
   axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->excitation_q16 = 0;
-  axis->free_codes = axis_codes_all();
-  axis->law_codes = axis_codes_all();
-  axis->late_codes = axis_codes_all();
   axis->bumpless_contact = 0;
   axis->primed = 0;
   axis->rebase = 0;
