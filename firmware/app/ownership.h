@@ -52,6 +52,11 @@ void ownership_stopped(fw_t *fw, uint8_t fault);
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value);
 
+/* What watches the owner, or whether it must be watched, was written: an axis that is enabled for a
+ * CANopen whose end nobody would notice any more is disabled as by its loss (source_lost) where
+ * unsupervised_owner is refused, else it is warned of. */
+void ownership_judge_watch(fw_t *fw);
+
 /* The owner can no longer reach the axis, for the reason `fault` (AXIS_FAULT_). */
 void ownership_lost(fw_t *fw, uint8_t fault);
 

@@ -351,7 +351,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2407, 4, -1, 1, "Parts of the certificate 4", 0, 0},
     {157, 1, "certificate_required", "parameter", "law", "whether force_gain alone, bank 0, is restricted too, since it has no certificate", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "no,yes", 0x2408, 0, 809, 1, "Certificate required", 0, 0},
-    {158, 2, "uncertified_force", "parameter", "law", "part of force_limit that bounds the target force of the modes 4 and 10 while the law has no certificate that fits", "u16", "per mille",
+    {158, 2, "uncertified_force", "parameter", "law", "part of force_limit that bounds the force asked for in every mode that controls force while the law has no certificate that fits", "u16", "per mille",
      1.0, INT64_C(0), INT64_C(1000), INT64_C(500), "rw", "any", "", 0x2409, 1, 810, 1, "Force without a certificate", 0, 0},
     {159, 2, "uncertified_output", "parameter", "law", "largest magnitude of the code that the law puts out in these modes meanwhile, beside output_limit; 2048 is without a limit", "u16", "code",
      1.0, INT64_C(0), INT64_C(2048), INT64_C(512), "rw", "any", "", 0x2409, 2, 811, 1, "Output without a certificate", 0, 0},
