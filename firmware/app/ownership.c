@@ -194,6 +194,15 @@ static void check_canopen(fw_t *fw) {
   }
 }
 
+/* command_source was written: by which way its owner reaches the axis from now on. One that is
+ * enabled over CAN remains so, whoever writes the owner's number again over the serial line. */
+static void note_way(fw_t *fw, bool is_new, uint8_t owner) {
+  const bool on_can = owner != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0;
+  if (on_can || is_new || !will_be_active(fw)) {
+    fw->owner_on_can = on_can ? 1 : 0;
+  }
+}
+
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value) {
   fw_t *fw = fw_of(objects);
@@ -201,10 +210,12 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
   if (object == AXIS_OBJ_UNSUPERVISED_OWNER) {
     ownership_judge_watch(fw);
   }
-  if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
-    return; /* whoever writes the owner's number again has acquired nothing */
+  if (object == AXIS_OBJ_COMMAND_SOURCE) {
+    note_way(fw, value != previous, (uint8_t)value);
   }
-  fw->owner_on_can = (value != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0) ? 1 : 0;
+  if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
+    return;
+  }
   if (!will_be_active(fw)) {
     cia402_forget_targets(&fw->drive); /* the new owner writes its own */
   }

@@ -8,8 +8,9 @@
  *
  * An owner on CAN (owner_on_can) is lost with CAN too: bus off, NMT stop, a heartbeat that is
  * missed. That is canopen; a client of the gateway: LCM, or a Modbus that acquired the axis through
- * the SDO server 1201h; and a Modbus that was given the axis. A Modbus on the serial line that
- * writes its number to command_source is not on CAN.
+ * the SDO server 1201h, or enables it through it; and a Modbus that was given the axis. A Modbus on
+ * the serial line that writes its number to command_source, while the axis is disabled or another
+ * one's, is not on CAN.
  *
  * Every bus may stop the axis. One that another than its owner stopped is held (stopped_by): no
  * controlword enables it until the owner has sent one that does not. So an owner that goes on

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <set>
 #include <vector>
 
 #include "tests/unit/canopen_fixture.hpp"
@@ -326,9 +327,17 @@ TEST_F(Canopen, CobIdsAreChecked) {
   };
   for (uint16_t index : {0x1400, 0x1800}) {
     const uint32_t rtr = index == 0x1800 ? 0x40000000 : 0;
+    // Of SYNC, EMCY, the gateway's servers, and the valid PDOs of the other direction.
+    std::set<uint32_t> taken{0x080,      0x080 + kNode, kModbusServer, kModbusServer + 1,
+                             kLcmServer, kLcmServer + 1};
+    for (uint32_t other : (index == 0x1400) ? std::vector<uint32_t>{0x180, 0x280}
+                                            : std::vector<uint32_t>{0x300, 0x400, 0x500}) {
+      taken.insert(other + kNode);
+    }
     for (uint32_t id = 0; id < 0x800; ++id) {
       ASSERT_EQ(Download(index, 1, 0x80000000u | rtr | id, 4), 0u);
-      ASSERT_EQ(Download(index, 1, rtr | id, 4), restricted(id) ? 0x06090030u : 0u)
+      ASSERT_EQ(Download(index, 1, rtr | id, 4),
+                restricted(id) || taken.count(id) != 0 ? 0x06090030u : 0u)
           << std::hex << id;
     }
     ASSERT_EQ(Download(index, 1, 0x80000205u | rtr, 4), 0u);
