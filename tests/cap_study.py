@@ -35,8 +35,8 @@ class Case:
 
 @dataclass(frozen=True)
 class Found:
-    """Of one run. `worst`: by how many codes the cap was passed, 0 where it held. `judged`: ticks in
-    which it was to hold. `peak_N`: the largest reading, which ends at 637 N."""
+    """Of one run. `worst`: by how many codes the cap was passed, 0 where it held. `judged`: ticks
+    in which it was to hold. `peak_N`: the largest reading, which ends at 637 N."""
 
     worst: int
     judged: int

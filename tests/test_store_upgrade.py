@@ -216,8 +216,6 @@ def test_another_default_keeps_the_old_value_and_says_so(today, store, tmp_path)
     assert other.run(tmp_path / "empty")[2][0x201800] == 1000
 
 
-
-
 def test_the_set_of_0_1_0_loads(today, tmp_path):
     shutil.copy(DATA / "store_0_1_0.bin", tmp_path / "store")
     state, changes, found = today.run(tmp_path / "store")
