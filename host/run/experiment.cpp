@@ -121,8 +121,18 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
   criterion.held_force_error_max_percent = section.optional_number("held_force_error_max_percent");
   criterion.overshoot_max_percent = section.optional_number("overshoot_max_percent");
   criterion.settle_max_s = section.optional_number("settle_max_s");
+  criterion.peak_force_max_N = section.optional_number("peak_force_max_N");
+  criterion.peak_force_max_percent = section.optional_number("peak_force_max_percent");
+  criterion.contact_losses_max = section.optional_number("contact_losses_max");
+  criterion.saturated_max_s = section.optional_number("saturated_max_s");
+  if (model.contacts.empty() && (criterion.peak_force_max_N || criterion.peak_force_max_percent ||
+                                 criterion.contact_losses_max))
+    section.fail(criterion.contact_losses_max ? "contact_losses_max"
+                 : criterion.peak_force_max_N ? "peak_force_max_N"
+                                              : "peak_force_max_percent",
+                 "expected a model with a contact, this one has none; remove the key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.position_ripple_max_count && !criterion.judges_force())
+      !criterion.position_ripple_max_count && !criterion.judges_force() && !criterion.judges_run())
     section.fail("contact_held",
                  "expected at least one limit, got none; add contact_held = true, "
                  "force_ripple_max_count or position_ripple_max_count");

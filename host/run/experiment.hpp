@@ -41,8 +41,8 @@ struct Action {
   std::optional<ForceSensor> force_sensor;
 };
 
-// The stability criterion over the last `window_s` of the run. A limit that is absent is not
-// checked. A latched firmware fault is always "unstable".
+// What a run is judged by, see verdict.hpp: over its last `window_s` where nothing else is said. A
+// limit that is absent is not checked.
 struct Criterion {
   double window_s = 1.0;                            // > 0
   std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
@@ -56,11 +56,17 @@ struct Criterion {
   std::optional<double> held_force_error_max_percent;
   std::optional<double> overshoot_max_percent;
   std::optional<double> settle_max_s;
+  std::optional<double> peak_force_max_percent;
+  // Over the whole run, see Metrics.
+  std::optional<double> peak_force_max_N;
+  std::optional<double> contact_losses_max;
+  std::optional<double> saturated_max_s;
 
   bool judges_force() const {
     return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||
-           settle_max_s;
+           settle_max_s || peak_force_max_percent;
   }
+  bool judges_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
 // What the plot of a run shows.
