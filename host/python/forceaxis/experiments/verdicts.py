@@ -14,6 +14,6 @@ WORDS = {
 
 
 def stability(verdict):
-    """"stable" or "unstable", for what knows only these two, such as the thesis's tables; "" and
+    """ "stable" or "unstable", for what knows only these two, such as the thesis's tables; "" and
     None stay."""
     return "unstable" if verdict in NOT_STABLE else verdict
