@@ -157,20 +157,23 @@ keys are in [Experiments](experiment.md#verdict).
 | verdict | what it means |
 | --- | --- |
 | `stable` | Every limit is kept. |
-| `unstable` | The axis oscillates or bounces on: a ripple above its limit does not die away, or contact is lost in the window. Or a fault is latched. |
-| `not_met` | The run is calm, but it is not what was asked for. The limit, its number and its unit are printed. |
-| `never_in_contact` | The contact was never pressed: gain 0, the part too far away, the drive not enabled. |
+| `unstable` | It oscillates, bounces on, or a fault is latched. |
+| `not_met` | It is calm, but not what was asked for: limit, number and unit are printed. |
+| `never_in_contact` | The contact was never pressed. |
+
+It oscillates where a ripple above its limit does not die away: the second half of the window has
+more than 60 % of it. It bounces on where contact is lost in the window. A contact is never pressed with
+gain 0, a part too far away, a drive that is not enabled.
 
 Whatever the limits, a run is never stable when in its window the force reading that they use is at
-an end of its range, or the output is, or contact is lost while force is controlled; and never with a
-set-point of force beyond what the sensor reads. A ripple dies away where the second half of the
-window has at most 60 % of it.
+an end of its range, or the output is, or contact is lost while force is controlled; and never with
+a set-point of force beyond what the sensor reads.
 
-`forceaxis run --json` has the word as `verdict`, the reasons in words as `because`, and the limits as
-`missed`: `limit`, `verdict` (what this one alone makes of the run), `value`, `bound`, `unit`. Besides
-the keys of `[verdict]` a limit may be `fault`, `contact_made_s` (when the contact was first pressed,
-after the window began), `contact_losses` (in the window), `setpoint_range`, `reading_range` and
-`output_range`.
+`forceaxis run --json` has the word as `verdict`, the reasons in words as `because`, and the limits
+as `missed`: `limit`, `verdict` (what this one alone makes of the run), `value`, `bound`, `unit`.
+Besides the keys of `[verdict]` a limit may be `fault`, `contact_made_s` (when the contact was first
+pressed, after the window began), `contact_losses` (in the window), `setpoint_range`,
+`reading_range` and `output_range`.
 
 ## Forty experiments
 

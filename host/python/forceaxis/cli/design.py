@@ -109,7 +109,8 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     three set-points, or those of --force, and two speeds, strikes, random members. A touch-down is
     to hold its force within 2 %, to peak at 1.3 set-points and to lose contact once at most, beside
     what the impact does with a weak law; the gain is reduced until every case is stable, and each
-    cut is printed with the case and the limit that it is for. fS is the lowest frequency at which |S| reaches -3 dB, of the worst member. With
+    cut is printed with the case and the limit that it is for. fS is the lowest frequency at which
+    |S| reaches -3 dB, of the worst member. With
     --measured the set lies about what the responses say of MODEL's parameters and is widened by
     what they leave open; a fit that is rejected ends with exit status 1.
 

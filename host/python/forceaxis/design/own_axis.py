@@ -8,9 +8,9 @@ import tomlkit
 
 from forceaxis import _core
 from forceaxis.design import changes, reduced, sets, simulate
-from forceaxis.design.simulate import PEAK_MAX
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
+from forceaxis.design.simulate import PEAK_MAX
 from forceaxis.linear.bank import Bank
 
 NAME = "held.toml"

@@ -4,8 +4,8 @@ A Bench is a model with an ADC of the wanted width and a drive in force mode 4 b
 touch-downs at three set-points, one at half the approach speed, and strikes at the two lower
 set-points; each runs with every latency, on the nominal plant and on random members of a set.
 
-Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force within
-ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times at most.
+Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force
+within ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times.
 Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike has to
 settle and to hold its force.
 """

@@ -51,7 +51,8 @@ class Sweep:
 
     Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
     trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
-    one beyond it that is not stable), beyond (its verdict), note (why there is none), error, runs. NaN and "" stand for nothing.
+    one beyond it that is not stable), beyond (its verdict), note (why there is none), error, runs.
+    NaN and "" stand for nothing.
     """
 
     summary: dict
