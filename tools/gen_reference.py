@@ -162,8 +162,8 @@ keys are in [Experiments](experiment.md#verdict).
 | `never_in_contact` | The contact was never pressed. |
 
 It oscillates where a ripple above its limit does not die away: the second half of the window has
-more than 60 % of it. It bounces on where contact is lost in the window. A contact is never pressed with
-gain 0, a part too far away, a drive that is not enabled.
+more than 60 % of it. It bounces on where contact is lost in the window. A contact is never pressed
+with gain 0, a part too far away, a drive that is not enabled.
 
 Whatever the limits, a run is never stable when in its window the force reading that they use is at
 an end of its range, or the output is, or contact is lost while force is controlled; and never with

@@ -11,14 +11,14 @@ settle and to hold its force.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import tomlkit
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, files
+from forceaxis.design.cases import Case, Cut, Named, row, unstable, why
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 
@@ -43,26 +43,6 @@ PEAK_MAX = 1.3  # set-points
 LOSSES_MAX = 1
 SATURATED_MAX_S = 0.02
 WEAK = 0.25  # of the designed gain: a law that adds nothing to an impact
-
-
-@dataclass(frozen=True)
-class Case:
-    """A touch-down, perhaps with a strike: newtons, m/s, N s."""
-
-    setpoint_N: float
-    speed_m_per_s: float
-    strike_N_s: float = 0.0
-
-    @property
-    def name(self):
-        text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
-        return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
-
-
-class Named(NamedTuple):
-    """An experiment among cases."""
-
-    name: str
 
 
 class Bench:
@@ -344,27 +324,6 @@ def run(jobs, threads):
     return outcomes
 
 
-def row(law, case, member, latency, outcome):
-    """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
-    held = outcome["metrics"]["held_force"] or {}
-    settle = held.get("settle_s")
-    return {
-        "law": law,
-        "case": case,
-        "member": member,
-        "latency_ticks": latency,
-        "verdict": outcome["verdict"],
-        "fault": outcome["fault"],
-        "static_error_percent": held.get("error_percent"),
-        "missed": outcome["missed"],
-        "peak_N": outcome["metrics"]["peak_force_N"],
-        "losses": outcome["metrics"]["contact_losses_run"],
-        "saturated_ms": 1e3 * outcome["metrics"]["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
-        "settle_ms": None if settle is None else 1e3 * settle,
-        "overshoot_percent": held.get("overshoot_percent"),
-    }
-
-
 def simulate(bench, bank, members, latencies=(0, 1), loss=None, threads=1, law="design"):
     """Rows of all cases of a bench with a bank on members: [{parameter: value}]; the bench's own
     experiment on the nominal one alone."""
@@ -425,25 +384,6 @@ def strikes_survived(loss):
     return f"strikes of {texts[0]} N s are survived, {texts[1]} with the firmware's defaults"
 
 
-@dataclass(frozen=True)
-class Cut:
-    """A step of safe() that was not taken: its gain, how many simulated cases failed, the first of
-    them and the limits that it missed."""
-
-    force_gain: float
-    failed: int
-    simulated: int
-    case: str
-    why: str
-
-    @property
-    def text(self):
-        return (
-            f"gain {self.force_gain:.3g}: {self.failed} of {self.simulated} not stable, "
-            f"{self.case}: {self.why}"
-        )
-
-
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
     """(bank, loss, rows, cuts): the bank with its gain reduced until every case is stable.
 
@@ -499,21 +439,3 @@ def _expect_contact(bench, bad):
         "friction), or the approach too slow; raise [firmware] position_gain or --approach, or "
         "start nearer to the part"
     )
-
-
-def why(row):
-    """What a simulated case missed, in one line: each limit with its number and unit."""
-    found = []
-    for one in row["missed"]:
-        if one["limit"] == "fault":
-            found.append(f"fault {row['fault']}")
-            continue
-        value = "never" if one["value"] is None else f"{one['value']:.3g}"
-        unit = one["unit"] and f" {one['unit']}"
-        limit = f"{one['limit']} {value}{unit}"
-        found.append(limit + (f" of {one['bound']:.3g}{unit}" if one["bound"] else ""))
-    return ", ".join(found)
-
-
-def unstable(rows):
-    return [r for r in rows if r["verdict"] != "stable" or r["fault"] != "none"]
