@@ -418,10 +418,6 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
   root.one("verdict", [&](Section &section) {
     experiment.criterion = read_criterion(section, *experiment.model, duration_s);
-    if (experiment.criterion->judges_force() && !force_task(experiment))
-      section.fail("held_force_error_max_percent",
-                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
-                   "reads a force; remove the limits of force, overshoot and settling");
   });
   root.one("trace",
            [&](Section &section) { experiment.traced = read_traced(section, *experiment.model); });
@@ -450,6 +446,14 @@ std::vector<std::string> trace_columns(const sim::Model &model) {
 void make_endless(Experiment &experiment) {
   experiment.ticks = kEndlessTicks;
   experiment.criterion.reset();
+}
+
+void expect_judged(const Experiment &experiment) {
+  const auto &criterion = experiment.criterion;
+  if (!criterion || !criterion->judges_force() || force_task(experiment)) return;
+  throw InputError(experiment.file.string(), "verdict.held_force_error_max_percent",
+                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
+                   "reads a force; remove the limits of force, overshoot and settling");
 }
 
 void expect_used(const Experiment &experiment) {

@@ -133,6 +133,11 @@ std::vector<std::string> trace_columns(const sim::Model &model);
 inline constexpr std::int64_t kEndlessTicks = 1'000'000'000'000'000;
 void make_endless(Experiment &experiment);
 
+// Refuses a [verdict] that limits the force of an experiment that controls none. Of a run, not of
+// reading: an axis of make_endless() has no verdict, whatever its file says. Throws
+// sim::InputError.
+void expect_judged(const Experiment &experiment);
+
 // Refuses parameters in [set] that change nothing. Throws sim::InputError.
 void expect_used(const Experiment &experiment);
 

@@ -25,6 +25,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
                                 .seed = experiment.seed}),
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()) {
+  expect_judged(experiment);
   in_.sensor_valid = 1;
   in_.axis = 1;
   static_assert(kEnabled == int{AXIS_DIN_ENABLE});

@@ -10,6 +10,7 @@ import pytest
 import verbs
 from forceaxis import _core
 from forceaxis._core import InputError
+from forceaxis.axis.sim import SimLink
 from forceaxis.experiments import expect, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summary_of
@@ -130,6 +131,15 @@ def test_a_limit_of_force_needs_an_experiment_that_controls_it(tmp_path):
     limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
     with pytest.raises(InputError, match="expected an experiment whose last set-point of force"):
         runs.run(variant(tmp_path, "position_step", limit))
+
+
+# A simulated axis has no verdict: what its file asks of a run does not concern it (V9).
+def test_a_simulated_axis_may_have_a_verdict_that_limits_the_force(tmp_path):
+    limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
+    file = variant(tmp_path, "hold_p", limit)
+    assert SimLink(file).read(["force_gain"])["force_gain"] > 0
+    done = verbs.forceaxis("axis", "get", "--sim", file, "force_gain")
+    assert done.returncode == 0, done.stderr
 
 
 def test_an_experiment_may_expect_it(tmp_path):

@@ -119,6 +119,16 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
+// Why the experiment cannot be run with its [verdict], or None.
+py::object unjudged(const Experiment &e) {
+  try {
+    forceaxis::host::expect_judged(e);
+    return py::none();
+  } catch (const forceaxis::sim::InputError &error) {
+    return py::cast(std::string(error.what()));
+  }
+}
+
 // The inputs of an experiment, without running it.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
                 const std::optional<std::string> &text) {
@@ -146,6 +156,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   d["expect"] = expect_of(e);
   d["inputs_hash"] = e.hash;
   d["criterion"] = to_dict(e.criterion);
+  d["unjudged"] = unjudged(e);
   d["parameters"] = parameters;
   d["unused"] = e.unused;
   return d;
@@ -341,7 +352,8 @@ PYBIND11_MODULE(_core, m) {
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         py::arg("text") = py::none(),
         "Read an experiment without running it: title, model, contacts, converters, firmware "
-        "(object -> value at the start), expect, inputs_hash, criterion, parameters with value and "
+        "(object -> value at the start), expect, inputs_hash, criterion, unjudged (why it cannot "
+        "be run with it), parameters with value and "
         "unit, and the overrides that change nothing; text: read in place of the file's. Raises "
         "InputError.");
   py::class_<Experiments>(m, "Experiments",

@@ -108,6 +108,8 @@ def sweep(
     experiment, overrides = Path(experiment), list(overrides)
     inputs = _core.inputs(str(experiment), overrides)
     check_names(experiment, inputs, overrides, [*axes, *searches])
+    if inputs["unjudged"]:
+        raise InputError(inputs["unjudged"])
     if search and inputs["criterion"] is None:
         raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
     identity = identity_of(experiment, overrides)
