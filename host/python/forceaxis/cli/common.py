@@ -304,7 +304,7 @@ def link_of(kind, lcm_url, link_can, inject):
 COLOURS = {
     **dict.fromkeys(("stable", "passed"), "green"),
     **dict.fromkeys(("unstable", "failed", "error"), "red"),
-    "updated": "yellow",
+    **dict.fromkeys(("not_met", "never_in_contact", "updated"), "yellow"),
 }
 
 
