@@ -33,8 +33,8 @@ MODE_NAMES = {
 }
 OFF = "not enabled, stopping"
 RESET = ("power_up", "canopen_init")
-# Both channels take 2.57 us, 432 cycles of the core; a poll of them takes 28 at least.
-ADC_POLLS = 16
+# Both channels take 3.81 us, 640 cycles of the core; a poll of them takes 28 at least.
+ADC_POLLS = 23
 LIMITS = released.BOARD.limits
 
 

@@ -29,6 +29,11 @@ MEANS = {
     "no_contact": "the approach ended without contact",
     "contact_unstable": "contact was lost again and again, or the force swung",
     "watchdog_reset": "the watchdog reset the processor in the middle of a tick",
+    "core_fault": "a fault of the processor reset it; core_fault_pc (2432h) says where",
+    "board_unfit": "the board failed a check at power-up; board_state (2431h) says which",
+    "supply_wrong": "the board's supply or the ADC's reference left its band (board_state, 2431h)",
+    "clock_wrong": "the tick had not its length beside a second clock (tick_deviation, 2433h)",
+    "output_wrong": "DAC or amp_enable, read back, was not what was put out (board_state, 2431h)",
 }
 
 
