@@ -482,10 +482,11 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
 }
 
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
+  enum { KINDS = 4 };
   static const struct {
     uint16_t found;
     uint8_t fault;
-  } faults[] = {
+  } faults[KINDS] = {
       {FW_BOARD_BROWN_OUT_LEVEL | FW_BOARD_IMAGE | FW_BOARD_RAM, AXIS_FAULT_BOARD_UNFIT},
       {FW_BOARD_SUPPLY | FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
       {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
@@ -498,7 +499,7 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
   signals->board_state = (uint16_t)(state | (before & faulty));
   signals->tick_deviation = tick_deviation;
   if ((state & faulty) != 0) {
-    for (uint8_t i = 0; i < sizeof(faults) / sizeof(faults[0]); i++) {
+    for (uint8_t i = 0; i < KINDS; i++) {
       if ((state & faults[i].found) != 0) {
         axis_fault(&fw->axis, faults[i].fault);
       }

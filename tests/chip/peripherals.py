@@ -50,8 +50,8 @@ class Peripheral:
 
 
 class Rcc(Peripheral):
-    """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready, HSERDY HSEON
-    where there is a clock at the pin and HSEBYP says that it is one."""
+    """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready, HSERDY
+    follows HSEON where there is a clock at the pin and HSEBYP says that it is one."""
 
     reset: ClassVar = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
     lock_reads = READS_UNTIL_READY

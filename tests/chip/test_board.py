@@ -101,8 +101,8 @@ def full_store(entries, address=0x200A00):
 @pytest.mark.parametrize("entries", [None, 5, 20, 60, 169])
 def test_the_tick_runs_within_10_ms_of_boot(entries):
     """With the checks of image and RAM. Halfwords of what is executed are an upper bound of the
-    instructions and stand for cycles, at 16 MHz until the PLL is the clock; the PLL locks in 300 us,
-    and the slowest second clock takes 1.3 ms to be measured."""
+    instructions and stand for cycles, at 16 MHz until the PLL is the clock; the PLL locks in
+    300 us."""
     chip = Chip(None if entries is None else full_store(entries), checked=True)
     slow = []
 
@@ -514,7 +514,7 @@ def test_a_reset_by_the_watchdog_is_reported_once(flag, reported):
 
 
 def test_who_feeds_the_watchdog_is_one_function_and_the_erase():
-    """The key is stored in three places of the sources: the erase, the first one, and the tick's."""
+    """In three places of the sources: the erase, the first feeding, and the tick's."""
     uses = [
         path.name
         for path in sorted((ROOT / "firmware").rglob("*.c"))

@@ -81,7 +81,7 @@ def test_a_clock_that_stops_is_off_reset_and_reported(chip):
 
 
 def test_a_start_with_clocks_that_something_else_has_set(chip):
-    """A loader or a debugger may have left the PLL running; the registers are not those of a reset."""
+    """A loader may have left the PLL running; the registers are not those of a reset."""
     other = Chip()
     rcc = other.board.rcc
     rcc.registers |= {0x00: 0x03010083 | 1 << 17 | 1 << 18, 0x04: 0x24405408, 0x08: 0xA}
@@ -359,8 +359,8 @@ def test_a_division_by_zero_is_a_fault(chip):
 
 
 def test_the_crc_is_that_of_the_manual_s_unit():
-    """CRC-32/MPEG-2 of 4 zero bytes, C704DD7Bh, and of "123456789", 0376E6E7h, from the catalogue of
-    parametrised CRC algorithms; over the image what tools/image has put behind it."""
+    """CRC-32/MPEG-2 of 4 zero bytes, C704DD7Bh, and of "123456789", 0376E6E7h, from the catalogue
+    of parametrised CRC algorithms; over the image what tools/image has put behind it."""
 
     def crc(data):
         value = 0xFFFFFFFF
@@ -458,7 +458,7 @@ def test_the_regions_of_the_memory_protection(chip):
 
 
 def test_the_debugger_does_not_stop_the_watchdog_for_good():
-    """DBGMCU_APB1_FZ, bit 12: set by openocd's script, kept by every reset but that of the supply."""
+    """DBGMCU_APB1_FZ, bit 12: set by openocd's script, kept over all resets but a power-up."""
     chip = Chip()
     chip.board.dbgmcu.registers[0x08] = 0x1800
     release(chip)

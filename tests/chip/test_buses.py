@@ -25,7 +25,7 @@ def sdo_read(chip, index, sub=0):
 
 
 def permitted_difference(can):
-    """Of the bit rates of two nodes (Robert Bosch, CAN 2.0, 9): twice the smaller of both bounds."""
+    """Of the bit rates of two nodes (Bosch, CAN 2.0, 9): twice the smaller of both bounds."""
     segment_2, jump = bits(can[0x1C], 20, 3) + 1, bits(can[0x1C], 24, 2) + 1
     quanta = 1 + bits(can[0x1C], 16, 4) + 1 + segment_2
     assert jump <= segment_2

@@ -67,6 +67,7 @@ bool adc_read_one(uint16_t *code); /* before adc_start(); false: not done */
 
 /* monitor.c: PA4 and the reference, measured in turn after each tick; FW_BOARD_ bits. `code`: the
  * DAC's from now on. */
+void monitor_init(void);
 void monitor_start(int16_t code);
 void monitor_look(void);
 uint16_t monitor_state(void);

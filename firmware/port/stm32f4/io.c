@@ -24,6 +24,9 @@ void io_init(void) {
                      (image_is_whole() ? 0 : FW_BOARD_IMAGE) | (ram_is_right() ? 0 : FW_BOARD_RAM));
   encoder_init();
   adc_init();
+  if (clock_is_right) {
+    monitor_init();
+  }
   can_init(clock_is_right);
 }
 
