@@ -404,8 +404,8 @@ def test_an_adc_that_is_never_ready_costs_less_than_5_us_and_the_sensors(chip):
     adc = chip.board.adc
     adc.ready_reads, adc.reads = NEVER, 0
     chip.tick()
-    # A poll has four reads of the ADC and one of the counter that ends it.
-    poll_s = (4 * adc.READ_CYCLES + 4) / 168e6
+    # A poll has seven reads of the ADC and one of the counter that ends it.
+    poll_s = (7 * adc.READ_CYCLES + 4) / 168e6
     assert adc.duration_s() < adc.reads * poll_s <= 5e-6 + poll_s
     assert chip.tick_steps - usual < 5e-6 * 168e6 + 600
     assert chip.terminals() == OFF

@@ -4,9 +4,10 @@
 enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
 
 /* Both take 2 x (28 + 12) cycles of 21 MHz, 3.8 us; 28 cycles bear a source of 13 kOhm. A read over
- * this bus, half as fast as the core, takes 6 to 9 of the core's cycles; a poll has five. The end
- * is a time: 5 us, 420 counts of the free-running counter. */
-enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000), PAUSE_READS = 3 };
+ * this bus, half as fast as the core, takes 6 to 9 of the core's cycles; a poll has eight, so that
+ * it waits without being busy with instructions. The end is a time: 5 us, 420 counts of the
+ * free-running counter. */
+enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
 static uint32_t started;
 
@@ -33,7 +34,16 @@ void adc_init(void) {
 void adc_start(void) {
   ADC1->SR = 0;
   ADC1->CR2 = ADC_CR2_ADON | ADC_CR2_JSWSTART;
-  started = clock_count();
+  started = TIM2->CNT;
+}
+
+static inline void pause(void) {
+  (void)ADC1->CR1;
+  (void)ADC1->CR1;
+  (void)ADC1->CR1;
+  (void)ADC1->CR1;
+  (void)ADC1->CR1;
+  (void)ADC1->CR1;
 }
 
 bool adc_read(uint16_t codes[2]) {
@@ -43,10 +53,8 @@ bool adc_read(uint16_t codes[2]) {
       codes[1] = (uint16_t)ADC1->JDR2;
       return true;
     }
-    for (uint32_t i = 0; i < PAUSE_READS; i++) { /* waits without being busy with instructions */
-      (void)ADC1->CR1;
-    }
-  } while (clock_count() - started < COUNTS_MAX);
+    pause();
+  } while (TIM2->CNT - started < COUNTS_MAX);
   return false;
 }
 

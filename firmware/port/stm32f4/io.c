@@ -72,7 +72,9 @@ static uint16_t board_state(void) {
                     (clock_is_right ? second_clock_state() : 0));
 }
 
+/* The board first: meanwhile the conversion runs. */
 void port_sense(axis_inputs_t *inputs) {
+  fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
@@ -81,7 +83,6 @@ void port_sense(axis_inputs_t *inputs) {
   for (uint8_t i = 0; i < 2; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }
-  fw_board(port_firmware(), board_state(), second_clock_permille());
 }
 
 /* Going on, the amplifier is enabled at mid-scale, where the DAC has stood since it was disabled,
