@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/board.h"
 #include "firmware/app/incident.h"
 #include "firmware/app/law.h"
 #include "firmware/app/layers.h"
@@ -238,44 +239,16 @@ static void boot(fw_t *fw) {
   }
 }
 
-/* The emergency of a start that no supply or pin explains; none of others. */
-static uint16_t reset_error(const fw_config_t *config) {
-  const uint32_t cause = config->reset_cause;
-  if (config->core_fault != NULL) {
-    return AXIS_ERROR_CODE_CORE_FAULT;
-  }
-  if ((cause & (FW_RESET_WATCHDOG | FW_RESET_WINDOW)) != 0) {
-    return AXIS_ERROR_CODE_WATCHDOG_RESET;
-  }
-  if ((cause & (FW_RESET_SOFTWARE | FW_RESET_LOW_POWER)) != 0) {
-    return AXIS_ERROR_CODE_CORE_FAULT;
-  }
-  const bool browned_out = (cause & FW_RESET_BROWN_OUT) != 0 && (cause & FW_RESET_POWER) == 0;
-  return browned_out ? AXIS_ERROR_CODE_BROWNOUT_RESET : AXIS_ERROR_CODE_NONE;
-}
-
-static void show_reset(fw_t *fw) {
-  device_signals_t *signals = &fw->device_signals;
-  signals->reset_cause = fw->config.reset_cause;
-  if (fw->config.core_fault != NULL) {
-    signals->core_fault_pc = fw->config.core_fault->pc;
-    signals->core_fault_lr = fw->config.core_fault->lr;
-    signals->core_fault_cfsr = fw->config.core_fault->cfsr;
-    signals->core_fault_hfsr = fw->config.core_fault->hfsr;
-    signals->core_fault_bfar = fw->config.core_fault->bfar;
-  }
-}
-
 void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->config = *config;
   fw->live = 0;
   fw->on_serial = 0;
   dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
-  show_reset(fw);
+  board_show_reset(fw);
   store_init(&fw->store, config->memory);
   power_up(fw);
-  const uint16_t error = reset_error(config);
+  const uint16_t error = board_reset_error(config);
   /* A supply that was too low may have spoilt what the memory holds. */
   incident_init(fw, (error != AXIS_ERROR_CODE_BROWNOUT_RESET) ? error : AXIS_ERROR_CODE_NONE);
   if (config->buses != 0) {
@@ -478,32 +451,6 @@ void fw_overrun(fw_t *fw, uint32_t missed) {
       canopen_missed(&fw->canopen, missed);
     }
     reports_limited(fw, AXIS_ERROR_CODE_OVERRUN);
-  }
-}
-
-void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
-  enum { KINDS = 4 };
-  static const struct {
-    uint16_t found;
-    uint8_t fault;
-  } faults[KINDS] = {
-      {FW_BOARD_BROWN_OUT_LEVEL | FW_BOARD_IMAGE | FW_BOARD_RAM, AXIS_FAULT_BOARD_UNFIT},
-      {FW_BOARD_SUPPLY | FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
-      {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
-      {FW_BOARD_DAC | FW_BOARD_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
-  };
-  const uint32_t faulty = ~(uint32_t)(FW_BOARD_CLOCK_INTERNAL | FW_BOARD_TICK_UNKNOWN);
-  device_signals_t *signals = &fw->device_signals;
-  /* What led to a fault may be over, because the outputs are off, when somebody reads this. */
-  const uint32_t before = (fw->axis.signals.fault != AXIS_FAULT_NONE) ? signals->board_state : 0;
-  signals->board_state = (uint16_t)(state | (before & faulty));
-  signals->tick_deviation = tick_deviation;
-  if ((state & faulty) != 0) {
-    for (uint8_t i = 0; i < KINDS; i++) {
-      if ((state & faults[i].found) != 0) {
-        axis_fault(&fw->axis, faults[i].fault);
-      }
-    }
   }
 }
 

@@ -17,7 +17,7 @@ NAMES = BOARD.registers
 
 
 def svd_of_header():
-    peripherals, fields, irqs = CHECK.read_header((BOARD.folder / NAMES.header).read_text())
+    peripherals, fields, irqs = CHECK.read_header(CHECK.header_text(BOARD))
     lines = ["<device><peripherals>"]
     for name, (base, registers) in peripherals.items():
         if name in NAMES.core:

@@ -55,7 +55,8 @@ static inline uint32_t stuck_bits(volatile uint32_t *at) {
 bool ram_is_right(void) {
   uint32_t wrong = 0;
   __asm volatile("cpsid i" ::: "memory");
-  for (volatile uint32_t *at = stack_bottom + GUARD_WORDS; at < ram_end; at += 2) {
+  for (volatile uint32_t *at = stack_bottom + GUARD_WORDS; (uintptr_t)at < (uintptr_t)ram_end;
+       at += 2) {
     wrong |= stuck_bits(at);
     wrong |= stuck_bits(at + 1);
   }
