@@ -492,10 +492,11 @@ class Adc(Peripheral):
         cycles = self.SAMPLE_CYCLES[bits(self[register], 3 * place, 3)]
         return cycles * (2 * bits(self[0x304], 16, 2) + 2) / self.board.rcc.apb2_hz()
 
-    def source_max_ohm(self, channel, codes=0.25):
-        """Of what may drive that channel: data sheet, (t / (C ln(2^14))) - R_ADC for a quarter of a
-        code, with 4 pF and 6 kOhm."""
-        return self.sample_s(channel) / (4e-12 * math.log(2**14)) - 6e3
+    def source_max_ohm(self, channel):
+        """Of what may drive that channel, for a quarter of a code: data sheet, (k - 0.5) / (f C
+        ln(2^14)) - R_ADC, with at most 7 pF and 6 kOhm."""
+        half = 0.5 * (2 * bits(self[0x304], 16, 2) + 2) / self.board.rcc.apb2_hz()
+        return (self.sample_s(channel) - half) / (7e-12 * math.log(2**14)) - 6e3
 
     def of_channel(self, channel):
         if channel == 17:

@@ -351,8 +351,9 @@ def test_every_cause_of_a_reset_is_an_object_and_an_emergency(flags, code):
     )
 
 
-def test_a_division_by_zero_is_a_fault(chip):
-    assert chip.board.scb[0x14] & 1 << 4  # DIV_0_TRP
+def test_a_division_by_zero_is_a_fault_and_the_vectors_are_the_image_s(chip):
+    assert chip.board.scb[0x14] & 1 << 4  # CCR: DIV_0_TRP
+    assert chip.board.scb[0x08] == chip.symbols["vectors_begin"]  # VTOR
 
 
 # Memories.

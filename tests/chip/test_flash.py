@@ -67,6 +67,7 @@ def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert restarted(chip).read("force_gain") == 500
     # The error is no longer in the way.
     assert save(chip, 700) == "saved"
+    assert not chip.board.flash[0x0C] >> bit & 1, "its flag is still there"
     assert restarted(chip).read("force_gain") == 700
 
 

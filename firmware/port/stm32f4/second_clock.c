@@ -39,6 +39,7 @@ static bool counter_start(void) {
     return false;
   }
   PWR->CR |= PWR_CR_DBP;
+  (void)PWR->CR; /* before the domain is written */
   /* Its source can be chosen once; only a reset of its domain frees it. */
   if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
     RCC->BDCR |= RCC_BDCR_BDRST;
