@@ -131,7 +131,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
  *   findings of the test before the first motion (drive/first_motion.h)    1
  *   findings of the force sensor's supervision (drive/sensor.h)            1
- *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
+ *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks; fw_board()     1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
  *   a frame of another node with this one's id                             1
