@@ -101,8 +101,9 @@ def test_the_second_clock_is_compared_after_10_ms():
     assert abs(chip.read("tick_deviation")) < 60  # measured by 20 counts
 
 
-@pytest.mark.parametrize("hse_hz", [4e6, 6e6, 10.8e6, 16e6])
-@pytest.mark.parametrize("lsi_hz", [17e3, 32e3, 47e3])
+@pytest.mark.parametrize(
+    "hse_hz, lsi_hz", [(4e6, 17e3), (4e6, 47e3), (6e6, 32e3), (10.8e6, 47e3), (16e6, 17e3)]
+)
 def test_a_tick_that_becomes_slow_or_fast_is_off_in_20_ms(chip, hse_hz, lsi_hz):
     chip = Chip()
     chip.board.rtc.lsi_hz = lsi_hz
@@ -197,7 +198,7 @@ def test_a_supply_below_2_9_v_switches_off_by_interrupt_before_the_brown_out(chi
     assert chip.terminals()[0] == 1 and chip.read("board_state") & SUPPLY == 0
 
 
-@pytest.mark.parametrize("at", range(0, 40, 2))
+@pytest.mark.parametrize("at", range(0, 40, 5))
 def test_a_supply_that_falls_while_the_tick_puts_out_its_code(chip, at):
     """Wherever the interrupt comes in port_act(), the outputs are off behind it."""
     enable(chip, 500)
@@ -289,8 +290,10 @@ def test_dynamic_enable_is_a_square_wave_while_enabled_and_low_otherwise():
 # Faults of the core.
 
 
-@pytest.mark.parametrize("number", [NMI, HARD_FAULT, 4, 5, 6])
-@pytest.mark.parametrize("stack", [RAM - 16, RAM + 8, 0, 0xFFFFFFF8])
+@pytest.mark.parametrize(
+    "number, stack",
+    [(HARD_FAULT, RAM - 16), (HARD_FAULT, 0), (NMI, RAM + 8), (4, RAM - 16), (6, 0xFFFFFFF8)],
+)
 def test_a_broken_stack_still_switches_the_outputs_off(chip, number, stack):
     """ARMv7-M B1.5.14: after a push that failed the handler of the hard fault begins with that
     stack; a push of its own would lock the core up."""
