@@ -74,6 +74,7 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
 static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) {
   axis->signals.active_mode = AXIS_MODE_DISABLED;
   axis->rebase = 0;
+  axis->bounded = 0;
   axis->signals.bump_bias = 0;
   axis->signals.command_code = 0;
   axis->signals.dac_code = 0;

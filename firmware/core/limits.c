@@ -7,14 +7,19 @@ static axis_codes_t codes_of(const axis_t *axis) {
 
 int32_t limits_bound(axis_t *axis, int32_t code) {
   const axis_codes_t codes = codes_of(axis);
-  axis->bounded = (uint8_t)(axis->bounded - 1);
+  axis->bounded = 0; /* nothing of this tick goes out later */
   return fx_clamp(code, codes.least, codes.most);
 }
 
 int32_t limits_bound_late(axis_t *axis, int32_t code) {
-  const axis_codes_t codes = codes_of(axis);
-  const axis_codes_t both = limits_both(codes, axis->late_codes);
-  axis->late_codes = limits_both(codes, axis->law_codes);
+  axis_codes_t due = axis->late_codes;
+  if (axis->bounded == AXIS_BOUNDED_TICKS) {
+    const axis_codes_t codes = codes_of(axis);
+    due = limits_both(codes, due);
+    axis->late_codes = limits_both(codes, axis->law_codes);
+  } else {
+    axis->late_codes = axis_codes_all();
+  }
   axis->bounded = (uint8_t)(axis->bounded - 1);
-  return fx_clamp(code, both.least, both.most);
+  return fx_clamp(code, due.least, due.most);
 }
