@@ -12,7 +12,7 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, search, simulate
+from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
 from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
@@ -145,7 +145,7 @@ def simulated(bench, outcome, instead, say):
     which it may leave with more bandwidth. Raises InputError where it leaves none."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
-    members = [{}, *random_members(outcome.plants, MEMBERS)]
+    members = contact_members(bench, outcome.plants)
 
     def left(one, least):
         bench.wait_for(one.bank)
@@ -183,6 +183,19 @@ def simulated(bench, outcome, instead, say):
         say("simulating P")
         best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
     return best
+
+
+def contact_members(bench, plants, count=MEMBERS, seed=1988):
+    """[{parameter: value}] that contacts are simulated on: the nominal plant, without friction and
+    with the most of it, and random ones of the set, each with a friction of its own. A friction
+    whose parameter the set names has that range instead."""
+    own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
+    rubbing = friction.drawn(tuple(own), count, seed)
+    drawn = random_members(plants, count, seed)
+    return [
+        {}, *friction.members(tuple(own)),
+        *(given | one for given, one in zip(rubbing, drawn, strict=True)),
+    ]  # fmt: skip
 
 
 def random_members(plants, count, seed=1988):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import tomlkit
 
 from forceaxis import _core
-from forceaxis.design import changes, reduced, sets, simulate
+from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
 from forceaxis.linear.bank import Bank
@@ -85,7 +85,8 @@ def _settled(plant, folder, bits, designed):
             bench.wait_for(designed)
             cap = bench.press_speed_code(speed)
             for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
-                rows = simulate.simulate(bench, bank, [{}], (0, 1), loss, os.cpu_count() or 1)
+                plants = [{}, *friction.members(bench.frictions)]
+                rows = simulate.simulate(bench, bank, plants, (0, 1), loss, os.cpu_count() or 1)
                 if not simulate.unstable(rows) and all(map(_held, rows)):
                     return bank, _text(bench, bank, loss), speed
     raise _core.InputError(

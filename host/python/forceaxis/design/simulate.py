@@ -7,13 +7,14 @@ set-points; each runs with every latency, on the nominal plant and on random mem
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import tomlkit
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
-from forceaxis.design import changes, files
+from forceaxis.design import changes, files, friction
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 
@@ -78,6 +79,9 @@ class Bench:
         self.settings = self._settings(bits)
         self.cases = self._cases()
         self._files = {}
+        text = friction.named(Path(self.model))
+        self._run_model = self.design.file("rubbing.toml", text) if text else self.model
+        self.frictions = friction.ranges(self._run_model, self.overrides)
 
     def wait_for(self, bank):
         """Lengthens the cases for a slow integral; before the first of them."""
@@ -197,7 +201,7 @@ class Bench:
         begin = self.touch_s(case) + self.settle_s
         text = tomlkit.document()
         text["title"] = f"{self.design.model.stem}: {case.name}"
-        text["model"] = str(model or self.model)
+        text["model"] = str(model or self._run_model)
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         text["duration_s"] = round(begin + wait + WINDOW_S, 3)
         if self.overrides:
@@ -309,18 +313,20 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
     survived.
     """
     slow = bench.press_speed_code(bench.cases[0].speed_m_per_s / 4)
+    plants = friction.members(bench.frictions) or [{}]
     choices = [(cap, dwell) for dwell in DWELLS_MS for cap in dict.fromkeys((0, slow, 2048))]
     struck = [c for c in bench.cases if c.strike_N_s]
     keys = [
-        (choice, case, latency, share)
-        for choice in choices for case in struck for latency in latencies for share in STRIKES
+        (choice, case, latency, plant, share)
+        for choice in choices for case in struck for latency in latencies for plant in plants
+        for share in STRIKES
     ]  # fmt: skip
     jobs = [
         bench.job(
-            replace(case, strike_N_s=share * case.strike_N_s), bank, {}, latency,
+            replace(case, strike_N_s=share * case.strike_N_s), bank, plant, latency,
             {"contact_loss_cap": choice[0], "contact_loss_dwell": choice[1]},
         )
-        for choice, case, latency, share in keys
+        for choice, case, latency, plant, share in keys
     ]  # fmt: skip
     stable = [outcome["verdict"] == "stable" for outcome in run(jobs, threads)]
     borne = {choice: [] for choice in choices}

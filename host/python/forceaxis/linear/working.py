@@ -8,6 +8,7 @@ stuck. At rest frictions stick, which is another mode: `linear.over` takes it as
 set wherever a path from the command to the reading is left.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,13 +35,13 @@ Tables = tuple[tuple[dict[str, Any], ...], ...]
 @dataclass(frozen=True)
 class Friction:
     """A [[friction]] of a model: name, the two ends, N while it slides, N that break it loose, and
-    the parameter that gives the first, None: a number of the file's."""
+    the parameters that give these two; None: a number of the file's."""
 
     name: str
     between: tuple[str, str]
     coulomb_N: float
     stiction_N: float
-    parameter: str | None
+    parameters: tuple[str | None, str | None]
 
 
 @dataclass(frozen=True)
@@ -104,11 +105,11 @@ def _frictions(
 ) -> tuple[Friction, ...]:
     found = []
     for row in _own_tables(path)[0]:
-        coulomb = row["coulomb"]
-        sizes = (number(given, parameters) for given in (coulomb, row.get("stiction", coulomb)))
-        named = coulomb if isinstance(coulomb, str) and coulomb in parameters else None
+        given = row["coulomb"], row.get("stiction", row["coulomb"])
+        coulomb, stiction = (number(one, parameters) or 0.0 for one in given)
+        first, second = (one if isinstance(one, str) and one in parameters else None for one in given)
         near, far = row["between"]
-        found.append(Friction(row["name"], (near, far), *(size or 0.0 for size in sizes), named))
+        found.append(Friction(row["name"], (near, far), coulomb, stiction, (first, second)))
     return tuple(found)
 
 
@@ -118,24 +119,48 @@ def backlashes(path: str | Path) -> tuple[str, ...]:
 
 
 def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
-    """The frictions that the drive cannot break loose: at the full scale of the DAC less than their
-    stiction arrives there, as the linear drive has it, everything else sliding and pressed."""
+    """The frictions that the drive cannot break loose: less than their stiction arrives there."""
+    arriving = arriving_N(path, overrides)
+    return tuple(
+        one for one in frictions(path, overrides) if arriving.get(one.name, math.inf) < one.stiction_N
+    )
+
+
+def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, float]:
+    """{friction: the force, N, that the drive brings to it while it sticks and everything else
+    slides and is pressed}: at the full scale of the DAC, within the drive's limits; empty without a
+    drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = _core.facts(str(path), values)
     if not own or known["drive"] is None:
-        return ()
+        return {}
     full_V = DAC_CODES * known["volts_per_code"]
-    found = []
+    most = _stall_N(path, known)
+    found = {}
     for one in own:
         m = _core.linear(
             str(path), ["drive.command"], [f"{one.name}.force"], values,
             _sliding(path, own) | {one.name: STUCK}, False, True,
         )  # fmt: skip
         answer = np.linalg.solve(1j * SLOW_PER_S * np.eye(len(m["A"])) - m["A"], m["B"])
-        if full_V * abs((m["C"] @ answer + m["D"]).item()) < one.stiction_N:
-            found.append(one)
-    return tuple(found)
+        found[one.name] = min(full_V * abs((m["C"] @ answer + m["D"]).item()), most)
+    return found
+
+
+def _stall_N(path: str | Path, known: Mapping[str, Any]) -> float:
+    """Largest static force of the drive, N; infinite where the model has no limits."""
+    table, drive = toml.read(path)["drive"], known["drive"]["values"]
+
+    def limit(name: str) -> float:
+        return number(table.get(name), known["parameters"]) or math.inf
+
+    if "k_torque" not in drive:
+        return limit("force_limit")
+    current = limit("supply_limit") / drive["R"] if drive["R"] else math.inf
+    if drive["k_current"]:
+        current = min(current, limit("preamp_limit") / drive["k_current"])
+    return float(current * drive["k_torque"] / drive["r_trans"])
 
 
 def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
