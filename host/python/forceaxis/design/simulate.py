@@ -357,9 +357,11 @@ def strikes_survived(loss):
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
     """(bank, loss, rows, backoffs): the bank with its gain reduced until every case is stable.
 
-    least: share of its gain below which no step is tried but the first. Raises InputError where
-    none of BACKOFFS steps is enough.
+    least: share of its gain below which no step is tried but the first. Each step is tried with
+    what the firmware does at a loss of contact by default, then with the axis allowed to press on
+    at its approach speed. Raises InputError where none of BACKOFFS steps is enough.
     """
+    on = {"contact_loss_cap": bench.press_speed_code(bench.cases[0].speed_m_per_s)}
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -367,14 +369,17 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
-        rows = simulate(bench, tried, members, latencies, None, threads)
-        if unstable(rows):
+        for first in ({}, on):
+            rows = simulate(bench, tried, members, latencies, first, threads)
+            if not (bad := unstable(rows)):
+                break
+        if bad:
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         objects_ = {n: loss[n] for n in ("contact_loss_cap", "contact_loss_dwell")}
         chosen = simulate(bench, tried, members, latencies, objects_, threads)
         if unstable(chosen):  # of a member that the strikes on the nominal plant say nothing of
-            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]}
+            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]} | first
             loss["strike_N_s"] = loss["strike_default_N_s"]
             chosen = rows
         return tried, loss, chosen, steps
