@@ -18,12 +18,18 @@ MOST = 2.0  # times the declared friction
 
 @dataclass(frozen=True)
 class Range:
-    """A friction of a model: the parameters of its sliding force and stiction (one or two) with
-    their declared values in N, and the most of it, a multiple of them."""
+    """A friction of a model: its two ends, the parameters of its sliding force and stiction (one
+    or two) with their declared values in N, and the most of it, a multiple of them."""
 
     name: str
+    between: tuple[str, str]
     declared_N: tuple[tuple[str, float], ...]
     most: float
+
+    @property
+    def most_N(self) -> float:
+        """The largest force that may be needed to break it loose."""
+        return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
         """{parameter: N} at a multiple of what is declared."""
@@ -41,7 +47,7 @@ def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...
         limit = arriving.get(one.name, one.stiction_N)
         if own and one.stiction_N and limit > one.stiction_N:
             most = min(MOST, (1 + limit / one.stiction_N) / 2)
-            found.append(Range(one.name, tuple(own.items()), most))
+            found.append(Range(one.name, one.between, tuple(own.items()), most))
     return tuple(found)
 
 

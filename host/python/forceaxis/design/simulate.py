@@ -256,13 +256,22 @@ class Bench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s):
-        """The code that moves the free axis at a speed."""
+        """The code that moves the free axis at a speed, against the most of its frictions: less
+        would leave it standing where they stick."""
         body = self.facts["drive"]["body"]
+        ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
+        inputs = ("drive.command", *dict.fromkeys(ends))
         plant = linear.linearise(
-            self.model, outputs=(f"{body}.velocity",), overrides=self.overrides, free=True
+            self.model, inputs, (f"{body}.velocity",), overrides=self.overrides, free=True
         )
-        speed = abs(plant.response(0.01)) * self.facts["volts_per_code"]
-        return min(2048, max(1, round(speed_m_per_s / float(speed)))) if speed else 2048
+        answer = dict(zip(inputs, plant.at([0.02j * math.pi]).ravel(), strict=True))
+        speed = abs(answer["drive.command"]) * self.facts["volts_per_code"]
+        if not speed:
+            return 2048
+        for one in self.frictions:
+            near, far = (answer.get(f"{end}.force", 0.0) for end in one.between)
+            speed_m_per_s += one.most_N * abs(near - far)
+        return min(2048, max(1, round(speed_m_per_s / float(speed))))
 
 
 def run(jobs, threads):
