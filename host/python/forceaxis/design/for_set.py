@@ -48,7 +48,7 @@ def plant_set(bench, order):
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
-        modes = slopes(plant.model, plant.overrides)
+        modes = slopes(plant.model, plant.overrides, plant.states)
     else:
         loop = plant.loop()
         limit = loop.limit().gain
@@ -63,8 +63,9 @@ def visited(bench, bank, modes):
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
     plant = bench.design
-    runs = [mode for job in jobs for mode in sets.modes_visited(*job)]
-    return sets.distinct(plant.model, plant.overrides, "reading", [*modes, *runs]) or ({},)
+    runs = [mode for job in jobs for mode in sets.modes_visited(*job, fixed=plant.states)]
+    every = [plant.states | mode for mode in [*modes, *runs]]
+    return sets.distinct(plant.model, plant.overrides, "reading", every) or (plant.states,)
 
 
 def design(order, out=None, progress=None):
@@ -76,7 +77,7 @@ def design(order, out=None, progress=None):
     say = progress or (lambda text: None)
     if out is not None:
         files.refuse_existing(Path(out))
-    with changes.Design(order.text, order.overrides) as plant:
+    with changes.Design(order.text, order.overrides, states=order.states) as plant:
         if plant.facts["reading"] is None:
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
@@ -129,6 +130,7 @@ def found(plant, plants, order, bits, say):
             structures=plain(answer.structures),
             chosen=answer.chosen,
             limited_by=answer.limited_by,
+            working=plant.working(),
         )
 
     answer = search.search(plants, goal, say)
@@ -146,6 +148,7 @@ def simulated(bench, outcome, instead, say):
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants)
+    outcome.frictions = bench.frictions
 
     def left(one, least):
         bench.wait_for(one.bank)

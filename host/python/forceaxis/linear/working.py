@@ -107,7 +107,9 @@ def _frictions(
     for row in _own_tables(path)[0]:
         given = row["coulomb"], row.get("stiction", row["coulomb"])
         coulomb, stiction = (number(one, parameters) or 0.0 for one in given)
-        first, second = (one if isinstance(one, str) and one in parameters else None for one in given)
+        first, second = (
+            one if isinstance(one, str) and one in parameters else None for one in given
+        )
         near, far = row["between"]
         found.append(Friction(row["name"], (near, far), coulomb, stiction, (first, second)))
     return tuple(found)
@@ -122,7 +124,9 @@ def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, .
     """The frictions that the drive cannot break loose: less than their stiction arrives there."""
     arriving = arriving_N(path, overrides)
     return tuple(
-        one for one in frictions(path, overrides) if arriving.get(one.name, math.inf) < one.stiction_N
+        one
+        for one in frictions(path, overrides)
+        if arriving.get(one.name, math.inf) < one.stiction_N
     )
 
 
