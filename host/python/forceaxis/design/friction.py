@@ -42,8 +42,8 @@ def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):
-        own = dict(zip(one.parameters, (one.coulomb_N, one.stiction_N), strict=True))
-        own.pop(None, None)
+        forces = zip(one.parameters, (one.coulomb_N, one.stiction_N), strict=True)
+        own = {name: value for name, value in forces if name is not None}
         limit = arriving.get(one.name, one.stiction_N)
         if own and one.stiction_N and limit > one.stiction_N:
             most = min(MOST, (1 + limit / one.stiction_N) / 2)

@@ -366,7 +366,7 @@ def modes_visited(
     own = _core.inputs(path, texts)
     known = linear.facts(own["model"])
     values = {n: p["value"] for n, p in own["parameters"].items() if n in known["parameters"]}
-    state = {}
+    state: dict[str, str] = {}
     for _, element, before, _ in events:
         state.setdefault(element, before)
     visited = [dict(state)]
