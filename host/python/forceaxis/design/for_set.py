@@ -148,7 +148,6 @@ def simulated(bench, outcome, instead, say):
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants)
-    outcome.frictions = bench.frictions
 
     def left(one, least):
         bench.wait_for(one.bank)
@@ -181,6 +180,7 @@ def simulated(bench, outcome, instead, say):
             break
     if best is None:
         raise refused
+    best.frictions = bench.frictions
     bench.wait_for(best.bank)
     if best.p_bank.force_gain:
         say("simulating P")

@@ -16,6 +16,7 @@ NAME = "held.toml"
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
 ERROR_MAX_PERCENT = 5.0
+FRICTIONS, SEED = 3, 1988  # members with random friction
 PAYS = 1.5  # below this the summary says what limits
 
 
@@ -77,15 +78,17 @@ def _settled(plant, folder, bits, designed):
     """(bank, text of NAME, approach speed in m/s) of the first choice that settles."""
     scale = abs(plant.facts["encoder"]["scale"])
     fastest = simulate.Bench(plant, bits).cases[0].speed_m_per_s
-    for gain, share in itertools.product(GAINS, SPEEDS):
+    rubs = bool(simulate.Bench(plant, bits).frictions)
+    # With friction the default at a loss of contact, a cap of 0, is the last resort: see losses().
+    for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAINS, SPEEDS):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with changes.Design(_approach(folder, max(1, round(speed * scale)))) as slower:
             bench = simulate.Bench(slower, bits)
             bench.wait_for(designed)
-            cap = bench.press_speed_code(speed)
-            for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
-                plants = [{}, *friction.members(bench.frictions)]
+            plants = [{}, *friction.members(bench.frictions)]
+            plants += friction.drawn(bench.frictions, FRICTIONS, SEED) if rubs else []
+            for loss in _losses(bench, speed, stands):
                 rows = simulate.simulate(bench, bank, plants, (0, 1), loss, os.cpu_count() or 1)
                 if not simulate.unstable(rows) and all(map(_held, rows)):
                     return bank, _text(bench, bank, loss), speed
@@ -93,6 +96,14 @@ def _settled(plant, folder, bits, designed):
         f"no contact settles in simulation, not at {1e3 * speed:.3g} mm/s with "
         f"{gain:g} of the designed gain; a softer sensor or pad would"
     )
+
+
+def _losses(bench, speed, stands):
+    """What is done at a loss of contact, in the order in which it is tried."""
+    own = bench.press_speed_code(speed)
+    slow = [bench.press_speed_code(speed / 4, share) for share in simulate.SHARES]
+    caps = [*slow, own, 2048] if bench.frictions else [None, own, 2048]
+    return [{"contact_loss_cap": cap} if cap else {} for cap in ([None] if stands else caps)]
 
 
 def _held(row):

@@ -32,6 +32,7 @@ LEAST_COUNT = 4  # twice the default contact_force
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
 STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # times the strike of a case
 DWELLS_MS = (300, 100, 600)
+SHARES = (0.5, 1.0)  # of the most friction, that what presses on slides against
 BACKOFF, BACKOFFS = 0.9, 20
 
 
@@ -255,9 +256,9 @@ class Bench:
             self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
-    def press_speed_code(self, speed_m_per_s):
-        """The code that moves the free axis at a speed, against the most of its frictions: less
-        would leave it standing where they stick."""
+    def press_speed_code(self, speed_m_per_s, share=1.0):
+        """The code that moves the free axis at a speed, against a share of the most of its
+        frictions: less leaves it standing where they stick."""
         body = self.facts["drive"]["body"]
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -270,7 +271,7 @@ class Bench:
             return 2048
         for one in self.frictions:
             near, far = (answer.get(f"{end}.force", 0.0) for end in one.between)
-            speed_m_per_s += one.most_N * abs(near - far)
+            speed_m_per_s += share * one.most_N * abs(near - far)
         return min(2048, max(1, round(speed_m_per_s / float(speed))))
 
 
@@ -321,9 +322,10 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
     the firmware's defaults, "strike_hardest_N_s": of the ladder}; 0 where not even the first is
     survived.
     """
-    slow = bench.press_speed_code(bench.cases[0].speed_m_per_s / 4)
+    slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in SHARES)
+    caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
-    choices = [(cap, dwell) for dwell in DWELLS_MS for cap in dict.fromkeys((0, slow, 2048))]
+    choices = [(cap, dwell) for dwell in DWELLS_MS for cap in caps]
     struck = [c for c in bench.cases if c.strike_N_s]
     keys = [
         (choice, case, latency, plant, share)
@@ -343,7 +345,8 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
         ladder = [*stable[i : i + len(STRIKES)], False]
         survived = ladder.index(False)
         borne[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
-    best = max(choices, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
+    able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
+    best = max(able, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
     strike = struck[0].strike_N_s
     return {
         "contact_loss_cap": best[0],
@@ -363,14 +366,22 @@ def strikes_survived(loss):
     return f"strikes of {texts[0]} N s are survived, {texts[1]} with the firmware's defaults"
 
 
+def losses(bench):
+    """What is done at a loss of contact, in the order in which it is tried: the firmware's default,
+    then pressing on at the speed of the approach. With friction the default, a cap of 0, comes
+    last: an axis that just touches stands there, and some friction lets it touch like that."""
+    speed = bench.cases[0].speed_m_per_s
+    on = {"contact_loss_cap": bench.press_speed_code(speed)}
+    slow = [{"contact_loss_cap": bench.press_speed_code(speed / 4, share)} for share in SHARES]
+    return (*slow, on, {}) if bench.frictions else ({}, on)
+
+
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
     """(bank, loss, rows, backoffs): the bank with its gain reduced until every case is stable.
 
-    least: share of its gain below which no step is tried but the first. Each step is tried with
-    what the firmware does at a loss of contact by default, then with the axis allowed to press on
-    at its approach speed. Raises InputError where none of BACKOFFS steps is enough.
+    least: share of its gain below which no step is tried but the first. Each step is tried with all
+    of losses(). Raises InputError where none of BACKOFFS steps is enough.
     """
-    on = {"contact_loss_cap": bench.press_speed_code(bench.cases[0].speed_m_per_s)}
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -378,7 +389,7 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
-        for first in ({}, on):
+        for first in losses(bench):
             rows = simulate(bench, tried, members, latencies, first, threads)
             if not (bad := unstable(rows)):
                 break
