@@ -103,7 +103,7 @@ def outcomes(experiment, members):
         held = run["metrics"]["held_force"]
         yield (
             one, (run["verdict"], run["fault"]), abs(held["error_percent"]),
-            run["metrics"]["peak_force_N"] / held["setpoint_N"], run["metrics"]["contact_losses"],
+            run["metrics"]["peak_force_N"] / held["setpoint_N"], run["metrics"]["contact_losses_run"],
         )  # fmt: skip
 
 
