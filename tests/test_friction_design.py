@@ -100,10 +100,11 @@ def outcomes(experiment, members):
     ]  # fmt: skip
     for one, run in zip(members, _core.run_many(jobs, 2, None, True, None, _core.Experiments()),
                         strict=True):  # fmt: skip
-        held = run["metrics"]["held_force"]
+        metrics = run["metrics"]
+        held = metrics["held_force"]
         yield (
             one, (run["verdict"], run["fault"]), abs(held["error_percent"]),
-            run["metrics"]["peak_force_N"] / held["setpoint_N"], run["metrics"]["contact_losses_run"],
+            metrics["peak_force_N"] / held["setpoint_N"], metrics["contact_losses_run"],
         )  # fmt: skip
 
 
