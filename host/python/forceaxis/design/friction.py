@@ -55,7 +55,7 @@ def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...
 
 
 def declared_none(model: str | Path, overrides: dict | None, count_N: float) -> dict[str, float]:
-    """Overrides for frictions of a model that are declared as 0 N: NONE of a count of the reading."""
+    """Overrides for frictions that a model declares as 0 N: NONE of a count of the reading."""
     return {
         name: NONE * count_N
         for one in working.frictions(model, overrides)
