@@ -54,7 +54,8 @@ def test_a_measurement_says_that_friction_sticks(press):
 
 def test_friction_is_a_range_from_none_to_twice(press):
     """None is a thousandth of it. Or to half-way to what the drive brings, where twice as much
-    would not move. The drive's largest force: 10 V / (0.5 V/A), 0.09 N m/A, 10 mm / (2 pi): 1131 N."""
+    would not move. The drive's largest force: 10 V / (0.5 V/A), 0.09 N m/A, 10 mm /
+    (2 pi): 1131 N."""
     model = press / "model.toml"
     (seals,) = friction.ranges(model)
     assert seals.declared_N == (("coulomb", FRICTION_N),) and seals.most == 2.0

@@ -1,5 +1,6 @@
 """`forceaxis incident`: faults provoked on a simulated axis, each named with what led to it."""
 
+import dataclasses
 import json
 import tomllib
 from pathlib import Path
@@ -75,6 +76,27 @@ def test_a_protection_that_does_not_act_is_no_incident(tmp_path):
     axis = at_end_of(tmp_path, BY_NAME["force too large"].beside, owned=False)
     with pytest.raises(Refused, match="nothing has happened since"):
         incident.fetch(axis)
+
+
+def test_what_the_board_said_of_its_fault_is_told():
+    """PC, LR, CFSR, HFSR and BFAR of a fault of the processor; bits of board_state in words."""
+    axis = moving(speed_max=0)
+    axis.set(following_error_max=1)
+    axis.link.wait(0.05)
+    found = incident.fetch(axis)
+    assert {"reset_cause", "board_state", "core_fault_pc"} <= found.parameters.keys()
+    said = {"core_fault_pc": 0x0800D234, "core_fault_lr": -1, "core_fault_cfsr": 0x8200,
+            "core_fault_hfsr": 0x40000000, "core_fault_bfar": 0x20030000}  # fmt: skip
+    core = dataclasses.replace(
+        found, fault="none", error_code="core_fault", parameters=found.parameters | said
+    )
+    text = "\n".join(story.tell(core))
+    for words in ("core fault", "PC 0x0800d234", "LR 0xffffffff", "CFSR 0x00008200"):
+        assert words in text, text
+    board = dataclasses.replace(
+        found, fault="output_wrong", parameters=found.parameters | {"board_state": 64 + 1}
+    )
+    assert "DAC not at its code" in "\n".join(story.tell(board))
 
 
 def test_speed():

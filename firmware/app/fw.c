@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/app/board.h"
 #include "firmware/app/incident.h"
 #include "firmware/app/law.h"
 #include "firmware/app/layers.h"
@@ -258,14 +259,18 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->on_serial = 0;
   dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
+  board_show_reset(fw);
   store_init(&fw->store, config->memory);
   power_up(fw);
-  incident_init(fw);
+  const uint16_t error = board_reset_error(config);
+  /* A supply that was too low may have spoilt what the memory holds. */
+  incident_init(fw, (error != AXIS_ERROR_CODE_BROWNOUT_RESET) ? error : AXIS_ERROR_CODE_NONE);
   if (config->buses != 0) {
     wake(fw);
     boot(fw);
-    if (config->watchdog_fired != 0) {
-      canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_WATCHDOG_RESET, 0);
+    if (error != AXIS_ERROR_CODE_NONE) {
+      canopen_emergency_detailed(&fw->canopen, error, config->reset_cause,
+                                 fw->device_signals.core_fault_pc);
     }
   }
 }

@@ -30,8 +30,45 @@
  * force, or is not the newest one; its first manufacturer byte is store_state), source_lost (where
  * abort_connection_option selects no fault), and those of FF01h to FF04h. These are sent at once,
  * and then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated, limit_cycle and overruns
- * still count. FF07h, watchdog_reset: at a power-up by the watchdog. */
+ * still count. FF07h watchdog_reset, 6000h core_fault and 5110h brownout_reset: at a power-up by
+ * these, the first manufacturer byte is reset_cause, and the next four core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
+
+/* What has reset the chip, a set. A start by the supply alone is POWER, with or without BROWN_OUT
+ * and PIN; a core fault resets by SOFTWARE. */
+enum {
+  FW_RESET_BROWN_OUT = 2,
+  FW_RESET_PIN = 4,
+  FW_RESET_POWER = 8,
+  FW_RESET_SOFTWARE = 16,
+  FW_RESET_WATCHDOG = 32,
+  FW_RESET_WINDOW = 64,
+  FW_RESET_LOW_POWER = 128
+};
+
+/* What a board kept of a fault of the core over the reset that followed. */
+typedef struct {
+  uint32_t pc;
+  uint32_t lr;
+  uint32_t cfsr;
+  uint32_t hfsr;
+  uint32_t bfar;
+} fw_core_fault_t;
+
+/* board_state: what a board finds of itself, a set. Those from BROWN_OUT_LEVEL to RAM are found at
+ * power-up and stay. */
+enum {
+  FW_BOARD_CLOCK_INTERNAL = 1,
+  FW_BOARD_BROWN_OUT_LEVEL = 2,
+  FW_BOARD_IMAGE = 4,
+  FW_BOARD_RAM = 8,
+  FW_BOARD_SUPPLY = 16,
+  FW_BOARD_REFERENCE = 32,
+  FW_BOARD_DAC = 64,
+  FW_BOARD_ENABLE = 128,
+  FW_BOARD_TICK = 256,
+  FW_BOARD_TICK_UNKNOWN = 512
+};
 
 /* Largest number of ticks between two calls of fw_between(), 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
@@ -50,13 +87,14 @@ typedef struct {
   const store_memory_t *archive; /* NULL: no incident outlives a power cut */
   const char *hardware;          /* hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint32_t modbus_baud;   /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint8_t node_id;        /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
-                             FW_NODE_ID_BY_LSS: stored_node_id, else none until LSS gives one */
-  uint8_t buses;          /* 1: CANopen and Modbus are served */
-  uint8_t watchdog_fired; /* 1: the chip starts after a watchdog reset; reported as an emergency */
-  const char *software;   /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
-  uint16_t bit_rates;     /* set of supported bit rates, see lss.h; 0: all */
+  uint32_t modbus_baud; /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint8_t node_id;      /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
+                           FW_NODE_ID_BY_LSS: stored_node_id, else none until LSS gives one */
+  uint8_t buses;        /* 1: CANopen and Modbus are served */
+  uint8_t reset_cause;  /* FW_RESET_ set; 0: not known */
+  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
+  uint16_t bit_rates;   /* set of supported bit rates, see lss.h; 0: all */
+  const fw_core_fault_t *core_fault; /* of the reset before this start, or NULL: there was none */
 } fw_config_t;
 
 typedef struct {
@@ -93,7 +131,7 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
  *   findings of the test before the first motion (drive/first_motion.h)    1
  *   findings of the force sensor's supervision (drive/sensor.h)            1
- *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks                 1
+ *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks; fw_board()     1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
  *   a frame of another node with this one's id                             1
@@ -147,6 +185,16 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
  * one of `overruns`, and time advances by those missed: tick_count, and the timers of the node, see
  * canopen_missed(). After fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
+
+/* What the port finds of its board, FW_BOARD_ set, and of the tick's length beside a second clock,
+ * 1/1000. Called between fw_prepare() and fw_control(), it disables the axis in that tick with
+ *   board_unfit   BROWN_OUT_LEVEL, IMAGE, RAM: found at power-up
+ *   supply_wrong  SUPPLY, REFERENCE
+ *   clock_wrong   TICK
+ *   output_wrong  DAC, ENABLE
+ * each for as long as it is found; the others are shown alone. board_state keeps what was found
+ * until the axis has no fault. */
+void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
 /* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a
  * firmware on no bus where the object is beyond axis and recorder. */

@@ -21,13 +21,13 @@ static void channels_of(const fw_t *fw, recorder_channel_t channels[RECORDER_CHA
   }
 }
 
-void incident_init(fw_t *fw) {
+void incident_init(fw_t *fw, uint16_t reset_error) {
   fw->boxed = 0;
   if (fw->config.blackbox != NULL) {
     recorder_channel_t channels[RECORDER_CHANNELS];
     channels_of(fw, channels);
     blackbox_init(fw->config.blackbox, fw->config.recorder_buffer, fw->config.recorder_bytes,
-                  channels, fw->config.watchdog_fired != 0);
+                  channels, reset_error);
     archive_init(&fw->archive, fw->config.archive,
                  blackbox_bytes(fw->config.recorder_bytes, channels));
   }

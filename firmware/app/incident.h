@@ -7,8 +7,8 @@
 
 #include "firmware/app/fw.h"
 
-/* At power-up, after the recorder. */
-void incident_init(fw_t *fw);
+/* At power-up, after the recorder; `reset_error`: see blackbox_init(). */
+void incident_init(fw_t *fw, uint16_t reset_error);
 
 /* One tick of black box or recorder: the one that has the buffer. */
 static inline void incident_tick(fw_t *fw, uint8_t fault) {

@@ -42,13 +42,13 @@ static bool is_ring(const blackbox_t *blackbox, uint32_t buffer_bytes,
 }
 
 void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
-                   const recorder_channel_t channels[RECORDER_CHANNELS], bool watchdog_fired) {
+                   const recorder_channel_t channels[RECORDER_CHANNELS], uint16_t reset_error) {
   recorder_signals_t *signals = &blackbox->ring.signals;
   const bool is_ours = is_ring(blackbox, buffer_bytes, channels);
   const uint8_t state = signals->recorder_state;
   const bool is_kept =
       is_ours && (state == AXIS_RECORDER_STATE_RECORDING || state == AXIS_RECORDER_STATE_DONE ||
-                  (state == AXIS_RECORDER_STATE_ARMED && watchdog_fired));
+                  (state == AXIS_RECORDER_STATE_ARMED && reset_error != AXIS_ERROR_CODE_NONE));
   blackbox->error_before = AXIS_ERROR_CODE_NONE;
   blackbox->enabled_tick = 0;
   blackbox->was_enabled = 0;
@@ -64,7 +64,7 @@ void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
   recorder_set_channels(&blackbox->ring, channels, RECORDER_CHANNELS);
   if (state == AXIS_RECORDER_STATE_ARMED) {
     signals->recorder_trigger_index = signals->recorder_count - 1;
-    blackbox->error_code = AXIS_ERROR_CODE_WATCHDOG_RESET;
+    blackbox->error_code = reset_error;
   }
   signals->recorder_state = AXIS_RECORDER_STATE_DONE;
   blackbox->kept = 1;

@@ -42,10 +42,11 @@ typedef struct {
 #define BLACKBOX_MAGIC UINT32_C(0x31424246) /* "FBB1" */
 
 /* At power-up. The buffer is the recorder's and outlives the black box; `channels` are the
- * RECORDER_CHANNELS signals recorded. An incident that is there is kept; so is, where the watchdog
- * has reset the chip, a recording under way, as an incident with the error watchdog_reset. */
+ * RECORDER_CHANNELS signals recorded. An incident that is there is kept; so is, where
+ * `reset_error` (AXIS_ERROR_CODE_) says what reset the chip, a recording under way, as an incident
+ * with that error. */
 void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
-                   const recorder_channel_t channels[RECORDER_CHANNELS], bool watchdog_fired);
+                   const recorder_channel_t channels[RECORDER_CHANNELS], uint16_t reset_error);
 
 /* Starts to record; `trigger` is error_code. Without room for more than BLACKBOX_AFTER samples
  * nothing is recorded. */

@@ -18,6 +18,8 @@ using namespace std::chrono_literals;
 using lcm_bus::kNotAvailable;
 
 constexpr std::size_t kKeptAnswers = 2000;
+// Clients whose commands are remembered by number alone: 2 MiB.
+constexpr std::size_t kMostForgotten = 32768;
 constexpr std::size_t kMostWaiting = 200;
 constexpr int kMostStopping = 20;
 // Items of the kept answers and of the waiting commands: memory stays small whatever is sent.
@@ -38,6 +40,12 @@ std::string hex(unsigned value) {
 bool late(const axis_command_t &command) {
   return command.wall_utime < 0 || command.timeout_us < 0 ||
          lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
+}
+
+// The wall clock's us at which the client gives up; the largest number where that is never.
+std::int64_t end_of(const axis_command_t &command) {
+  const std::int64_t left = INT64_MAX - std::max<std::int64_t>(command.wall_utime, 0);
+  return command.timeout_us > left ? INT64_MAX : command.wall_utime + command.timeout_us;
 }
 
 // Whether the command does nothing but stop the axis: that is refused to nobody, waits for no other
@@ -69,10 +77,16 @@ void GatewayCommands::receive(const axis_command_t &command) {
   } else {
     // What is late stays undone: the client has given up by now, and nothing is to move late.
     if (late(command)) return;
+    if (const auto why = why_not_again(id)) {
+      Answer answer;
+      answer.kind = axis_event_t::EVENT_REFUSED;
+      answer.text = *why;
+      return publish_answer(id, answer);
+    }
     // The client asks again.
     if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   }
-  answers_[id] = {};
+  answers_[id].until_us = end_of(command);
   order_.push_back(id);
   forget_oldest();
   if (stops) {
@@ -87,7 +101,9 @@ void GatewayCommands::receive(const axis_command_t &command) {
 void GatewayCommands::answer(Id id, const Answer &answer) {
   const auto place = answers_.find(id);
   if (place != answers_.end()) {
+    const std::int64_t until_us = place->second.until_us;
     place->second = answer;
+    place->second.until_us = until_us;
     kept_items_ += answer.items.size();
   }
   publish_answer(id, answer);
@@ -106,9 +122,27 @@ void GatewayCommands::forget_oldest() {
     const auto oldest = answers_.find(order_.front());
     if (oldest->second.kind == 0) return;
     kept_items_ -= oldest->second.items.size();
+    Forgotten &client = forgotten_[oldest->first.first];
+    client.command_id = std::max(client.command_id, oldest->first.second);
+    client.until_us = std::max(client.until_us, oldest->second.until_us);
     answers_.erase(oldest);
     order_.pop_front();
   }
+}
+
+std::optional<std::string> GatewayCommands::why_not_again(Id id) {
+  const auto client = forgotten_.find(id.first);
+  if (client != forgotten_.end() && id.second <= client->second.command_id) {
+    return "command " + std::to_string(id.second) +
+           " may have been carried out already: too many others came since; read what it wrote";
+  }
+  if (forgotten_.size() >= kMostForgotten) {
+    const std::int64_t now_us = lcm_bus::wall_us();
+    std::erase_if(forgotten_, [&](const auto &each) { return each.second.until_us < now_us; });
+    if (forgotten_.size() >= kMostForgotten)
+      return "too many clients wait for answers; restart the gateway";
+  }
+  return std::nullopt;
 }
 
 Task<void> GatewayCommands::serve() {

@@ -23,6 +23,13 @@ class GatewayCommands {
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
+    std::int64_t until_us = 0;  // wall clock: the client repeats the command until then
+  };
+  // Of a client whose oldest answers are forgotten: a client counts its commands, so what it sends
+  // with a number up to `command_id` is a repetition.
+  struct Forgotten {
+    std::int64_t command_id = 0;
+    std::int64_t until_us = 0;  // when the last of them is given up
   };
   using Id = std::pair<std::int64_t, std::int64_t>;
   // What an item of a command names.
@@ -49,13 +56,16 @@ class GatewayCommands {
   void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
   void forget_oldest();
+  // Whether the command may have been carried out already, or nothing more can be remembered.
+  std::optional<std::string> why_not_again(Id id);
 
   EventLoop &loop_;
   lcm_bus::AxisChannels &lcm_;
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;  // of answers_, oldest first
+  std::deque<Id> order_;                         // of answers_, oldest first
+  std::map<std::int64_t, Forgotten> forgotten_;  // by the client's run_id
   std::size_t kept_items_ = 0, waiting_items_ = 0;
   int stopping_ = 0;  // stops under way
   bool capturing_ = false;

@@ -163,7 +163,7 @@ class Chip:
         self.places = {}
         self.compiler = run(COMPILER[0], "--version").splitlines()[0]
         buses = struct.pack(
-            "<IIIIIIIIBB10x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1
+            "<IIIIIIIIBB14x", RECORDER, RECORDER_BYTES, BLACKBOX, 0, 0, 0, 0, 0, NODE, 1
         )
         self.uc.mem_write(CONFIG, buses)
         self.call("fw_init", FW, CONFIG)
@@ -302,7 +302,7 @@ class Host:
         self.recorder = ctypes.create_string_buffer(RECORDER_BYTES)
         self.blackbox = ctypes.create_string_buffer(0x200)
         places = [ctypes.addressof(self.recorder), RECORDER_BYTES, ctypes.addressof(self.blackbox)]
-        config = struct.pack("<QI4xQQQQIIBB22x", *places, 0, 0, 0, 0, 0, NODE, 1)
+        config = struct.pack("<QI4xQQQQIIBB30x", *places, 0, 0, 0, 0, 0, NODE, 1)
         self.config = ctypes.create_string_buffer(config)
         self.lib.fw_init(self.fw, self.config)
         self.outputs = ctypes.create_string_buffer(4)

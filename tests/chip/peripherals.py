@@ -7,6 +7,7 @@ locks after a number of reads, a CAN bus moves when Can.bits() is called, the co
 Board.advance() is.
 """
 
+import math
 from collections import defaultdict
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ READS_UNTIL_READY = 3
 NEVER = 1 << 60
 
 GPIOA, GPIOB, GPIOC = 0x40020000, 0x40020400, 0x40020800
+CRC_UNIT, RTC, PWR, DBGMCU, MPU = 0x40023000, 0x40002800, 0x40007000, 0xE0042000, 0xE000ED90
 RCC, FLASH = 0x40023800, 0x40023C00
 TIM2, TIM5, ADC, DAC = 0x40000000, 0x40000C00, 0x40012000, 0x40007400
 SYSCFG, EXTI = 0x40013800, 0x40013C00
@@ -48,29 +50,60 @@ class Peripheral:
 
 
 class Rcc(Peripheral):
-    """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready."""
+    """7.3: PLLRDY follows PLLON after a while, SWS follows SW once that clock is ready, HSERDY
+    follows HSEON where there is a clock at the pin and HSEBYP says that it is one."""
 
     reset: ClassVar = {0x00: 0x83, 0x04: 0x24003010, 0x30: 0}
     lock_reads = READS_UNTIL_READY
     reads = 0
     switches = True
+    hse_hz: float | None = 8e6  # at the pin OSC_IN: the ST-Link's output on a Nucleo
+    hsi_hz = HSI_HZ
+    nmi = False  # requested by the clock security system
+
+    def source(self):
+        """Input of the PLL in Hz."""
+        return (self.hse_hz or 0.0) if bits(self[0x04], 22) else self.hsi_hz
+
+    def has_hse(self):
+        return self.hse_hz is not None and bits(self[0x00], 16) and bits(self[0x00], 18)
 
     def read(self, offset):
-        if offset == 0x00 and bits(self[0x00], 24):
-            self.reads += 1
-            if self.reads >= self.lock_reads:
-                self.registers[0x00] |= 1 << 25
+        if offset == 0x00:
+            ready = (bits(self[0x00], 0) and 2) | (1 << 17 if self.has_hse() else 0)
+            if bits(self[0x00], 24):
+                self.reads += 1
+                if self.reads >= self.lock_reads and (ready >> 17 or not bits(self[0x04], 22)):
+                    ready |= 1 << 25
+            self.registers[0x00] = self[0x00] & ~(1 << 25 | 1 << 17 | 2) | ready
         if offset == 0x08 and self.switches:
             wanted = bits(self[0x08], 0, 2)
             if wanted == 0 or (wanted == 2 and bits(self[0x00], 25)):
                 self.registers[0x08] = self[0x08] & ~0xC | wanted << 2
+        if offset == 0x74:
+            return self[0x74] & ~2 | bits(self[0x74], 0) << 1
         return self[offset]
 
     def write(self, offset, value):
         if offset == 0x00:
+            if (value ^ self[0x00]) >> 18 & 1 and bits(self[0x00], 16):
+                self.board.mistakes.append("HSEBYP written while the HSE is on")
+            if bits(self[0x08], 2, 2) == 2 and not bits(value, 24):
+                self.board.mistakes.append("the PLL switched off while it is the core's clock")
+            if not bits(value, 24):
+                self.reads = min(self.reads, 0) if self.lock_reads != NEVER else self.reads
             value = value & ~(1 << 25) | (self[0x00] & 1 << 25 if bits(value, 24) else 0)
+        if offset == 0x70:
+            if not bits(self.board.pwr[0x00], 8):
+                self.board.mistakes.append("the backup domain written without DBP")
+                return
+            if bits(value, 16):
+                value = 1 << 16
+                self.board.rtc.registers.clear()
+            elif bits(self[0x70], 8, 2) and bits(value ^ self[0x70], 8, 2):
+                self.board.mistakes.append("RTCSEL written twice")
         if offset == 0x74:  # RMVF clears the causes of the reset
-            value = 0 if bits(value, 24) else self[0x74]
+            value = value & 1 if bits(value, 24) else self[0x74] & 0xFE000000 | value & 1
         if offset == 0x04 and bits(self[0x00], 24):
             self.board.mistakes.append("PLLCFGR written while the PLL is on")
         if offset == 0x08:
@@ -78,21 +111,34 @@ class Rcc(Peripheral):
             if bits(value, 0, 2) == 2:
                 if not bits(self[0x00], 25):
                     self.board.mistakes.append("switched to a PLL that is not ready")
+                if not self.board.pwr.is_ready():
+                    self.board.mistakes.append("switched to a PLL before VOSRDY")
                 if self.board.flash[0x00] & 7 < 5:
                     self.board.mistakes.append("168 MHz with too few wait states")
         self.registers[offset] = value
 
+    def hse_stops(self):
+        """7.2.7: with CSSON, where the HSE is the core's clock by way of the PLL, the core goes on
+        with the HSI, HSE and PLL are off, and an NMI is requested."""
+        self.hse_hz = None
+        if bits(self[0x00], 19) and bits(self[0x04], 22):
+            self.registers[0x00] = self[0x00] & ~(1 << 16 | 1 << 17 | 1 << 24 | 1 << 25) | 3
+            self.registers[0x08] = self[0x08] & ~0xF
+            self.nmi = True
+
     def core_hz(self):
         self.read(0x08)
         if bits(self[0x08], 2, 2) == 0:
-            return HSI_HZ
-        assert bits(self[0x04], 22) == 0, "the PLL's source is not the HSI"
+            return self.hsi_hz
         m, n = bits(self[0x04], 0, 6), bits(self[0x04], 6, 9)
-        vco_in = HSI_HZ / m
-        assert 0.95e6 <= vco_in <= 2.1e6 and 100e6 <= vco_in * n <= 432e6
-        pll = vco_in * n / (2 * bits(self[0x04], 16, 2) + 2)
+        pll = self.source() / m * n / (2 * bits(self[0x04], 16, 2) + 2)
         prescaler = bits(self[0x08], 4, 4)
         return pll / (1 if prescaler < 8 else 2 ** (prescaler - 7))
+
+    def is_within_bounds(self):
+        m, n = bits(self[0x04], 0, 6), bits(self[0x04], 6, 9)
+        vco_in = self.source() / m
+        return 0.95e6 <= vco_in <= 2.1e6 and 100e6 <= vco_in * n <= 432e6
 
     def bus_hz(self, at):
         prescaler = bits(self[0x08], at, 3)
@@ -108,13 +154,114 @@ class Rcc(Peripheral):
         return bool(bits(self[offset], bit))
 
 
+class Pwr(Peripheral):
+    """5.4: VOSRDY some time after the PLL is on; PVDO while the supply is below what PLS says."""
+
+    LEVELS_V = (2.0, 2.1, 2.3, 2.5, 2.6, 2.7, 2.8, 2.9)
+    reset: ClassVar = {0x00: 0xC000}
+    reads = 0
+
+    def is_ready(self):
+        return bool(bits(self.board.rcc[0x00], 24)) and self.reads >= READS_UNTIL_READY
+
+    def is_low(self):
+        level = self.LEVELS_V[bits(self[0x00], 5, 3)]
+        return bool(bits(self[0x00], 4)) and self.board.supply_v < level
+
+    def read(self, offset):
+        if offset == 0x04:
+            self.reads += bool(bits(self.board.rcc[0x00], 24))
+            return (1 << 14 if self.is_ready() else 0) | (4 if self.is_low() else 0)
+        return self[offset]
+
+
+class Rtc(Peripheral):
+    """22: counts RTCCLK / (PREDIV_A + 1) down from PREDIV_S in SSR; its registers open by two keys,
+    the prescalers in initialisation; SSR is read past its shadow with BYPSHAD alone."""
+
+    reset: ClassVar = {0x0C: 0x07, 0x10: 0x007F00FF}
+    lsi_hz = 32e3
+    open = False
+    keys: ClassVar[list[int]] = []
+
+    def write(self, offset, value):
+        if offset == 0x24:
+            self.keys = [*self.keys, value][-2:]
+            self.open = self.keys == [0xCA, 0x53]
+            return
+        if not self.open:
+            self.board.mistakes.append("RTC written without its keys")
+            return
+        if offset == 0x10 and not bits(self[0x0C], 6):
+            self.board.mistakes.append("RTC_PRER written outside initialisation")
+            return
+        if offset == 0x0C:
+            value = value & ~0x40 | (0x40 if value & 0x80 else 0)
+        self.registers[offset] = value
+
+    def read(self, offset):
+        if offset != 0x28:
+            return self[offset]
+        self.board.advance(6)
+        rcc = self.board.rcc
+        if not bits(rcc[0x70], 15) or bits(rcc[0x70], 8, 2) != 2 or not bits(rcc[0x74], 0):
+            return 0
+        if not bits(self[0x08], 5) or bits(self[0x0C], 6):
+            return 0
+        divider = bits(self[0x10], 16, 7) + 1
+        count = int(self.board.lsi_counts / divider)
+        return bits(self[0x10], 0, 15) - count % (bits(self[0x10], 0, 15) + 1)
+
+
+class CrcUnit(Peripheral):
+    """4: CRC-32 of words, each from its highest bit on, from all ones."""
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.words = []
+
+    def write(self, offset, value):
+        if offset == 0x08 and value & 1:
+            self.words = []
+        elif offset == 0x00:
+            self.words.append(value)
+
+    def read(self, offset):
+        if offset != 0x00:
+            return self[offset]
+        crc = 0xFFFFFFFF
+        for word in self.words:
+            crc ^= word
+            for _ in range(4):
+                crc = (crc << 8 ^ CRC_TABLE[crc >> 24]) & 0xFFFFFFFF
+        return crc
+
+
+def crc_step(byte):
+    crc = byte << 24
+    for _ in range(8):
+        crc = (crc << 1 ^ (0x04C11DB7 if crc >> 31 else 0)) & 0xFFFFFFFF
+    return crc
+
+
+CRC_TABLE = [crc_step(byte) for byte in range(256)]
+
+
+class Stalled(Exception):
+    """The core waits on the bus for ever: nothing executes until the watchdog resets the chip."""
+
+
 class Flash(Peripheral):
     """3.8, and the two sectors that the firmware may write, 16 KiB each from 0x08004000."""
 
     BASE, SECTOR = 0x08004000, 0x4000
     POLL_CYCLES = 20_000  # of an erase that takes its time
-    reset: ClassVar = {0x10: 0x80000000}
+    reset: ClassVar = {
+        0x10: 0x80000000,
+        0x14: 0x0FFFAAE1,
+    }  # BOR_LEV 0: as `forceaxis flash` sets it
     busy_reads = READS_UNTIL_READY
+    prepared = None  # CR as it stood when STRT was written
 
     def __init__(self, board):
         super().__init__(board)
@@ -128,6 +275,7 @@ class Flash(Peripheral):
         self.words = 0
         self.erased = []
         self.cut_after = None  # words or erases until the power fails
+        self.polled_idle = False  # BSY was read as 0 since the last operation
 
     def error(self, bit):
         self.registers[0x0C] = self[0x0C] | 1 << bit
@@ -138,8 +286,9 @@ class Flash(Peripheral):
                 self.board.advance(self.POLL_CYCLES)
                 return self[0x0C] | 1 << 16
             if self.busy > 0:
-                self.busy -= 1
+                self.busy -= self.busy < NEVER
                 return self[0x0C] | 1 << 16
+            self.polled_idle = True
             return self[0x0C]
         return self[offset]
 
@@ -151,11 +300,21 @@ class Flash(Peripheral):
         elif offset == 0x0C:
             self.registers[0x0C] = self[0x0C] & ~value
         elif offset == 0x10:
+            # 3.8.5: a write of CR while BSY is set stalls the bus until it is not.
+            if self.busy >= NEVER:
+                raise Stalled("FLASH_CR written while the flash is busy for ever")
+            if self.busy > 0 or self.board.cycles < self.erased_at:
+                self.board.mistakes.append("FLASH_CR written while the flash is busy")
             if bits(self[0x10], 31):
                 self.board.mistakes.append("FLASH_CR written while locked")
                 return
+            # 3.6.3: BSY is looked at, then SER and SNB are set, then STRT.
+            if bits(value, 16) and self[0x10] & 0x37E != value & 0x37E:
+                self.board.mistakes.append("erase started together with its sector")
             self.registers[0x10] = value & ~(1 << 16)
             if bits(value, 16):
+                if self.polled_idle is False:
+                    self.board.mistakes.append("erase started without a look at BSY")
                 self.erase(bits(value, 1), bits(value, 2), bits(value, 3, 4))
         elif offset == 0x00 and bits(value, 12) and bits(value, 10):
             self.board.mistakes.append("data cache reset while it is on")
@@ -164,7 +323,7 @@ class Flash(Peripheral):
 
     def erase(self, sector_erase, mass_erase, number):
         assert sector_erase and not mass_erase and number in (1, 2), "erased what is not the store"
-        self.busy = self.busy_reads
+        self.busy, self.polled_idle = self.busy_reads, False
         self.erased_at = self.board.cycles + round(self.erase_s * self.board.rcc.core_hz())
         if number in self.protected:
             self.error(4)
@@ -183,7 +342,7 @@ class Flash(Peripheral):
         if size != 1 << bits(control, 8, 2):
             self.error(6)  # PGPERR
             return
-        self.busy = self.busy_reads
+        self.busy, self.polled_idle = self.busy_reads, False
         if 1 + at // self.SECTOR in self.protected:
             self.error(4)  # WRPERR
         elif self.fail is not None:
@@ -202,6 +361,7 @@ class Gpio(Peripheral):
         self.name = name
         self.registers[0x00] = moder
         self.wires = {}  # pin: level driven from outside
+        self.shorts = {}  # pin: level that something stronger than the pin holds
 
     def mode(self, pin):
         return bits(self[0x00], 2 * pin, 2)
@@ -210,6 +370,8 @@ class Gpio(Peripheral):
         return bits(self[0x20 if pin < 8 else 0x24], 4 * (pin % 8), 4)
 
     def level(self, pin):
+        if pin in self.shorts:
+            return self.shorts[pin]
         if self.mode(pin) == 1:
             return bits(self[0x14], pin)
         if pin in self.wires:
@@ -238,7 +400,15 @@ class Syscfg(Peripheral):
 
 
 class Exti(Peripheral):
-    """10.3: a selected edge sets the bit of a line that is not masked; writing 1 clears it."""
+    """10.3: a selected edge sets the bit of a line that is not masked; writing 1 clears it. Line 16
+    is the supply's detector."""
+
+    def supply_edge(self, rising):
+        if bits(self[0x08 if rising else 0x0C], 16) and bits(self[0x00], 16):
+            self.registers[0x14] = self[0x14] | 1 << 16
+
+    def interrupt(self, line):
+        return bool(bits(self[0x14], line))
 
     def edge(self, pin, rising):
         selected = bits(self[0x08 if rising else 0x0C], pin)
@@ -276,6 +446,7 @@ class Tim2(Peripheral):
     def read(self, offset):
         if offset != 0x24 or self.started is None:
             return self[offset]
+        self.board.advance(4)
         rcc = self.board.rcc
         clock = rcc.apb1_hz() * (1 if rcc.apb1_hz() == rcc.core_hz() else 2)
         count = (self.board.cycles - self.started) * clock / rcc.core_hz()
@@ -287,7 +458,10 @@ class Adc(Peripheral):
     registers common to all converters lie at 0x300."""
 
     SAMPLE_CYCLES = (3, 15, 28, 56, 84, 112, 144, 480)
+    REFERENCE_V = 1.21
+    READ_CYCLES = 6  # of the core, over a bus half as fast
     ready_reads = READS_UNTIL_READY
+    single = None  # regular conversion under way, of that channel
 
     def __init__(self, board):
         super().__init__(board)
@@ -306,14 +480,45 @@ class Adc(Peripheral):
     def duration_s(self):
         divider = 2 * bits(self[0x304], 16, 2) + 2
         clock = self.board.rcc.apb2_hz() / divider
-        assert clock <= 36e6
+        assert clock <= 36e6 or not self.board.rcc.is_within_bounds()
         width = 12 - 2 * bits(self[0x04], 24, 2)
         cycles = sum(
             self.SAMPLE_CYCLES[bits(self[0x10], 3 * channel, 3)] + width for channel in self.group()
         )
         return cycles / clock
 
+    def sample_s(self, channel):
+        register, place = (0x0C, channel - 10) if channel > 9 else (0x10, channel)
+        cycles = self.SAMPLE_CYCLES[bits(self[register], 3 * place, 3)]
+        return cycles * (2 * bits(self[0x304], 16, 2) + 2) / self.board.rcc.apb2_hz()
+
+    def source_max_ohm(self, channel):
+        """Of what may drive that channel, for a quarter of a code: data sheet, (k - 0.5) / (f C
+        ln(2^14)) - R_ADC, with at most 7 pF and 6 kOhm."""
+        half = 0.5 * (2 * bits(self[0x304], 16, 2) + 2) / self.board.rcc.apb2_hz()
+        return (self.sample_s(channel) - half) / (7e-12 * math.log(2**14)) - 6e3
+
+    def of_channel(self, channel):
+        if channel == 17:
+            volts = (
+                self.REFERENCE_V if bits(self[0x304], 23) and self.sample_s(17) >= 10e-6 else 0.0
+            )
+            return volts / self.board.supply_v
+        if channel == 4 and self.board.gpioa.mode(4) == 3:
+            return self.board.dac.pin_v() / SUPPLY_V
+        return (
+            self.volts.get(channel, 0.0) / SUPPLY_V if self.board.gpioa.mode(channel) == 3 else 0.0
+        )
+
     def read(self, offset):
+        if offset in (0x00, 0x04):
+            self.board.advance(self.READ_CYCLES)
+        if offset == 0x4C:
+            self.registers[0x00] = self[0x00] & ~2  # EOC goes with the result
+        if offset == 0x00 and self.single is not None and self.board.cycles >= self.single_at:
+            share, self.single = self.of_channel(self.single), None
+            self.registers[0x4C] = min(max(int(share * 4096), 0), 4095)
+            self.registers[0x00] = self[0x00] | 2
         if offset == 0x00 and self.waiting is not None:
             self.reads += 1
             self.waiting -= 1
@@ -332,6 +537,12 @@ class Adc(Peripheral):
                 self.conversions += 1
             else:
                 self.board.mistakes.append("conversion started while the ADC was off")
+        if offset == 0x08 and bits(value, 30):
+            value &= ~(1 << 30)
+            assert bits(self[0x2C], 20, 4) == 0, "a group of one"
+            self.single = bits(self[0x34], 0, 5)
+            took = self.sample_s(self.single) + 12 / 21e6 + self.duration_s()
+            self.single_at = self.board.cycles + took * self.board.rcc.core_hz()
         self.registers[offset] = value
 
     def finish(self):
@@ -348,6 +559,8 @@ class Adc(Peripheral):
 class Dac(Peripheral):
     """14: without a trigger DHR goes to DOR; a channel that is off leaves its pin alone."""
 
+    stuck_v = None  # the pin, held by something stronger
+
     def write(self, offset, value):
         self.registers[offset] = value
         if offset == 0x08:
@@ -358,6 +571,8 @@ class Dac(Peripheral):
 
     def pin_v(self):
         """The bias of the board makes half the supply of a pin that nothing drives."""
+        if self.stuck_v is not None:
+            return self.stuck_v
         if bits(self[0x00], 0) and self.board.gpioa.mode(4) == 3:
             volts = SUPPLY_V * self[0x2C] / 4096
             # With its output buffer the converter reaches no closer to the rails than 0.2 V.
@@ -379,16 +594,21 @@ class Can(Peripheral):
         0x1C: 0x01230000,
         0x200: 0x2A1C0E01,
     }
-    OFF_BITS = 128 * 11
+    SEQUENCES = 128  # of 11 recessive bits, until a controller that was bus off is back
+    FRAME_BITS = 135  # longest standard frame with its pause: the time between two sequences
 
     def __init__(self, board):
         super().__init__(board)
         self.fifo = []
         self.requests = []  # mailboxes in order of their request
         self.sent = []
-        self.join_bits = None  # until the bus is joined
+        self.recovering = False  # asked by software to leave bus off
+        self.sequences = 0  # seen while recovering
+        self.rest_bits = 0.0
         self.dominant = False  # the bus is stuck
+        self.busy = False  # others send without a gap
         self.answers_init = True
+        self.aborted = 0  # frames
 
     # The controller's own state.
 
@@ -401,12 +621,12 @@ class Can(Peripheral):
             if not value & 2:
                 self.registers[0x04] &= ~2  # SLAK
             if value & 1 and self.answers_init:
+                # Nothing is monitored in initialisation: what was counted is lost.
                 self.registers[0x04] |= 1
-                self.join_bits = None
-            elif not value & 1 and self.initialising():
-                self.join_bits = self.OFF_BITS if self[0x18] & 4 else 11
+                self.recovering, self.sequences = bool(self[0x18] & 4), 0
         elif offset == 0x08:
             for box in range(3):
+                self.aborted += bool(value >> (8 * box + 7) & 1 and box in self.requests)
                 if value >> (8 * box + 7) & 1 and box in self.requests:
                     self.requests.remove(box)
                     self.empty(box)
@@ -461,13 +681,31 @@ class Can(Peripheral):
         pins = all(port.mode(p) == 2 and port.function(p) == 9 for p in (8, 9))
         return pins and not self.initialising() and not self[0x04] & 2
 
+    def tick(self):
+        """What the bus carries in a tick."""
+        self.bits(self.bit_rate() / 1500)
+
     def bits(self, count):
-        """So many recessive bits, or dominant ones on a bus that is stuck."""
-        if self.join_bits is not None and not self.dominant:
-            self.join_bits -= count
-            if self.join_bits <= 0:
-                self.join_bits = None
+        """So many bits of a bus that is idle, busy or stuck."""
+        if self.dominant:
+            return
+        length = self.FRAME_BITS if self.busy else 11
+        self.rest_bits += count
+        while self.rest_bits >= length:
+            self.rest_bits -= length
+            self.sequence()
+
+    def sequence(self):
+        """11 recessive bits. 30.4.1, 30.7.8 (INAK): initialisation is left with the first of them
+        after INRQ is cleared. 30.7.6: out of bus off after 128, counted in normal mode alone, and
+        without ABOM only where software went into initialisation and out of it."""
+        if self.initialising():
+            if not self[0x00] & 1:
                 self.registers[0x04] &= ~1
+        elif self[0x18] & 4 and self.recovering:
+            self.sequences += 1
+            if self.sequences >= self.SEQUENCES:
+                self.recovering = False
                 self.registers[0x18] = 0
 
     def accepts(self, extended):
@@ -506,6 +744,7 @@ class Can(Peripheral):
 
     def errors(self, passive=False, off=False):
         self.registers[0x18] = (2 if passive else 0) | (7 if off else 0)
+        self.recovering, self.sequences = False, 0
 
     def interrupt(self):
         return bool(self[0x14] & 2 and self.fifo)
@@ -563,19 +802,31 @@ class Iwdg(Peripheral):
         self.started = False
         self.feeds = 0
         self.open = False
+        self.updating = 0  # reads until the registers have what was written
+        self.force = 0xFFF, 0  # what it counts from and by: loaded by a feeding
+
+    def read(self, offset):
+        if offset == 0x0C and self.updating > 0:
+            self.updating -= 1
+            return 3  # PVU, RVU
+        return self[offset]
 
     def write(self, offset, value):
         if offset == 0x00:
             self.open = value == 0x5555
             self.started |= value == 0xCCCC
             self.feeds += value == 0xAAAA
+            if value == 0xAAAA and not self.updating:
+                self.force = self[0x08], self[0x04]
         elif self.open:
             self.registers[offset] = value
+            self.updating = 50
         else:
             self.board.mistakes.append("watchdog written without its key")
 
     def timeout_s(self, lsi_hz):
-        return (self[0x08] + 1) * (4 << self[0x04]) / lsi_hz
+        reload, prescaler = self.force
+        return (reload + 1) * (4 << prescaler) / lsi_hz
 
 
 class Systick(Peripheral):
@@ -632,12 +883,45 @@ class Scb(Peripheral):
         self.registers[offset] = value
 
 
+class Mpu(Peripheral):
+    """ARMv7-M B3.5: the region with the highest number that holds an address decides."""
+
+    size = 0x14
+
+    def __init__(self, board):
+        super().__init__(board)
+        self.regions = {}
+
+    def write(self, offset, value):
+        self.registers[offset] = value
+        if offset == 0x10:
+            self.regions[self[0x08]] = self[0x0C], value
+
+    def rights(self, address):
+        """(may be read, may be written, may be executed) by privileged code."""
+        if not self[0x04] & 1:
+            return True, True, True
+        for number in sorted(self.regions, reverse=True):
+            base, attributes = self.regions[number]
+            size = 2 << bits(attributes, 1, 5)
+            inside = base <= address < base + size
+            eighth = 8 * (address - base) // size
+            if attributes & 1 and inside and not (size >= 256 and bits(attributes, 8 + eighth)):
+                assert base % size == 0, "a region lies at a multiple of its size"
+                access = bits(attributes, 24, 3)
+                may_read = access != 0
+                return may_read, access in (1, 2, 3), may_read and not bits(attributes, 28)
+        return (True, True, True) if self[0x04] & 4 else (False, False, False)
+
+
 class Board:
     """All peripherals on their buses. One without its clock ignores writes and reads as 0."""
 
     def __init__(self):
         self.mistakes = []
         self.cycles = 0  # of the core
+        self.supply_v = SUPPLY_V
+        self.lsi_counts = 0.0
         self.trail = []  # (amplifier, brake, volts) whenever one of them changes
         self.rcc, self.flash = Rcc(self), Flash(self)
         self.gpioa = Gpio(self, "A", 0xA8000000)
@@ -648,6 +932,8 @@ class Board:
         self.adc, self.dac = Adc(self), Dac(self)
         self.can, self.usart, self.iwdg = Can(self), Usart(self), Iwdg(self)
         self.systick, self.nvic, self.scb = Systick(self), Nvic(self), Scb(self)
+        self.pwr, self.rtc, self.crc = Pwr(self), Rtc(self), CrcUnit(self)
+        self.dbgmcu, self.mpu = Peripheral(self), Mpu(self)
         self.places = [
             (GPIOA, self.gpioa, (0x30, 0)),
             (GPIOB, self.gpiob, (0x30, 1)),
@@ -665,18 +951,35 @@ class Board:
             (IWDG, self.iwdg, None),
             (SYSTICK, self.systick, None),
             (NVIC, self.nvic, None),
+            (MPU, self.mpu, None),
+            (CRC_UNIT, self.crc, (0x30, 12)),
+            (RTC, self.rtc, None),
+            (PWR, self.pwr, (0x40, 28)),
+            (DBGMCU, self.dbgmcu, None),
             (SCB, self.scb, None),
         ]
         self.look()
 
     def advance(self, cycles):
         self.cycles += cycles
+        self.lsi_counts += cycles / self.rcc.core_hz() * self.rtc.lsi_hz
         self.systick.reached(self.cycles)
 
-    def pulse(self, pin):
-        """A pulse on an input of port C that no tick sees."""
-        for rising in (True, False):
-            self.exti.edge(pin, rising)
+    def pulse(self, pin, during=lambda: None):
+        """A pulse on an input of port C that no tick sees; what happens while it stands."""
+        before = self.gpioc.wires.get(pin)
+        self.gpioc.wires[pin] = 1
+        self.exti.edge(pin, True)
+        during()
+        self.gpioc.wires[pin] = before or 0
+        self.exti.edge(pin, False)
+
+    def supply(self, volts):
+        """A supply that changes; the detector tells its edges."""
+        before = self.pwr.is_low()
+        self.supply_v = volts
+        if self.pwr.is_low() != before:
+            self.exti.supply_edge(not before)
 
     def look(self):
         """The levels at the terminals: an output that is not driven is pulled down."""

@@ -4,6 +4,8 @@ docs/chip/instructions.md lists them.
 The table and the fuzz behind it are those of tools/tick_profile, which also writes the table.
 """
 
+import re
+
 import pytest
 from cortex_m4 import (
     LOCAL,
@@ -15,7 +17,14 @@ from cortex_m4 import (
 )
 from forceaxis.objects import BY_NAME
 from tick_fuzz import Fuzz
-from tick_profile import CAN_MAILBOXES, LIMITS, Port, Profile
+from tick_profile import (
+    CAN_MAILBOXES,
+    CYCLES_PER_INSTRUCTION,
+    LIMITS,
+    TICK_CYCLES,
+    Port,
+    Profile,
+)
 
 AXIS = 250  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 470  # the same with a bank of the force law
@@ -45,6 +54,21 @@ def test_the_interrupt_fits_into_its_budget(profile):
 def test_the_table_is_what_the_tool_writes(profile):
     path = ROOT / "docs/chip/instructions.md"
     assert path.read_text() == profile.table(), "stale: run tools/tick_profile"
+
+
+def test_the_design_has_no_figures_of_its_own():
+    """They would differ from the page that is compared."""
+    text = (ROOT / "DESIGN.md").read_text()
+    assert not re.search(r"\d{3,} (of|instructions of) \d{3,}", " ".join(text.split()))
+    assert "docs/chip/instructions.md" in text
+
+
+def test_the_limits_are_a_tenth_above_what_is_measured_or_less():
+    """And in cycles the interrupt leaves nine tenths of a tick."""
+    page = (ROOT / "docs/chip/instructions.md").read_text()
+    measured, limit = map(int, re.search(r"together \| (\d+) \| (\d+) \|", page).groups())
+    assert measured <= limit <= min(1.1 * measured, 2600)
+    assert limit * CYCLES_PER_INSTRUCTION < 0.1 * TICK_CYCLES
 
 
 class Pair:

@@ -17,7 +17,7 @@ NAMES = BOARD.registers
 
 
 def svd_of_header():
-    peripherals, fields, irqs = CHECK.read_header((BOARD.folder / NAMES.header).read_text())
+    peripherals, fields, irqs = CHECK.read_header(CHECK.header_text(BOARD))
     lines = ["<device><peripherals>"]
     for name, (base, registers) in peripherals.items():
         if name in NAMES.core:
@@ -66,6 +66,7 @@ CHANGES = {
         "RCC_PLLCFGR_PLLN_168: bits",
     ),
     "name": ("<name>JSWSTART<", "<name>SWSTART<", "ADC_CR2_JSWSTART: bits"),
+    "lacking": ("<name>RDERR<", "<name>OTHER<", "FLASH_SR_RDERR: bits"),
     "interrupt": ("<value>38<", "<value>39<", "IRQ_USART2: 38, in the SVD 39"),
     "peripheral": ("<name>IWDG<", "<name>WWDG<", "IWDG: the SVD has no such peripheral"),
 }

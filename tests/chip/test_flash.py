@@ -3,9 +3,10 @@
 import pytest
 from chip import Chip, release
 from forceaxis import objects
+from peripherals import NEVER, Stalled
 
 SAVE = 0x65766173  # "save"
-PGSERR, PGPERR, PGAERR, WRPERR, OPERR = 7, 6, 5, 4, 1
+RDERR, PGSERR, PGPERR, PGAERR, WRPERR, OPERR = 8, 7, 6, 5, 4, 1
 STATES = objects.BY_NAME["store_state"].enum
 
 
@@ -54,7 +55,7 @@ def test_the_second_sector_is_used_when_the_first_is_full(chip):
     assert restarted(chip).read("force_gain") == gain
 
 
-@pytest.mark.parametrize("bit", [PGSERR, PGPERR, PGAERR, WRPERR, OPERR])
+@pytest.mark.parametrize("bit", [RDERR, PGSERR, PGPERR, PGAERR, WRPERR, OPERR])
 def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert save(chip, 500) == "saved"
     chip.board.flash.fail = bit
@@ -66,6 +67,7 @@ def test_a_write_error_is_reported_and_the_old_set_stays(chip, bit):
     assert restarted(chip).read("force_gain") == 500
     # The error is no longer in the way.
     assert save(chip, 700) == "saved"
+    assert not chip.board.flash[0x0C] >> bit & 1, "its flag is still there"
     assert restarted(chip).read("force_gain") == 700
 
 
@@ -75,11 +77,26 @@ def test_protected_sectors_are_a_failure(chip):
     assert bytes(chip.board.flash.bytes) == b"\xff" * 32768
 
 
-def test_a_flash_that_is_busy_for_ever_is_a_failure_that_ends():
+def test_a_flash_that_is_busy_for_ever_ends_by_the_watchdog():
+    """RM0390 3.5, 3.8.5: fetches from a busy flash and writes of its CR stall the bus. An erase is
+    fed for no longer than its polls, 2 s; then the core stands, with the outputs off."""
     chip = release(Chip(ram_counts=False))  # the wait is in the RAM, 140 million instructions
-    chip.board.flash.busy_reads = 1 << 60
-    assert save(chip, 600) == "failed"
+    chip.board.flash.busy_reads = NEVER
+    before = chip.board.iwdg.feeds
+    with pytest.raises(Stalled):
+        save(chip, 600)
     assert chip.terminals() == (0, 0, 0.0)
+    assert 100_000 < chip.board.iwdg.feeds - before < 1_000_000
+    assert chip.board.iwdg.timeout_s(17e3) < 40e-3
+    assert chip.board.mistakes == []
+
+
+def test_an_erase_and_a_write_follow_the_order_of_the_manual(chip):
+    """RM0390 3.6.3: BSY, then SER with SNB, then STRT by itself; 3.6.4: BSY, PG, the word, BSY. The
+    model notes what is not."""
+    assert save(chip, 700) == "saved" and chip.board.flash.words > 0
+    assert chip.board.flash.erased == [1]
+    assert chip.board.mistakes == []
 
 
 def test_an_erase_runs_from_ram_without_interrupts_and_the_watchdog_lives(chip):

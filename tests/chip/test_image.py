@@ -1,6 +1,7 @@
 """tools/image, the blank port, and both images in an emulator of the STM32F405."""
 
 import re
+import struct
 import subprocess
 import time
 
@@ -18,11 +19,12 @@ REPLACED = {
         "port_idle",
         "flash_memory",
         "flash_archive",
-        "watchdog_start",
+        "watchdog_arm",
+        "supply_interrupt",
         "can_interrupt",
     ),
     *("port_can_receive", "port_can_transmit", "port_can_bus", "port_can_lost", "port_can_rate"),
-    *("port_feed_watchdog", "watchdog_fired", "clock_count"),
+    *("port_feed_watchdog", "reset_cause", "clock_count"),
 }
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wshadow", "-Wconversion"]
 
@@ -132,3 +134,29 @@ def test_it_boots_and_ticks_without_its_peripherals(image, tmp_path):
     text = log.read_text(errors="replace")
     assert text.count("Loaded reset SP 0x2000") == 1, "it was reset"
     assert "exception 3" not in text and "Invalid" not in text
+
+
+def test_a_stack_that_overflows_resets_the_core_and_does_not_lock_it_up(tmp_path):
+    """The image with 16 bytes of stack: the first pushes fall below the RAM, the push of the fault
+    itself too. A handler that pushes as well is QEMU's "Lockup: can't escalate 3 to HardFault"."""
+    image, log = tmp_path / "image.elf", tmp_path / "log"
+    content = bytearray(EMULATED.read_bytes())
+    (top,) = struct.unpack("<I", segments(EMULATED)[0][1][:4])
+    at = content.find(struct.pack("<I", top) + segments(EMULATED)[0][1][4:8])
+    struct.pack_into("<I", content, at, 0x20000010)
+    image.write_bytes(content)
+    process = qemu(image, "-icount", "shift=3,sleep=off", "-d", "int", "-D", str(log))
+    try:
+        until(
+            lambda: (
+                process.poll() is not None
+                or (log.exists() and log.read_bytes().count(b"Loaded reset SP 0x20000010") > 3)
+            ),
+            "no reset",
+        )
+        assert process.poll() is None, "locked up"
+    finally:
+        process.kill()
+        process.wait()
+    text = log.read_text(errors="replace")
+    assert "pending nonsecure exception 3" in text or "exception 3" in text

@@ -20,6 +20,16 @@ def changed(text, *changes):
     return text
 
 
+def listed(names):
+    """As the description has them, in lines."""
+    text = (BOARD.folder / "board.toml").read_text()
+    return next(
+        found
+        for found in re.findall(r"^sources = (\[[^]]*\])", text, re.M)
+        if re.findall(r'"(.*?)"', found) == names
+    )
+
+
 @pytest.fixture(scope="module")
 def ports(tmp_path_factory):
     """A folder of boards with one in it, whose peripherals are the emulator's; its images."""
@@ -42,11 +52,11 @@ def ports(tmp_path_factory):
             ("ram = [0x20000000, 0x20000]", "ram = [0x20000000, 0xC000]"),
             ("flash_bytes = 98304", "flash_bytes = 90112"),
             ("ram_bytes = 65536", "ram_bytes = 49152"),
-            ('["adc.c", "can.c", "clock.c", "dac.c", "encoder.c", "flash.c", "io.c", "watchdog.c"]',
+            (listed(BOARD.released.sources),
              f'["{port}/emulated/io.c", "{port}/emulated/semihosting.c"]'),
             ('"emulated/io.c", "emulated/semihosting.c"',
              f'"{port}/emulated/io.c", "{port}/emulated/semihosting.c"'),
-            ('["board.c", "memory.c", "pins.c", "serial.c", "startup.c", "tick.c"]',
+            (listed(BOARD.build.sources),
              str([f"{port}/{n}" for n in BOARD.build.sources]).replace("'", '"')),
             ('"firmware/port/stm32f4/flash.c" = ["erase_from_ram"]\n', ""),
             ('["read_bytes", "program_bytes", "erase_sector"]', '["nothing"]'),

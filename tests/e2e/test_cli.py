@@ -217,8 +217,9 @@ WHOLE_LINES = [
         ["verdict.windw_s=1"],
         f"{CONTACT}: verdict.windw_s: expected one of the keys window_s, force_ripple_max_count, "
         "position_ripple_max_count, contact_held, held_force_error_max_N, "
-        'held_force_error_max_percent, overshoot_max_percent, settle_max_s, got "windw_s"; did you '
-        "mean window_s?; remove or rename this key",
+        "held_force_error_max_percent, overshoot_max_percent, settle_max_s, peak_force_max_N, "
+        'peak_force_max_percent, contact_losses_max, saturated_max_s, got "windw_s"; did you mean '
+        "window_s?; remove or rename this key",
     ),
 ]
 
@@ -339,21 +340,26 @@ def test_objects_lists_the_table():
 
 
 @pytest.mark.parametrize(
-    ("overrides", "because"),
+    ("overrides", "verdict", "because"),
     [
-        (["firmware.force_gain=0.5", "firmware.force_setpoint=2"], ["never in contact"]),
+        (
+            ["firmware.force_gain=0.5", "firmware.force_setpoint=2"],
+            "never_in_contact",
+            ["never in contact"],
+        ),
         (
             ["firmware.force_gain=15", "firmware.force_setpoint=30"],
+            "unstable",
             ["contact lost", "force ripple"],
         ),
-        ([], []),
+        ([], "stable", []),
     ],
 )
-def test_an_unstable_verdict_says_why(overrides, because):
+def test_a_verdict_that_is_not_stable_says_why(overrides, verdict, because):
     sets = [word for text in overrides for word in ("--set", text)]
     done = forceaxis("run", "sim/experiments/contact.toml", *sets, "--json")
     result = json.loads(done.stdout)
-    assert (result["verdict"] == "unstable") == bool(because)
+    assert result["verdict"] == verdict
     assert len(result["because"]) == len(because)
     for reason, expected in zip(result["because"], because, strict=True):
         assert reason.startswith(expected)

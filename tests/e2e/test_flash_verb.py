@@ -72,6 +72,9 @@ print("Info : STLINK V2J37M26 (API v2) VID:PID 0483:374B\\nInfo : Target voltage
       file=sys.stderr)
 if fails == "chip":
     leave("Error: init mode failed (unable to connect to the target)")
+if "mrw 0x40023c14" in words:
+    print({{"brownout": "options 0fffaaed", "unread": ""}}.get(fails, "options 0fffaae1"),
+          file=sys.stderr)
 if "mrw 0xe0042000" in words:
     leave({{"other": "device 10006413", "mute": "nothing"}}.get(fails, "device 10006421"), 0)
 print("** Programming Started **", file=sys.stderr)
@@ -180,6 +183,17 @@ def refused(done, status, text):
 
 
 BOARD = ["-f", "board/st_nucleo_f4.cfg"]
+# RM0390 3.6.6, 3.8.2, 3.8.6: the keys of OPTKEYR, BOR_LEV 00 in bits 3:2, OPTSTRT 2, OPTLOCK 1.
+SET = (
+    "if {([mrw 0x40023c14] & 0xc) != 0x0} {mww 0x40023c08 0x08192a3b; mww 0x40023c08 0x4c5d6e7f; "
+    "mww 0x40023c14 [expr {([mrw 0x40023c14] & ~0xf) | 0x0}]; "
+    "mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x2}]; "
+    "while {[mrw 0x40023c0c] & 0x10000} {}; mww 0x40023c14 [expr {[mrw 0x40023c14] | 0x1}]}"
+)
+OPTIONS = [
+    *("-c", "init", "-c", "reset init"),
+    *("-c", SET, "-c", "echo [format {options %08x} [mrw 0x40023c14]]"),
+]
 PROBE = [*BOARD, "-c", "init", "-c", "echo [format {device %08x} [mrw 0xe0042000]]"]
 
 
@@ -205,8 +219,36 @@ def test_an_image_is_shown_written_and_verified(bench, elf):
     assert size == sum(sizes) and size >= 8 + 60 + 3000 + 4
     assert bench.calls() == [
         [*PROBE, "-c", "shutdown"],
-        [*BOARD, "-c", f"program {{{elf}}} verify reset exit"],
+        [*BOARD, *OPTIONS, "-c", f"program {{{elf}}} verify reset exit"],
     ]
+    assert shown["options"].startswith("brown-out reset at level 3")
+
+
+# A chip that keeps its option register until it is opened as RM0390 3.6.6 says, in openocd's Tcl.
+CHIP = """
+set options %s; set keys {}; set trail {}
+proc mrw {at} { return [expr {$at == 0x40023c14 ? $::options : 0}] }
+proc mww {at value} {
+  lappend ::trail [format "%%x=%%x" $at $value]
+  if {$at == 0x40023c08} { lappend ::keys $value; return }
+  if {$::keys eq [list 0x08192a3b 0x4c5d6e7f]} { set ::options $value }
+}
+"""
+
+
+@pytest.mark.parametrize("before", ["0x0fffaaed", "0x0fffaae9", "0x0fffaae1"])
+def test_the_option_bytes_are_set_by_openocd_s_own_tcl(before):
+    """All other bits stay; where the level is right nothing is written."""
+    done = run(
+        "openocd", "-c", CHIP % before, "-c", SET,
+        "-c", "echo [format {options %08x} $options]; echo $trail; shutdown",
+    )  # fmt: skip
+    text = done.stdout + done.stderr
+    level = int(before, 16) | 1
+    wanted = level & ~0xE if level & 0xC else level
+    written = re.search(r"^options ([0-9a-f]{8})", text, re.M)
+    assert int(written.group(1), 16) & ~2 == wanted, text
+    assert ("40023c14=" in text.split("options", 1)[1]) == bool(level & 0xC), text
 
 
 def test_hex_and_json(bench, elf):
@@ -217,7 +259,7 @@ def test_hex_and_json(bench, elf):
     assert report["sectors"] == [0, 3] and report["table_hash"] == HASH
     assert report["warning"] is None
     assert report["command"] == ["openocd", *bench.calls()[-1]]
-    assert bench.calls()[-1] == [*BOARD, "-c", f"program {{{path}}} verify reset exit"]
+    assert bench.calls()[-1] == [*BOARD, *OPTIONS, "-c", f"program {{{path}}} verify reset exit"]
 
 
 def test_bin_covers_the_parameters(bench, elf):
@@ -229,7 +271,7 @@ def test_bin_covers_the_parameters(bench, elf):
     assert "parameters   erased" in done.stdout
     assert "1 (parameters, 0x08004000), 2 (parameters, 0x08008000), 3 (0x0800c000)" in done.stdout
     assert bench.calls()[-1] == [
-        *BOARD, "-c", "init", "-c", "reset init", "-c", "flash erase_address 0x08004000 0x8000",
+        *BOARD, *OPTIONS, "-c", "flash erase_address 0x08004000 0x8000",
         "-c", f"program {{{path}}} verify reset exit 0x08000000",
     ]  # fmt: skip
 
@@ -255,7 +297,7 @@ def test_dry_run_prints_the_command_quoted(bench, elf, tmp_path):
     last = done.stdout.splitlines()[-1]
     assert bench.calls() == []
     words = [
-        "openocd", *BOARD, "-c", "adapter serial 066EFF",
+        "openocd", *BOARD, "-c", "adapter serial 066EFF", *OPTIONS,
         "-c", f"program {{{path.name}}} verify reset exit",
     ]  # fmt: skip
     assert shlex.split(last) == words
@@ -303,6 +345,8 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("verify", "the chip does not hold what was written", 2),
         ("strange", "ended with status 3; last output: Error: the moon is full", 2),
         ("silent", "expected `Verified OK`; last output: shutdown", 2),
+        ("brownout", "expected brown-out reset at level 3.*read back 0fffaaed.*stays disabled", 2),
+        ("unread", "expected brown-out reset at level 3.*read back nothing", 2),
     ],
 )
 def test_failures_are_one_line(bench, elf, fails, text, calls):

@@ -17,9 +17,14 @@ class BlackBox : public BusFixture {
   BlackBox() { PowerUp(); }
 
   void PowerUp(bool watchdog_fired = false) {
+    PowerUpAfter(watchdog_fired ? FW_RESET_WATCHDOG : 0, nullptr);
+  }
+
+  void PowerUpAfter(int reset_cause, const fw_core_fault_t *core_fault) {
     fw_config_t config = NodeConfig();
     config.blackbox = &blackbox_;
-    config.watchdog_fired = watchdog_fired ? 1 : 0;
+    config.reset_cause = static_cast<uint8_t>(reset_cause);
+    config.core_fault = core_fault;
     fw_init(&fw_, &config);
     Tick();
   }
@@ -197,6 +202,30 @@ TEST_F(BlackBox, ATickThatHangsIsAnIncidentAfterTheReset) {
   const auto last = static_cast<uint32_t>(Read(AXIS_OBJ_RECORDER_TRIGGER_INDEX));
   EXPECT_EQ(last + 1, static_cast<uint32_t>(Read(AXIS_OBJ_RECORDER_COUNT)));
   EXPECT_EQ(Sample(last)[kPosition], 33);
+}
+
+TEST_F(BlackBox, AFaultOfTheCoreIsAnIncidentWithItsWords) {
+  Enable();
+  Tick(700);
+  const fw_core_fault_t words{0x0800C123, 0x0800D001, 0x00008200, 0x40000000, 0x20030000};
+  PowerUpAfter(FW_RESET_SOFTWARE | FW_RESET_PIN, &words);
+  Complete();
+  ASSERT_EQ(State(), AXIS_BLACKBOX_STATE_INCIDENT_KEPT);
+  EXPECT_EQ(Read(AXIS_OBJ_INCIDENT_ERROR_CODE), AXIS_ERROR_CODE_CORE_FAULT);
+  EXPECT_EQ(Read(AXIS_OBJ_RESET_CAUSE), 16 + 4);
+  EXPECT_EQ(static_cast<uint32_t>(Read(AXIS_OBJ_CORE_FAULT_PC)), words.pc);
+  EXPECT_EQ(static_cast<uint32_t>(Read(AXIS_OBJ_CORE_FAULT_LR)), words.lr);
+  EXPECT_EQ(static_cast<uint32_t>(Read(AXIS_OBJ_CORE_FAULT_CFSR)), words.cfsr);
+  EXPECT_EQ(static_cast<uint32_t>(Read(AXIS_OBJ_CORE_FAULT_HFSR)), words.hfsr);
+  EXPECT_EQ(static_cast<uint32_t>(Read(AXIS_OBJ_CORE_FAULT_BFAR)), words.bfar);
+}
+
+TEST_F(BlackBox, ABrownOutKeepsNothingOfAMemoryThatItMayHaveSpoilt) {
+  Enable();
+  Tick(700);
+  PowerUpAfter(FW_RESET_BROWN_OUT | FW_RESET_PIN, nullptr);
+  Complete();
+  EXPECT_EQ(State(), AXIS_BLACKBOX_STATE_RECORDING);
 }
 
 TEST_F(BlackBox, ARestartWithoutAnErrorKeepsNothing) {

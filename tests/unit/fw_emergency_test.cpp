@@ -300,7 +300,7 @@ TEST_F(Fw, WithoutAMemoryEveryBusRefusesASave) {
 
 TEST_F(Fw, AResetByTheWatchdogIsReportedOnce) {
   fw_config_t config = NodeConfig();
-  config.watchdog_fired = 1;
+  config.reset_cause = FW_RESET_WATCHDOG;
   fw_init(&fw_, &config);
   Tick();
   EXPECT_EQ(CountEmergencies(0xFF07), 1);
@@ -308,6 +308,72 @@ TEST_F(Fw, AResetByTheWatchdogIsReportedOnce) {
   Send(0, {129, kNode});
   Tick(3);
   EXPECT_EQ(CountEmergencies(0xFF07), 0) << "the chip was not reset again";
+}
+
+// Each cause of a reset but supply and pin is told; a brown-out where the supply was not off.
+TEST_F(Fw, EveryResetThatNobodyAskedForIsReported) {
+  const struct {
+    int cause;
+    int code;
+  } cases[] = {
+      {FW_RESET_POWER | FW_RESET_BROWN_OUT | FW_RESET_PIN, 0},
+      {FW_RESET_PIN, 0},
+      {FW_RESET_BROWN_OUT | FW_RESET_PIN, 0x5110},
+      {FW_RESET_SOFTWARE | FW_RESET_PIN, 0x6000},
+      {FW_RESET_LOW_POWER, 0x6000},
+      {FW_RESET_WATCHDOG | FW_RESET_PIN, 0xFF07},
+      {FW_RESET_WINDOW, 0xFF07},
+  };
+  for (const auto &c : cases) {
+    fw_config_t config = NodeConfig();
+    config.reset_cause = static_cast<uint8_t>(c.cause);
+    fw_init(&fw_, &config);
+    Tick();
+    const std::vector<int> sent = Emergencies();
+    ASSERT_EQ(sent.size(), c.code == 0 ? 0u : 1u) << c.cause;
+    EXPECT_TRUE(sent.empty() || (sent[0] & 0xFFFF) == c.code) << c.cause;
+    EXPECT_EQ(Inner(AXIS_OBJ_RESET_CAUSE), c.cause);
+  }
+}
+
+// Found in a tick, off in it; as long as it is found no reset of the fault helps.
+TEST_F(Fw, WhatTheBoardFindsDisablesTheAxisInThatTick) {
+  const struct {
+    int state;
+    int fault;
+  } cases[] = {
+      {FW_BOARD_CLOCK_INTERNAL, AXIS_FAULT_NONE},
+      {FW_BOARD_TICK_UNKNOWN | FW_BOARD_CLOCK_INTERNAL, AXIS_FAULT_NONE},
+      {FW_BOARD_BROWN_OUT_LEVEL, AXIS_FAULT_BOARD_UNFIT},
+      {FW_BOARD_IMAGE | FW_BOARD_TICK_UNKNOWN, AXIS_FAULT_BOARD_UNFIT},
+      {FW_BOARD_RAM, AXIS_FAULT_BOARD_UNFIT},
+      {FW_BOARD_SUPPLY | FW_BOARD_TICK_UNKNOWN, AXIS_FAULT_SUPPLY_WRONG},
+      {FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
+      {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
+      {FW_BOARD_DAC, AXIS_FAULT_OUTPUT_WRONG},
+      {FW_BOARD_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
+  };
+  for (const auto &c : cases) {
+    fw_config_t config = NodeConfig();
+    fw_init(&fw_, &config);
+    const axis_inputs_t inputs{0, {0, 0}, AXIS_DIN_ENABLE, 1};
+    axis_outputs_t outputs{};
+    ASSERT_EQ(fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_OPEN_LOOP), 0);
+    fw_tick(&fw_, &inputs, &outputs);
+    ASSERT_EQ(outputs.amp_enable, 1);
+    for (int again = 0; again < 2; ++again) {
+      fw_prepare(&fw_);
+      fw_board(&fw_, static_cast<uint16_t>(c.state), -7);
+      fw_control(&fw_, &inputs, &outputs);
+      (void)fw_report(&fw_);
+      fw_between(&fw_);
+      EXPECT_EQ(outputs.amp_enable, c.fault == AXIS_FAULT_NONE ? 1 : 0) << c.state;
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), c.fault) << c.state;
+      EXPECT_EQ(Inner(AXIS_OBJ_BOARD_STATE), c.state);
+      EXPECT_EQ(Inner(AXIS_OBJ_TICK_DEVIATION), -7);
+      (void)fw_object_write(&fw_, FW_SOURCE_LOCAL, AXIS_OBJ_FAULT_RESET, 1);
+    }
+  }
 }
 
 }  // namespace

@@ -171,6 +171,23 @@ def repetitions():
         command.command_id, command.value, command.timeout_us = 5, [44], 2**63 - 1
         bus.publish("AXIS_1_COMMAND", command)
         found["patient"] = [[e.kind, list(e.value)] for e in until(answers) or []]
+        # More commands than answers are kept, then the patient one again.
+        other.write("0x200E", 55)
+        command.command_id, command.kind, command.timeout_us = 6, axis_command_t.KIND_READ, 1
+        command.object, command.value = ["0x200E"], [0]
+        sent, expected = 0, time.monotonic() + 60
+        while sent < 2100 and time.monotonic() < expected:
+            command.timeout_us = 5_000_000
+            bus.publish("AXIS_1_COMMAND", command)
+            until(answers)
+            received.clear()
+            command.command_id += 1
+            sent += 1
+        command.command_id, command.kind, command.timeout_us = 5, 1, 2**63 - 1
+        command.value = [44]
+        bus.publish("AXIS_1_COMMAND", command)
+        found["forgotten"] = [[e.kind, e.text] for e in until(answers) or []]
+        found["unchanged"] = [sent, other.read("0x200E")]
         return found
     finally:
         bus.close()

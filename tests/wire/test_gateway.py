@@ -103,6 +103,10 @@ def test_commands_that_are_doubled_late_or_of_another_table(of):
     assert got["by_address"] == [[DONE, [22]]]
     assert got["late"] == [0, 22]
     assert got["patient"] == [[DONE, [44]]]
+    # 2100 commands later its answer is forgotten, and it is not carried out again.
+    [[kind, text]] = got["forgotten"]
+    assert kind == REFUSED and "command 5 may have been carried out already" in text
+    assert got["unchanged"] == [2100, 55]
 
 
 def test_what_the_axis_does_of_itself_becomes_events(of):

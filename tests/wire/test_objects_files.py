@@ -462,6 +462,8 @@ def in_header(prefix):
 
 # CiA 301 and 402, typed from the standards; FF01h and above are ours.
 ERROR_CODES = {
+    "supply_wrong": 0x5100, "brownout_reset": 0x5110, "board_unfit": 0x5200,
+    "output_wrong": 0x5210, "clock_wrong": 0x5220, "core_fault": 0x6000,
     "none": 0x0000, "store_failed": 0x5530, "source_lost": 0x6010, "main_loop_lost": 0x6100,
     "parameter_refused": 0x6320, "adc_range": 0x7300, "sensor_invalid": 0x7305,
     "overspeed": 0x7310, "can_overrun": 0x8110,

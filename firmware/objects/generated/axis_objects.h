@@ -538,8 +538,16 @@ enum {
   AXIS_OBJ_INCIDENT_CRC = 528,
   AXIS_OBJ_INCIDENT_COMMAND = 529,
   AXIS_OBJ_INCIDENT_STORED = 530,
-  AXIS_OBJ_SYNC_COUNT = 531,
-  AXIS_OBJ_COUNT = 532 /* one past the last number */
+  AXIS_OBJ_RESET_CAUSE = 531,
+  AXIS_OBJ_BOARD_STATE = 532,
+  AXIS_OBJ_CORE_FAULT_PC = 533,
+  AXIS_OBJ_CORE_FAULT_LR = 534,
+  AXIS_OBJ_CORE_FAULT_CFSR = 535,
+  AXIS_OBJ_CORE_FAULT_HFSR = 536,
+  AXIS_OBJ_CORE_FAULT_BFAR = 537,
+  AXIS_OBJ_TICK_DEVIATION = 538,
+  AXIS_OBJ_SYNC_COUNT = 539,
+  AXIS_OBJ_COUNT = 540 /* one past the last number */
 };
 
 enum {
@@ -594,7 +602,11 @@ enum {
   AXIS_FAULT_FORCE_JUMP = 27,
   AXIS_FAULT_FORCE_STUCK = 28,
   AXIS_FAULT_FORCE_DISCONNECTED = 29,
-  AXIS_FAULT_COUNT = 30
+  AXIS_FAULT_BOARD_UNFIT = 30,
+  AXIS_FAULT_SUPPLY_WRONG = 31,
+  AXIS_FAULT_CLOCK_WRONG = 32,
+  AXIS_FAULT_OUTPUT_WRONG = 33,
+  AXIS_FAULT_COUNT = 34
 };
 
 enum {
@@ -654,7 +666,13 @@ enum {
 
 enum {
   AXIS_ERROR_CODE_NONE = 0,
+  AXIS_ERROR_CODE_SUPPLY_WRONG = 20736,
+  AXIS_ERROR_CODE_BROWNOUT_RESET = 20752,
+  AXIS_ERROR_CODE_BOARD_UNFIT = 20992,
+  AXIS_ERROR_CODE_OUTPUT_WRONG = 21008,
+  AXIS_ERROR_CODE_CLOCK_WRONG = 21024,
   AXIS_ERROR_CODE_STORE_FAILED = 21808,
+  AXIS_ERROR_CODE_CORE_FAULT = 24576,
   AXIS_ERROR_CODE_SOURCE_LOST = 24592,
   AXIS_ERROR_CODE_MAIN_LOOP_LOST = 24832,
   AXIS_ERROR_CODE_PARAMETER_REFUSED = 25376,
@@ -1236,24 +1254,32 @@ typedef struct {
   uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
   uint32_t incident_tick; /* tick_count at the incident; of an incident without a fault that of the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the incident's samples, as recorder_data gives them [1] */
+  uint32_t core_fault_pc; /* where a fault of the core or a lost clock reset the processor, 0 without one; of the last restart, as the next four [1] */
+  uint32_t core_fault_lr; /* return address at the fault [1] */
+  uint32_t core_fault_cfsr; /* status of the fault: CFSR of the core [1] */
+  uint32_t core_fault_hfsr; /* status of the fault: HFSR of the core [1] */
+  uint32_t core_fault_bfar; /* address of the fault where CFSR says that it is valid: BFAR of the core [1] */
   uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
   uint16_t overruns; /* ticks that came too late [1] */
   uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
   uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
   uint16_t incident_error_code; /* error_code of the incident [1] */
   uint16_t incident_later; /* errors since the incident [1] */
+  uint16_t board_state; /* what the board finds, a sum: 1 internal oscillator in use, 2 brown-out reset not at its level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference out of band, 64 DAC not at its code, 128 amp_enable not at its level, 256 tick beside the second clock, 512 tick not compared yet [1] */
+  int16_t tick_deviation; /* length of the tick beside a second clock, against what it was at power-up [1/1000 1] */
   uint8_t store_state; /* what the parameter store did last [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
   uint8_t blackbox_state; /* what the black box does; recorder: a recording has its buffer, until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault of the incident [enum] */
   uint8_t incident_stored; /* incident that a power cut leaves: the first since power-up, one in 24 hours [enum] */
+  uint8_t reset_cause; /* what has reset the processor, a sum: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 not known [1] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0xb850474e)
-#define AXIS_OBJECTS_HASH_TEXT "b850474e"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x40e31d56)
+#define AXIS_OBJECTS_HASH_TEXT "40e31d56"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1330,9 +1356,9 @@ extern const axis_change_t axis_changes_0_1_0[];
 
 enum {
   AXIS_STORED_COUNT = 358,
-  AXIS_ADDRESSES_COUNT = 586,
+  AXIS_ADDRESSES_COUNT = 595,
   AXIS_HOLDING_COUNT = 159,
-  AXIS_INPUT_COUNT = 80
+  AXIS_INPUT_COUNT = 88
 };
 
 /* By index, then sub-index. */

@@ -32,8 +32,8 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "b850474e4e05728a4c8c14c9c165065f4cb6fbfd734cda8de45b9d3d5048fdd5"
-#define AXIS_OBJECTS_META_COUNT 531
+#define AXIS_OBJECTS_HASH "40e31d56206178bf3b0f0625ec74a11401bd857174b105567a2f59f5fabfb6e2"
+#define AXIS_OBJECTS_META_COUNT 539
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -102,7 +102,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {32, 1, "active_mode", "signal", "axis", "mode of the latest tick", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "disabled,open_loop,position,force,excitation", 0x2020, 0, 256, 0, "Active mode", 0, 1},
     {33, 1, "fault", "signal", "axis", "first fault since the last reset", "u8", "1",
-     1.0, INT64_C(0), INT64_C(29), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected", 0x2021, 0, 257, 0, "Fault", 0, 1},
+     1.0, INT64_C(0), INT64_C(33), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected,board_unfit,supply_wrong,clock_wrong,output_wrong", 0x2021, 0, 257, 0, "Fault", 0, 1},
     {34, 1, "limit_reason", "signal", "axis", "what limits dac_code", "u8", "1",
      1.0, INT64_C(0), INT64_C(6), INT64_C(0), "ro", "any", "none,dac_saturation,output_limit,position_min,position_max,limit_switch_neg,limit_switch_pos", 0x2022, 0, 13, 0, "Limit reason", 0, 1},
     {35, 4, "position", "signal", "axis", "encoder count, wraps", "i32", "count",
@@ -1084,7 +1084,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {523, 1, "blackbox_state", "signal", "device", "what the black box does; recorder: a recording has its buffer, until the recorder is stopped", "u8", "1",
      1.0, INT64_C(0), INT64_C(5), INT64_C(0), "ro", "any", "off,recording,completing,incident,incident_kept,recorder", 0x2421, 0, 896, 0, "Blackbox state", 0, 1},
     {524, 1, "incident_fault", "signal", "device", "fault of the incident", "u8", "1",
-     1.0, INT64_C(0), INT64_C(29), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected", 0x2422, 1, 897, 0, "Incident fault", 0, 1},
+     1.0, INT64_C(0), INT64_C(33), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected,board_unfit,supply_wrong,clock_wrong,output_wrong", 0x2422, 1, 897, 0, "Incident fault", 0, 1},
     {525, 2, "incident_error_code", "signal", "device", "error_code of the incident", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2422, 2, 898, 0, "Incident error code", 0, 1},
     {526, 4, "incident_tick", "signal", "device", "tick_count at the incident; of an incident without a fault that of the last step of the main loop", "u32", "tick",
@@ -1097,7 +1097,23 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(1), INT64_C(3), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 0},
     {530, 1, "incident_stored", "signal", "device", "incident that a power cut leaves: the first since power-up, one in 24 hours", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "none,checking,writing,stored,other_table", 0x2424, 0, 904, 0, "Incident stored", 0, 1},
-    {531, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
+    {531, 1, "reset_cause", "signal", "device", "what has reset the processor, a sum: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 not known", "u8", "1",
+     1.0, INT64_C(0), INT64_C(255), INT64_C(0), "ro", "any", "", 0x2430, 0, 912, 0, "Reset cause", 0, 1},
+    {532, 2, "board_state", "signal", "device", "what the board finds, a sum: 1 internal oscillator in use, 2 brown-out reset not at its level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference out of band, 64 DAC not at its code, 128 amp_enable not at its level, 256 tick beside the second clock, 512 tick not compared yet", "u16", "1",
+     1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2431, 0, 913, 0, "Board state", 0, 1},
+    {533, 4, "core_fault_pc", "signal", "device", "where a fault of the core or a lost clock reset the processor, 0 without one; of the last restart, as the next four", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2432, 1, 914, 0, "Core fault, program counter", 0, 1},
+    {534, 4, "core_fault_lr", "signal", "device", "return address at the fault", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2432, 2, 916, 0, "Core fault, link register", 0, 1},
+    {535, 4, "core_fault_cfsr", "signal", "device", "status of the fault: CFSR of the core", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2432, 3, 918, 0, "Core fault, CFSR", 0, 1},
+    {536, 4, "core_fault_hfsr", "signal", "device", "status of the fault: HFSR of the core", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2432, 4, 920, 0, "Core fault, HFSR", 0, 1},
+    {537, 4, "core_fault_bfar", "signal", "device", "address of the fault where CFSR says that it is valid: BFAR of the core", "u32", "1",
+     1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2432, 5, 922, 0, "Core fault, BFAR", 0, 1},
+    {538, 2, "tick_deviation", "signal", "device", "length of the tick beside a second clock, against what it was at power-up", "i16", "1",
+     0.001, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x2433, 0, 924, 0, "Tick deviation", 0, 1},
+    {539, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x230B, 0, -1, 0, "SYNC count", 0, 0},
 };
 
@@ -1108,10 +1124,16 @@ typedef struct {
   const char *text; /* snake case */
 } axis_value_text_t;
 
-#define AXIS_VALUE_TEXTS_COUNT 135
+#define AXIS_VALUE_TEXTS_COUNT 147
 static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {185, 0, "none"},
+    {185, 20736, "supply_wrong"},
+    {185, 20752, "brownout_reset"},
+    {185, 20992, "board_unfit"},
+    {185, 21008, "output_wrong"},
+    {185, 21024, "clock_wrong"},
     {185, 21808, "store_failed"},
+    {185, 24576, "core_fault"},
     {185, 24592, "source_lost"},
     {185, 24832, "main_loop_lost"},
     {185, 25376, "parameter_refused"},
@@ -1196,7 +1218,13 @@ static const axis_value_text_t axis_value_texts[AXIS_VALUE_TEXTS_COUNT] = {
     {521, 5, "operational"},
     {521, 127, "pre_operational"},
     {525, 0, "none"},
+    {525, 20736, "supply_wrong"},
+    {525, 20752, "brownout_reset"},
+    {525, 20992, "board_unfit"},
+    {525, 21008, "output_wrong"},
+    {525, 21024, "clock_wrong"},
     {525, 21808, "store_failed"},
+    {525, 24576, "core_fault"},
     {525, 24592, "source_lost"},
     {525, 24832, "main_loop_lost"},
     {525, 25376, "parameter_refused"},

@@ -12,6 +12,7 @@ static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 static fw_config_t config;
 
 void port_init(void) {
+  protect_start();
   io_init();
   serial_init(io_clock_is_right() ? CLOCK_APB1_HZ : CLOCK_HSI_HZ);
 }
@@ -28,11 +29,12 @@ const fw_config_t *port_config(void) {
   config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();
   config.bit_rates = CAN_RATES;
   config.buses = 1;
-  config.watchdog_fired = watchdog_fired() ? 1 : 0;
+  config.reset_cause = reset_cause();
+  config.core_fault = board_fault_before(config.reset_cause);
   return &config;
 }
 
 void port_start(void) {
-  watchdog_start();
+  watchdog_arm();
   tick_start();
 }

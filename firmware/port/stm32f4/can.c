@@ -7,15 +7,23 @@ enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };
 /* Frames between two ticks: at 1 Mbit/s at most 14, of the shortest. A power of 2. */
 enum { RING = 32 };
 
-/* The bus is joined after 11 recessive bits, after bus off 128 times 11, 2.2 ticks; whoever is not
- * in after a second, 1500 ticks, begins again. */
-enum { PATIENCE_TICKS = 1500 };
+/* The bus is joined after 11 recessive bits. After bus off the controller waits for them 128 times,
+ * in normal mode alone: RM0090 32.7.6. On an idle bus these are 2.2 ticks at 1 Mbit/s; on a full
+ * one 11 bits come once a frame, of at most 135 bits, and each step of the prescaler is 9 ticks.
+ * Whoever is not in a second later begins again. */
+enum { PATIENCE_TICKS = 1500, PATIENCE_TICKS_OF_PRESCALER = 9 };
 
-/* 14 quanta a bit, sampled after 11 of them, 79 %; at 1000 kbit/s a quantum is 42 MHz / 3. Three
- * quanta behind that, all of them to resynchronise with, are what lets the rates of two nodes
- * differ by 1.7 %, so that the internal oscillator's 1 % is allowed beside nodes with crystals. */
+/* What a node that is error passive could not send for so long, 100 ms, is out of date: three of
+ * the longest frames take 41 ms at 10 kbit/s. */
+enum { STALE_TICKS = 150 };
+
+/* 14 quanta a bit; at 1000 kbit/s a quantum is 42 MHz / 3. Sampled after 12 of them, 86 %, next to
+ * the 87.5 % of CiA 301: two nodes may differ by 1.1 %, far more than crystals do. The internal
+ * oscillator's 1 % needs three quanta behind the sample, all of them to resynchronise with: 79 %,
+ * and 1.7 % from a node with a crystal. */
 #define QUANTA 14u
-#define BIT_TIMING (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
+#define BIT_TIMING (CAN_BTR_TS1_11 | CAN_BTR_TS2_2 | CAN_BTR_SJW_2)
+#define BIT_TIMING_INTERNAL (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
 /* Frames leave in the order they came; a full FIFO keeps what it has; retries, no automatic return
  * from bus off, awake. */
@@ -28,9 +36,13 @@ static volatile uint16_t dropped; /* counts up, of the interrupt */
 static uint16_t dropped_reported;
 
 static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
-static uint16_t waited_ticks;
+static uint32_t waited_ticks;
+static uint16_t stalled_ticks; /* error passive, and nothing could be sent */
 static uint32_t prescaler = CLOCK_APB1_HZ / (QUANTA * 1000000u);
 static uint8_t reported;
+
+/* What waits in the mailboxes is given up. */
+static void abort_all(void) { CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2; }
 
 static void enter_initialisation(void) {
   CAN1->MCR = MODE | CAN_MCR_INRQ;
@@ -41,7 +53,7 @@ static void enter_initialisation(void) {
 /* Bit timing can be written in initialisation only. One filter: every frame without the bit of an
  * extended identifier, into FIFO 0. */
 static void configure_and_join(void) {
-  CAN1->BTR = BIT_TIMING | CAN_BTR_BRP(prescaler);
+  CAN1->BTR = (clock_is_external() ? BIT_TIMING : BIT_TIMING_INTERNAL) | CAN_BTR_BRP(prescaler);
   CAN1->FMR |= CAN_FMR_FINIT;
   CAN1->FA1R = 0;
   CAN1->FM1R = 0;
@@ -68,9 +80,23 @@ void can_init(bool clock_is_right) {
   (void)RCC->APB1ENR;
   pin_alternate(GPIOB, PIN_RX, FUNCTION_CAN1, PIN_PULL_UP);
   pin_alternate(GPIOB, PIN_TX, FUNCTION_CAN1, PIN_PULL_NONE);
+  pin_speed(GPIOB, PIN_TX, PIN_SPEED_MEDIUM);
   NVIC->IPR5 = FIELD(0, 8, PRIORITY_BUS);
   NVIC->ISER0 = BIT(IRQ_CAN1_RX0);
   enter_initialisation();
+}
+
+/* Nobody acknowledges what an error passive node sends: its mailboxes keep their frames for as long
+ * as that lasts. They are given up, and meanwhile port_can_transmit() takes others in vain. */
+static void give_up_stale(void) {
+  const uint32_t empty = CAN_TSR_TME0 | CAN_TSR_TME1 | CAN_TSR_TME2;
+  if (reported != CAN_BUS_PASSIVE || (CAN1->TSR & empty) == empty) {
+    stalled_ticks = 0;
+  } else if (stalled_ticks < STALE_TICKS) {
+    stalled_ticks++;
+  } else {
+    abort_all();
+  }
 }
 
 uint8_t port_can_bus(void) {
@@ -78,10 +104,10 @@ uint8_t port_can_bus(void) {
     case RUNNING: {
       const uint32_t errors = CAN1->ESR;
       reported = ((errors & CAN_ESR_EPVF) != 0) ? CAN_BUS_PASSIVE : CAN_BUS_ACTIVE;
+      give_up_stale();
       if ((errors & CAN_ESR_BOFF) != 0) {
         reported = CAN_BUS_OFF;
-        /* What waits there would come out of date. */
-        CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
+        abort_all();
         enter_initialisation();
       }
       break;
@@ -94,7 +120,8 @@ uint8_t port_can_bus(void) {
       }
       break;
     case JOINING:
-      if ((CAN1->MSR & CAN_MSR_INAK) == 0) {
+      /* After bus off the first 11 bits end initialisation, and the last ones bus off. */
+      if ((CAN1->MSR & CAN_MSR_INAK) == 0 && (CAN1->ESR & CAN_ESR_BOFF) == 0) {
         state = RUNNING;
       } else {
         waited_ticks++;
@@ -103,7 +130,8 @@ uint8_t port_can_bus(void) {
     default:
       break;
   }
-  if (state != RUNNING && waited_ticks >= PATIENCE_TICKS) {
+  if (state != RUNNING &&
+      waited_ticks >= PATIENCE_TICKS + PATIENCE_TICKS_OF_PRESCALER * prescaler) {
     reported = CAN_BUS_OFF;
     enter_initialisation();
   }
@@ -116,7 +144,7 @@ void port_can_rate(uint16_t kbit_s) {
     return;
   }
   prescaler = wanted;
-  CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
+  abort_all();
   enter_initialisation();
 }
 
@@ -198,5 +226,5 @@ bool port_can_transmit(const can_frame_t *frame) {
       return true;
     }
   }
-  return false;
+  return stalled_ticks >= STALE_TICKS;
 }

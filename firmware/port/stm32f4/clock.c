@@ -1,19 +1,23 @@
 #include "firmware/port/stm32f4/board.h"
 
-/* HSI 16 MHz / 8 = 2 MHz, * 168 = 336 MHz, / 2 = 168 MHz. The internal oscillator needs no part of
- * the board; its 1 % is in the length of the tick and in both bit rates, which allow it. (The 8 MHz
- * of the ST-Link in its place: HSEBYP and HSEON, PLLSRC, PLLM 4.) Supply 2.7..3.6 V: five wait
- * states. Voltage scale 1 is the reset value. */
-#define PLL (RCC_PLLCFGR_PLLM_8 | RCC_PLLCFGR_PLLN_168 | RCC_PLLCFGR_PLLP_2 | RCC_PLLCFGR_PLLQ_7)
+/* 8 MHz of the ST-Link / 4, or, where they are not there, 16 MHz of the internal oscillator / 8 =
+ * 2 MHz, * 168 = 336 MHz, / 2 = 168 MHz. Supply 2.7..3.6 V: five wait states. Voltage scale 1 is
+ * what a reset leaves. */
+#define PLL (RCC_PLLCFGR_PLLN_168 | RCC_PLLCFGR_PLLP_2 | RCC_PLLCFGR_PLLQ_7)
+#define PLL_EXTERNAL (PLL | RCC_PLLCFGR_PLLSRC | RCC_PLLCFGR_PLLM_4)
+#define PLL_INTERNAL (PLL | RCC_PLLCFGR_PLLM_8)
 #define PLL_FIELDS (MASK(0, 6) | MASK(6, 9) | MASK(16, 2) | MASK(24, 4) | RCC_PLLCFGR_PLLSRC)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)
 
-/* The PLL locks within 300 us: 4800 cycles of the HSI. A poll takes at least 6. */
-enum { POLLS_MAX = 4000 };
+/* Of at least 6 cycles of the internal oscillator. The PLL locks within 300 us, 4800 cycles; what
+ * is fed in from outside is ready after some of its own cycles. */
+enum { POLLS_MAX = 4000, POLLS_OF_INPUT = 400 };
+
+static bool is_external;
 
 /* Whether the masked bits of a register became `wanted` in time. */
-static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
-  for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
+static bool becomes_within(uint32_t polls_max, const reg_t *reg, uint32_t mask, uint32_t wanted) {
+  for (uint32_t polls = 0; polls < polls_max; polls++) {
     if ((*reg & mask) == wanted) {
       return true;
     }
@@ -21,26 +25,68 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   return false;
 }
 
-bool clock_start(void) {
-  FLASH->ACR = FLASH_ACR_LATENCY_5 | CACHES;
-  if (!becomes(&FLASH->ACR, FLASH_ACR_LATENCY, FLASH_ACR_LATENCY_5)) {
-    return false;
+static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
+  return becomes_within(POLLS_MAX, reg, mask, wanted);
+}
+
+/* The state of a reset, whatever ran before: internal oscillator, PLL off. */
+static bool fall_back(void) {
+  RCC->CR |= RCC_CR_HSION;
+  const bool is_ready = becomes(&RCC->CR, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
+  RCC->CFGR = 0;
+  const bool is_slow = becomes(&RCC->CFGR, RCC_CFGR_SWS, 0);
+  RCC->CR &= ~(RCC_CR_PLLON | RCC_CR_CSSON | RCC_CR_HSEON);
+  const bool is_off = becomes(&RCC->CR, RCC_CR_PLLRDY | RCC_CR_HSERDY, 0);
+  return is_ready && is_slow && is_off;
+}
+
+/* The level at the pin is the clock; there is no crystal. */
+static bool external_start(void) {
+  RCC->CR |= RCC_CR_HSEBYP;
+  RCC->CR |= RCC_CR_HSEON;
+  if (becomes_within(POLLS_OF_INPUT, &RCC->CR, RCC_CR_HSERDY, RCC_CR_HSERDY)) {
+    return true;
   }
-  RCC->PLLCFGR = (RCC->PLLCFGR & ~PLL_FIELDS) | PLL;
+  RCC->CR &= ~RCC_CR_HSEON;
+  return false;
+}
+
+/* Locked, and the regulator ready for it: that begins with the PLL. */
+static bool pll_start(uint32_t settings) {
+  RCC->PLLCFGR = (RCC->PLLCFGR & ~PLL_FIELDS) | settings;
   RCC->CR |= RCC_CR_PLLON;
-  if (!becomes(&RCC->CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
-    RCC->CR &= ~RCC_CR_PLLON;
-    return false;
-  }
+  return becomes(&RCC->CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY) &&
+         becomes(&PWR->CSR, PWR_CSR_VOSRDY, PWR_CSR_VOSRDY);
+}
+
+static bool speed_up(void) {
   /* APB1 at 42 and APB2 at 84 MHz, which are their limits, before the core is fast. */
   RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2;
   RCC->CFGR |= RCC_CFGR_SW_PLL;
-  if (!becomes(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL)) {
-    RCC->CFGR = 0;
+  return becomes(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL);
+}
+
+bool clock_start(void) {
+  RCC->APB1ENR |= RCC_APB1ENR_PWREN;
+  (void)RCC->APB1ENR;
+  FLASH->ACR = FLASH_ACR_LATENCY_5 | CACHES;
+  if (!fall_back() || !becomes(&FLASH->ACR, FLASH_ACR_LATENCY, FLASH_ACR_LATENCY_5)) {
     return false;
+  }
+  is_external = external_start();
+  if (!pll_start(is_external ? PLL_EXTERNAL : PLL_INTERNAL) || !speed_up()) {
+    (void)fall_back();
+    is_external = false;
+    return false;
+  }
+  if (is_external) {
+    /* From now on a clock that stops is an NMI: outputs off, reset, and the internal oscillator. */
+    RCC->CR |= RCC_CR_CSSON;
   }
   return true;
 }
+
+bool clock_is_external(void) { return is_external; }
 
 /* Its clock is twice that of APB1 where that is divided. */
 void clock_counter_start(void) {

@@ -2,9 +2,10 @@
 
 enum { MID_SCALE = 2048, PIN = 4 };
 
-/* Without its buffer the converter reaches both rails; the bias of the board makes mid-scale of a
- * pin that nothing drives. The pin is analog before the converter drives it, and the converter
- * holds mid-scale before it is enabled. Untriggered, a code is put out one cycle of APB1 later. */
+/* Without its buffer the converter reaches both rails, from 15 kOhm: nothing may load the pin. The
+ * board's switch, which amp_enable closes, makes mid-scale of a pin that nothing drives. The pin is
+ * analog before the converter drives it, and the converter holds mid-scale before it is enabled.
+ * Untriggered, a code is put out one cycle of APB1 later. */
 void dac_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_DACEN;

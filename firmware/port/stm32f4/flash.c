@@ -14,18 +14,25 @@ static const sectors_t archive = {UINT32_C(0x08040000), {FLASH_CR_SNB_6, FLASH_C
 
 static const sectors_t *sectors_of(const void *context) { return context; }
 
-#define ERRORS \
-  (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
+#define ERRORS                                                                              \
+  (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR | \
+   FLASH_SR_RDERR)
 
-/* A word takes at most 100 us, during which fetches from the flash stall; the number of polls
- * bounds a flash that never becomes ready. */
-enum { PROGRAM_POLLS_MAX = 10000 };
+/* A flash that never becomes ready ends by the watchdog: while it is busy, fetches from it stall,
+ * and so do writes of its CR (RM0390 3.5, 3.8.5). The drive is disabled and the outputs are off. */
 
 /* An erase of 16 KiB takes 250 ms, at most 800; of 128 KiB 1 s, at most 2. A poll of the loop below
  * takes about 1000 cycles. */
 enum { ERASE_POLLS_MAX = 420000, ERASE_POLL_LOOPS = 50 };
 
+/* Before CR is written: a write while the flash is busy stalls the bus. */
+static void await_ready(void) {
+  while ((FLASH->SR & FLASH_SR_BSY) != 0) {
+  }
+}
+
 static void unlock(void) {
+  await_ready();
   FLASH->KEYR = FLASH_KEY1;
   FLASH->KEYR = FLASH_KEY2;
   /* Errors are cleared by writing them. */
@@ -59,13 +66,8 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
 static bool program_word(uint32_t address, uint32_t word) {
   *(volatile uint32_t *)address = word;
   __asm volatile("dsb" ::: "memory");
-  for (uint32_t polls = 0; polls < PROGRAM_POLLS_MAX; polls++) {
-    const uint32_t status = FLASH->SR;
-    if ((status & FLASH_SR_BSY) == 0) {
-      return (status & ERRORS) == 0;
-    }
-  }
-  return false;
+  await_ready(); /* at most 100 us */
+  return (FLASH->SR & ERRORS) == 0;
 }
 
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
@@ -84,11 +86,14 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
 
 /* The core stalls if it fetches from the flash during an erase, which outlasts the watchdog. So
  * this function lies in RAM, masks interrupts, and feeds the watchdog in place of the ticks; the
- * drive is disabled. If an erase never ends the watchdog resets the chip. */
+ * drive is disabled. An erase that never ends is fed for no longer than its polls, and then
+ * returned from into a flash that stalls: the watchdog resets the chip. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;
   __asm volatile("cpsid i" ::: "memory");
+  /* RM0390 3.6.3: sector and mode first, the start by itself. */
+  FLASH->CR = control;
   FLASH->CR = control | FLASH_CR_STRT;
   __asm volatile("dsb" ::: "memory");
   for (uint32_t polls = 0; polls < ERASE_POLLS_MAX && !done; polls++) {

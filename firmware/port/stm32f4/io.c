@@ -1,48 +1,80 @@
 /* The inputs and outputs of the board. */
 
+#include "firmware/fx/bytes.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 
 static bool clock_is_right;
+static uint16_t found;   /* FW_BOARD_ bits of power-up */
+static int16_t dac_code; /* as it stands */
 
 void io_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN;
   (void)RCC->AHB1ENR;
   dac_init();
   pins_init();
-  clock_is_right = clock_start();
+  watchdog_start();
+  supply_init();
   clock_counter_start();
+  second_clock_start();
+  clock_is_right = clock_start();
+  pins_read_options();
+  found = (uint16_t)((clock_is_external() ? 0 : FW_BOARD_CLOCK_INTERNAL) |
+                     (supply_resets_in_time() ? 0 : FW_BOARD_BROWN_OUT_LEVEL) |
+                     (image_is_whole() ? 0 : FW_BOARD_IMAGE) | (ram_is_right() ? 0 : FW_BOARD_RAM));
   encoder_init();
   adc_init();
+  if (clock_is_right) {
+    monitor_init();
+  }
   can_init(clock_is_right);
 }
 
 bool io_clock_is_right(void) { return clock_is_right; }
 
 void io_make_safe(void) {
+  dac_code = 0;
   dac_write(0);
   pins_write(false, false);
 }
 
 uint8_t io_node_id(void) { return pins_node_id(); }
 
-/* The chip's own 96 bits, folded. An emulator that lacks the clocks lacks them too, and faults. */
+/* CRC-32 of the chip's own 96 bits: any two chips of a lot differ in it, in LSS as well. An
+ * emulator that lacks the clocks lacks them too, and faults. */
 uint32_t io_serial_number(void) {
   if (!clock_is_right) {
     return 0;
   }
   const reg_t *id = (const reg_t *)UID_BASE;
-  return id[0] ^ id[1] ^ id[2];
+  uint32_t crc = UINT32_MAX;
+  for (uint8_t i = 0; i < 12; i++) {
+    crc = fx_crc32(crc, (uint8_t)(id[i / 4] >> (8 * (i % 4))));
+  }
+  return ~crc;
 }
 
 bool port_sample(axis_inputs_t *inputs) {
+  monitor_look();
   adc_start();
   inputs->encoder_cnt = encoder_read();
   inputs->din = pins_din();
   return true;
 }
 
+/* What this tick finds of the board. Without the clock the sensors are not valid in any case. */
+static uint16_t board_state(void) {
+  supply_look();
+  second_clock_tick();
+  const bool is_enable_wrong = !pins_enable_is_right();
+  return (uint16_t)(found | (supply_is_low() ? FW_BOARD_SUPPLY : 0) | monitor_state() |
+                    (is_enable_wrong ? FW_BOARD_ENABLE : 0) |
+                    (clock_is_right ? second_clock_state() : 0));
+}
+
+/* The board first: meanwhile the conversion runs. */
 void port_sense(axis_inputs_t *inputs) {
+  fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
@@ -60,10 +92,14 @@ void port_act(const axis_outputs_t *outputs) {
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
   if (is_on) {
     pins_write(true, outputs->brake_release != 0);
-    dac_write(outputs->dac_code);
-  } else {
+    dac_code = outputs->dac_code;
+    dac_write(dac_code);
+  }
+  /* Also where the supply fell between the two. */
+  if (!is_on || supply_is_low()) {
     io_make_safe();
   }
+  monitor_start(dac_code);
 }
 
 void port_idle(void) { __asm volatile("wfi"); }

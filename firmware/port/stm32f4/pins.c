@@ -4,6 +4,21 @@
 /* Outputs, on port B; a pull-down of the board holds each low while the chip is in reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
+/* Option of the board, on port C: to ground, amp_enable is a square wave of 750 Hz while the axis
+ * is enabled, for a charge pump or a monostable that no level holds. */
+enum { STRAP_DYNAMIC = 10 };
+
+/* Tracks A and B of the encoder, on port A. */
+#define TRACKS (BIT(0) | BIT(1))
+
+/* Edges of the index between two ticks that are looked at: no noise takes more time than these. */
+enum { EDGES_MAX = 4 };
+
+static bool is_dynamic;
+static volatile bool is_high; /* amp_enable, as it was last put out */
+static volatile bool index_seen;
+static volatile uint8_t edges;
+
 /* Inputs, on port C. Enable chain and limit switches are closed contacts to 3.3 V with pull-downs,
  * so a broken wire reads as an open chain, or as a switch that is reached. Index and home switch
  * are high when they are on. */
@@ -21,6 +36,10 @@ void pin_mode(gpio_t *port, uint8_t pin, uint32_t mode, uint32_t pull) {
   set_field(&port->MODER, 2u * pin, 2, mode);
 }
 
+void pin_speed(gpio_t *port, uint8_t pin, uint32_t speed) {
+  set_field(&port->OSPEEDR, 2u * pin, 2, speed);
+}
+
 /* The function first, so that no other one is ever connected to the pin. */
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) {
   set_field((pin < 8) ? &port->AFRL : &port->AFRH, 4u * (pin % 8u), 4, function);
@@ -28,27 +47,47 @@ void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) 
 }
 
 void pins_write(bool amp_enable, bool brake_release) {
+  is_high = amp_enable && !(is_dynamic && is_high);
   /* The upper half of the register clears. */
-  GPIOB->BSRR = (amp_enable ? BIT(AMP_ENABLE) : BIT(AMP_ENABLE + 16)) |
+  GPIOB->BSRR = (is_high ? BIT(AMP_ENABLE) : BIT(AMP_ENABLE + 16)) |
                 (brake_release ? BIT(BRAKE_RELEASE) : BIT(BRAKE_RELEASE + 16));
 }
 
-/* An index pulse is shorter than a tick: its edge stays pending until it is read. The line is not
- * masked, so that it becomes pending, but its interrupt is never enabled. */
+/* The pin itself: something outside may hold it. */
+bool pins_enable_is_right(void) { return ((GPIOB->IDR & BIT(AMP_ENABLE)) != 0) == is_high; }
+
+/* An index pulse is shorter than a tick, so its edge interrupts. */
 static void index_init(void) {
   RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
   (void)RCC->APB2ENR;
   SYSCFG->EXTICR1 = (SYSCFG->EXTICR1 & ~SYSCFG_EXTICR1_EXTI3) | SYSCFG_EXTICR1_EXTI3_PC;
   EXTI->RTSR |= EXTI_RTSR_TR3;
-  EXTI->IMR |= EXTI_IMR_MR3;
   EXTI->PR = EXTI_PR_PR3;
+  EXTI->IMR |= EXTI_IMR_MR3;
+  NVIC->IPR2 = FIELD(8, 8, PRIORITY_BUS);
+  NVIC->ISER0 = BIT(IRQ_EXTI3);
+}
+
+/* An index stands in the quarter of a line in which A and B are high, and outlasts this; a spike on
+ * its wire does not. */
+void index_interrupt(void) {
+  EXTI->PR = EXTI_PR_PR3; /* writing 1 clears it */
+  if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
+    index_seen = true;
+  }
+  edges++;
+  if (edges >= EDGES_MAX) {
+    EXTI->IMR &= ~EXTI_IMR_MR3;
+  }
 }
 
 static bool index_was_seen(void) {
-  const bool seen = (EXTI->PR & EXTI_PR_PR3) != 0;
-  if (seen) {
-    EXTI->PR = EXTI_PR_PR3; /* writing 1 clears it */
+  const bool seen = index_seen;
+  index_seen = false;
+  if (edges >= EDGES_MAX) {
+    EXTI->IMR |= EXTI_IMR_MR3;
   }
+  edges = 0;
   return seen;
 }
 
@@ -64,7 +103,11 @@ void pins_init(void) {
   for (uint8_t i = 0; i < STRAPS; i++) {
     pin_mode(GPIOC, (uint8_t)(STRAP_FIRST + i), PIN_INPUT, PIN_PULL_UP);
   }
+  pin_mode(GPIOC, STRAP_DYNAMIC, PIN_INPUT, PIN_PULL_UP);
 }
+
+/* Once the pull-ups have had their time. */
+void pins_read_options(void) { is_dynamic = (GPIOC->IDR & BIT(STRAP_DYNAMIC)) == 0; }
 
 uint8_t pins_din(void) {
   const uint32_t levels = GPIOC->IDR;

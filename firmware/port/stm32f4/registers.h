@@ -7,14 +7,8 @@
  *
  * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of the field, with _<VALUE> one of its values. */
 
-#include <stdint.h>
-
-#define BIT(n) (UINT32_C(1) << (n))
-/* `value` in the field of `width` bits that begins at bit `at`. */
-#define FIELD(at, width, value) ((uint32_t)(value) << (at))
-#define MASK(at, width) (((UINT32_C(1) << (width)) - 1u) << (at))
-
-typedef volatile uint32_t reg_t;
+#include "firmware/port/stm32f4/registers_bits.h"
+#include "firmware/port/stm32f4/registers_core.h"
 
 /* Reset and clock control. */
 
@@ -27,7 +21,8 @@ typedef struct {
   reg_t unused_34[3];
   reg_t APB1ENR;
   reg_t APB2ENR;
-  reg_t unused_48[11];
+  reg_t unused_48[10];
+  reg_t BDCR;
   reg_t CSR;
 } rcc_t;
 #define RCC_BASE 0x40023800
@@ -35,8 +30,13 @@ typedef struct {
 
 #define RCC_CR_HSION BIT(0)
 #define RCC_CR_HSIRDY BIT(1)
+#define RCC_CR_HSEON BIT(16)
+#define RCC_CR_HSERDY BIT(17)
+#define RCC_CR_HSEBYP BIT(18)
+#define RCC_CR_CSSON BIT(19)
 #define RCC_CR_PLLON BIT(24)
 #define RCC_CR_PLLRDY BIT(25)
+#define RCC_PLLCFGR_PLLM_4 FIELD(0, 6, 4)
 #define RCC_PLLCFGR_PLLM_8 FIELD(0, 6, 8)
 #define RCC_PLLCFGR_PLLN_168 FIELD(6, 9, 168)
 #define RCC_PLLCFGR_PLLP_2 FIELD(16, 2, 0)
@@ -51,16 +51,77 @@ typedef struct {
 #define RCC_AHB1ENR_GPIOAEN BIT(0)
 #define RCC_AHB1ENR_GPIOBEN BIT(1)
 #define RCC_AHB1ENR_GPIOCEN BIT(2)
+#define RCC_AHB1ENR_CRCEN BIT(12)
 #define RCC_APB1ENR_TIM2EN BIT(0)
 #define RCC_APB1ENR_TIM5EN BIT(3)
 #define RCC_APB1ENR_USART2EN BIT(17)
 #define RCC_APB1ENR_CAN1EN BIT(25)
+#define RCC_APB1ENR_PWREN BIT(28)
 #define RCC_APB1ENR_DACEN BIT(29)
 #define RCC_APB2ENR_ADC1EN BIT(8)
 #define RCC_APB2ENR_SYSCFGEN BIT(14)
 
+#define RCC_BDCR_RTCSEL MASK(8, 2)
+#define RCC_BDCR_RTCSEL_LSI FIELD(8, 2, 2)
+#define RCC_BDCR_RTCEN BIT(15)
+#define RCC_BDCR_BDRST BIT(16)
+
+#define RCC_CSR_LSION BIT(0)
+#define RCC_CSR_LSIRDY BIT(1)
 #define RCC_CSR_RMVF BIT(24)
-#define RCC_CSR_WDGRSTF BIT(29)
+
+/* Power control. */
+
+typedef struct {
+  reg_t CR;
+  reg_t CSR;
+} pwr_t;
+#define PWR_BASE 0x40007000
+#define PWR ((pwr_t *)PWR_BASE)
+
+#define PWR_CR_PVDE BIT(4)
+#define PWR_CR_PLS MASK(5, 3)
+#define PWR_CR_PLS_7 FIELD(5, 3, 7)
+#define PWR_CR_DBP BIT(8)
+#define PWR_CSR_PVDO BIT(2)
+#define PWR_CSR_VOSRDY BIT(14)
+
+/* Real-time clock: the second clock. */
+
+typedef struct {
+  reg_t TR;
+  reg_t DR;
+  reg_t CR;
+  reg_t ISR;
+  reg_t PRER;
+  reg_t unused_14[4];
+  reg_t WPR;
+  reg_t SSR;
+} rtc_t;
+#define RTC_BASE 0x40002800
+#define RTC ((rtc_t *)RTC_BASE)
+
+#define RTC_CR_BYPSHAD BIT(5)
+#define RTC_ISR_INITF BIT(6)
+#define RTC_ISR_INIT BIT(7)
+#define RTC_PRER_PREDIV_S MASK(0, 15)
+#define RTC_SSR_SS MASK(0, 16)
+/* What opens its registers, in this order, and any other value that closes them. */
+#define RTC_KEY1 UINT32_C(0xCA)
+#define RTC_KEY2 UINT32_C(0x53)
+#define RTC_KEY_NONE UINT32_C(0xFF)
+
+/* CRC unit. */
+
+typedef struct {
+  reg_t DR;
+  reg_t IDR;
+  reg_t CR;
+} crc_t;
+#define CRC_BASE 0x40023000
+#define CRC ((crc_t *)CRC_BASE)
+
+#define CRC_CR_CR BIT(0)
 
 /* Flash. */
 
@@ -70,6 +131,7 @@ typedef struct {
   reg_t OPTKEYR;
   reg_t SR;
   reg_t CR;
+  reg_t OPTCR;
 } flash_t;
 #define FLASH_BASE 0x40023C00
 #define FLASH ((flash_t *)FLASH_BASE)
@@ -85,6 +147,7 @@ typedef struct {
 #define FLASH_SR_PGAERR BIT(5)
 #define FLASH_SR_PGPERR BIT(6)
 #define FLASH_SR_PGSERR BIT(7)
+#define FLASH_SR_RDERR BIT(8) /* the STM32F405 has none */
 #define FLASH_SR_BSY BIT(16)
 #define FLASH_CR_PG BIT(0)
 #define FLASH_CR_SER BIT(1)
@@ -95,6 +158,8 @@ typedef struct {
 #define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
+/* 0: level 3, 2.7 V at least; 3: off, as delivered. */
+#define FLASH_OPTCR_BOR_LEV MASK(2, 2)
 /* What opens FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
@@ -147,6 +212,10 @@ typedef struct {
 #define EXTI_IMR_MR3 BIT(3)
 #define EXTI_RTSR_TR3 BIT(3)
 #define EXTI_PR_PR3 BIT(3)
+/* Line 16 is the supply's detector. */
+#define EXTI_IMR_MR16 BIT(16)
+#define EXTI_RTSR_TR16 BIT(16)
+#define EXTI_PR_PR16 BIT(16)
 
 /* Timers: 5 is the encoder, 2 the free-running counter. */
 
@@ -184,10 +253,16 @@ typedef struct {
   reg_t CR2;
   reg_t SMPR1;
   reg_t SMPR2;
-  reg_t unused_14[9];
+  reg_t unused_14[6];
+  reg_t SQR1;
+  reg_t SQR2;
+  reg_t SQR3;
   reg_t JSQR;
   reg_t JDR1;
   reg_t JDR2;
+  reg_t JDR3;
+  reg_t JDR4;
+  reg_t DR;
 } adc_t;
 #define ADC1_BASE 0x40012000
 #define ADC1 ((adc_t *)ADC1_BASE)
@@ -199,17 +274,24 @@ typedef struct {
 #define ADC_COMMON_BASE 0x40012300
 #define ADC_COMMON ((adc_common_t *)ADC_COMMON_BASE)
 
+#define ADC_SR_EOC BIT(1)
 #define ADC_SR_JEOC BIT(2)
 #define ADC_CR1_SCAN BIT(8)
 #define ADC_CR1_RES_12 FIELD(24, 2, 0)
 #define ADC_CR2_ADON BIT(0)
 #define ADC_CR2_JSWSTART BIT(22)
-#define ADC_SMPR2_SMP6_15 FIELD(18, 3, 1)
-#define ADC_SMPR2_SMP7_15 FIELD(21, 3, 1)
+#define ADC_CR2_SWSTART BIT(30)
+#define ADC_SMPR1_SMP17_480 FIELD(21, 3, 7)
+#define ADC_SMPR2_SMP4_480 FIELD(12, 3, 7)
+#define ADC_SMPR2_SMP6_28 FIELD(18, 3, 2)
+#define ADC_SMPR2_SMP7_28 FIELD(21, 3, 2)
+#define ADC_SQR3_SQ1_4 FIELD(0, 5, 4)
+#define ADC_SQR3_SQ1_17 FIELD(0, 5, 17)
 #define ADC_JSQR_JSQ3_6 FIELD(10, 5, 6)
 #define ADC_JSQR_JSQ4_7 FIELD(15, 5, 7)
 #define ADC_JSQR_JL_2 FIELD(20, 2, 1)
 #define ADC_CCR_ADCPRE_4 FIELD(16, 2, 1)
+#define ADC_CCR_TSVREFE BIT(23)
 
 /* Digital-to-analog converter. */
 
@@ -289,7 +371,10 @@ typedef struct {
 #define CAN_ESR_BOFF BIT(2)
 #define CAN_BTR_BRP(divider) FIELD(0, 10, (divider)-1)
 #define CAN_BTR_TS1_10 FIELD(16, 4, 9)
+#define CAN_BTR_TS1_11 FIELD(16, 4, 10)
+#define CAN_BTR_TS2_2 FIELD(20, 3, 1)
 #define CAN_BTR_TS2_3 FIELD(20, 3, 2)
+#define CAN_BTR_SJW_2 FIELD(24, 2, 1)
 #define CAN_BTR_SJW_3 FIELD(24, 2, 2)
 #define CAN_TI0R_TXRQ BIT(0)
 #define CAN_TI0R_RTR BIT(1)
@@ -331,6 +416,8 @@ typedef struct {
 
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7A10
+/* What the ADC gave of its reference at 3.3 V when the chip was made: 16 bits. */
+#define VREFINT_CAL_BASE 0x1FFF7A2A
 
 /* Independent watchdog. */
 
@@ -343,60 +430,12 @@ typedef struct {
 #define IWDG_BASE 0x40003000
 #define IWDG ((iwdg_t *)IWDG_BASE)
 
+#define IWDG_SR_PVU BIT(0)
+#define IWDG_SR_RVU BIT(1)
 #define IWDG_PR_PR_16 FIELD(0, 3, 2)
 /* Keys of KR. */
 #define IWDG_KEY_FEED UINT32_C(0xAAAA)
 #define IWDG_KEY_ACCESS UINT32_C(0x5555)
 #define IWDG_KEY_START UINT32_C(0xCCCC)
-
-/* The core: ARMv7-M. */
-
-typedef struct {
-  reg_t CSR;
-  reg_t RVR;
-  reg_t CVR;
-} systick_t;
-#define SYSTICK_BASE 0xE000E010
-#define SYSTICK ((systick_t *)SYSTICK_BASE)
-
-#define SYSTICK_CSR_ENABLE BIT(0)
-#define SYSTICK_CSR_TICKINT BIT(1)
-#define SYSTICK_CSR_CLKSOURCE BIT(2)
-#define SYSTICK_CSR_COUNTFLAG BIT(16)
-
-typedef struct {
-  reg_t unused_000[64];
-  reg_t ISER0;
-  reg_t ISER1;
-  reg_t unused_108[62];
-  reg_t ISPR0;
-  reg_t ISPR1;
-  reg_t unused_208[126];
-  reg_t unused_400[5];
-  reg_t IPR5;
-  reg_t unused_418[3];
-  reg_t IPR9;
-} nvic_t;
-#define NVIC_BASE 0xE000E000
-#define NVIC ((nvic_t *)NVIC_BASE)
-
-enum { IRQ_CAN1_RX0 = 20, IRQ_USART2 = 38 };
-
-typedef struct {
-  reg_t CPUID;
-  reg_t ICSR;
-  reg_t VTOR;
-  reg_t AIRCR;
-  reg_t SCR;
-  reg_t CCR;
-  reg_t SHPR1;
-  reg_t SHPR2;
-  reg_t SHPR3;
-} scb_t;
-#define SCB_BASE 0xE000ED00
-#define SCB ((scb_t *)SCB_BASE)
-
-#define SCB_AIRCR_SYSRESETREQ BIT(2)
-#define SCB_AIRCR_VECTKEY FIELD(16, 16, 0x05FA)
 
 #endif

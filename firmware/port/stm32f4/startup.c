@@ -9,17 +9,10 @@ extern uint32_t data_end[];
 extern const uint32_t data_load[];
 extern uint32_t bss_begin[];
 extern uint32_t bss_end[];
+extern const uint32_t vectors_begin[];
 
 int main(void);
 _Noreturn void reset(void);
-
-/* The tick, the watchdog and all outputs are off before this; afterwards as after power-up. */
-_Noreturn void board_fail(void) {
-  io_make_safe();
-  SCB->AIRCR = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;
-  for (;;) {
-  }
-}
 
 /* Of addresses, because to C these are different objects. */
 static uint32_t words(const uint32_t *begin, const uint32_t *end) {
@@ -27,7 +20,8 @@ static uint32_t words(const uint32_t *begin, const uint32_t *end) {
 }
 
 _Noreturn void reset(void) {
-  SCB->VTOR = FIELD(0, 32, 0x08000000);
+  SCB->VTOR = (uintptr_t)vectors_begin;
+  SCB->CCR |= SCB_CCR_DIV_0_TRP;
   const uint32_t data_words = words(data_begin, data_end);
   for (uint32_t i = 0; i < data_words; i++) {
     data_begin[i] = data_load[i];
@@ -38,6 +32,8 @@ _Noreturn void reset(void) {
   }
   (void)main();
   board_fail();
+  for (;;) {
+  }
 }
 
 typedef void (*handler_t)(void);
@@ -66,6 +62,8 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
             HANDLER(12, board_fail),
             HANDLER(14, board_fail),
             HANDLER(EXCEPTION_SYSTICK, tick_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),
+            HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_CAN1_RX0, can_interrupt),
             HANDLER(EXCEPTION_IRQ + IRQ_USART2, serial_interrupt),
         },

@@ -61,9 +61,11 @@ const store_memory_t *flash_memory(void) { return NULL; }
 
 const store_memory_t *flash_archive(void) { return NULL; }
 
-void watchdog_start(void) {}
+void watchdog_arm(void) {}
 
-bool watchdog_fired(void) { return false; }
+uint8_t reset_cause(void) { return 0; }
+
+void supply_interrupt(void) {} /* never enabled */
 
 void port_feed_watchdog(void) {}
 

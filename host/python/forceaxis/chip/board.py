@@ -13,9 +13,13 @@ emulating and flashing its image. Sources and scripts are named from that folder
                     system package it comes in, machine, options of its clock; what each of its
                     serial lines is: "", "modbus", or "can" (frames in records)
     [probe]         optional. openocd's configuration, name of the probe, pattern of its
-                    version as openocd prints it; the chip, its 12-bit identifier and where that is
+                    version as openocd prints it; the chip, its 12-bit identifier and where that is.
+                    [probe.options], optional: what a flashing also sets, and reads back: a register
+                    whose bits `mask` become `value`, opened by `keys`, `start` and `lock` bits of
+                    its own, ready when the bits `busy` of another one are 0
     [registers]     optional. For tools/check_svd: header, PyPI package and devices of the
-                    vendor's files, peripherals that they lack, names that differ
+                    vendor's files, peripherals that they lack, names that differ, fields that
+                    the files lack though the manual has them
 
 Programs of tools/ import this file without the package: only the standard library is used.
 """
@@ -72,6 +76,18 @@ SCHEMA = {
         "chip": str,
         "chip_id": int,
         "chip_id_address": int,
+        "options": {
+            "title": str,
+            "address": int,
+            "mask": int,
+            "value": int,
+            "keys_address": int,
+            "keys": NUMBERS,
+            "start": int,
+            "lock": int,
+            "busy_address": int,
+            "busy": int,
+        },
     },
     "registers": {
         "header": str,
@@ -81,9 +97,10 @@ SCHEMA = {
         "peripherals": NAMES,
         "prefixes": NAMES,
         "split": NAMES,
+        "lacking": TEXTS,
     },
 }
-OPTIONAL = {"emulator", "probe", "registers"}
+OPTIONAL = {"emulator", "probe", "registers", "options", "lacking"}
 WORDS = {str: "a text", int: "a number"}
 
 
@@ -105,10 +122,9 @@ def _checked(where, value, schema):
         raise BoardError(f"{where}: expected a table")
     if str in schema:
         return {k: _checked(f"{where}.{k}", v, schema[str]) for k, v in value.items()}
-    optional = OPTIONAL if schema is SCHEMA else set()
     if unknown := sorted(value.keys() - schema.keys()):
         raise BoardError(f"{where}: {unknown[0]}: expected one of {', '.join(schema)}")
-    if missing := [k for k in schema if k not in value and k not in optional]:
+    if missing := [k for k in schema if k not in value and k not in OPTIONAL]:
         raise BoardError(f"{where}: expected {missing[0]}")
     return SimpleNamespace(
         **{

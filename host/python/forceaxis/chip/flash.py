@@ -134,6 +134,7 @@ def span(addresses):
 
 def describe(plan):
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
+    options = plan.board.probe.options
     starts = [sector.start for sector in sectors_of(plan.board)]
     sectors = ", ".join(
         f"{n} ({'parameters, ' if starts[n] in parameters else ''}{starts[n]:#010x})"
@@ -151,6 +152,7 @@ def describe(plan):
             "parameters",
             "erased: the axis starts with defaults" if plan.erase_parameters else "kept",
         ),
+        *([("options", options.title)] if options else []),
     )
     return "\n".join(f"{name:12} {value}" for name, value in rows)
 
@@ -171,16 +173,51 @@ def probe_options(board, serial):
 
 
 def command(plan):
-    """The command line that writes, verifies and resets."""
+    """The command line that sets the option bytes, writes, verifies and resets."""
     steps = []
-    if plan.erase_parameters:
+    options = plan.board.probe.options
+    if options or plan.erase_parameters:
         steps += ["init", "reset init"]
+    if options:
+        steps += options_steps(options)
+    if plan.erase_parameters:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
-    options = [word for step in steps for word in ("-c", step)]
-    return ["openocd", *probe_options(plan.board, plan.serial), *options]
+    words = [word for step in steps for word in ("-c", step)]
+    return ["openocd", *probe_options(plan.board, plan.serial), *words]
+
+
+def options_steps(options):
+    """openocd's commands that set option bytes where they are not right, and print the register: it
+    is opened by its keys, written, started by a write of its own, awaited and locked."""
+    at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
+    wanted, ours = f"{options.value:#x}", f"{options.mask | options.start | options.lock:#x}"
+    writes = [
+        *(f"mww {options.keys_address:#x} {key:#010x}" for key in options.keys),
+        f"mww {at} [expr {{({held} & ~{ours}) | {wanted}}}]",
+        f"mww {at} [expr {{{held} | {options.start:#x}}}]",
+        f"while {{[mrw {options.busy_address:#x}] & {options.busy:#x}}} {{}}",
+        f"mww {at} [expr {{{held} | {options.lock:#x}}}]",
+    ]
+    return [
+        f"if {{({held} & {options.mask:#x}) != {wanted}}} {{{'; '.join(writes)}}}",
+        f"echo [format {{options %08x}} {held}]",
+    ]
+
+
+def expect_options(plan, output):
+    """Raises FlashError unless the option bytes were read back as they are wanted."""
+    options = plan.board.probe.options
+    if options is None:
+        return
+    found = re.search(r"^options ([0-9a-f]{8})\s*$", output, re.M)
+    if found is None or int(found.group(1), 16) & options.mask != options.value:
+        raise FlashError(
+            f"openocd: expected {options.title}, read back "
+            f"{found.group(1) if found else 'nothing'}; the axis stays disabled, write it again"
+        )
 
 
 def quoted(words):
@@ -226,6 +263,7 @@ def write(plan):
     output = run(plan.board, command(plan))
     if "** Verified OK **" not in output:
         raise FlashError("openocd: expected `Verified OK`; " + last_line(output))
+    expect_options(plan, output)
 
 
 def run(board, words):

@@ -296,8 +296,8 @@ def linked(command):
             "kind",
             type=Kind(),
             help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
-            "usual, but both sides hash the trace; pil-stm32: the image on an emulated chip. Where "
-            "the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
+            "usual, but both sides hash the trace; pil-BOARD: a board's image on its emulator. "
+            "Where the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
         ),
     ):
         command = option(command)

@@ -94,6 +94,13 @@ def _load(axis):
     return True
 
 
+# What the board said of itself: of the last restart, and of faults of the board.
+BOARD = (
+    *("reset_cause", "board_state", "tick_deviation"),
+    *(f"core_fault_{word}" for word in ("pc", "lr", "cfsr", "hfsr", "bfar")),
+)
+
+
 def fetch(axis):
     """The incident of an axis that is owned: that of its black box, without one that which a power
     cut has left. Raises Refused where there is none, NoAnswer."""
@@ -116,7 +123,7 @@ def fetch(axis):
         raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
-        + ["modes_of_operation", "force_setpoint"]
+        + ["modes_of_operation", "force_setpoint", *BOARD]
     )
     return Incident(
         recording=recording,

@@ -29,7 +29,24 @@ MEANS = {
     "no_contact": "the approach ended without contact",
     "contact_unstable": "contact was lost again and again, or the force swung",
     "watchdog_reset": "the watchdog reset the processor in the middle of a tick",
+    "core_fault": "a fault of the processor, or a debugger, reset it",
+    "board_unfit": "the board failed a check at power-up",
+    "supply_wrong": "the board's supply or the ADC's reference left its band",
+    "clock_wrong": "the tick had not its length beside a second clock",
+    "output_wrong": "DAC or amp_enable, read back, was not what was put out",
 }
+# Bits of board_state (2431h) that are faults.
+FOUND = {
+    2: "brown-out reset not at its level",
+    4: "image damaged",
+    8: "RAM failed",
+    16: "supply low",
+    32: "ADC reference out of band",
+    64: "DAC not at its code",
+    128: "amp_enable not at its level",
+    256: "tick beside the second clock",
+}
+CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 
 def tell(incident, counts_per_mm=None):
@@ -72,7 +89,17 @@ class _Story:
         return [line for line in rules if line]
 
     def meaning(self, fault):
-        return MEANS.get(fault)
+        """What the fault is, with what the board said of it."""
+        text, said = MEANS.get(fault), self.incident.parameters
+        if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
+            words = (
+                f"{w.upper()} {said[f'core_fault_{w}'] & 0xFFFFFFFF:#010x}" for w in CORE_WORDS
+            )
+            return f"a fault of the processor reset it: {', '.join(words)}"
+        found = [name for bit, name in FOUND.items() if said.get("board_state", 0) & bit]
+        if fault in ("board_unfit", "supply_wrong", "clock_wrong", "output_wrong") and found:
+            return f"{text}: {', '.join(found)}"
+        return text
 
     def motion(self):
         """Since when the axis was enabled, and how fast it moved."""

@@ -183,7 +183,7 @@ def simulated(bench, outcome, instead, say):
     names = [outcome.chosen, *sorted(names, key=promised.get, reverse=True)]
     # First each with about as much gain as the next one promises; then, if all fail, with any.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
-    best, refused = None, None
+    best, refused, passed = None, None, {}
     for tries in (zip(names, shares, strict=True), ((name, 0.0) for name in names[:-1])):
         for name, least in tries:
             if best and (not best.cuts or promised[name] <= best.worst["fS_Hz"]):
@@ -193,6 +193,7 @@ def simulated(bench, outcome, instead, say):
                 one = one and left(one, least)
             except InputError as error:
                 refused = error  # the last one has tried the least gain
+                passed[name] = str(error)
                 continue
             if one and (best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]):
                 best = one
@@ -201,6 +202,7 @@ def simulated(bench, outcome, instead, say):
     if best is None:
         raise refused
     best.frictions = bench.frictions
+    best.passed_over = {name: why for name, why in passed.items() if name != best.chosen}
     bench.wait_for(best.bank)
     if best.p_bank.force_gain:
         say("simulating P")

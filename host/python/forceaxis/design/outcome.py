@@ -58,6 +58,7 @@ class Outcome:
     loss: dict = field(default_factory=dict)
     rows: list = field(default_factory=list)
     cuts: list = field(default_factory=list)  # steps that simulate.safe did not take
+    passed_over: dict = field(default_factory=dict)  # structure -> why its contacts are not borne
     out: str | None = None
     written: list = field(default_factory=list)
     working: Working = field(default_factory=lambda: Working({}))
@@ -92,6 +93,7 @@ class Outcome:
             "limited_by": self.limited_by,
             "contact_loss": self.loss or None,
             "gain_reductions": self.backoffs,
+            "passed_over": self.passed_over,
             "gain_cuts": [asdict(cut) for cut in self.cuts],
             "out": self.out,
             "files": self.written,
@@ -140,6 +142,8 @@ def describe(outcome, width=None):
         f"{bank.hf_gain():.3g} codes per count at high frequency",
         f"limited by   {outcome.limited_by}",
     ]
+    for name, why in outcome.passed_over.items():
+        lines.append(f"not taken    {name}: {why.removeprefix('simulation: ')}")
     if outcome.backoffs:
         times = counted(outcome.backoffs, "time")
         lines.append(f"simulation   took the gain down {times}, a tenth each:")

@@ -432,9 +432,13 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
+        bad = None
         for first in losses(bench):
             rows = simulate(bench, tried, members, latencies, first, threads)
-            if not (bad := unstable(rows)):
+            failed = unstable(rows)
+            if bad is None or len(failed) < len(bad):
+                bad = failed
+            if not bad:
                 break
         if bad:
             cuts.append(Cut(tried.force_gain, len(bad), len(rows), bad[0]["case"], why(bad[0])))

@@ -1,0 +1,56 @@
+#include "firmware/app/board.h"
+
+#include <stddef.h>
+
+uint16_t board_reset_error(const fw_config_t *config) {
+  const uint32_t cause = config->reset_cause;
+  if (config->core_fault != NULL) {
+    return AXIS_ERROR_CODE_CORE_FAULT;
+  }
+  if ((cause & (FW_RESET_WATCHDOG | FW_RESET_WINDOW)) != 0) {
+    return AXIS_ERROR_CODE_WATCHDOG_RESET;
+  }
+  if ((cause & (FW_RESET_SOFTWARE | FW_RESET_LOW_POWER)) != 0) {
+    return AXIS_ERROR_CODE_CORE_FAULT;
+  }
+  const bool browned_out = (cause & FW_RESET_BROWN_OUT) != 0 && (cause & FW_RESET_POWER) == 0;
+  return browned_out ? AXIS_ERROR_CODE_BROWNOUT_RESET : AXIS_ERROR_CODE_NONE;
+}
+
+void board_show_reset(fw_t *fw) {
+  device_signals_t *signals = &fw->device_signals;
+  signals->reset_cause = fw->config.reset_cause;
+  if (fw->config.core_fault != NULL) {
+    signals->core_fault_pc = fw->config.core_fault->pc;
+    signals->core_fault_lr = fw->config.core_fault->lr;
+    signals->core_fault_cfsr = fw->config.core_fault->cfsr;
+    signals->core_fault_hfsr = fw->config.core_fault->hfsr;
+    signals->core_fault_bfar = fw->config.core_fault->bfar;
+  }
+}
+
+void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
+  enum { KINDS = 4 };
+  static const struct {
+    uint16_t found;
+    uint8_t fault;
+  } faults[KINDS] = {
+      {FW_BOARD_BROWN_OUT_LEVEL | FW_BOARD_IMAGE | FW_BOARD_RAM, AXIS_FAULT_BOARD_UNFIT},
+      {FW_BOARD_SUPPLY | FW_BOARD_REFERENCE, AXIS_FAULT_SUPPLY_WRONG},
+      {FW_BOARD_TICK, AXIS_FAULT_CLOCK_WRONG},
+      {FW_BOARD_DAC | FW_BOARD_ENABLE, AXIS_FAULT_OUTPUT_WRONG},
+  };
+  const uint32_t faulty = ~(uint32_t)(FW_BOARD_CLOCK_INTERNAL | FW_BOARD_TICK_UNKNOWN);
+  device_signals_t *signals = &fw->device_signals;
+  /* What led to a fault may be over, because the outputs are off, when somebody reads this. */
+  const uint32_t before = (fw->axis.signals.fault != AXIS_FAULT_NONE) ? signals->board_state : 0;
+  signals->board_state = (uint16_t)(state | (before & faulty));
+  signals->tick_deviation = tick_deviation;
+  if ((state & faulty) != 0) {
+    for (uint8_t i = 0; i < KINDS; i++) {
+      if ((state & faults[i].found) != 0) {
+        axis_fault(&fw->axis, faults[i].fault);
+      }
+    }
+  }
+}

@@ -1,0 +1,65 @@
+/* What start-up finds of its memories: the image in the flash, beside the CRC that tools/image has
+ * put behind it, and the RAM. */
+
+#include "firmware/port/stm32f4/board.h"
+
+extern const uint32_t vectors_begin[];
+extern const uint32_t vectors_end[];
+extern const uint32_t code_begin[];
+extern const uint32_t code_end[];
+extern uint32_t stack_bottom[];
+extern uint32_t ram_end[];
+
+/* What protect.c keeps from being touched. */
+enum { GUARD_WORDS = 8 };
+
+/* Of the words from vectors_begin to vectors_end and from code_begin to code_end, as the chip's CRC
+ * unit makes it: 0x04C11DB7, from all ones, highest bit first. */
+__attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
+
+/* Four at once: each word is a read and a write. */
+static void take(const uint32_t *at, const uint32_t *end) {
+  for (; (uintptr_t)end - (uintptr_t)at >= 4 * sizeof(uint32_t); at += 4) {
+    CRC->DR = at[0];
+    CRC->DR = at[1];
+    CRC->DR = at[2];
+    CRC->DR = at[3];
+  }
+  for (; at != end; at++) {
+    CRC->DR = *at;
+  }
+}
+
+bool image_is_whole(void) {
+  RCC->AHB1ENR |= RCC_AHB1ENR_CRCEN;
+  (void)RCC->AHB1ENR;
+  CRC->CR = CRC_CR_CR;
+  take(vectors_begin, vectors_end);
+  take(code_begin, code_end);
+  return CRC->DR == image_crc;
+}
+
+/* The bits of a word that hold neither of two patterns, one the inverse of the other. */
+static inline uint32_t stuck_bits(volatile uint32_t *at) {
+  const uint32_t before = *at;
+  *at = UINT32_C(0x55555555);
+  const uint32_t first = *at;
+  *at = UINT32_C(0xAAAAAAAA);
+  const uint32_t second = *at;
+  *at = before;
+  return ~(first ^ second);
+}
+
+/* Each word in use, one after the other, and then again what it held: the stack and the variables
+ * outlive this, and an incident. */
+bool ram_is_right(void) {
+  uint32_t wrong = 0;
+  __asm volatile("cpsid i" ::: "memory");
+  for (volatile uint32_t *at = stack_bottom + GUARD_WORDS; (uintptr_t)at < (uintptr_t)ram_end;
+       at += 2) {
+    wrong |= stuck_bits(at);
+    wrong |= stuck_bits(at + 1);
+  }
+  __asm volatile("cpsie i" ::: "memory");
+  return wrong == 0;
+}

@@ -1,0 +1,15 @@
+#ifndef FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
+#define FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
+
+/* What registers are described with. */
+
+#include <stdint.h>
+
+#define BIT(n) (UINT32_C(1) << (n))
+/* `value` in the field of `width` bits that begins at bit `at`. */
+#define FIELD(at, width, value) ((uint32_t)(value) << (at))
+#define MASK(at, width) (((UINT32_C(1) << (width)) - 1u) << (at))
+
+typedef volatile uint32_t reg_t;
+
+#endif
