@@ -5,7 +5,16 @@ import shutil
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Parameter, Positive, Slow, Subject, as_json, set_option, threads
+from forceaxis.cli.common import (
+    Parameter,
+    Positive,
+    Slow,
+    Subject,
+    as_json,
+    mode_option,
+    set_option,
+    threads,
+)
 from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
@@ -16,7 +25,7 @@ def over_options(verb):
         type=click.Choice(["visited", "all", "nominal"]),
         default="visited",
         show_default=True,
-        help="Modes of amplifier and contact in which the set is taken.",
+        help="Modes of amplifier, contact and friction in which the set is taken.",
     )(verb)
     return click.option(
         "--over",
@@ -31,7 +40,8 @@ def over_options(verb):
     cls=Slow,
     epilog="""forceaxis advise laboratory
     forceaxis advise laboratory --over k_w=30%,m_w=30%
-    forceaxis advise sim/experiments/contact.toml --simulate --out advice.png""",
+    forceaxis advise sim/experiments/contact.toml --simulate --out advice.png
+    forceaxis advise nl_stick_slip --linear --mode rail=stuck""",
 )
 @click.argument(
     "model",
@@ -39,6 +49,7 @@ def over_options(verb):
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
 @set_option("A model parameter.")
+@mode_option("states")
 @click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
 @click.option(
     "--factor",
@@ -58,7 +69,9 @@ def over_options(verb):
 @threads
 @drawn
 @as_json
-def advise(model, overrides, timing, factor, simulate, linear, over, modes, threads, out, as_json):
+def advise(
+    model, overrides, states, timing, factor, simulate, linear, over, modes, threads, out, as_json
+):
     """What limits the bandwidth of a force loop, and the benefit of each change of the axis.
 
     Rows are ranked by the crossover at half the critical gain. Beside the linear limit stands the
@@ -78,8 +91,9 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
         raise click.UsageError("expected --simulate or --linear, got both")
     runs = "all" if simulate else "none" if linear else "present"
     result = design.advise(
-        model, models.overrides(overrides), timing, factor, runs, threads, over, modes
-    )
+        model, models.overrides(overrides), timing, factor, runs, threads, over, modes,
+        models.states(states),
+    )  # fmt: skip
     if out:
         from forceaxis import drawing
         from forceaxis.design import advice_plot
@@ -92,7 +106,8 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
 @click.command(
     cls=Slow,
     epilog="""forceaxis compliance laboratory_grip --out compliance.png
-    forceaxis compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json""",
+    forceaxis compliance laboratory --element k_w --from 1e5 --to 2e6 --points 6 --json
+    forceaxis compliance nl_friction --mode rail=forward --points 3""",
 )
 @click.argument(
     "model",
@@ -101,6 +116,7 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
 )
 @click.option("--element", help="The stiffness that is varied. Default: the contact's.")
 @set_option("A model parameter.")
+@mode_option("states")
 @click.option(
     "--over",
     multiple=True,
@@ -116,8 +132,9 @@ def advise(model, overrides, timing, factor, simulate, linear, over, modes, thre
 @drawn
 @as_json
 def compliance(
-    model, element, overrides, over, lowest, highest, points, adc_bits, threads, out, as_json
-):
+    model, element, overrides, states, over, lowest, highest, points, adc_bits, threads, out,
+    as_json,
+):  # fmt: skip
     """Soft contact or low gain: what the stiffness of a pad, sensor or workpiece is worth.
 
     For each stiffness of one element: the bandwidth fS over the set of P and of a bank designed for
@@ -132,8 +149,9 @@ def compliance(
         raise click.UsageError("expected --from and --to together, got one of them")
     span = None if lowest is None else (lowest, highest)
     result = soft.compliance(
-        model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads
-    )
+        model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,
+        models.states(states),
+    )  # fmt: skip
     if out:
         from forceaxis import drawing
 

@@ -202,6 +202,20 @@ def set_option(text):
     )
 
 
+def mode_option(name):
+    """--mode, as the parameter of this name."""
+    return click.option(
+        "--mode",
+        name,
+        multiple=True,
+        metavar="ELEMENT=STATE",
+        help="An element's state as in events.csv (sensor=apart, rail=stuck, "
+        "drive.amplifier=high outer). Default: contacts pressed, frictions sliding unless the "
+        "drive cannot break them loose, the play of backlashes taken up, everything else in the "
+        "middle of its range; what was taken is printed where a model has a choice. Repeatable.",
+    )
+
+
 class Parameter(click.ParamType):
     """NAME=...; completes the parameters of the verb's model."""
 

@@ -11,7 +11,16 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli import common
-from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_option, threads
+from forceaxis.cli.common import (
+    Folder,
+    Parameter,
+    Subject,
+    Verb,
+    as_json,
+    mode_option,
+    set_option,
+    threads,
+)
 
 
 class Newtons(click.ParamType):
@@ -30,6 +39,7 @@ class Newtons(click.ParamType):
     forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
     forceaxis design press/model.toml --over k_w=30% --force 30,75 --approach 5 --out out/law
     forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json
+    forceaxis design press/model.toml --over k_s=30% --mode seals=forward
     forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \\
     --measured out/m/150N --over k_w=30%,m_w=30% --out out/law""",
 )
@@ -50,7 +60,8 @@ class Newtons(click.ParamType):
     type=click.Choice(["visited", "all"]),
     default="visited",
     show_default=True,
-    help="Of amplifier and contact: those that a contact visits, or all.",
+    help="Of amplifier, contact and friction: those that a contact visits, frictions stuck and "
+    "sliding, or all.",
 )
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
 @click.option("--ms-late", type=float, default=2.2, show_default=True, help="One tick late.")
@@ -72,6 +83,7 @@ class Newtons(click.ParamType):
     help="latency_ticks that one design is made for.",
 )
 @set_option("A model parameter (b_w=363), in its own unit. Repeatable.")
+@mode_option("states")
 @click.option(
     "--measured", multiple=True, metavar="FOLDER",
     help="Of `forceaxis measure --out`: MODEL is fitted to it first. Repeatable.",
@@ -99,20 +111,20 @@ class Newtons(click.ParamType):
 @click.option("--out", type=Folder(), help="A new folder for experiment, bank and page.")
 @threads
 @as_json
-def design(text, overrides, pareto, measured, priors, out, as_json, **given):
+def design(text, overrides, states, pareto, measured, priors, out, as_json, **given):
     """Find the force law with most bandwidth for MODEL and all that it may be.
 
     The law is the firmware's: gain, integral, up to three sections of second order, its
     coefficients as the firmware holds them. It keeps the margins at every corner of the set, in
     every mode, for each latency, and |T| does not sag below -3 dB within its bandwidth. The
     smallest structure within a few percent of the best is taken. Then it is simulated: contact at
-    three set-points, or those of --force, and two speeds, strikes, random members. A touch-down is
-    to hold its force within 2 %, to peak at 1.3 set-points and to lose contact once at most, beside
-    what the impact does with a weak law; the gain is reduced until every case is stable, and each
-    cut is printed with the case and the limit that it is for. fS is the lowest frequency at which
-    |S| reaches -3 dB, of the worst member. With
-    --measured the set lies about what the responses say of MODEL's parameters and is widened by
-    what they leave open; a fit that is rejected ends with exit status 1.
+    three set-points, or those of --force, and two speeds, strikes, random members, with dry
+    friction from none to twice what MODEL has. A touch-down is to hold its force within 2 %, to
+    peak at 1.3 set-points and to lose contact once at most, beside what the impact does with a weak
+    law; the gain is reduced until every case is stable, and each cut is printed with the case and
+    the limit that it is for. fS is the lowest frequency at which |S| reaches -3 dB, of the worst
+    member. With --measured the set lies about what the responses say of MODEL's parameters and is
+    widened by what they leave open; a fit that is rejected ends with exit status 1.
 
     --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
     with their certificate, as `write_all` of a gateway's client takes them) and index.html.
@@ -137,7 +149,8 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     from forceaxis.design import for_set, outcome
 
     given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
-    order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
+    values, states = linear.overrides(overrides), linear.states(states)
+    order = outcome.Order(text, overrides=values, states=states, **given)
     if priors and not measured:
         raise click.UsageError("--prior: expected with --measured")
     if measured:

@@ -14,6 +14,7 @@ from forceaxis.cli.common import (
     as_json,
     done_waiting,
     fitted_lines,
+    mode_option,
     set_option,
 )
 
@@ -49,15 +50,7 @@ def present(summary, as_json, describe, out=None):
 def _model_options(subject, *folders):
     def add(verb):
         for decorate in (
-            click.option(
-                "--mode",
-                "modes",
-                multiple=True,
-                metavar="ELEMENT=STATE",
-                help="An element's state as in events.csv (sensor=apart, rail=forward, "
-                "drive.amplifier=high outer). Default: contacts pressed, everything else in the "
-                "middle of its range. Repeatable.",
-            ),
+            mode_option("modes"),
             set_option("A model parameter (b_m=0.02), in its own unit. Repeatable."),
             click.argument("model", metavar=subject, type=Subject(*folders)),
         ):
@@ -142,9 +135,10 @@ def over_options(verb):
             "--modes",
             "visit",
             type=click.Choice(["visited", "all", "nominal"]),
-            help="Modes of amplifier and contact in which all must hold: those that a run of the "
-            "EXPERIMENT visits, all, or the one of --mode; saturated ones left out. Default: "
-            "visited, of a MODEL all.",
+            help="Modes of amplifier, contact and friction in which all must hold: those that a "
+            "run of the EXPERIMENT visits, all, or the one of --mode; frictions stuck and sliding "
+            "in either of the first two, saturated ones left out. Default: visited, of a MODEL "
+            "all.",
         ),
         click.option(
             "--over",
@@ -376,21 +370,22 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     or 0: continuous) and the names of states, inputs and outputs.
     """
     from forceaxis.linear import system as linear
+    from forceaxis.linear import working
 
     linear.check_export(out)
     linear.once("--input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
     linear.once("--output", outputs)
-    system = linear.linearise(
-        model, inputs, outputs, linear.overrides(overrides), linear.states(modes), free, not load
-    )
+    values, states = linear.overrides(overrides), linear.states(modes)
+    mode = working.working(linear.find_model(model), values, states, free)
+    system = linear.linearise(model, inputs, outputs, values, mode.modes, free, not load)
     if timing != "continuous":
         system = system.sampled(delay_ticks=int(timing == "zoh+1"))
     if out:
         linear.export(system, out)
     if as_json:
-        click.echo(json.dumps(linear.summary(system), allow_nan=False))
+        click.echo(json.dumps(linear.summary(system, mode), allow_nan=False))
         return
-    click.echo(linear.describe(system))
+    click.echo(linear.describe(system, mode))
     if out:
         click.echo(f"file         {paths.quoted(out)}")
 

@@ -36,7 +36,7 @@ from forceaxis._core import InputError
 from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
 from forceaxis.design.outcome import Order
-from forceaxis.linear import loops, modes
+from forceaxis.linear import loops, modes, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
@@ -115,7 +115,7 @@ def limiting_mode(design, loop):
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
-    known = modes.modes(design.model, overrides=design.overrides)
+    known = modes.modes(design.model, overrides=design.overrides, states=design.states)
     start = branch_start(loop, limit)
     crossing = flexible = None
     for mode in known["modes"]:
@@ -189,9 +189,9 @@ class _Over:
             raise InputError("--timing: expected zoh or zoh+1 with --over, the firmware samples")
         self.design, self.over = design, tuple(over)
         if modes_ == "nominal":
-            self.modes = ({},)
+            self.modes = (design.states,)
         elif modes_ == "all":
-            self.modes = sets.slopes(design.model, design.overrides)
+            self.modes = sets.slopes(design.model, design.overrides, design.states)
         else:
             bench = simulate.Bench(design, design.facts["reading"]["bits"])
             self.modes = for_set.plant_set(bench, Order("", self.over)).modes
@@ -245,6 +245,7 @@ def advise(
     threads=None,
     over=(),
     modes="visited",
+    states=None,
 ):
     """The advice as `forceaxis advise --json` prints it.
 
@@ -252,11 +253,12 @@ def advise(
     default that of the experiment's firmware, else zoh. runs: what is simulated with the firmware:
     "none", "present" (the present design and the finer ADC, which linear analysis does not see) or
     "all" that the firmware can run. over: texts NAME=PERCENT% or NAME=LOW..HIGH, the set; empty:
-    none; modes: "visited", "all" or "nominal", of the set. Raises InputError.
+    none; modes: "visited", "all" or "nominal", of the set; states: {element: state} of all plants.
+    Raises InputError.
     """
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"--factor: expected a number above 1, got {factor:g}")
-    with Design(text, overrides, timing) as design:
+    with Design(text, overrides, timing, states) as design:
         if design.facts["reading"] is None:
             raise InputError(
                 f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
@@ -271,6 +273,7 @@ def advise(
             "experiment": paths.display(design.experiment) if design.experiment else None,
             "title": design.facts["title"],
             "timing": design.timing,
+            **working.summary(loop.working),
             "unit": loop.unit,
             "gain_margin": GAIN_MARGIN,
             "factor": factor,

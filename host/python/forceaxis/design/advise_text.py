@@ -2,6 +2,8 @@
 
 import textwrap
 
+from forceaxis.linear import working
+
 FS = (
     "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
     "gain margin 2.3 and |S| <= 2"
@@ -52,6 +54,7 @@ def describe(result, width=None):
     limit, there = "V/N" if result["unit"] == "V/N" else result["unit"], f"L x\n{hz} Hz"
     with_runs = "simulated" in base
     lines = [f"model        {result['title']}", f"timing       {result['timing']}"]
+    lines += working.lines(result)
     if mode:
         what = mode["how"]
         if mode["name"] != "none":

@@ -10,7 +10,7 @@ import tomlkit
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
-from forceaxis.linear import loops, settings
+from forceaxis.linear import loops, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 
@@ -53,11 +53,13 @@ class Design:
     """A model under its parameter values, with the experiment that simulates it.
 
     text: MODEL or EXPERIMENT as on the command line; `overrides` take precedence over an
-    experiment's [set].
+    experiment's [set]. states: {element: state} that the plant is linearised in, all others as
+    `linear.working` has them.
     Use as a context: changed models are files in a temporary folder.
     """
 
-    def __init__(self, text, overrides=None, timing=None):
+    def __init__(self, text, overrides=None, timing=None, states=None):
+        self.states = dict(states or {})
         path = settings.find(text)
         table = toml.read(path)
         if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
@@ -120,8 +122,13 @@ class Design:
         """The force loop, changed or not."""
         change = change or Change("", "")
         arguments = {"law": "p", "timing": self.timing} | change.loop
+        arguments["modes"] = self.states | change.loop.get("modes", {})
         overrides = self.overrides | change.overrides
         return loops.force_loop(self.changed_model(change), overrides=overrides, **arguments)
+
+    def working(self):
+        """The working.Working mode of the unchanged plant."""
+        return working.working(self.model, self.overrides, self.states)
 
     def job(self, change=None, **sets):
         """(experiment, overrides) of a run with the firmware; sets: firmware objects."""

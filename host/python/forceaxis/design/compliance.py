@@ -16,10 +16,11 @@ from matplotlib.ticker import LogFormatter
 
 from forceaxis import paths, toml
 from forceaxis._core import InputError
-from forceaxis.design import changes, reduced, sets, simulate
+from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.search import Goal
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
 from forceaxis.linear import system as linear
+from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import counted
 
@@ -41,15 +42,16 @@ def element_of(model, overrides):
 
 
 def compliance(
-    text, element=None, overrides=None, over=None, span=None, points=9, bits=None, threads=None
-):
+    text, element=None, overrides=None, over=None, span=None, points=9, bits=None, threads=None,
+    states=None,
+):  # fmt: skip
     """What `forceaxis compliance --json` prints.
 
     text: MODEL or EXPERIMENT; element: a parameter in N/m, by default the contact's stiffness;
-    over: texts as --over, by default `sets.workpiece`; span: (lowest, highest) N/m. Raises
-    InputError.
+    over: texts as --over, by default `sets.workpiece`; span: (lowest, highest) N/m; states:
+    {element: state} of all plants. Raises InputError.
     """
-    with changes.Design(text, overrides) as design:
+    with changes.Design(text, overrides, states=states) as design:
         if design.facts["reading"] is None:
             raise InputError(
                 f"{design.model}: adc: expected one on channel 0 that reads a force, there is none"
@@ -70,9 +72,9 @@ def compliance(
         bits = bits or design.facts["reading"]["bits"]
         bench = simulate.Bench(design, bits)
         setpoint, hardest = bench.setpoints_N[1], _strikes(bench)[1][-1]
-        overrides = design.overrides
+        overrides, mode = design.overrides, design.working()
     rows = [
-        _point(text, element, float(value), overrides, over, bits, setpoint, threads)
+        _point(text, element, float(value), overrides, over, bits, setpoint, threads, states)
         for value in counted(np.geomspace(low, high, points), "stiffnesses")
     ]
     return {
@@ -81,6 +83,7 @@ def compliance(
         "unit": "N/m",
         "present": own,
         "over": list(over),
+        **working.summary(mode),
         "adc_bits": bits,
         "setpoint_N": setpoint,
         "strike_max_N_s": hardest,
@@ -88,10 +91,10 @@ def compliance(
     }
 
 
-def _point(text, element, value, overrides, over, bits, setpoint, threads):
+def _point(text, element, value, overrides, over, bits, setpoint, threads, states):
     row = {"stiffness": value, **dict.fromkeys(COLUMNS)}
-    with changes.Design(text, overrides | {element: value}) as design:
-        plants = sets.plant_set(design.model, design.overrides, over)
+    with changes.Design(text, overrides | {element: value}, states=states) as design:
+        plants = sets.plant_set(design.model, design.overrides, over, fixed=design.states)
         row["motion_m"] = setpoint * motion(design)
         try:
             problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
@@ -112,7 +115,9 @@ def motion(design):
     """Way of the drive's body for a newton of the reading, m/N, at rest."""
     body = design.facts["drive"]["body"]
     plants = (
-        linear.linearise(design.model, outputs=(output,), overrides=design.overrides)
+        linear.linearise(
+            design.model, outputs=(output,), overrides=design.overrides, modes=design.states
+        )
         for output in (f"{body}.position", "reading")
     )
     way, force = (abs(plant.response(SLOW_HZ)) for plant in plants)
@@ -124,11 +129,13 @@ def _strike(design, bits, bank, threads):
     bench = simulate.Bench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)
-    jobs = [bench.job(replace(case, strike_N_s=s), bank, {}, 0) for s in strikes]
+    plants = [{}, *friction.members(bench.frictions)]
+    jobs = [bench.job(replace(case, strike_N_s=s), bank, m, 0) for s in strikes for m in plants]
     outcomes = simulate.run(jobs, threads or os.cpu_count() or 1)
+    good = [o["verdict"] == "stable" and o["fault"] == "none" for o in outcomes]
     borne = 0.0
-    for strike, outcome in zip(strikes, outcomes, strict=True):
-        if outcome["verdict"] != "stable" or outcome["fault"] != "none":
+    for i, strike in enumerate(strikes):
+        if not all(good[i * len(plants) : (i + 1) * len(plants)]):
             break
         borne = strike
     return borne
@@ -158,6 +165,7 @@ def describe(result):
     lines = [
         f"model        {result['model']}, {result['element']} = {result['present']:.6g} N/m",
         f"set          {', '.join(result['over']) or 'this plant alone'}",
+        *working.lines(result),
         f"set-point    {result['setpoint_N']:.4g} N",
     ]
     table = [["", "P fS", "bank fS", "P error", "motion", "P strike", "bank strike"],

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from forceaxis import objects, paths
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, search, simulate
+from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
 from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
@@ -52,7 +52,7 @@ def plant_set(bench, order):
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
-        modes = slopes(plant.model, plant.overrides)
+        modes = slopes(plant.model, plant.overrides, plant.states)
     else:
         loop = plant.loop()
         limit = loop.limit().gain
@@ -67,8 +67,9 @@ def visited(bench, bank, modes):
     if bench.own is not None:
         jobs.append(bench.own_job(bank, 0))
     plant = bench.design
-    runs = [mode for job in jobs for mode in sets.modes_visited(*job)]
-    return sets.distinct(plant.model, plant.overrides, "reading", [*modes, *runs]) or ({},)
+    runs = [mode for job in jobs for mode in sets.modes_visited(*job, fixed=plant.states)]
+    every = [plant.states | mode for mode in [*modes, *runs]]
+    return sets.distinct(plant.model, plant.overrides, "reading", every) or (plant.states,)
 
 
 def design(order, out=None, progress=None):
@@ -80,7 +81,7 @@ def design(order, out=None, progress=None):
     say = progress or (lambda text: None)
     if out is not None:
         files.refuse_existing(Path(out))
-    with changes.Design(order.text, order.overrides) as plant:
+    with changes.Design(order.text, order.overrides, states=order.states) as plant:
         if plant.facts["reading"] is None:
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
@@ -149,6 +150,7 @@ def found(plant, plants, order, bits, say):
             structures=plain(answer.structures),
             chosen=answer.chosen,
             limited_by=answer.limited_by,
+            working=plant.working(),
         )
 
     answer = search.search(plants, goal, say)
@@ -165,7 +167,7 @@ def simulated(bench, outcome, instead, say):
     which it may leave with more bandwidth. Raises InputError where it leaves none."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
-    members = [{}, *random_members(outcome.plants, MEMBERS)]
+    members = contact_members(bench, outcome.plants)
 
     def left(one, least):
         bench.wait_for(one.bank)
@@ -199,12 +201,26 @@ def simulated(bench, outcome, instead, say):
             break
     if best is None:
         raise refused
+    best.frictions = bench.frictions
     best.passed_over = {name: why for name, why in passed.items() if name != best.chosen}
     bench.wait_for(best.bank)
     if best.p_bank.force_gain:
         say("simulating P")
         best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
     return best
+
+
+def contact_members(bench, plants, count=MEMBERS, seed=1988):
+    """[{parameter: value}] that contacts are simulated on: the nominal plant, without friction and
+    with the most of it, and random ones of the set, each with a friction of its own. A friction
+    whose parameter the set names has that range instead."""
+    own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
+    rubbing = friction.drawn(tuple(own), count, seed)
+    drawn = random_members(plants, count, seed)
+    return [
+        {}, *friction.members(tuple(own)),
+        *(given | one for given, one in zip(rubbing, drawn, strict=True)),
+    ]  # fmt: skip
 
 
 def random_members(plants, count, seed=1988):

@@ -5,8 +5,10 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis.design import simulate
+from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.working import Working
 from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
@@ -22,6 +24,7 @@ class Order:
     over: tuple = ()
     overrides: dict = field(default_factory=dict)
     modes: str = "visited"
+    states: dict = field(default_factory=dict)  # {element: state} of all members
     ms: float = 2.0
     ms_late: float = 2.2
     gain_margin: float = 2.3
@@ -58,6 +61,8 @@ class Outcome:
     passed_over: dict = field(default_factory=dict)  # structure -> why its contacts are not borne
     out: str | None = None
     written: list = field(default_factory=list)
+    working: Working = field(default_factory=lambda: Working({}))
+    frictions: tuple = ()  # friction.Range of the simulated contacts
 
     @property
     def ranges(self):
@@ -74,6 +79,10 @@ class Outcome:
             "model": paths.display(Path(self.plants.model)),
             "over": {n: list(r) for n, r in self.ranges.items()},
             "modes": list(self.plants.modes),
+            **working.summary(self.working),
+            "friction_N": {
+                n: [0.0, N * one.most] for one in self.frictions for n, N in one.declared_N
+            },
             "adc_bits": self.bits,
             "bank": bank_summary(self.bank),
             "worst": self.worst,
@@ -127,6 +136,7 @@ def describe(outcome, width=None):
     lines = [
         f"model        {paths.display(Path(outcome.plants.model))}",
         f"set          {ranges}; {counted(len(outcome.plants.modes), 'mode')}",
+        *set_lines(outcome),
         f"bank         {outcome.chosen}: gain {bank.force_gain:.5g} codes per 8-bit count, "
         f"integral {bank.integral_rad_per_s:.4g} 1/s, {len(bank.sections)} sections, "
         f"{bank.hf_gain():.3g} codes per count at high frequency",
@@ -169,6 +179,20 @@ def describe(outcome, width=None):
     if outcome.out:
         lines.append(f"files        {', '.join(f'{outcome.out}/{n}' for n in outcome.written)}")
     return "\n".join(lines)
+
+
+def set_lines(outcome):
+    """Lines on the mode that is linearised in, the others of the set, and on frictions."""
+    lines = working.lines(working.summary(outcome.working))
+    others = [Member({}, m).label() for m in outcome.plants.modes if m != outcome.order.states]
+    if lines and others:
+        lines.append(f"and with     {'; '.join(others)}")
+    texts = [
+        f"{n} 0 to {N * one.most:.4g} N" for one in outcome.frictions for n, N in one.declared_N
+    ]
+    if texts:
+        lines.append(f"friction     {', '.join(texts)} in the simulated contacts")
+    return lines
 
 
 CASE_HEAD = [

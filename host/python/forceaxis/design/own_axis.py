@@ -7,7 +7,7 @@ from dataclasses import replace
 import tomlkit
 
 from forceaxis import _core
-from forceaxis.design import changes, reduced, sets, simulate
+from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
 from forceaxis.design.simulate import PEAK_MAX
@@ -18,6 +18,7 @@ SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
 # Of contact that a touch-down may lose: what is asked for, and what a light part may need.
 LOSSES = (1, 3)
+FRICTIONS, SEED = 3, 1988  # members with random friction
 PAYS = 1.5  # below this the summary says what limits
 
 
@@ -79,17 +80,21 @@ def _settled(plant, folder, bits, designed):
     """(bank, text of NAME, approach speed in m/s) of the first choice that settles."""
     scale = abs(plant.facts["encoder"]["scale"])
     fastest = simulate.Bench(plant, bits).cases[0].speed_m_per_s
+    rubs = bool(simulate.Bench(plant, bits).frictions)
     spare = None  # the first choice with more losses
-    for gain, share in itertools.product(GAINS, SPEEDS):
+    # With friction the default at a loss of contact, a cap of 0, is the last resort: see
+    # simulate.losses().
+    for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAINS, SPEEDS):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with changes.Design(_approach(folder, max(1, round(speed * scale)))) as slower:
             bench = simulate.Bench(slower, bits)
             bench.wait_for(designed)
             bench.losses_max = LOSSES[-1]
-            cap = bench.press_speed_code(speed)
-            for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
-                rows = simulate.simulate(bench, bank, [{}], (0, 1), loss, os.cpu_count() or 1)
+            plants = [{}, *friction.members(bench.frictions)]
+            plants += friction.drawn(bench.frictions, FRICTIONS, SEED) if rubs else []
+            for loss in _losses(bench, speed, stands):
+                rows = simulate.simulate(bench, bank, plants, (0, 1), loss, os.cpu_count() or 1)
                 if bad := simulate.unstable(rows):
                     refused = f"{bad[0]['case']}: {simulate.why(bad[0])}"
                     continue
@@ -104,6 +109,14 @@ def _settled(plant, folder, bits, designed):
         f"no contact settles in simulation, not at {1e3 * speed:.3g} mm/s with {gain:g} of the "
         f"designed gain ({refused}); a softer sensor or pad would"
     )
+
+
+def _losses(bench, speed, stands):
+    """What is done at a loss of contact, in the order in which it is tried."""
+    own = bench.press_speed_code(speed)
+    slow = [bench.press_speed_code(speed / 4, share) for share in simulate.SHARES]
+    caps = [*slow, own, 2048] if bench.frictions else [None, own, 2048]
+    return [{"contact_loss_cap": cap} if cap else {} for cap in ([None] if stands else caps)]
 
 
 def _text(bench, bank, loss, losses):

@@ -27,19 +27,21 @@ def workpiece(model, overrides=None):
     return tuple(f"{n}={SHARE}" for n in named if n in known and known[n][0])
 
 
-def slopes(model, overrides=None):
-    """Modes of PlantSet: every slope of the amplifier and of what else has slopes, limits of the
-    current aside, at which an axis is not meant to work."""
+def slopes(model, overrides=None, fixed=None):
+    """Modes of PlantSet: every slope of the amplifier and of what else has slopes, frictions stuck
+    and sliding, limits of the current aside, at which an axis is not meant to work; fixed: states
+    that all have."""
     return tuple(
         modes
-        for modes in margins.modes_all(model, overrides)
+        for modes in margins.modes_all(model, overrides, fixed=fixed)
         if "drive.current_feedback" not in modes
     )
 
 
-def plant_set(model, overrides=None, over=None, modes=None):
-    """The PlantSet of a model; over: texts as --over, None: `workpiece`; modes: None: `slopes`."""
+def plant_set(model, overrides=None, over=None, modes=None, fixed=None):
+    """The PlantSet of a model; over: texts as --over, None: `workpiece`; modes: None: `slopes`,
+    with the states of `fixed`."""
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over
-    modes = slopes(model, overrides) if modes is None else modes
+    modes = slopes(model, overrides, fixed) if modes is None else modes
     return PlantSet(str(model), overrides, ranges_of(model, over, overrides), modes or ({},))

@@ -12,12 +12,13 @@ settle and to hold its force.
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import tomlkit
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
-from forceaxis.design import changes, files
+from forceaxis.design import changes, files, friction
 from forceaxis.design.cases import Case, Cut, Named, row, unstable, why
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
@@ -36,6 +37,7 @@ LEAST_COUNT = 4  # twice the default contact_force
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
 STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # times the strike of a case
 DWELLS_MS = (300, 100, 600)
+SHARES = (0.5, 1.0)  # of the most friction, that what presses on slides against
 BACKOFF, BACKOFFS = 0.9, 20
 ERROR_MAX = 0.02  # of the set-point, of a law with an integral part; or HALF_COUNT
 HALF_COUNT = 0.6  # counts of 8 bits: what a reading may be off at rest
@@ -72,6 +74,10 @@ class Bench:
         self.settings = self._settings(bits)
         self.cases = self._cases()
         self._files = {}
+        text = friction.named(Path(self.model))
+        self._run_model = self.design.file("rubbing.toml", text) if text else self.model
+        self.frictions = friction.ranges(self._run_model, self.overrides)
+        self._no_friction = friction.declared_none(self._run_model, self.overrides, self.count_N)
 
     def wait_for(self, bank):
         """Lengthens the cases for a slow integral; before the first of them."""
@@ -193,7 +199,10 @@ class Bench:
         weak = replace(bank, force_gain=WEAK * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
-        jobs = [(c, self.job(c, weak, {}, t, loss)) for c in cases for t in latencies]
+        plants = [{}, *friction.members(self.frictions)]
+        jobs = [
+            (c, self.job(c, weak, m, t, loss)) for c in cases for t in latencies for m in plants
+        ]
         self.impacts, self._files = {}, {}
         for (case, _), outcome in zip(jobs, run([job for _, job in jobs], threads), strict=True):
             losses, peak_N = self.impacts.get(case, (0, 0.0))
@@ -250,7 +259,7 @@ class Bench:
         begin = self.touch_s(case) + self.settle_s
         text = tomlkit.document()
         text["title"] = f"{self.design.model.stem}: {case.name}"
-        text["model"] = str(model or self.model)
+        text["model"] = str(model or self._run_model)
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         text["duration_s"] = round(begin + wait + WINDOW_S, 3)
         if self.overrides:
@@ -292,7 +301,7 @@ class Bench:
     def job(self, case, bank, member, latency, loss=None):
         """(experiment, overrides). loss: {"contact_loss_cap": code, ...}."""
         firmware = {"latency_ticks": latency} | (loss or {})
-        texts = linear.override_texts(member)
+        texts = linear.override_texts(self._no_friction | member)
         return str(self.file(case, bank)), [
             *texts, *(f"firmware.{n}={v}" for n, v in firmware.items())
         ]  # fmt: skip
@@ -305,14 +314,23 @@ class Bench:
             self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
-    def press_speed_code(self, speed_m_per_s):
-        """The code that moves the free axis at a speed."""
+    def press_speed_code(self, speed_m_per_s, share=1.0):
+        """The code that moves the free axis at a speed, against a share of the most of its
+        frictions: less leaves it standing where they stick."""
         body = self.facts["drive"]["body"]
+        ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
+        inputs = ("drive.command", *dict.fromkeys(ends))
         plant = linear.linearise(
-            self.model, outputs=(f"{body}.velocity",), overrides=self.overrides, free=True
+            self.model, inputs, (f"{body}.velocity",), overrides=self.overrides, free=True
         )
-        speed = abs(plant.response(0.01)) * self.facts["volts_per_code"]
-        return min(2048, max(1, round(speed_m_per_s / float(speed)))) if speed else 2048
+        answer = dict(zip(inputs, plant.at([0.02j * math.pi]).ravel(), strict=True))
+        speed = abs(answer["drive.command"]) * self.facts["volts_per_code"]
+        if not speed:
+            return 2048
+        for one in self.frictions:
+            near, far = (answer.get(f"{end}.force", 0.0) for end in one.between)
+            speed_m_per_s += share * one.most_N * abs(near - far)
+        return min(2048, max(1, round(speed_m_per_s / float(speed))))
 
 
 def run(jobs, threads):
@@ -344,19 +362,22 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
     the firmware's defaults, "strike_hardest_N_s": of the ladder}; 0 where not even the first is
     survived.
     """
-    slow = bench.press_speed_code(bench.cases[0].speed_m_per_s / 4)
-    choices = [(cap, dwell) for dwell in DWELLS_MS for cap in dict.fromkeys((0, slow, 2048))]
+    slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in SHARES)
+    caps = dict.fromkeys((0, *slow, 2048))
+    plants = friction.members(bench.frictions) or [{}]
+    choices = [(cap, dwell) for dwell in DWELLS_MS for cap in caps]
     struck = [c for c in bench.cases if c.strike_N_s]
     keys = [
-        (choice, case, latency, share)
-        for choice in choices for case in struck for latency in latencies for share in STRIKES
+        (choice, case, latency, plant, share)
+        for choice in choices for case in struck for latency in latencies for plant in plants
+        for share in STRIKES
     ]  # fmt: skip
     jobs = [
         bench.job(
-            replace(case, strike_N_s=share * case.strike_N_s), bank, {}, latency,
+            replace(case, strike_N_s=share * case.strike_N_s), bank, plant, latency,
             {"contact_loss_cap": choice[0], "contact_loss_dwell": choice[1]},
         )
-        for choice, case, latency, share in keys
+        for choice, case, latency, plant, share in keys
     ]  # fmt: skip
     stable = [outcome["verdict"] == "stable" for outcome in run(jobs, threads)]
     borne = {choice: [] for choice in choices}
@@ -364,7 +385,8 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
         ladder = [*stable[i : i + len(STRIKES)], False]
         survived = ladder.index(False)
         borne[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
-    best = max(choices, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
+    able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
+    best = max(able, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
     strike = struck[0].strike_N_s
     return {
         "contact_loss_cap": best[0],
@@ -384,17 +406,25 @@ def strikes_survived(loss):
     return f"strikes of {texts[0]} N s are survived, {texts[1]} with the firmware's defaults"
 
 
+def losses(bench):
+    """What is done at a loss of contact, in the order in which it is tried: the firmware's default,
+    then pressing on at the speed of the approach. With friction the default, a cap of 0, comes
+    last: an axis that just touches stands there, and some friction lets it touch like that."""
+    speed = bench.cases[0].speed_m_per_s
+    on = {"contact_loss_cap": bench.press_speed_code(speed)}
+    slow = [{"contact_loss_cap": bench.press_speed_code(speed / 4, share)} for share in SHARES]
+    return (*slow, on, {}) if bench.frictions else ({}, on)
+
+
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
     """(bank, loss, rows, cuts): the bank with its gain reduced until every case is stable.
 
-    least: share of its gain below which no step is tried but the first. Each step is tried with
-    what the firmware does at a loss of contact by default, then with the axis allowed to press on
-    at its approach speed. Raises InputError where none of BACKOFFS steps is enough, or where no
-    step helps because the contact is never made.
+    least: share of its gain below which no step is tried but the first. Each step is tried with all
+    of losses(). Raises InputError where none of BACKOFFS steps is enough, or where no step helps
+    because the contact is never made.
     """
     bench.feel(bank, latencies, threads)
     cuts = []
-    on = {"contact_loss_cap": bench.press_speed_code(bench.cases[0].speed_m_per_s)}
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -403,7 +433,7 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
         bad = None
-        for first in ({}, on):
+        for first in losses(bench):
             rows = simulate(bench, tried, members, latencies, first, threads)
             failed = unstable(rows)
             if bad is None or len(failed) < len(bad):

@@ -35,7 +35,7 @@ def tradeoff(order, against, progress=None):
     `forceaxis design --pareto --json` prints. The search is `reduced`. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
-    with changes.Design(order.text, order.overrides) as plant:
+    with changes.Design(order.text, order.overrides, states=order.states) as plant:
         if plant.facts["reading"] is None:
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"

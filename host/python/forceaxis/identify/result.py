@@ -11,6 +11,7 @@ from forceaxis import _core, linear, objects, paths
 from forceaxis.identify import measure
 from forceaxis.identify.measurement import COHERENT, Measurement
 from forceaxis.identify.setup import Setup, read_setup
+from forceaxis.linear import working
 
 STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
 
@@ -80,6 +81,30 @@ def run(target, options=None, plant_set=None):
     return Result(setup, measured, model, summary)
 
 
+def _stuck(setup: Setup, measured: Measurement) -> list[str]:
+    """Hints on frictions and backlashes that were in another state than the model has them in."""
+    taken = working.working(
+        linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
+    )
+    texts = []
+    for name, shares in measured.states.items():
+        stuck = shares.get(working.STUCK, 0.0)
+        if stuck > 0 and taken.modes.get(name) == working.SLIDING:
+            texts.append(
+                f"{name} was stuck {100 * stuck:.3g} % of the time, the model has it sliding: "
+                "raise the level until it slides; less shows the friction, not the plant"
+            )
+    for name in working.backlashes(linear.find_model(setup.model)):
+        flanks = [measured.states.get(name + flank, {}) for flank in working.FLANKS]
+        closed = sum(shares.get(working.CLOSED, 0.0) for shares in flanks)
+        if closed < 1 - 1e-9 and all(flanks):
+            texts.append(
+                f"{name} was open {100 * (1 - closed):.3g} % of the time, the model has its play "
+                "taken up: press harder by a bias, or lower the level"
+            )
+    return texts
+
+
 def hints(setup, measured, contacts):
     """Reasons other than a wrong model why the linear one may not fit: [text]."""
     texts = []
@@ -97,6 +122,7 @@ def hints(setup, measured, contacts):
                 f"{name} was apart {100 * (1 - share):.3g} % of the time, the model has it "
                 f"pressed: press harder by a bias, lower the level, or measure --clamped or --free"
             )
+    texts += _stuck(setup, measured)
     for name, shares in measured.states.items():
         limit = sum(share for state, share in shares.items() if "limit" in state)
         if name.startswith("drive.") and limit > 0:

@@ -5,7 +5,7 @@ import re
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
 from forceaxis.design.search import Goal
-from forceaxis.linear import loops, modes, settings
+from forceaxis.linear import loops, modes, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.words import plain
@@ -50,6 +50,8 @@ def words(model):
     lines = [f"Bodies: {masses}."]
     if drive := facts["drive"]:
         lines.append(f"Drive {drive['type'].replace('_', ' ')} on {drive['body']}.")
+    if mode := working.working(model).text:
+        lines.append(f"Linear figures are for {mode}.")
     for contact in facts["contacts"]:
         lines.append(f"Contact {contact['name']} between {' and '.join(contact['between'])}.")
     if reading := facts["reading"]:

@@ -1,0 +1,108 @@
+"""Dry friction as a range: what simulated contacts are judged over.
+
+A declared friction is a guess: grease, wear and load change it. A law that is tuned to its help
+bounces without it, and one that does without it may hunt where it sticks. So contacts are simulated
+with none of it, as declared, and with twice as much, each friction by itself in random members.
+"""
+
+import random
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomlkit
+
+from forceaxis.linear import working
+
+MOST = 2.0  # times the declared friction
+# Times the declared friction: none of it. Of exactly 0 N the simulator cannot always say whether it
+# sticks, and ends the run.
+NONE = 1e-3
+
+
+@dataclass(frozen=True)
+class Range:
+    """A friction of a model: its two ends, the parameters of its sliding force and stiction (one
+    or two) with their declared values in N, and the most of it, a multiple of them."""
+
+    name: str
+    between: tuple[str, str]
+    declared_N: tuple[tuple[str, float], ...]
+    most: float
+
+    @property
+    def most_N(self) -> float:
+        """The largest force that may be needed to break it loose."""
+        return self.most * max(value for _, value in self.declared_N)
+
+    def at(self, share: float) -> dict[str, float]:
+        """{parameter: N} at a multiple of what is declared, NONE at least."""
+        return {name: max(share, NONE) * value for name, value in self.declared_N}
+
+
+def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...]:
+    """The frictions of a model whose forces are parameters (`named`), but those that the drive
+    never breaks loose. The most is twice the declared, or half-way to what the drive brings."""
+    arriving = working.arriving_N(model, overrides)
+    found = []
+    for one in working.frictions(model, overrides):
+        forces = zip(one.parameters, (one.coulomb_N, one.stiction_N), strict=True)
+        own = {name: value for name, value in forces if name is not None}
+        limit = arriving.get(one.name, one.stiction_N)
+        if own and one.stiction_N and limit > one.stiction_N:
+            most = min(MOST, (1 + limit / one.stiction_N) / 2)
+            found.append(Range(one.name, one.between, tuple(own.items()), most))
+    return tuple(found)
+
+
+def declared_none(model: str | Path, overrides: dict | None, count_N: float) -> dict[str, float]:
+    """Overrides for frictions that a model declares as 0 N: NONE of a count of the reading."""
+    return {
+        name: NONE * count_N
+        for one in working.frictions(model, overrides)
+        if one.stiction_N == 0
+        for name in one.parameters
+        if name is not None
+    }
+
+
+def members(found: tuple[Range, ...]) -> list[dict[str, float]]:
+    """Overrides: without any friction, and with the most of each."""
+    if not found:
+        return []
+    shares = ([0.0 for _ in found], [one.most for one in found])
+    return [_at(found, chosen) for chosen in shares]
+
+
+def drawn(found: tuple[Range, ...], count: int, seed: int) -> list[dict[str, float]]:
+    """Overrides of `count` random members: each friction uniform from none to its most."""
+    rng = random.Random(seed)
+    return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
+
+
+def _at(found: tuple[Range, ...], shares: list[float]) -> dict[str, float]:
+    return {name: N for one, share in zip(found, shares, strict=True)
+            for name, N in one.at(share).items()}  # fmt: skip
+
+
+def named(model: Path) -> str | None:
+    """The text of a model, to be written elsewhere, with a parameter for each force of a friction
+    that is a number in it; None: there is none."""
+    document = tomlkit.parse(model.read_text(encoding="utf-8-sig"))
+    changed = False
+    for row in document.get("friction", ()):
+        for key in ("coulomb", "stiction"):
+            given = row.get(key)
+            if given is None or (isinstance(given, str) and given[:1].isidentifier()):
+                continue
+            value = working.number(given if isinstance(given, str) else float(given), {})
+            parameter = f"{row['name']}_{key}".replace(" ", "_")
+            document.setdefault("parameters", tomlkit.table())[parameter] = {
+                "value": value, "unit": "N", "source": "of the friction",
+            }  # fmt: skip
+            row[key] = parameter
+            changed = True
+    if not changed:
+        return None
+    if "parameters_file" in document:
+        document["parameters_file"] = str((model.parent / document["parameters_file"]).resolve())
+    return tomlkit.dumps(document)
