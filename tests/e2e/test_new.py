@@ -13,6 +13,7 @@ import pytest
 import verbs
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
 from forceaxis.experiments import run as runs
 
@@ -94,10 +95,17 @@ def test_newtons_on_the_bus_are_the_sensors(tmp_path, sheet, experiment):
             borne_N.append(link.axis.extremes["force_N"])
             link.axis.reset_extremes()
 
-        found = actions.press(axis, wanted_N, True, slow, 20.0, 2.0, shown)
+        found = actions.press(
+            axis,
+            Force(wanted_N, newton=True),
+            seconds=2.0,
+            speed=slow,
+            approach_s=20.0,
+            shown=shown,
+        )
         count_N = axis.read("force_scale") * 1e-6
-        assert found["most_N"] == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled
-        assert axis.read("force_max") == 0 and found["force_N"] < 1.05 * wanted_N
+        assert found.most_N == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled
+        assert axis.read("force_max") == 0 and found.force_N < 1.05 * wanted_N
 
 
 # Not the thesis robot: it bounces for ever below its linear limit, as in the laboratory.

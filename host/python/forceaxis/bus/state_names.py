@@ -16,6 +16,9 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
+# States in which the amplifier is on.
+POWERED = ("operation enabled", "quick stop active", "fault reaction active")
+
 # Names from the object table.
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
