@@ -181,9 +181,8 @@ class Axis:
         """What the axis does, in words."""
         found = self.link.read(ABOUT)
         return (
-            f"it is {state_names.drive_state(found['statusword'])}, "
+            f"{state_names.condition(found['statusword'], found['fault'])}, "
             f"mode {state_names.mode(found['modes_of_operation_display'])}, "
-            f"fault {state_names.enum('fault', found['fault'])}, "
             f"position {found['position']} encoder counts, "
             f"force {from_raw('force', found['force']):g} force counts"
         )

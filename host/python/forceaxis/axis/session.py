@@ -87,9 +87,8 @@ class Session(AxisClient):
         reason = self._bus.trouble or f"nothing was received on {self._bus.url}"
         if state is not None:
             reason = (
-                f"it is {state_names.drive_state(state.statusword)}, "
-                f"{state_names.mode(state.mode_display)}, "
-                f"fault {state_names.enum('fault', state.fault)}, "
+                f"{state_names.condition(state.statusword, state.fault)}, "
+                f"mode {state_names.mode(state.mode_display)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")

@@ -65,6 +65,17 @@ def drive_state(statusword):
     return f"statusword {statusword:04X}h"
 
 
+def condition(statusword, fault):
+    """What a drive is in, as a sentence: "it is operation enabled without a fault", "it has the
+    fault no_contact" with the state where that is another than fault; fault: raw."""
+    state, name = drive_state(statusword), enum("fault", fault)
+    if name == "none":
+        return f"it is {state} without a fault"
+    if state == "fault":
+        return f"it has the fault {name}"
+    return f"it is {state} with the fault {name}"
+
+
 def status_bits(statusword, mode=None):
     """The further statusword bits that are set, by their names in this mode."""
     names = [text for bit, text in BITS if statusword >> bit & 1]

@@ -7,7 +7,7 @@ import os
 
 import numpy as np
 
-from forceaxis import objects, paths
+from forceaxis import _core, objects, paths
 from forceaxis.experiments import summary
 
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
@@ -101,7 +101,23 @@ def marks_of(done):
     if criterion := done.summary["criterion"]:
         last = time_s[-1]
         window = (max(0.0, last - criterion["window_s"]), last, done.summary["verdict"])
-    return plots.Marks(done.setpoints, ends.tolist(), window, events)
+    return plots.Marks(done.setpoints, ends.tolist(), window, events, slope_of(done))
+
+
+def slope_of(done):
+    """N/s by which the demand of a run follows its set-points: force_slope in mode of operation 4;
+    infinite where it steps, or where the run is not of a file."""
+    try:
+        given = _core.inputs(str(done.experiment), list(done.overrides))["firmware"]
+    except _core.InputError:
+        return np.inf
+    if given.get("modes_of_operation") != PROFILE_FORCE:
+        return np.inf
+    known = {n: given.get(n, objects.default(n)) for n in ("force_slope", "rated_force")}
+    return known["force_slope"] * known["rated_force"] * 1e-6  # per mille/s, mN
+
+
+PROFILE_FORCE = 4
 
 
 def write(done, out, codes=False):

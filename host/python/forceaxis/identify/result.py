@@ -80,6 +80,10 @@ def run(target, options=None, plant_set=None):
     return Result(setup, measured, model, summary)
 
 
+FRICTION = {"backward", "stuck", "forward", "released"}  # states of a friction or a brake
+STUCK = 0.01  # of the time: what turns round sticks for a moment
+
+
 def hints(setup, measured, contacts):
     """Reasons other than a wrong model why the linear one may not fit: [text]."""
     texts = []
@@ -98,6 +102,13 @@ def hints(setup, measured, contacts):
                 f"pressed: press harder by a bias, lower the level, or measure --clamped or --free"
             )
     for name, shares in measured.states.items():
+        stuck = shares.get("stuck", 0.0)
+        if shares.keys() <= FRICTION and stuck > STUCK:
+            texts.append(
+                f"{name} stuck {100 * stuck:.3g} % of the time, and dry friction that sticks "
+                "is another plant than one that slides: raise the level until it slides, or give "
+                "a bias that keeps it moving"
+            )
         limit = sum(share for state, share in shares.items() if "limit" in state)
         if name.startswith("drive.") and limit > 0:
             texts.append(f"{name} was at its limit {100 * limit:.3g} % of the time: {moves}")

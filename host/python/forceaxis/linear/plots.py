@@ -166,6 +166,8 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
+    if others:
+        ax.plot([], [], label="corners and random members", **MEMBER)
     legend(ax, loc="upper left")
     finish(figure, ax, title)
     return figure
