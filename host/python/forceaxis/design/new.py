@@ -20,7 +20,6 @@ from forceaxis.design.data_sheet import (
     radius_m,
     weight_n,
 )
-from forceaxis.progress import phase
 
 APPROACH_M_PER_S = 0.02  # at most
 MOMENTUM_SHARE = 0.1  # of the sensor's full scale, of the force that it makes at the touch
@@ -265,8 +264,7 @@ def write(folder, values, sources, force=False, design=None):
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / model
         trial.write_text(written[model], encoding="utf-8")
-        with phase("first gains by the linear limits"):
-            first = first_gains(axis, trial)
+        first = first_gains(axis, trial)
         written |= {name: render(name, title, axis, sources, first) for name in others}
         held, bought = None, None
         if design:

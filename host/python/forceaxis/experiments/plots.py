@@ -52,7 +52,7 @@ class Marks:
     contacts: list = field(default_factory=list)  # (from, to)
     window: tuple | None = None  # (from, to, verdict)
     events: list = field(default_factory=list)  # (time, kind of EVENTS, text)
-    slope: float = np.inf  # N/s, by which the demand follows the set-points from the contact on
+    demand: tuple | None = None  # (times, N) of what is demanded where that is no step
 
 
 # Marker and colour of each kind of event.
@@ -133,8 +133,9 @@ def draw_setpoints(ax, time_s, marks):
     setpoints, look = marks.setpoints, {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
-    if np.isfinite(marks.slope):
-        ax.plot(*demand(marks, time_s[-1]), **look)
+    if marks.demand is not None:
+        times, newton = (np.asarray(v, float) for v in marks.demand)
+        ax.plot(times, np.where(newton == 0, np.nan, newton), **look)
     else:
         begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
         newton = np.where(newton == 0, np.nan, newton)
@@ -142,24 +143,22 @@ def draw_setpoints(ax, time_s, marks):
     ax.set_xlim(time_s[0], time_s[-1])
 
 
-def demand(marks, end):
-    """(times, N) of the corners of a demand that follows its set-points by marks.slope, from the
-    first contact on; apart nothing is demanded."""
-    touch = min((a for a, _ in marks.contacts), default=np.inf)
+def ramps(setpoints, slope, contacts, end):
+    """(times, N) of the corners of a demand that follows set-points, (from time, N), by a slope in
+    N/s, from the first contact on; apart nothing is demanded."""
+    touch = min((a for a, _ in contacts), default=np.inf)
     if touch >= end:
         return [], []
     times, newton, now = [touch], [0.0], 0.0
-    steps = [(max(t, touch), n) for t, n in marks.setpoints]
+    steps = [(max(t, touch), n) for t, n in setpoints]
     for (begin, wanted), after in zip(steps, [*(t for t, _ in steps[1:]), end], strict=True):
         if after <= begin:
             continue
-        if times[-1] < begin:
-            times, newton = [*times, begin], [*newton, now]
-        reached = begin + abs(wanted - now) / marks.slope
+        reached = begin + abs(wanted - now) / slope
         if reached < after:
             times, newton, now = [*times, reached], [*newton, wanted], wanted
         else:
-            now += np.sign(wanted - now) * marks.slope * (after - begin)
+            now += np.sign(wanted - now) * slope * (after - begin)
         times, newton = [*times, after], [*newton, now]
     return times, newton
 
@@ -220,7 +219,7 @@ def keys(marks, time_s, rows):
         line.controlled for row in rows for line in row
     ):
         look = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
-        label = "demand" if np.isfinite(marks.slope) else "set-point"
+        label = "set-point" if marks.demand is None else "demand"
         found.append(plt.Line2D([], [], label=label, **look))
     if any(b > low and a < high for a, b in marks.contacts):
         found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT, label="contact"))
