@@ -8,7 +8,7 @@ import pytest
 from forceaxis._core import InputError
 from forceaxis.axis import actions, bounds, quantity
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import Refused
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.objects import BY_NAME
 from live_axes import write
@@ -363,3 +363,10 @@ def test_a_retract_that_leaves_it_in_contact_is_said(axis):
     with pytest.raises(Refused, match=r"expected it apart .* still reads .* retract it further"):
         axis.retract(1)
     assert axis.read("drive_state") == "ready_to_switch_on"
+
+
+def test_what_an_axis_is_in_reads_as_a_sentence(axis):
+    assert axis.about().startswith("it is switch on disabled without a fault, mode ")
+    with pytest.raises(NoAnswer) as error:
+        axis.press(-30.0, 0.1, approach_s=0.2)
+    assert ", it has the fault no_contact, mode force counts, position " in str(error.value)

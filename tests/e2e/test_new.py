@@ -164,9 +164,30 @@ def test_it_ends_with_a_bank_that_holds_the_force(tmp_path):
         assert abs(held["metrics"]["held_force"]["error_percent"]) < 1.0
     shown = forceaxis(tmp_path, "new", "mine", "--yes", "--force", *SHEETS["small stage"].split())
     assert "bandwidth fS" in shown.stdout and "no static error: held.toml" in shown.stdout
+    # Piped, one line for each phase that takes seconds, and nothing else.
+    assert shown.stderr.splitlines() == [
+        "new: searching a bank for the set", "new: simulating contacts with the firmware",
+    ]  # fmt: skip
     # A bank of the model before does not stay.
     made(tmp_path, SHEETS["small stage"], "--force", "--no-design")
     assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
+
+
+def test_an_inductance_that_no_motor_has_is_said(tmp_path):
+    """1 H over 1 ohm is a second; 2 mH over 1 ohm, the default, 2 ms."""
+    (doubt,) = made(tmp_path, "--inductance-h 1 --current-loop-hz 1000")["doubts"]
+    assert "--inductance-h 1 over --resistance-ohm 1 is an electrical time constant of 1 s" in doubt
+    assert made(tmp_path, "--force")["doubts"] == []
+
+
+def test_the_approach_is_that_of_the_model(tmp_path):
+    """A tenth of 500 N by the momentum of 29.74 kg in 1e6 N/m: 50 / sqrt(1e6 m) m/s, not 3000
+    counts."""
+    made(tmp_path, "")
+    m = 10 + 5e-5 / (0.010 / (2 * np.pi)) ** 2
+    firmware = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["firmware"]
+    value, unit = firmware["approach_velocity_max"].split()
+    assert unit == "mm/s" and float(value) == pytest.approx(1e3 * 50 / np.sqrt(1e6 * m), rel=5e-3)
 
 
 BAD = [
