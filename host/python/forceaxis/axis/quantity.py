@@ -222,6 +222,13 @@ def number(axis: Scaled, name: str, text: str) -> float:
         raise InputError(f"{name}: expected a number, got {text}") from None
 
 
+def expect_written(option: str, text: str | None, example: str) -> None:
+    """Refuses a text that is neither a number nor a quantity, before any axis is asked. Raises
+    InputError."""
+    if text is not None and NUMBER.fullmatch(text) is None:
+        raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
+
+
 def force(text: str | float) -> Force:
     """A force as "75 N", "75N", or in counts of the reading as "30", "30 count" or 30. Raises
     InputError."""

@@ -281,8 +281,10 @@ def move(position, speed, timeout, force_max, way, as_json):
     --force-max, by default 32 counts of the reading, switches the axis off in the same tick, with
     the fault force_max; it still has the energy of its speed then.
     """
-    from forceaxis.axis import actions
+    from forceaxis.axis import actions, quantity
 
+    quantity.expect_written("POSITION", position, "10 mm")
+    quantity.expect_written("--speed", speed, "5 mm/s")
     with owned(way) as axis:
         bound = actions.most_counts(axis, force_max) or actions.MOVE_COUNTS
         actions.move(axis, position, speed, timeout, bound)
@@ -328,6 +330,8 @@ def press(force, seconds, speed, approach, retract, force_max, way, as_json):
     from forceaxis.axis import actions, quantity
 
     wanted = quantity.force(force)
+    quantity.expect_written("--speed", speed, "4 mm/s")
+    quantity.expect_written("--retract", retract, "5 mm")
     begin = time.monotonic()
     with owned(way) as axis:
 
