@@ -42,3 +42,27 @@ def test_events_that_no_picture_keeps_apart_are_a_line_between_two_marks():
     (bar,) = (line for line in ax.lines if line.get_linestyle() == "-")
     assert list(bar.get_xdata()) == pytest.approx([0.2, 0.945])
     plt.close(figure)
+
+
+def test_a_strike_that_nothing_survives_is_drawn():
+    import matplotlib.pyplot as plt
+    from forceaxis.design import compliance
+
+    row = {"p_fS_Hz": 5.0, "fS_Hz": 9.0, "p_static_error": 0.1, "motion_m": 1e-4}
+    rows = [{**row, "stiffness": k, "p_strike_N_s": 0.0, "strike_N_s": 0.0} for k in (1e5, 4e5)]
+    result = {"model": "x.toml", "element": "k_s", "present": 2e5, "over": [], "rows": rows}
+    figure = compliance.figure(result)
+    last = figure.axes[-1]
+    assert last.get_yscale() == "linear" and last.get_ylim()[0] < 0
+    assert [list(line.get_ydata()) for line in last.lines[:2]] == [[0, 0], [0, 0]]
+    assert [text.get_text() for text in last.texts] == ["no strike of the ladder is survived"]
+    plt.close(figure)
+
+
+def test_each_kind_of_curve_has_its_own_name():
+    from forceaxis.design import page
+
+    loops = [(None, kind) for kind in ("nominal", "members", "late", "members")]
+    assert [handle.get_label() for handle in page.keys(loops)] == [
+        "nominal", "nominal, a tick late", "corners and random members",
+    ]  # fmt: skip
