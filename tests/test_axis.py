@@ -90,7 +90,7 @@ def test_set_reads_back_what_the_axis_has():
         (["force_gain=7", "watchdog=5"], "watchdog: expected 10 to 65535 ms, got 5"),
         (["force_gain=7", "force=1"], "force: expected an object that can be written"),
         (["force_gain=7", "fault"], "fault: expected NAME=VALUE"),
-        (["force_gain=7 N"], "force_gain: expected a value in code/count, got 7 N"),
+        (["force_gain=7 N"], "force_gain: expected a value in code/count or V/N, got 7 N"),
         (["force_setpoint=7 kg"], "force_setpoint: expected a value in count or N, got 7 kg"),
         (["mode=sideways"], "mode: expected one of disabled"),
     ],
@@ -174,7 +174,7 @@ def test_a_move_that_meets_something_ends_there(axis):
 
 def test_press_ends_beyond_its_bound(axis):
     with pytest.raises((NoAnswer, Refused), match="fault force_max"):
-        actions.press(axis, 30.0, False, 20_000, 5.0, 1.0, counts=10.0)
+        axis.press(30.0, 1.0, speed=20_000, approach_s=5.0, force_max=31)
     assert axis.read("drive_state") == "fault" and axis.read("force_max") == 0
     done = forceaxis("axis", "press", *SIM, "30", "--force-max", "4000 N")
     assert "--force-max: expected up to 512 force counts" in refusal(done, 2)
@@ -201,7 +201,7 @@ def test_press_in_counts_is_the_p_law():
 def test_press_bounds_the_approach_and_restores_what_it_set(axis):
     before = axis.get("touch_velocity_max", "approach_timeout", "force_setpoint")
     axis.arm(["velocity_actual", "contact"], 2200)
-    actions.press(axis, 30.0, False, 1000, 10.0, 0.1)
+    axis.press(30.0, 0.1, speed=1000)
     held = axis.link.recording(1.0)
     approach = held.values("velocity_actual")[held.values("contact") == 0]
     # touch.h: it overshoots by a tenth; the velocity comes in steps of 1500 / 16.
@@ -210,7 +210,7 @@ def test_press_bounds_the_approach_and_restores_what_it_set(axis):
     assert axis.read("drive_state") == "ready_to_switch_on"
     axis.set(force_setpoint=0.0)
     with pytest.raises(NoAnswer, match=r"expected contact.*fault no_contact"):
-        actions.press(axis, -30.0, False, 1000, 0.5, 0.1)  # away from the workpiece
+        axis.press(-30.0, 0.1, speed=1000, approach_s=0.5)  # away from the workpiece
     assert axis.read("drive_state") == "fault"
 
 
@@ -482,7 +482,7 @@ def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
     for enabling in (
         lambda: axis.enable("profile velocity"),
         lambda: actions.move(axis, 0),
-        lambda: actions.press(axis, 30.0, False, 1000, 1.0, 0.1),
+        lambda: axis.press(30.0, 0.1, speed=1000, approach_s=1.0),
     ):
         with pytest.raises(Refused, match=f"fault force max{resets}"):
             enabling()

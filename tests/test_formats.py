@@ -19,7 +19,7 @@ title = "everything"
 shows = "each table"
 parameters_file = "shared.toml"
 [parameters]
-m = { value = 10, unit = "kg", source = "a guess" }
+m = { value = 10, unit = "kg", source = "a guess", documentation = false }
 [[body]]
 name = "axis"
 mass = "m"
@@ -68,6 +68,12 @@ name = "dry"
 between = ["axis", "ground"]
 coulomb = 1
 stiction = 2
+[[brake]]
+name = "held"
+between = ["axis", "ground"]
+holding = 100
+release = 0.05
+engage = 0.03
 [[gravity]]
 name = "weight"
 body = "work"

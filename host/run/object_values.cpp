@@ -50,6 +50,7 @@ class Scales {
     if (unit == "mN") return Scale{Dimension::force, 1e3};
     if (unit == "uN") return Scale{Dimension::force, 1e6};
     if (unit == "code") return Scale{Dimension::voltage, codes_per_volt_};
+    if (of_rated_force(meta.name)) return Scale{Dimension::force, 1e6 / rated_force_mN_};
     auto found = unit.substr(0, 5) == "count" || unit.substr(0, 4) == "code"
                      ? of_counts(meta)
                      : std::variant<Scale, Obstacle>("it measures nothing that the model has");
@@ -58,8 +59,16 @@ class Scales {
     return found;
   }
 
+  /// What a force in per mille is counted by.
+  void set_rated_force(double rated_force_mN) { rated_force_mN_ = rated_force_mN; }
+
  private:
   static constexpr double kTicks = sim::kTickRateHz;
+
+  static bool of_rated_force(std::string_view name) {
+    return name == "target_force" || name == "force_offset" || name == "force_limit" ||
+           name == "force_limit_positive" || name == "force_limit_negative";
+  }
 
   std::variant<Scale, Obstacle> of_counts(const axis_object_meta_t &meta) const {
     const std::string_view unit = meta.unit;
@@ -95,6 +104,7 @@ class Scales {
   std::optional<sim::Encoder> encoder_;
   double codes_per_volt_;
   bool drive_moved_;
+  double rated_force_mN_ = 0.0;
   std::optional<Dimension> reading_;
   double counts_per_reading_ = 0.0;
 };
@@ -105,6 +115,19 @@ struct Value {
   bool converted;      // then it is rounded to the nearest raw value
   std::string origin;  // " (\"75 N\")", or empty
 };
+
+// A text that is neither a quantity nor a parameter.
+[[noreturn]] void fail_unknown(sim::Section &section, const std::string &name,
+                               const std::string &text, const axis_object_meta_t &meta,
+                               const std::variant<Scale, Obstacle> &scale) {
+  const auto names = section.source().parameter_names();
+  std::string expected = "a number in " + std::string(meta.unit);
+  if (const auto *known = std::get_if<Scale>(&scale))
+    expected += ", a quantity in " + std::string(sim::unit_of(known->dimension));
+  section.fail(name, "expected " + expected + " or a parameter out of " + sim::joined(names) +
+                         ", got " + sim::in_quotes(text) + sim::suggestion(text, names) +
+                         "; define the parameter or correct its name");
+}
 
 Value read_value(sim::Section &section, const std::string &name, const toml::node &node,
                  const axis_object_meta_t &meta, const Scales &scales) {
@@ -125,10 +148,8 @@ Value read_value(sim::Section &section, const std::string &name, const toml::nod
       return {section.value(name, *dimension, sim::Sign::any), false, ""};
   }
   const auto scale = scales.of(meta);
+  if (!sim::is_quantity(text) && !dimension) fail_unknown(section, name, text, meta, scale);
   if (const auto *obstacle = std::get_if<Obstacle>(&scale)) {
-    // An unknown name is reported before a missing unit.
-    if (!sim::is_quantity(text) && !dimension)
-      (void)section.value(name, Dimension::count, sim::Sign::any);
     section.fail(name, "expected a number in " + std::string(meta.unit) + ", got " +
                            sim::in_quotes(text) + ", and " + *obstacle + advice);
   }
@@ -207,8 +228,12 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);
   };
-  const Scales scales(model, written("force_sign") < 0 ? -1 : 1,
-                      written("polarity") != 0.0 || written("home_offset") != 0.0);
+  Scales scales(model, written("force_sign") < 0 ? -1 : 1,
+                written("polarity") != 0.0 || written("home_offset") != 0.0);
+  const std::string rated = "rated_force";  // may be a quantity itself
+  const toml::node *own = section.table().get(rated);
+  scales.set_rated_force(own == nullptr ? written(rated)
+                                        : read_object(section, rated, *own, scales).raw);
   std::vector<ObjectWrite> writes;
   std::vector<BankValues> banks;
   const auto add = [&writes](const std::vector<ObjectWrite> &more) {

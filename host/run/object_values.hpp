@@ -9,9 +9,10 @@
 // * counts of position, of velocity and of acceleration through the encoder's scale, from where the
 //   model has 0; an object that is never negative uses the magnitude of that scale;
 // * codes through the DAC's scale, without its offset; gains and impedance through both scales;
+// * forces in per mille through rated_force, as it is written beside them or before;
 // * ticks, ms, us, mN, uN, Hz by themselves.
-// Refused by name: an object that measures nothing of that kind (per mille, increments of the
-// motor's encoder), and positions and velocities of the drive under a `polarity` or `home_offset`.
+// Refused by name: an object that measures nothing of that kind (increments of the motor's
+// encoder), and positions and velocities of the drive under a `polarity` or `home_offset`.
 // A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp), shaper_force or
 // shaper_motion a command shaper (shaper_values.hpp).
 #include <cstdint>

@@ -71,7 +71,8 @@ class PlantSide {
     }
     if (force_task_) task_force_.push_back(plant_.signal_at(task_place_));
     if (options_.trace) keep(record, out);
-    if (tick_ < experiment_->ticks) plant_.step(out.dac_code, (out.out & 1) != 0);
+    if (tick_ < experiment_->ticks)
+      plant_.step(out.dac_code, (out.out & 1) != 0, (out.out & 2) != 0);
     ++tick_;
   }
 

@@ -33,6 +33,7 @@ class Assembly : public Wiring {
     if (model.drive) add(*model.drive);
     // After all other forces: whether a friction holds depends on every one of them.
     for (const Friction &friction : model.frictions) add(friction);
+    for (const Brake &brake : model.brakes) add(brake, model.frictions);
     for (std::size_t i = 0; i < model.bodies.size(); ++i)
       name_signal(model.bodies[i].name + ".acceleration",
                   add_sum(derivatives[static_cast<std::size_t>(bodies[i].velocity)]));
@@ -190,26 +191,53 @@ class Assembly : public Wiring {
   }
 
   void add(const Friction &friction) {
-    const Wire deflection = deflection_of(friction.ends);
-    const Wire rate = rate_of(friction.ends);
-    const int index = add_switch(friction.name, {"backward", "stuck", "forward"}, false, kStuck);
+    add_friction(friction.name, friction.ends, friction.coulomb, friction.stiction, false);
+  }
+
+  void add(const Brake &brake, const std::vector<Friction> &frictions_before) {
+    const auto place = frictions.size();
+    double beside_N = 0.0;
+    for (std::size_t i = 0; i < frictions_before.size(); ++i) {
+      const Ends other = frictions_before[i].ends;
+      const bool same = (other.a == brake.ends.a && other.b == brake.ends.b) ||
+                        (other.a == brake.ends.b && other.b == brake.ends.a);
+      if (!same) continue;
+      frictions[i].beside = static_cast<int>(place);
+      beside_N = frictions_before[i].stiction;
+    }
+    // While both stick, what the friction would hold is the brake's.
+    add_friction(brake.name, brake.ends, brake.holding, brake.holding + beside_N, true);
+    brakes.push_back({static_cast<int>(place), brake.release_s, brake.engage_s});
+  }
+
+  void add_friction(const std::string &name, Ends ends, double coulomb, double stiction,
+                    bool is_brake) {
+    const Wire deflection = deflection_of(ends);
+    const Wire rate = rate_of(ends);
+    std::vector<std::string> names = {"backward", "stuck", "forward"};
+    const Extended sliding = coulomb;
+    std::vector<Terms> forces = {
+        {constant(-sliding)}, {hold(static_cast<int>(frictions.size()))}, {constant(sliding)}};
+    if (is_brake) {
+      names.emplace_back("released");
+      forces.emplace_back();
+    }
+    const int index = add_switch(name, std::move(names), false, kStuck);
     switches.back().stuck = kStuck;
-    const Extended sliding = friction.coulomb;
-    const Wire force = add_select(
-        index,
-        {{constant(-sliding)}, {hold(static_cast<int>(frictions.size()))}, {constant(sliding)}});
+    if (is_brake) switches.back().analysed = kReleased;
+    const Wire force = add_select(index, std::move(forces));
     auto &phases = bounds.back();
     phases[kBackward] = {{rate, -kInfinity, 0.0, kBackward, kStuck}};
-    phases[kStuck] = {{force, -friction.stiction, friction.stiction, kBackward, kForward}};
+    phases[kStuck] = {{force, -stiction, stiction, kBackward, kForward}};
     phases[kForward] = {{rate, 0.0, kInfinity, kStuck, kForward}};
-    push(friction.ends, force);
+    push(ends, force);
     const auto velocity_state = [this](int body) {
       return body == kGround ? -1 : bodies[static_cast<std::size_t>(body)].velocity;
     };
-    frictions.push_back({index, velocity_state(friction.ends.a), velocity_state(friction.ends.b)});
-    dampers.push_back({friction.name, force, rate});
+    frictions.push_back({index, velocity_state(ends.a), velocity_state(ends.b)});
+    dampers.push_back({name, force, rate});
     const Wire none = add_sum({});
-    name_link(friction.name, {force, none, none, deflection});
+    name_link(name, {force, none, none, deflection});
   }
 
   void add_adc(std::size_t channel, const Adc &adc) {

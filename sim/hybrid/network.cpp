@@ -18,6 +18,14 @@ ModeKey Network::home_key(bool enable) const {
   return key;
 }
 
+ModeKey Network::analysed_key() const {
+  ModeKey key = home_key(true);
+  for (std::size_t i = 0; i < wiring_.switches.size(); ++i)
+    if (const int analysed = wiring_.switches[i].analysed; analysed >= 0)
+      key = with_state(key, static_cast<int>(i), analysed);
+  return key;
+}
+
 ModeKey Network::with_enable(ModeKey key, bool enable) const {
   key = (key & ~ModeKey{1}) | (enable ? 1U : 0U);
   for (std::size_t i = 0; i < wiring_.switches.size(); ++i)
@@ -38,7 +46,7 @@ ModeEquations Network::equations(ModeKey key) const {
   std::vector<int> hold_column(wiring_.frictions.size(), -1);
   int wide = columns();
   for (std::size_t i = 0; i < wiring_.frictions.size(); ++i)
-    if (state_of(key, wiring_.frictions[i].switch_index) == Wiring::kStuck) hold_column[i] = wide++;
+    if (holds(key, wiring_.frictions[i])) hold_column[i] = wide++;
 
   ModeEquations result;
   result.wires = ExtendedMatrix::Zero(wire_count(), wide);
@@ -59,7 +67,8 @@ ModeEquations Network::equations(ModeKey key) const {
             target(row, j) += term.factor * result.wires(term.index, j);
           break;
         case Wiring::Term::Of::hold:
-          target(row, hold_column[static_cast<std::size_t>(term.index)]) += term.factor;
+          if (const int column = hold_column[static_cast<std::size_t>(term.index)]; column >= 0)
+            target(row, column) += term.factor;
           break;
       }
     }
@@ -95,7 +104,7 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   ExtendedMatrix rate = ExtendedMatrix::Zero(unknowns, n);
   Eigen::Index row = 0;
   for (const Wiring::FrictionEnds &friction : wiring_.frictions) {
-    if (state_of(key, friction.switch_index) != Wiring::kStuck) continue;
+    if (!holds(key, friction)) continue;
     if (friction.velocity_a >= 0) rate(row, friction.velocity_a) += 1;
     if (friction.velocity_b >= 0) rate(row, friction.velocity_b) -= 1;
     ++row;
@@ -114,7 +123,7 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   for (bool grown = true; grown;) {
     grown = false;
     for (const Wiring::FrictionEnds &friction : wiring_.frictions) {
-      if (state_of(key, friction.switch_index) != Wiring::kStuck) continue;
+      if (!holds(key, friction)) continue;
       for (const auto &[end, other] : {std::pair(friction.velocity_a, friction.velocity_b),
                                        std::pair(friction.velocity_b, friction.velocity_a)}) {
         if (is_still(end) || !is_still(other)) continue;

@@ -67,6 +67,8 @@ class Network {
   }
   /// Key with every switch at home.
   ModeKey home_key(bool enable) const;
+  /// The same with the drive enabled and brakes released, as an analysis wants it.
+  ModeKey analysed_key() const;
   /// The same switches with the drive enabled or disabled; those of the drive go home.
   ModeKey with_enable(ModeKey key, bool enable) const;
 
@@ -87,6 +89,7 @@ class Network {
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
+  const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
   const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }  ///< W
   const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }    ///< W
   const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }  ///< J, twice
@@ -94,6 +97,15 @@ class Network {
  private:
   int effective_state(ModeKey key, int switch_index) const;
   void solve_holds(ModeKey key, ModeEquations &equations) const;
+  bool sticks(ModeKey key, const Wiring::FrictionEnds &friction) const {
+    return state_of(key, friction.switch_index) == Wiring::kStuck;
+  }
+  // A stuck friction beside a stuck brake bears nothing.
+  bool holds(ModeKey key, const Wiring::FrictionEnds &friction) const {
+    return sticks(key, friction) &&
+           (friction.beside < 0 ||
+            !sticks(key, wiring_.frictions[static_cast<std::size_t>(friction.beside)]));
+  }
 
   Wiring wiring_;
 };

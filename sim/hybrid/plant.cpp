@@ -106,7 +106,9 @@ double Plant::volts(int dac_code) const {
   return volts;
 }
 
-void Plant::step(int dac_code, bool amp_enable) { stepper_.step(volts(dac_code), amp_enable); }
+void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
+  stepper_.step(volts(dac_code), amp_enable, brake_release);
+}
 
 void Plant::apply_impulse(std::string_view body, double impulse_N_s) {
   const int index = model().body_index(body);

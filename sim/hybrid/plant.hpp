@@ -49,11 +49,11 @@ struct SensorCodes {
 /// One change of one element's discrete state.
 struct Event {
   double time_s = 0.0;
-  /// The name of a contact, friction, spring, damper or gravity; NAME.low, NAME.high of a stop;
-  /// drive.preamp, .current_feedback, .amplifier, .force; adc0.sensor
+  /// The name of a contact, friction, brake, spring, damper or gravity; NAME.low, NAME.high of a
+  /// stop; drive.preamp, .current_feedback, .amplifier, .force; adc0.sensor
   std::string element;
-  /// apart, pressed, overlap | backward, stuck, forward | low limit, low outer, inner, linear, ...
-  /// | segment 0, segment 1, ...
+  /// apart, pressed, overlap | backward, stuck, forward, released | low limit, low outer, inner,
+  /// linear, ... | segment 0, segment 1, ...
   std::string from;
   std::string to;
   bool jump = false;  ///< the direct consequence of a new DAC code or of an impulse, at a tick
@@ -69,7 +69,7 @@ struct EnergyAudit {
   double stored = 0.0;     ///< in springs and pressed contacts
   double discarded = 0.0;  ///< in a contact's spring when it separates while still overlapping
   struct Damper {
-    std::string element;  ///< spring, damper, contact, friction, or "drive" for b_m
+    std::string element;  ///< spring, damper, contact, friction, brake, or "drive" for b_m
     double energy = 0.0;
   };
   std::vector<Damper> dissipated;
@@ -86,13 +86,18 @@ class Plant {
   /// code has no effect. Throws std::invalid_argument if the code does not fit the DAC,
   /// SimulationError if it cannot be stepped on, InputError if a mode is too fast; after either the
   /// plant must not be used.
-  void step(int dac_code, bool amp_enable);
+  void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
+  /// The same with the firmware's output brake_release, on which the model's brakes act.
+  void step(int dac_code, bool amp_enable, bool brake_release);
   /// The DAC's output in V for a code in this tick, offset and noise included.
   double volts(int dac_code) const;
   /// step() with a command in V in place of a code, in two halves, so that signals() can be read
   /// between them: hold_volts() applies the command, step_volts() steps with the same values.
   void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
-  void step_volts(double volts, bool amp_enable) { stepper_.step(volts, amp_enable); }
+  void step_volts(double volts, bool amp_enable) { step_volts(volts, amp_enable, amp_enable); }
+  void step_volts(double volts, bool amp_enable, bool brake_release) {
+    stepper_.step(volts, amp_enable, brake_release);
+  }
   /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
   /// body or an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);

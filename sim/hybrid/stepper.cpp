@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <limits>
 #include <utility>
 
 #include "sim/hybrid/kernel.hpp"
@@ -16,6 +17,10 @@ constexpr int kMostChangesPerTick = 5000;
 constexpr int kMostChangesPerInstant = 1000;  // in settle()
 constexpr double kMoment = 0x1p-20;           // of a mode's reach
 constexpr std::size_t kRecentModes = 64;
+
+constexpr double kNever = std::numeric_limits<double>::infinity();
+// Velocities of stuck ends may differ by so much of themselves: rounding.
+constexpr double kSame = 0x1p-36;
 
 double smaller(double a, double b) { return a < b ? a : b; }
 
@@ -34,6 +39,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   for (const Network::Switch &s : net.switches())
     count_stride_ = std::max(count_stride_, s.state_names.size());
   counts_.assign(net.switches().size() * count_stride_ * count_stride_, 0);
+  brake_due_.assign(net.brakes().size(), kNever);
   set_mode(net.home_key(false));
   check_finite();
   slide(false);
@@ -80,8 +86,23 @@ void Stepper::switch_drive(double command, bool enable) {
   settle(false);
 }
 
-void Stepper::step(double command, bool enable) {
+void Stepper::step(double command, bool enable, bool release) {
   const std::size_t n = mode_->states;
+  if (!brake_due_.empty()) {
+    if (release != release_) {
+      release_ = release;
+      for (std::size_t i = 0; i < brake_due_.size(); ++i) {
+        const Wiring::BrakeTimes &times = network().brakes()[i];
+        brake_due_[i] = (release ? times.release_s : times.engage_s) * cache_->rate_hz();
+      }
+    }
+    if (std::any_of(brake_due_.begin(), brake_due_.end(), [](double due) { return due < 1.0; })) {
+      hold(command, enable);
+      step_with_brakes();
+      return;
+    }
+    for (double &due : brake_due_) due -= 1.0;
+  }
   if (Network::enabled(mode_->key) != enable) {
     switch_drive(command, enable);
   } else if (sensors_in_result_ && detector_.beyond_after(command - z_[n + 1])) {
@@ -94,7 +115,7 @@ void Stepper::step(double command, bool enable) {
     // The new command may have put signals beyond their bounds at once.
     sensors_in_result_ = false;
     const bool quiet = detector_.beyond_now() && (settle(true), detector_.quiet(z_.data()));
-    if (!quiet && cross_tick()) {
+    if (!quiet && cross(0.0, 1.0)) {
       ++tick_;
       return;
     }
@@ -188,11 +209,51 @@ void Stepper::advance(double ticks) {
   if (left > 0.0) advance_within_part(left);
 }
 
-// After the quiet test has failed. False: no switch changes after all, and the detector has the
-// tick's end.
-bool Stepper::cross_tick() {
+// A tick within which brakes act, after hold().
+void Stepper::step_with_brakes() {
+  double done = 0.0;
+  for (;;) {
+    std::size_t next = brake_due_.size();
+    for (std::size_t i = 0; i < brake_due_.size(); ++i)
+      if (brake_due_[i] < 1.0 && (next == brake_due_.size() || brake_due_[i] < brake_due_[next]))
+        next = i;
+    const double until = next < brake_due_.size() ? std::max(brake_due_[next], done) : 1.0;
+    if (until > done && !(detector_.quiet(z_.data()), cross(done, until))) advance(until - done);
+    done = until;
+    if (next == brake_due_.size()) break;
+    brake_due_[next] = kNever;
+    move_brake(next, done);
+  }
+  for (double &due : brake_due_) due -= 1.0;
+  ++tick_;
+}
+
+// A brake lets go, or holds: what moves then slides.
+void Stepper::move_brake(std::size_t brake, double s) {
+  const auto place = static_cast<std::size_t>(network().brakes()[brake].friction);
+  const Wiring::FrictionEnds &friction = network().frictions()[place];
+  const int from = network().state_of(mode_->key, friction.switch_index);
+  if (release_ == (from == Wiring::kReleased)) return;
+  switch_to(friction.switch_index, release_ ? int{Wiring::kReleased} : sliding(friction), s, false,
+            true);
+}
+
+// How a friction is where its ends have their velocities of now.
+int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
+  const auto velocity = [&](int state) {
+    return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
+  };
+  const double a = velocity(friction.velocity_a);
+  const double b = velocity(friction.velocity_b);
+  if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) return Wiring::kStuck;
+  return a > b ? Wiring::kForward : Wiring::kBackward;
+}
+
+// The time of a tick from `from` to `until`, after the quiet test has failed or where it does not
+// decide. False: no switch changes in the whole tick after all, and the detector has its end.
+bool Stepper::cross(double from, double until) {
   check_finite();
-  double done = 0.0;  // ticks
+  double done = from;  // ticks
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
@@ -200,7 +261,7 @@ bool Stepper::cross_tick() {
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;
-    const double rest = 1.0 - done;
+    const double rest = until - done;
     if (changes_here >= enough_here) {
       // Some signals lie on their bounds with deciding coefficients at the limit of rounding, on
       // one side of it in one mode and on the other in the next. A moment later, in either mode,
@@ -208,7 +269,7 @@ bool Stepper::cross_tick() {
       // contradict each other in earnest go on contradicting, and the changes run out.
       const double moment = smaller(rest, kMoment * m.reach);
       advance_within_part(moment);
-      done = moment < rest ? done + moment : 1.0;
+      done = moment < rest ? done + moment : until;
       changes_here = 0;
     } else {
       // The parts of the grid that remain of the tick, the last one cut short.
@@ -222,7 +283,8 @@ bool Stepper::cross_tick() {
       std::uint64_t doubtful = 0;
       if (!quiet) {
         doubtful = detector_.doubtful_parts(z_.data(), parts);
-        if (m.samples > 0 && covered == 1.0 && (doubtful == 0 || detector_.calm(z_.data())))
+        if (m.samples > 0 && from == 0.0 && covered == 1.0 &&
+            (doubtful == 0 || detector_.calm(z_.data())))
           return false;
       }
       // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
@@ -248,7 +310,7 @@ bool Stepper::cross_tick() {
         passed += next.after;
       }
       if (passed > 0.0) {
-        done = passed < rest ? done + passed : 1.0;
+        done = passed < rest ? done + passed : until;
         changes_here = 0;
       }
       if (changed) {
@@ -258,7 +320,7 @@ bool Stepper::cross_tick() {
         change(next.channel, next.above, done, false, true);
       }
     }
-    if (!(done < 1.0)) return true;
+    if (!(done < until)) return true;
     quiet = detector_.quiet(z_.data());
   }
 }
@@ -312,16 +374,10 @@ void Stepper::kick(std::size_t body, double impulse) {
 
 // After an impulse every friction whose ends differ in velocity slides.
 void Stepper::slide(bool counted) {
-  constexpr double kSame = 0x1p-36;  // of the velocities: what sticks may differ by rounding
   for (const Wiring::FrictionEnds &friction : network().frictions()) {
-    const auto velocity = [&](int state) {
-      return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
-    };
-    const double a = velocity(friction.velocity_a);
-    const double b = velocity(friction.velocity_b);
-    if (!(magnitude(a - b) > kSame * (magnitude(a) + magnitude(b)))) continue;
-    const int state = a > b ? Wiring::kForward : Wiring::kBackward;
-    if (network().state_of(mode_->key, friction.switch_index) != state)
+    const int state = sliding(friction);
+    const int before = network().state_of(mode_->key, friction.switch_index);
+    if (state != Wiring::kStuck && before != state && before != Wiring::kReleased)
       switch_to(friction.switch_index, state, 0.0, true, counted);
   }
 }

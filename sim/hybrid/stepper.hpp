@@ -29,8 +29,10 @@ class Stepper {
   /// `listed_events`: how many events are kept for events(); all are counted.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
 
-  /// One tick with the command in V held. Throws SimulationError, InputError (as ModeCache).
-  void step(double command, bool enable);
+  /// One tick with the command in V held; `release` acts on the model's brakes, after their times.
+  /// Throws SimulationError, InputError (as ModeCache).
+  void step(double command, bool enable, bool release);
+  void step(double command, bool enable) { step(command, enable, enable); }
   /// Applies the command at this instant: switches and z() change at once. The next step() must
   /// have the same arguments.
   void hold(double command, bool enable);
@@ -64,7 +66,10 @@ class Stepper {
  private:
   void switch_drive(double command, bool enable);
   void settle(bool count_jumps);
-  bool cross_tick();
+  bool cross(double from, double until);
+  void step_with_brakes();
+  void move_brake(std::size_t brake, double s);
+  int sliding(const Wiring::FrictionEnds &friction) const;
   void expand();
   void evaluate(double s);
   void advance_within_part(double ticks);
@@ -91,6 +96,10 @@ class Stepper {
   kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
   kernel::Vector increment_;
   double powers_[64];
+
+  // The command of the model's brakes, and when each acts on it, ticks from now; infinite: it has.
+  bool release_ = false;
+  std::vector<double> brake_due_;
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;

@@ -45,7 +45,8 @@ struct Wiring {
     ModeKey mask = 0;       ///< field of the switch, not shifted
     bool of_drive = false;  ///< without meaning (held at state 0) while the drive is disabled
     int home = 0;
-    int stuck = -1;  ///< a friction's state in which its ends have one velocity
+    int stuck = -1;     ///< a friction's state in which its ends have one velocity
+    int analysed = -1;  ///< the state that an analysis begins with; -1: home
   };
   /// The bounds of one signal in one state of a switch; see Channel.
   struct Bounds {
@@ -58,11 +59,19 @@ struct Wiring {
     int velocity;
     double mass;
   };
-  enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2 };
+  enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };  ///< of a brake
   struct FrictionEnds {
     int switch_index;
     int velocity_a;  ///< state, -1: ground
     int velocity_b;
+    int beside = -1;  ///< of a friction the brake between the same ends, which bears all while both
+                      ///< stick: a place in this list
+  };
+  /// A brake among the frictions; times in s from the change of its command.
+  struct BrakeTimes {
+    int friction;
+    double release_s;
+    double engage_s;
   };
   /// Power, W: the product of two wires; or energy, J: half of that product plus a constant wire.
   struct Product {
@@ -106,7 +115,8 @@ struct Wiring {
   std::vector<std::vector<std::vector<Bounds>>> bounds;  ///< [switch][state]
   int next_bit = 1;
   std::vector<BodyState> bodies;
-  std::vector<FrictionEnds> frictions;
+  std::vector<FrictionEnds> frictions;  ///< brakes too, after all others
+  std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
   std::vector<Product> dampers;
   std::vector<Product> storages;

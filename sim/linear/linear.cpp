@@ -23,7 +23,7 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
   auto states = mode.states;
   if (!mode.free)
     for (const Contact &contact : model.contacts) states.try_emplace(contact.name, "pressed");
-  ModeKey key = network.home_key(true);
+  ModeKey key = network.analysed_key();
   const auto &switches = network.switches();
   for (const auto &[element, state] : states) {
     const auto found = std::find_if(switches.begin(), switches.end(),

@@ -174,6 +174,13 @@ void Elements::read_links() {
                                    "; friction at rest is never less than sliding");
     model_.frictions.push_back(std::move(friction));
   });
+  root_.each("brake", [&](Section &section) {
+    auto brake = link<Brake>(section);
+    brake.holding = section.number("holding");
+    brake.release_s = section.number("release");
+    brake.engage_s = section.number("engage");
+    model_.brakes.push_back(std::move(brake));
+  });
 }
 
 void Elements::read_gravities() {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "sim/model/elements.hpp"
+#include "sim/model/expression.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/toml.hpp"
@@ -37,8 +38,12 @@ std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
     parameter.name = key.str();
     parameter.file = source.file;
     const toml::node &value = section.require("value", "a finite number");
-    const bool quantity = value.is_string() && is_quantity(value.ref<std::string>());
-    if (!quantity && !std::isfinite(value.is_number() ? *value.value<double>() : kNoNumber))
+    if (value.is_string() && is_expression(value.ref<std::string>()))
+      parameter.expression = value.ref<std::string>();
+    const bool computed = !parameter.expression.empty();
+    const bool quantity = !computed && value.is_string() && is_quantity(value.ref<std::string>());
+    if (!computed && !quantity &&
+        !std::isfinite(value.is_number() ? *value.value<double>() : kNoNumber))
       section.fail("value", "expected a finite number, got " + kind_of(value) +
                                 "; give the parameter's value");
     parameter.unit = section.text("unit", "a unit such as \"kg\" or \"N s/m\"");
@@ -48,8 +53,11 @@ std::vector<Parameter> read_parameters(Source &source, const toml::node *node) {
                                in_quotes(parameter.unit) +
                                suggestion(parameter.unit, unit_spellings()) +
                                "; use one of these spellings");
-    parameter.value =
-        quantity ? section.value("value", *dimension, Sign::any) : *value.value<double>();
+    if (!computed)
+      parameter.value =
+          quantity ? section.value("value", *dimension, Sign::any) : *value.value<double>();
+    parameter.refers = names_in(parameter.expression);
+    parameter.documentation = section.flag("documentation");
     parameter.source = section.optional_text("source", "a text").value_or("");
     section.finish();
     parameters.push_back(std::move(parameter));
@@ -83,22 +91,37 @@ class Overriding {
     check_names(overrides);
     // Names of parameters are resolved after numbers and quantities, to the overridden values.
     for (const Override &change : overrides)
-      if (!names_parameter(change)) put(*source_.find(change.parameter), number(change));
-    std::vector<std::pair<Parameter *, double>> named;
+      if (const auto *text = std::get_if<std::string>(&change.value);
+          text != nullptr && is_expression(*text))
+        put_expression(*source_.find(change.parameter), *text);
+      else if (!names_parameter(change))
+        put(*source_.find(change.parameter), number(change));
+    std::vector<std::pair<Parameter *, Parameter>> named;
     for (const Override &change : overrides)
       if (names_parameter(change))
         named.emplace_back(source_.find(change.parameter), value_of_named(change));
-    for (const auto &[parameter, value] : named) put(*parameter, value);
+    for (const auto &[parameter, other] : named) {
+      if (other.expression.empty())
+        put(*parameter, other.value);
+      else
+        put_expression(*parameter, other.name);
+    }
   }
 
  private:
   static bool names_parameter(const Override &change) {
     const auto *text = std::get_if<std::string>(&change.value);
-    return text != nullptr && !is_quantity(*text);
+    return text != nullptr && !is_quantity(*text) && !is_expression(*text);
   }
 
   static void put(Parameter &parameter, double value) {
     parameter.value = value;
+    parameter.overridden = true;
+    parameter.expression.clear();
+  }
+
+  static void put_expression(Parameter &parameter, const std::string &text) {
+    parameter.expression = text;
     parameter.overridden = true;
   }
 
@@ -136,7 +159,7 @@ class Overriding {
     return value;
   }
 
-  double value_of_named(const Override &change) const {
+  const Parameter &value_of_named(const Override &change) const {
     const std::string &name = std::get<std::string>(change.value);
     const Parameter &parameter = *source_.find(change.parameter);
     const Parameter *const other = source_.find(name);
@@ -149,13 +172,17 @@ class Overriding {
     if (dimension_of(other->unit) != dimension_of(parameter.unit))
       fail(change.parameter, "expected a parameter in " + parameter.unit + ", got " + name +
                                  " in " + other->unit + "; refer to another parameter");
-    return other->value;
+    return *other;
   }
 
   Source &source_;
   std::string file_;
   bool in_set_;
 };
+
+bool same_ends(Ends one, Ends other) {
+  return (one.a == other.a && one.b == other.b) || (one.a == other.b && one.b == other.a);
+}
 
 // Follows all elements with two ends from ground; a body that is not reached floats freely.
 void check_connected(const Model &model) {
@@ -184,30 +211,46 @@ void check_connected(const Model &model) {
 void check_frictions(const Model &model) {
   std::vector<int> group(model.bodies.size() + 1);  // [0] is ground
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
-  for (std::size_t i = 0; i < model.frictions.size(); ++i) {
-    const Friction &friction = model.frictions[i];
+  const auto join = [&](const char *key, std::size_t i, const auto &friction) {
     const int a = group[static_cast<std::size_t>(friction.ends.a + 1)];
     const int b = group[static_cast<std::size_t>(friction.ends.b + 1)];
     if (a == b)
       throw InputError(
-          model.file, "friction[" + std::to_string(i) + "].between",
+          model.file, std::string(key) + "[" + std::to_string(i) + "].between",
           "expected frictions that form no loop, got a second way between the ends of " +
               in_quotes(friction.name) + "; remove one friction of the loop");
     std::replace(group.begin(), group.end(), a, b);
+  };
+  for (std::size_t i = 0; i < model.frictions.size(); ++i) join("friction", i, model.frictions[i]);
+  for (std::size_t i = 0; i < model.brakes.size(); ++i) {
+    // With a friction of the same ends it shares what they hold.
+    const bool beside =
+        std::any_of(model.frictions.begin(), model.frictions.end(),
+                    [&](const Friction &f) { return same_ends(f.ends, model.brakes[i].ends); });
+    if (!beside) join("brake", i, model.brakes[i]);
   }
+  for (std::size_t i = 0; i < model.brakes.size(); ++i)
+    for (std::size_t k = 0; k < i; ++k)
+      if (same_ends(model.brakes[i].ends, model.brakes[k].ends))
+        throw InputError(model.file, "brake[" + std::to_string(i) + "].between",
+                         "expected one brake between two ends, got a second one beside " +
+                             in_quotes(model.brakes[k].name) + "; remove one of them");
 }
 
 void check_used(const Source &source) {
   std::vector<std::string> idle;
   for (const Parameter &parameter : source.parameters)
-    if (!parameter.used && parameter.file == source.file) idle.push_back(parameter.name);
+    if (!parameter.used && !parameter.documentation && parameter.file == source.file)
+      idle.push_back(parameter.name);
   if (idle.empty()) return;
-  source.fail("parameters." + idle.front(),
-              idle.size() == 1
-                  ? "expected a parameter that this model uses, got one nothing refers "
-                    "to; remove it or use its name"
-                  : "expected parameters that this model uses, got " + joined(idle) +
-                        ", which nothing refers to; remove them or use their names");
+  source.fail(
+      "parameters." + idle.front(),
+      idle.size() == 1
+          ? "expected a parameter that this model uses, got one nothing refers "
+            "to; remove it, use its name, or mark it with documentation = true"
+          : "expected parameters that this model uses, got " + joined(idle) +
+                ", which nothing refers to; remove them, use their names, or mark them with "
+                "documentation = true");
 }
 
 }  // namespace
@@ -275,10 +318,12 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
       source.parameters.push_back(std::move(own));
   }
   Overriding(source, overrides_file).apply(overrides);
+  compute_expressions(source, overrides_file);
   read_elements(root, model);
   root.finish();
   check_connected(model);
   check_frictions(model);
+  use_expressions(source);
   check_used(source);
   model.parameters = std::move(source.parameters);
   return model;

@@ -10,9 +10,10 @@
 // there.
 //
 // A value is a number (SI), a quantity such as "400 kN/m" (units.hpp), the name of a parameter, or
-// "-name"; a parameter's own value is a number in its unit or a quantity. One end of `between` may
-// be "ground". Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a
-// back and b forward.
+// "-name"; a parameter's own value is a number in its unit, a quantity, or a product or quotient of
+// other parameters and numbers, "m / tau" (expression.hpp). One end of `between` may be "ground".
+// Deflection is d = x_a - x_b (less `gap` for a contact); a positive force pushes a back and b
+// forward.
 // * Piecewise linear: breaks rise; slope k holds between breaks[k-1] and breaks[k]; the curve is
 //   continuous and 0 at 0. Breaks may be given as `loads`: compliance that depends on the load.
 // * A contact exerts k d + b d' while d > 0 and that sum is > 0, else 0. A stop is such a contact
@@ -20,10 +21,16 @@
 //   either side, free while low < d < high; a backlash a stop at -width/2 and +width/2.
 // * Friction opposes sliding with `coulomb`; it sticks at d' = 0 while no more than `stiction` is
 //   needed for that. Frictions must not form a loop: their forces would be undetermined.
+// * A brake is such a friction, of `holding` both stuck and sliding, while it is engaged, and
+// nothing
+//   while it is released: it lets go `release` after the firmware's output brake_release rises, and
+//   holds again `engage` after that falls. A friction between the same ends adds to it: while both
+//   stick, the brake bears all.
 // * Gravity pulls its body with mass * acceleration, toward +x where positive; between positions it
 //   is interpolated, beyond the outer ones it is constant.
-// Every body must be tied to ground through these or the drive. A parameter that this file defines
-// must be used by it; parameters_file may hold more than one model needs.
+// Every body must be tied to ground through these or the drive; a brake alone does not tie it. A
+// parameter that this file defines must be used by it, if only through another one, unless it is
+// marked as documentation; parameters_file may hold more than one model needs.
 #include <array>
 #include <filesystem>
 #include <optional>
@@ -55,9 +62,12 @@ struct Parameter {
   double value = 0.0;
   std::string unit;
   std::string source;
-  std::string file;         ///< where it was defined last
-  bool used = false;        ///< some element of the model refers to it
-  bool overridden = false;  ///< its value comes from an Override
+  std::string file;                 ///< where it was defined last
+  bool used = false;                ///< some element of the model refers to it
+  bool overridden = false;          ///< its value comes from an Override
+  bool documentation = false;       ///< kept to be read: nothing needs to refer to it
+  std::string expression;           ///< what its value is computed by, "m / tau"; empty: by nothing
+  std::vector<std::string> refers;  ///< the parameters in its expressions, overridden or not
 };
 
 inline constexpr int kGround = -1;  ///< body index of "ground"
@@ -118,6 +128,15 @@ struct Friction {
   Ends ends;
   double coulomb = 0.0;   ///< N, >= 0, while sliding
   double stiction = 0.0;  ///< N, >= coulomb, at which sliding begins
+};
+
+/// Held by `holding` until it is released, and again after it has engaged; engaged at tick 0.
+struct Brake {
+  std::string name;
+  Ends ends;
+  double holding = 0.0;    ///< N, > 0, while it sticks and while it slides
+  double release_s = 0.0;  ///< s, >= 0, from the output to where it lets go
+  double engage_s = 0.0;   ///< s, >= 0, from the output to where it holds
 };
 
 struct Gravity {
@@ -245,6 +264,7 @@ struct Model {
   std::vector<Contact> contacts;
   std::vector<Stop> stops;  ///< backlashes too
   std::vector<Friction> frictions;
+  std::vector<Brake> brakes;
   std::vector<Gravity> gravities;
   std::optional<Drive> drive;
   std::optional<Encoder> encoder;
@@ -260,6 +280,7 @@ struct Model {
     for (const Contact &contact : contacts) visit(contact);
     for (const Stop &stop : stops) visit(stop);
     for (const Friction &friction : frictions) visit(friction);
+    for (const Brake &brake : brakes) visit(brake);
   }
   /// Every signal of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;

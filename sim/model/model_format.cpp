@@ -27,9 +27,13 @@ constexpr KeyFormat kForceLimit = optional("force_limit", D::force, S::positive,
                                            "Largest force of the drive, in either direction.");
 
 constexpr KeyFormat kParameterKeys[] = {
-    other("value", "number or quantity", "", "Its value, in `unit` where it has none of its own."),
+    other("value", "number, quantity or product", "",
+          "Its value, in `unit` where it has none of its own; or a product or quotient of other "
+          "parameters and numbers, \"m / tau\", whose dimension is that of `unit`."),
     other("unit", "unit", "", "One of the units of this page."),
     other("source", "text", "none", "Where the value comes from."),
+    other("documentation", "true or false", "false",
+          "Whether it is kept to be read: nothing needs to refer to it."),
 };
 constexpr TableFormat kParameter{"A parameter: a value that keys may name.", kParameterKeys};
 
@@ -124,6 +128,21 @@ constexpr TableFormat kFriction{
     "Dry friction: it opposes sliding, and sticks at rest while no more than `stiction` is needed. "
     "Frictions must not form a loop.",
     kFrictionKeys};
+
+constexpr KeyFormat kBrakeKeys[] = {
+    kName,
+    kBetween,
+    needed("holding", D::force, S::positive, "Force that it holds, and with which it slides."),
+    number("release", D::time, S::not_negative, 0.0,
+           "From the firmware's output brake_release to where it lets go."),
+    number("engage", D::time, S::not_negative, 0.0,
+           "From the end of that output to where it holds again."),
+};
+constexpr TableFormat kBrake{
+    "A brake that the firmware's output brake_release opens; engaged at the start. While it is "
+    "engaged it is dry friction, while it is released it is not there. A friction between the same "
+    "ends adds to it.",
+    kBrakeKeys};
 
 constexpr KeyFormat kGravityKeys[] = {
     kName,
@@ -263,6 +282,7 @@ constexpr KeyFormat kModelKeys[] = {
     table("backlash", kBacklash, true),
     table("stop", kStop, true),
     table("friction", kFriction, true),
+    table("brake", kBrake, true),
     table("gravity", kGravity, true),
     table("drive", kDrive),
     table("encoder", kEncoder),

@@ -83,24 +83,25 @@ struct Symbol {
   int exponent;
   double factor;
   bool prefixed;  // takes prefixes
+  Powers powers;
 };
 
 constexpr Symbol kSymbols[] = {
-    {"N", "N", 0, 1.0, true},
-    {"m", "m", 0, 1.0, true},
-    {"s", "s", 0, 1.0, true},
-    {"min", "s", 0, 60.0, false},
-    {"kg", "kg", 0, 1.0, false},
-    {"g", "kg", -3, 1.0, true},
-    {"V", "V", 0, 1.0, true},
-    {"A", "A", 0, 1.0, true},
-    {"ohm", "ohm", 0, 1.0, true},
-    {"H", "H", 0, 1.0, true},
-    {"Hz", "Hz", 0, 1.0, true},
-    {"rad", "rad", 0, 1.0, true},
-    {"deg", "rad", 0, std::numbers::pi / 180.0, false},
-    {"rev", "rad", 0, 2.0 * std::numbers::pi, false},
-    {"count", "count", 0, 1.0, false},
+    {"N", "N", 0, 1.0, true, {1, 1, -2}},
+    {"m", "m", 0, 1.0, true, {0, 1}},
+    {"s", "s", 0, 1.0, true, {0, 0, 1}},
+    {"min", "s", 0, 60.0, false, {0, 0, 1}},
+    {"kg", "kg", 0, 1.0, false, {1}},
+    {"g", "kg", -3, 1.0, true, {1}},
+    {"V", "V", 0, 1.0, true, {1, 2, -3, -1}},
+    {"A", "A", 0, 1.0, true, {0, 0, 0, 1}},
+    {"ohm", "ohm", 0, 1.0, true, {1, 2, -3, -2}},
+    {"H", "H", 0, 1.0, true, {1, 2, -2, -2}},
+    {"Hz", "Hz", 0, 1.0, true, {0, 0, -1, 0, 0, 1}},
+    {"rad", "rad", 0, 1.0, true, {}},
+    {"deg", "rad", 0, std::numbers::pi / 180.0, false, {}},
+    {"rev", "rad", 0, 2.0 * std::numbers::pi, false, {}},
+    {"count", "count", 0, 1.0, false, {0, 0, 0, 0, 1}},
 };
 
 struct Prefix {
@@ -131,6 +132,7 @@ struct Unit {
   std::string spelling;
   int exponent = 0;
   double factor = 1.0;
+  Powers powers{};
 };
 
 std::optional<Unit> parse_unit(std::string_view text) {
@@ -160,6 +162,8 @@ std::optional<Unit> parse_unit(std::string_view text) {
     const bool squared = text.substr(end, 2) == "^2";
     const int power = (divides ? -1 : 1) * (squared ? 2 : 1);
     unit.exponent += power * symbol->exponent;
+    for (std::size_t k = 0; k < unit.powers.size(); ++k)
+      unit.powers[k] += power * symbol->powers[k];
     for (int k = 0; k < std::abs(power); ++k)
       unit.factor = power > 0 ? unit.factor * symbol->factor : unit.factor / symbol->factor;
     if (gap && !unit.spelling.empty() && unit.spelling.back() != '/' && unit.spelling.back() != '(')
@@ -200,6 +204,8 @@ double scaled_number(std::string number, int exponent) {
 }  // namespace
 
 std::string_view unit_of(Dimension dimension) { return canonical(dimension).unit; }
+
+Powers powers_of(Dimension dimension) { return parse_unit(unit_of(dimension))->powers; }
 
 std::string phrase_of(Dimension dimension) {
   if (dimension == Dimension::ratio) return "a number without unit";

@@ -27,6 +27,7 @@
 // may have a prefix, n u m c k M on N m s V A ohm H Hz g rad; besides, g is 0.001 kg, min 60 s, deg
 // and rev are angles in place of rad: "400 kN/m", "25 mm/rev". A rate may be given in Hz, each 2 pi
 // rad/s. Decimal prefixes are exact: "12.3 mm" is the double next to 0.0123.
+#include <array>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -75,6 +76,10 @@ enum class Dimension {
   acceleration_per_count,
   force_rate_per_count,
 };
+
+/// Powers of kg, m, s, A, count and the cycle of a frequency; an angle is a number.
+using Powers = std::array<int, 6>;
+Powers powers_of(Dimension dimension);
 
 /// The first of the accepted spellings, e.g. "N s/m".
 std::string_view unit_of(Dimension dimension);

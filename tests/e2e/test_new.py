@@ -13,6 +13,7 @@ import pytest
 import verbs
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
 from forceaxis.design import changes, own_axis, simulate
 from forceaxis.experiments import run as runs
@@ -96,10 +97,17 @@ def test_newtons_on_the_bus_are_the_sensors(tmp_path, sheet, experiment):
             borne_N.append(link.axis.extremes["force_N"])
             link.axis.reset_extremes()
 
-        found = actions.press(axis, wanted_N, True, slow, 20.0, 2.0, shown)
+        found = actions.press(
+            axis,
+            Force(wanted_N, newton=True),
+            seconds=2.0,
+            speed=slow,
+            approach_s=20.0,
+            shown=shown,
+        )
         count_N = axis.read("force_scale") * 1e-6
-        assert found["most_N"] == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled
-        assert axis.read("force_max") == 0 and found["force_N"] < 1.05 * wanted_N
+        assert found.most_N == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled
+        assert axis.read("force_max") == 0 and found.force_N < 1.05 * wanted_N
 
 
 # Not the thesis robot: it bounces for ever below its linear limit, as in the laboratory.
@@ -158,6 +166,10 @@ def test_it_ends_with_a_bank_that_holds_the_force(tmp_path):
         assert abs(held["metrics"]["held_force"]["error_percent"]) < 1.0
     shown = forceaxis(tmp_path, "new", "mine", "--yes", "--force", *SHEETS["small stage"].split())
     assert "bandwidth fS" in shown.stdout and "no static error: held.toml" in shown.stdout
+    # Piped, one line for each phase that takes seconds, and nothing else.
+    assert shown.stderr.splitlines() == [
+        "new: searching a bank for the set", "new: simulating contacts with the firmware",
+    ]  # fmt: skip
     # A bank of the model before does not stay.
     made(tmp_path, SHEETS["small stage"], "--force", "--no-design")
     assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == FILES
@@ -186,6 +198,23 @@ def test_the_law_of_a_soft_part_does_not_pump(tmp_path):
     pumps = ran(tmp_path, "before.toml")
     assert pumps["verdict"] == "not_met"
     assert {one["limit"] for one in pumps["missed"]} == {"contact_losses_max", "peak_force_max_N"}
+
+
+def test_an_inductance_that_no_motor_has_is_said(tmp_path):
+    """1 H over 1 ohm is a second; 2 mH over 1 ohm, the default, 2 ms."""
+    (doubt,) = made(tmp_path, "--inductance-h 1 --current-loop-hz 1000")["doubts"]
+    assert "--inductance-h 1 over --resistance-ohm 1 is an electrical time constant of 1 s" in doubt
+    assert made(tmp_path, "--force")["doubts"] == []
+
+
+def test_the_approach_is_that_of_the_model(tmp_path):
+    """A tenth of 500 N by the momentum of 29.74 kg in 1e6 N/m: 50 / sqrt(1e6 m) m/s, not 3000
+    counts."""
+    made(tmp_path, "")
+    m = 10 + 5e-5 / (0.010 / (2 * np.pi)) ** 2
+    firmware = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["firmware"]
+    value, unit = firmware["approach_velocity_max"].split()
+    assert unit == "mm/s" and float(value) == pytest.approx(1e3 * 50 / np.sqrt(1e6 * m), rel=5e-3)
 
 
 BAD = [
@@ -305,7 +334,7 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
     assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
     assert "lead-mm-per-rev, mm/rev [5]: " in shown
-    assert "\n2 of 36  motor: back-EMF" in shown.replace("\r", "")
+    assert "\n2 of 40  motor: back-EMF" in shown.replace("\r", "")
     assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one

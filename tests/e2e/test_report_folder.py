@@ -70,10 +70,20 @@ def test_verdict_gain_and_bank_are_on_top(page):
 def test_pictures_are_vectors_with_a_text_and_small(page):
     _, html = page
     pictures = re.findall(r"<img [^>]*>", html)
-    assert len(pictures) == 2
+    assert sum('alt="traces of ' in picture for picture in pictures) == 2
     for picture in pictures:
-        assert 'alt="traces of ' in picture and 'src="data:image/svg+xml,' in picture
+        assert 'alt="' in picture and 'src="data:image/svg+xml,' in picture
     assert len(html) < 400_000
+
+
+def test_few_experiments_stand_open_beside_margins_and_map(page):
+    _, html = page
+    assert html.count('<details class="run" open') == html.count('<details class="run"') == 2
+    top = html.partition('<h2 id="experiments">')[0]
+    captions = re.findall(r"<figcaption>([^<]*)</figcaption>", top)
+    assert len(captions) == 2 and "gain margin" in captions[0]
+    assert captions[1].startswith("Stability of turned over gain and set-point")
+    assert ">fold</button>" in html
 
 
 def test_what_cannot_be_run_is_a_card_and_status_1(axis, tmp_path):
@@ -113,6 +123,7 @@ frame.onload = async () => {
   const broken = (await Promise.all(all("img").map((i) => i.decode().then(() => 0, () => 1))));
   const target = (a) => page.getElementById(a.getAttribute("href").slice(1));
   const dead = all("a[href^='#']").filter((a) => !target(a));
+  const cut = all("table").filter((t) => t.scrollWidth > t.clientWidth + 1).length;
   const wide = page.documentElement.scrollWidth > page.documentElement.clientWidth;
   const box = page.getElementById("text");
   box.value = "banked";
@@ -120,7 +131,7 @@ frame.onload = async () => {
   const left = all(".card:not([hidden])").length;
   document.getElementById("found").textContent = JSON.stringify({
     images: broken.length, broken: broken.reduce((a, b) => a + b, 0), dead: dead.length,
-    contents: all("#contents a").length, wide, left });
+    contents: all("#contents a").length, wide, cut, left });
 };
 frame.srcdoc = %s;
 </script>"""
@@ -143,7 +154,7 @@ def test_chromium_shows_every_picture_and_link_without_an_error(page, width, tmp
     assert ":CONSOLE" not in done.stderr, done.stderr
     found = json.loads(re.search(r'<pre id="found">(.*?)</pre>', done.stdout)[1])
     assert found == {
-        "images": 2, "broken": 0, "dead": 0, "contents": 3, "wide": False, "left": 1,
+        "images": 4, "broken": 0, "dead": 0, "contents": 3, "wide": False, "cut": 0, "left": 1,
     }  # fmt: skip
 
 

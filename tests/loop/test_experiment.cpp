@@ -394,9 +394,9 @@ TEST_F(Files, WhatCannotBeConvertedIsRefusedByName) {
   EXPECT_EQ(firmware("latency_ticks = 0.5"),
             "firmware.latency_ticks: expected a whole number 0 to 1 tick, got 0.5; choose a value "
             "in that range");
-  EXPECT_EQ(firmware("target_force = \"75 N\""),
-            "firmware.target_force: expected a number in per mille, got \"75 N\", and it measures "
-            "nothing that the model has; write a number in per mille");
+  EXPECT_EQ(firmware("uncertified_force = \"75 N\""),
+            "firmware.uncertified_force: expected a number in per mille, got \"75 N\", and it "
+            "measures nothing that the model has; write a number in per mille");
   EXPECT_EQ(firmware("encoder_increments = \"1 mm\""),
             "firmware.encoder_increments: expected a number in count, got \"1 mm\", and it is no "
             "position; write a number in count");

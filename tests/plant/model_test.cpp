@@ -131,12 +131,13 @@ TEST(Model, SharedParameters) {
 }
 
 TEST(ModelRefuses, UnknownKeysAnywhere) {
-  expect_refusal("weight = 1\n" + kAxis,
-                 {"weight",
-                  "expected one of the keys title, shows, parameters_file, parameters, body, "
-                  "spring, damper, contact, backlash, stop, friction, gravity, drive, encoder, "
-                  "switches, adc, dac, got \"weight\"; remove or "
-                  "rename this key"});
+  expect_refusal(
+      "weight = 1\n" + kAxis,
+      {"weight",
+       "expected one of the keys title, shows, parameters_file, parameters, body, "
+       "spring, damper, contact, backlash, stop, friction, brake, gravity, drive, encoder, "
+       "switches, adc, dac, got \"weight\"; remove or "
+       "rename this key"});
   expect_refusal(with(kAxis, "mass =", "mess = 1\nmass ="),
                  {"body[0].mess",
                   "expected one of the keys name, mass, position, velocity, got \"mess\"; did you "
@@ -148,7 +149,8 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "did you mean stiffness?; remove or rename this key"});
   expect_refusal(with(kAxis, ", source = \"scale\"", ", origin = \"scale\""),
                  {"parameters.m.origin",
-                  "expected one of the keys value, unit, source, got \"origin\"; remove or rename "
+                  "expected one of the keys value, unit, source, documentation, got \"origin\"; "
+                  "remove or rename "
                   "this key"});
   expect_refusal(kAxis + "[dac]\nbit = 12\n",
                  {"dac.bit",
@@ -293,7 +295,7 @@ TEST(ModelRefuses, MissingAndUnused) {
   expect_refusal(with(kAxis, "k = { value", "spare = { value = 1, unit = \"V\" }\nk = { value"),
                  {"parameters.spare",
                   "expected a parameter that this model uses, got one nothing "
-                  "refers to; remove it or use its name"});
+                  "refers to; remove it, use its name, or mark it with documentation = true"});
   std::string motor = motor_drive("robot");
   expect_refusal(kAxis + with(motor, "k_torque = 0.5\n", ""),
                  {"drive.k_torque",

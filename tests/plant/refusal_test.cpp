@@ -66,6 +66,12 @@ std::vector<Element> elements() {
        "friction[0]",
        kLink,
        {{"coulomb", "3", Value::not_negative}, {"stiction", "4", Value::not_negative, false}}},
+      {"[[brake]]",
+       "brake[0]",
+       kLink,
+       {{"holding", "3", Value::positive},
+        {"release", "0.05", Value::not_negative, false},
+        {"engage", "0.03", Value::not_negative, false}}},
       {"[[gravity]]",
        "gravity[0]",
        "name = \"x\"\nbody = \"a\"\n",
@@ -262,6 +268,15 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
                   "coulomb = 1\n[[friction]]\nname = \"z\"\nbetween = [\"a\", \"ground\"]\n"
                   "coulomb = 1\n",
        "friction[2].between"},
+      // brakes: one between two ends, beside at most one friction there
+      {"[[brake]]\nholding = 3\nrelease = -1\n" + kLink, "brake[0].release"},
+      {"[[brake]]\nholding = 3\n" + kLink +
+           "[[brake]]\nname = \"y\"\nbetween = [\"b\", \"a\"]\nholding = 1\n",
+       "brake[1].between"},
+      {friction + "coulomb = 3\n[[friction]]\nname = \"y\"\nbetween = [\"b\", \"ground\"]\n"
+                  "coulomb = 1\n[[brake]]\nname = \"z\"\nbetween = [\"a\", \"ground\"]\n"
+                  "holding = 1\n",
+       "brake[0].between"},
       // gravity
       {gravity + "acceleration = [1, 2]\n", "gravity[0].positions"},
       {gravity + "acceleration = 1\npositions = [1]\n", "gravity[0].positions"},

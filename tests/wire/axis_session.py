@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 import traceback
+from dataclasses import asdict
 from pathlib import Path
 
 from forceaxis.axis import actions, params, scan
@@ -54,7 +55,7 @@ def use(way):
             found["refused"] = str(error)
         found["reached"] = axis.move(-2000)["position"]
         axis.off()
-        found["pressed"] = actions.press(axis, 30.0, False, 20_000, 5.0, 1.5)
+        found["pressed"] = asdict(axis.press(30.0, 1.5, speed=20_000, approach_s=5.0))
         try:
             held = axis.capture(["tick_count", "force", "position"], samples=300, pretrigger=20)
             ticks = held.values("tick_count").tolist()

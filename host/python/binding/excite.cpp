@@ -124,7 +124,7 @@ class Excited {
       for (std::size_t i = 0; i < columns.size(); ++i)
         out[static_cast<py::ssize_t>(i) * ticks + k] =
             code[i] >= 0 ? value[code[i]] : checked(plant_->signal_at(places[next++]));
-      plant_->step_volts(volts, put.amp_enable != 0);
+      plant_->step_volts(volts, put.amp_enable != 0, put.brake_release != 0);
     }
     return rows;
   }

@@ -68,9 +68,11 @@ void add_plant(py::module_ &m) {
           py::arg("seed") = 0, py::arg("audit") = false,
           "`overrides` replaces parameters of the model file, `seed` is that of its noise, `audit` "
           "keeps the energy balance.")
-      .def("step", &Plant::step, py::arg("code"), py::arg("enable") = true,
+      .def("step", py::overload_cast<int, bool>(&Plant::step), py::arg("code"),
+           py::arg("enable") = true,
            "One tick with the DAC code held; a disabled amplifier lets the axis coast.")
-      .def("step_volts", &Plant::step_volts, py::arg("volts"), py::arg("enable") = true,
+      .def("step_volts", py::overload_cast<double, bool>(&Plant::step_volts), py::arg("volts"),
+           py::arg("enable") = true,
            "One tick with this command at the drive in place of a code's.")
       .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
            "Changes the velocity of a body by impulse / mass, now.")

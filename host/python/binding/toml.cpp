@@ -144,6 +144,15 @@ void add_toml(py::module_ &m) {
   m.def("quantity", &quantity, py::arg("text"),
         "\"400 kN/m\" in the unit that sim/model/units.hpp names first. Raises InputError.");
   m.def(
+      "quantity_in",
+      [](const std::string &text, const std::string &unit) -> std::optional<double> {
+        const auto dimension = forceaxis::sim::dimension_of(unit);
+        if (!dimension || !forceaxis::sim::is_quantity(text)) return std::nullopt;
+        return forceaxis::sim::read_quantity(text, *dimension).value;
+      },
+      py::arg("text"), py::arg("unit"),
+      "\"12 mm\" in a unit of units.hpp, None where it is no quantity of that dimension.");
+  m.def(
       "model_format",
       [] {
         py::list tables;

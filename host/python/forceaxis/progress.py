@@ -1,6 +1,34 @@
-"""How far a long computation is. A verb shows it on a terminal; elsewhere nothing reads it."""
+"""How far a long computation is. A verb shows it on a terminal; elsewhere it prints the phases."""
+
+import contextlib
+from collections.abc import Callable, Iterator
 
 shown = ""  # such as "34/98 experiments"
+_tell: Callable[[str], None] | None = None  # of told()
+
+
+@contextlib.contextmanager
+def told(tell: Callable[[str], None]) -> Iterator[None]:
+    """Context in which tell(phase) is called as each phase begins."""
+    global _tell
+    before, _tell = _tell, tell
+    try:
+        yield
+    finally:
+        _tell = before
+
+
+@contextlib.contextmanager
+def phase(text: str) -> Iterator[None]:
+    """Context of one phase of a computation that takes seconds, such as "designing the bank"."""
+    global shown
+    if _tell is not None:
+        _tell(text)
+    before, shown = shown, text
+    try:
+        yield
+    finally:
+        shown = before
 
 
 def counted(items, what, total=None):

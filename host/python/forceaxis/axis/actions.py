@@ -1,13 +1,18 @@
-"""Operations of one axis: stop, tare, calibrate, move, press."""
+"""Operations of one axis: stop, tare, calibrate, move, press, retract."""
 
 import contextlib
 import datetime
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from forceaxis._core import InputError
-from forceaxis.axis.axis import POWERED
-from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.axis.quantity import force_per_count
+from forceaxis.axis import bounds, quantity
+from forceaxis.axis.link import Live, NoAnswer, Refused
+from forceaxis.axis.quantity import Force, force_per_count
 from forceaxis.bus import state_names
+from forceaxis.bus.client import from_raw
+from forceaxis.bus.state_names import POWERED
 
 QUICK_STOP = 0x02
 STOP_S = 10.0  # a quick stop ends by then in any case
@@ -16,6 +21,13 @@ POINTS = range(2, 9)
 POLL_S = 0.02
 MOST_COUNTS = 512  # of force_max
 STAND_S = 5.0  # a disabled axis coasts
+GUARD_COUNTS = 8  # of the reading, beyond what a retract begins with
+RELEASE_STEPS, RELEASE_S = 25, 3.0  # of a target to 0; the longest until the force is released
+# What a mode of operation presses by.
+TARGETS = {
+    "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
+}  # fmt: skip
+APART_S = 10.0  # of a retract, beyond the time that its way takes
 MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
 
 
@@ -134,7 +146,7 @@ def bounded(axis, counts):
         yield
     finally:
         axis.off()
-        axis.set(force_max=own)
+        axis.put_back(force_max=own)
 
 
 def expect_position_gain(axis):
@@ -147,66 +159,239 @@ def expect_position_gain(axis):
         )
 
 
-def move(axis, position, speed=None, timeout_s=60.0, counts=MOVE_COUNTS):
+def expect_unclipped(axis: Live, values: Mapping[str, Any], when: str) -> None:
+    """Refuses targets in force that the axis clips by now: Refused, one line. when: "while it
+    moved"."""
+    text = bounds.clipped(axis, values)
+    if text:
+        raise Refused(f"{axis.link.where}: its bounds have changed {when}: {text}")
+
+
+def most_counts(axis: Live, force_max: float | str | None) -> float | None:
+    """Counts of the reading for a bound, "120 N" or counts; None for None. Raises InputError."""
+    if force_max is None:
+        return None
+    try:
+        counts = quantity.number(axis, "force_max", str(force_max))
+    except InputError:
+        counts = 0.0
+    if not 0 < counts <= MOST_COUNTS:
+        newton = MOST_COUNTS * force_per_count(axis)
+        raise InputError(
+            f'--force-max: expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
+            f"{newton:.6g} N, got {force_max}"
+        )
+    return counts
+
+
+def move(
+    axis: Live,
+    position: int | str,
+    speed: float | str | None = None,
+    timeout_s: float = 60.0,
+    counts: float = MOVE_COUNTS,
+) -> dict[str, Any]:
     """Moves to a position in profile position mode and disables the axis there: its state() before
-    that. speed: count/s, None: trajectory_velocity; counts: bound of the reading. Raises Refused,
-    NoAnswer, which names the fault where the bound was passed."""
-    expect_position_gain(axis)
-    with bounded(axis, counts):
-        axis.enable("profile position", **({"trajectory_velocity": speed} if speed else {}))
-        axis.move(position, timeout_s)
-        return state(axis)
-
-
-def press(axis, force, newton, speed, approach_s, seconds, shown=lambda state: None, counts=None):
-    """Presses with `force` for `seconds` from the contact on, then disables the axis: what was
-    held.
-
-    newton: force is in N, mode 4; else in counts of an 8-bit reading, mode -1, the P law. The
-    approach is no faster than `speed`, count/s, and ends in the fault no_contact after
-    `approach_s`. A reading beyond `counts`, by default twice the force and some, disables it.
-    Parameters set for it are restored afterwards. shown(state) is called some times a second.
-    Raises InputError, Refused, NoAnswer.
+    that. position: in the axis' own units or "10 mm"; speed: in them a second or "5 mm/s", None:
+    trajectory_velocity; counts: bound of the reading. Raises InputError before anything moves for
+    what the axis would clip; Refused, NoAnswer, which names the fault where the bound was passed.
     """
     expect_position_gain(axis)
-    bounds = {"approach_timeout": approach_s * 1e3}
-    bounds["approach_velocity_max" if newton else "touch_velocity_max"] = speed
-    wanted = "target_force" if newton else "force_setpoint"
-    value = force * 1e6 / axis.read("rated_force") if newton else force
-    before = axis.get(*bounds, *(() if newton else (wanted,)))
-    per_count = force_per_count(axis)
-    least = abs(force) / (per_count if newton else 1)
+    settings = {} if speed is None else {"trajectory_velocity": speed}
+    settings = expect(axis, {**settings, "target_position": position})
+    place = int(settings.pop("target_position"))
+    before = axis.get(*settings)
+    try:
+        with bounded(axis, counts):
+            axis.enable("profile position", **settings)
+            axis.move(place, timeout_s)
+            return state(axis)
+    finally:
+        axis.put_back(**before)
+
+
+def expect(axis: Live, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Engineering values of targets and quantities, of which the axis clips none. Raises
+    InputError, with the bound and its object."""
+    found = {n: from_raw(n, raw) for n, raw in quantity.all_raw(axis, values).items()}
+    bounds.expect(axis, found)
+    return found
+
+
+@dataclass(frozen=True)
+class Held:
+    """What was held while an axis pressed: the mean of the later half, its least and most, the
+    peak since the contact, N, and positions in its own units."""
+
+    force_count: float
+    force_N: float
+    least_N: float
+    most_N: float
+    peak_N: float
+    position: int
+    retracted_position: int | None = None  #: where it stands apart, after a retract
+
+
+def press(
+    axis: Live,
+    force: Force,
+    *,
+    seconds: float = 3.0,
+    speed: float | str | None = None,
+    approach_s: float = 10.0,
+    force_max: float | str | None = None,
+    retract: float | str | None = None,
+    shown: Callable[[dict[str, Any]], None] = lambda state: None,
+) -> Held:
+    """Presses with `force` for `seconds` from the contact on, then disables the axis: what was
+    held. Arguments and errors as of Axis.press(). shown(state) is called some times a second."""
+    expect_position_gain(axis)
+    bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
+    wanted = "target_force" if force.newton else "force_setpoint"
+    given: dict[str, Any] = {} if speed is None else {"approach_velocity_max": speed}
+    given[wanted] = f"{force.value!r} N" if force.newton else force.value
+    asked = expect(axis, given)
+    value, per_count = asked[wanted], force_per_count(axis)
+    counts = _force_bound(axis, abs(force.value) / (per_count if force.newton else 1), force_max)
+    way = None if retract is None else _distance(axis, retract)
+    settings = {"approach_timeout": approach_s * 1e3}
+    if speed is not None or not (force.newton or axis.read(bound)):
+        settings[bound] = asked.get("approach_velocity_max") or axis.read("approach_velocity_max")
+    before = axis.get(*settings, *(() if force.newton else (wanted,)))
+    apart = None
     ends = contextlib.ExitStack()
     try:
-        ends.enter_context(bounded(axis, counts or min(2 * least + MOVE_COUNTS / 4, MOST_COUNTS)))
-        if newton:
-            axis.enable("force", **bounds, target_force=0)
+        ends.enter_context(bounded(axis, counts))
+        if force.newton:
+            axis.enable("force", **settings, target_force=0)
             axis.set(target_force=value)
         else:
-            axis.enable("force counts", **bounds, force_setpoint=value)
+            axis.enable("force counts", **settings, force_setpoint=value)
         axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", approach_s + 1)
-        held, passed, steps = [], 0.0, 0
-        while passed < seconds:
-            now = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
-            if state_names.drive_state(now["statusword"]) != "operation enabled":
-                raise Refused(
-                    f"{axis.link.where}: it was disabled while it pressed, {axis.about()}"
-                )
-            held.append(now)
-            if steps % 10 == 0:
-                shown(now)
-            axis.link.wait(POLL_S)
-            passed, steps = passed + POLL_S, steps + 1
+        held = _hold(axis, seconds, {wanted: value}, shown)
+        if way is not None:
+            apart = _back(axis, way, speed, wanted)["position"]
     finally:
         ends.close()
-        axis.set(**before)
+        axis.put_back(**before)
     last = [now["force"] for now in held[len(held) // 2 :]]
     mean = sum(last) / len(last)
-    return {
-        "force_count": mean,
-        "force_N": mean * per_count,
-        "least_N": min(last) * per_count,
-        "most_N": max(last) * per_count,
-        "peak_N": max(now["force"] for now in held) * per_count,
-        "position": held[-1]["position"],
-    }
+    return Held(
+        force_count=mean,
+        force_N=mean * per_count,
+        least_N=min(last) * per_count,
+        most_N=max(last) * per_count,
+        peak_N=max(now["force"] for now in held) * per_count,
+        position=held[-1]["position"],
+        retracted_position=apart,
+    )
+
+
+def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> float:
+    """Counts of the reading that end a press: more than it presses with. Raises InputError."""
+    most = most_counts(axis, force_max)
+    newton, own = force_per_count(axis), axis.read("force_max")
+    for limit, by, remedy in (
+        (most, "--force-max", "give a larger one"),
+        (own or None, "force_max (201Dh) of the axis", "raise it, or ask for less"),
+    ):
+        if limit is not None and limit <= counts:
+            raise InputError(
+                f"press: expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
+                f"{by} disables it, got {counts * newton:.6g} N; {remedy}"
+            )
+    return most or min(2 * counts + MOVE_COUNTS / 4, MOST_COUNTS)
+
+
+def _hold(
+    axis: Live,
+    seconds: float,
+    target: Mapping[str, Any],
+    shown: Callable[[dict[str, Any]], None],
+) -> list[dict[str, Any]]:
+    """States while it presses; shown some times a second. Raises Refused where the axis was
+    disabled, or clips the target by a bound that has changed."""
+    held: list[dict[str, Any]] = []
+    passed, steps, limited = 0.0, 0, False
+    while passed < seconds:
+        now = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
+        word = now["statusword"]
+        if state_names.drive_state(word) != "operation enabled":
+            raise Refused(f"{axis.link.where}: it was disabled while it pressed, {axis.about()}")
+        if word & bounds.INTERNAL_LIMIT and not limited:
+            expect_unclipped(axis, target, "while it pressed")
+        limited = bool(word & bounds.INTERNAL_LIMIT)
+        held.append(now)
+        if steps % 10 == 0:
+            shown(now)
+        axis.link.wait(POLL_S)
+        passed, steps = passed + POLL_S, steps + 1
+    return held
+
+
+def _distance(axis: Live, distance: float | str) -> float:
+    """A distance in the axis' own units. Raises InputError."""
+    value = quantity.number(axis, "target_position", str(distance))
+    if not value > 0:
+        raise InputError(f'retract: expected a distance above 0 as "5 mm", got {distance}')
+    return value
+
+
+def retract(axis: Live, distance: float | str, speed: float | str | None = None) -> dict[str, Any]:
+    """Moves back from a contact by a distance and disables the axis: its state() before that.
+    Arguments and errors as of Axis.retract()."""
+    expect_position_gain(axis)
+    way = _distance(axis, distance)
+    if speed is not None:
+        expect(axis, {"approach_velocity_max": speed})
+    force = axis.read("force")
+    with bounded(axis, min(abs(force) + GUARD_COUNTS, MOST_COUNTS)):
+        mode = str(axis.read("modes_of_operation_display"))
+        enabled = state_names.drive_state(axis.read("statusword")) == "operation enabled"
+        return _back(axis, way, speed, TARGETS.get(mode, "") if enabled else "")
+
+
+def _back(axis: Live, way: float, speed: float | str | None, target: str) -> dict[str, Any]:
+    """Releases the force, if a target presses, then moves against it by `way` from where it
+    pressed; the state() there, still enabled."""
+    ratio = quantity.user_per_count(axis) or 1.0
+    slow = {} if speed is None else {"approach_velocity_max": speed}
+    most = (expect(axis, slow) or axis.get("approach_velocity_max"))["approach_velocity_max"]
+    own, counts = axis.read("trajectory_velocity"), axis.read("contact_force")
+    per_s = max(1.0, min(ratio * most, own))
+    reverse = bool(axis.read("polarity") & bounds.REVERSED)
+    sign = 1 if (axis.read("force") < 0) != reverse else -1
+    place = round(axis.read("position_actual") + sign * way)
+    if target:
+        _release(axis, target, counts)
+    here = axis.read("position_actual")  # never toward the workpiece
+    place = max(place, here) if sign > 0 else min(place, here)
+    try:
+        axis.enable("profile position", trajectory_velocity=per_s)
+        try:
+            axis.move(place, way / per_s + APART_S)
+        except InputError as error:  # a limit in the way
+            raise Refused(f"{axis.link.where}: it cannot be retracted: {error}") from None
+        found = axis.get("contact", "force")
+        if found["contact"] or abs(found["force"]) > counts:
+            newton = found["force"] * force_per_count(axis)
+            raise Refused(
+                f"{axis.link.where}: expected it apart after the retract, it still reads "
+                f"{newton:.4g} N: retract it further"
+            )
+        return state(axis)
+    finally:
+        axis.put_back(trajectory_velocity=own)
+
+
+def _release(axis: Live, target: str, counts: float) -> None:
+    """Lowers a target to 0 in steps, since at once the contact's spring would throw the axis back,
+    and waits until the reading is within `counts`."""
+    value = axis.read(target)
+    for step in range(1, RELEASE_STEPS + 1):
+        axis.put_back(**{target: value * (1 - step / RELEASE_STEPS)})
+        axis.link.wait(POLL_S)
+    passed = 0.0
+    while passed < RELEASE_S and abs(axis.read("force")) > counts:
+        axis.link.wait(POLL_S)
+        passed += POLL_S

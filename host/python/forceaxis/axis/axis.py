@@ -4,7 +4,8 @@ with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, ga
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
     axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
     axis.enable("profile position")
-    axis.move(36_000)
+    axis.move(36_000)                                 # or "10 mm"
+    axis.press("75 N", seconds=2.0, retract="5 mm")   # approach, hold, apart again, disabled
     held = axis.capture(["force", "dac_code"], samples=1500)
                                               # at the end: disabled and released
 """
@@ -17,9 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from forceaxis._core import InputError
+from forceaxis.axis import actions, bounds, quantity
 from forceaxis.axis.link import Link, NoAnswer, Recording, Refused
+from forceaxis.axis.quantity import trigger_on
 from forceaxis.bus import state_names
 from forceaxis.bus.client import from_raw, object_named, to_raw
+from forceaxis.bus.state_names import POWERED
 
 if TYPE_CHECKING:
     from forceaxis.objects import AxisObject
@@ -34,8 +38,6 @@ DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 POLL_S = 0.02
 OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
-# CiA 402 states in which the amplifier is on.
-POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
 
 
@@ -57,25 +59,30 @@ class Axis:
         return cls(link)
 
     @classmethod
-    def can(cls, interface: str = "can0", node: int = 1) -> Axis:
-        """A node of a CAN interface. Raises InputError, NoAnswer."""
+    def can(cls, interface: str = "can0", node: int = 1, model: str | Path | None = None) -> Axis:
+        """A node of a CAN interface. model: a file whose encoder says what a count is in mm. Raises
+        InputError, NoAnswer."""
         from forceaxis.axis.can import CanLink
 
-        return cls(CanLink(interface, node))
+        return cls(_with_model(CanLink(interface, node), model))
 
     @classmethod
-    def gateway(cls, axis: int = 1, url: str | None = None) -> Axis:
-        """An axis at the gateway of an LCM bus; None: LCM's default. Raises InputError."""
+    def gateway(
+        cls, axis: int = 1, url: str | None = None, model: str | Path | None = None
+    ) -> Axis:
+        """An axis at the gateway of an LCM bus; None: LCM's default. model: as of can(). Raises
+        InputError."""
         from forceaxis.axis.gateway import GatewayLink
 
-        return cls(GatewayLink(axis, url))
+        return cls(_with_model(GatewayLink(axis, url), model))
 
     @classmethod
-    def modbus(cls, url: str, unit: int = 1) -> Axis:
-        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Raises InputError, NoAnswer."""
+    def modbus(cls, url: str, unit: int = 1, model: str | Path | None = None) -> Axis:
+        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as of can(). Raises
+        InputError, NoAnswer."""
         from forceaxis.axis.modbus import ModbusLink
 
-        return cls(ModbusLink(url, unit))
+        return cls(_with_model(ModbusLink(url, unit), model))
 
     def __enter__(self) -> Axis:
         self.acquire()
@@ -130,11 +137,19 @@ class Axis:
         return self.get(name)[name]
 
     def set(self, **values: Any) -> None:
-        """Writes engineering values or enum texts in order. Nothing is written if the object table
-        has no such name, value or way to write it (InputError)."""
+        """Writes engineering values, enum texts or quantities ("75 N", "10 mm/s") in order. Nothing
+        is written if the object table has no such name, value or way to write it, or if the axis
+        would clip a target (InputError; see bounds)."""
         for name in values:
             if _known(name).access == "ro":
                 raise InputError(f"{name}: expected an object that can be written, it is read-only")
+        raw = quantity.all_raw(self, values)
+        bounds.expect(self, {name: from_raw(name, value) for name, value in raw.items()})
+        self.link.write(raw)
+
+    def put_back(self, **values: Any) -> None:
+        """Writes engineering values that the axis had before, or lower ones on the way to 0: as
+        set(), but bounds are not asked, so that a bound that moved meanwhile keeps nothing set."""
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
     def wait_for(
@@ -166,9 +181,8 @@ class Axis:
         """What the axis does, in words."""
         found = self.link.read(ABOUT)
         return (
-            f"it is {state_names.drive_state(found['statusword'])}, "
+            f"{state_names.condition(found['statusword'], found['fault'])}, "
             f"mode {state_names.mode(found['modes_of_operation_display'])}, "
-            f"fault {state_names.enum('fault', found['fault'])}, "
             f"position {found['position']} encoder counts, "
             f"force {from_raw('force', found['force']):g} force counts"
         )
@@ -223,17 +237,60 @@ class Axis:
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
 
-    def move(self, position: int, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Profile position mode: moves to `position`, counts, and waits until it is reached."""
+    def move(self, position: int | str, timeout_s: float = 20.0) -> dict[str, Any]:
+        """Profile position mode: moves to `position`, in the axis' own units or "10 mm", and waits
+        until it is reached: {"statusword", "position", "fault"}. Raises InputError for a place
+        beyond its limits; Refused where a limit was moved meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
+        wanted = self.read("target_position")
         self.wait_for(lambda s: s["statusword"] & BIT_12, ("statusword",), "the set-point taken")
         self.set(controlword=ENABLE)
-        return self.wait_for(
+        found = self.wait_for(
             lambda s: s["statusword"] & TARGET_REACHED,
             ("statusword", "position"),
             f"position {position} to be reached",
             timeout_s,
         )
+        actions.expect_unclipped(self, {"target_position": wanted}, "while it moved")
+        return found
+
+    def press(
+        self,
+        force: float | str,
+        seconds: float = 3.0,
+        *,
+        speed: float | str | None = None,
+        approach_s: float = 10.0,
+        force_max: float | str | None = None,
+        retract: float | str | None = None,
+    ) -> actions.Held:
+        """Approaches, presses for `seconds` from the contact on, and disables the axis.
+
+        force: "75 N" in mode 4 by the force law or bank in force; a number, counts of an 8-bit
+        reading, in mode -1 by the P law. speed: of the approach, "4 mm/s" or encoder counts a
+        second, at most; default: approach_velocity_max. approach_s: without contact for so long it
+        is the fault no_contact. force_max: a reading beyond it disables the axis in the same tick;
+        default: twice the force and 8 counts. retract: see retract(), at the end. What is set for
+        it is put back.
+
+        Raises InputError before anything moves for what the axis would clip, with the bound in N;
+        Refused, NoAnswer with what happened, the axis disabled.
+        """
+        return actions.press(
+            self, quantity.force(force), seconds=seconds, speed=speed, approach_s=approach_s,
+            force_max=force_max, retract=retract,
+        )  # fmt: skip
+
+    def retract(self, distance: float | str, speed: float | str | None = None) -> dict[str, Any]:
+        """Moves an axis that presses, or stands in contact, back by a distance, "5 mm" or in its
+        own units, and disables it there: its state() before that.
+
+        The force is released first; the way is against the force, or away from the workpiece where
+        there is none, at most at `speed` (default: approach_velocity_max), within its limits, and a
+        reading beyond that of its start and 8 counts disables it. Raises InputError, NoAnswer;
+        Refused where it still touches afterwards.
+        """
+        return actions.retract(self, distance, speed)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Any) -> None:
         """Starts a recording; see capture()."""
@@ -256,18 +313,14 @@ class Axis:
         return self.link.recording(timeout_s)
 
 
+def _with_model(link: Link, model: str | Path | None) -> Link:
+    if model is not None:
+        link.use_model(model)
+    return link
+
+
 def _known(name: str) -> AxisObject:
     known = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object")
     return known
-
-
-def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
-    """Settings of a capture: begin when an object passes a level, in engineering units."""
-    known = _known(name)
-    return {
-        "trigger_source": known.index << 8 | known.sub,
-        "trigger_level": round(level / known.scale),
-        "trigger_edge": edge,
-    }

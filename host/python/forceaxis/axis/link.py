@@ -8,14 +8,18 @@ module beside this one: sim, gateway, can, modbus.
 import abc
 import contextlib
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 
+from forceaxis import _core
+from forceaxis._core import InputError
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
 
-__all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
+__all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S = 1500
 SCALE_WITHIN = 0.1  # of a sensor's force_scale: what a calibration may find
@@ -64,13 +68,21 @@ class Link(abc.ABC):
     verbs that reach it ("--axis 1"). Several threads may use it.
 
     `source` is the raw command_source that its writes come from. `warning` is one line on what its
-    user has to know, or None."""
+    user has to know, or None. `counts_per_metre` is the encoder's, where a model says it."""
 
     where: str
     options: str
     source: int
     warning: str | None = None
+    counts_per_metre: float | None = None
     _keeper = None  # a bus.keeper.Keeper from acquire() to release()
+
+    def use_model(self, model):
+        """Takes the encoder's scale of a model (a path). Raises InputError where it has none."""
+        encoder = _core.facts(str(model))["encoder"]
+        if encoder is None:
+            raise InputError(f"{model}: expected a model with an [encoder], it has none")
+        self.counts_per_metre = abs(encoder["scale"])
 
     @abc.abstractmethod
     def read(self, names):
@@ -134,6 +146,45 @@ class Link(abc.ABC):
         if self._keeper:
             self._keeper.close()
             self._keeper = None
+
+
+class Live(Protocol):
+    """What operations use of an axis.Axis."""
+
+    link: Link
+
+    def get(self, *names: str) -> dict[str, Any]:
+        """{name: engineering value or enum text}."""
+
+    def read(self, name: str) -> Any:
+        """The value of one object."""
+
+    def set(self, **values: Any) -> None:
+        """Writes engineering values or enum texts."""
+
+    def put_back(self, **values: Any) -> None:
+        """Writes values that it had before."""
+
+    def wait_for(
+        self,
+        holds: Callable[[dict[str, Any]], Any],
+        names: Sequence[str],
+        what: str,
+        timeout_s: float = 5.0,
+    ) -> dict[str, Any]:
+        """Reads names until holds({name: value})."""
+
+    def about(self) -> str:
+        """What the axis does, in words."""
+
+    def enable(self, mode: str | int, **parameters: Any) -> None:
+        """Operation enabled in a mode of operation."""
+
+    def off(self) -> None:
+        """Disables the axis."""
+
+    def move(self, position: int | str, timeout_s: float = 20.0) -> dict[str, Any]:
+        """Moves to a position in its own units."""
 
 
 class RecorderLink(Link):

@@ -8,7 +8,6 @@ next power cut; store() keeps it.
 from typing import NamedTuple
 
 from forceaxis.axis import params_file
-from forceaxis.axis.axis import POWERED
 from forceaxis.axis.link import NAME, SOFTWARE, NoAnswer, Refused
 from forceaxis.axis.params_file import MEASURED, PARAMETERS, engineering
 from forceaxis.bus import state_names
@@ -129,7 +128,7 @@ def load(axis, path, skip=(), measured=False, dry_run=False):
     if dry_run or not loaded.changed:
         return loaded._replace(bank=bank(axis))
     word = axis.link.read(["statusword"])["statusword"]
-    if state_names.drive_state(word) in POWERED:
+    if state_names.drive_state(word) in state_names.POWERED:
         raise Refused(f"{axis.link.where}: expected it disabled, {axis.about()}")
     changes = {change.name: change.file for change in loaded.changed}
     try:

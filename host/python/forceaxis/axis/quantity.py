@@ -1,52 +1,275 @@
-"""What a person writes for the value of an object: a number in its unit, a text, or a force."""
+"""What a person writes for the value of an object: a number in its unit, a text, or a quantity such
+as "75 N", "10 mm" or "4 mm/s", with or without a blank.
 
+Forces follow the axis' own force_scale and rated_force, times and codes are fixed. Lengths need to
+know what a position of the axis is: its own units (6092h, named by 60A8h), or the encoder of a
+model, which a simulated axis has and `--model` names for a real one. They count as the axis' own
+positions do, from its zero and in its direction.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from forceaxis import _core
 from forceaxis._core import InputError
+from forceaxis.axis.link import TICKS_PER_S, Link, Live
+from forceaxis.bus import client
 from forceaxis.bus.client import object_named
-from forceaxis.bus.state_names import texts
-from forceaxis.objects import default
+from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.objects import AxisObject, default
 
-NEWTON = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+CODES_PER_V = 4096 / 20  # of the DAC
+METRE = 0x01  # of CiA 303-2
+NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+# Per mille of rated_force.
+RATED = {
+    "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
+    "force_demand", "force_actual",
+}  # fmt: skip
+# DAC codes; a "code" of another object is one of an ADC.
+OUTPUTS = {
+    "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
+    "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
+}  # fmt: skip
+# {unit: (SI unit, how many of it are one of that)}
+PLAIN = {
+    "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
+    "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
+}  # fmt: skip
+# {unit: (SI unit, powers of the tick's rate in it)} of lengths in counts.
+LENGTHS = {
+    "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
+    "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
+}  # fmt: skip
+NOT_LENGTHS = {"encoder_increments"}
+OF_COUNTS = (0x6063, 0x6069)  # of CiA 402, in counts whatever the user's unit is
+UNKNOWN = (
+    "; what a count is in mm is not known: give --model MODEL, or the axis its units (6092h, 60A8h)"
+)
 
 
-def force_per_count(axis):
+class Scaled(Protocol):
+    """What a scale is read from."""
+
+    link: Link
+
+    def read(self, name: str) -> Any:
+        """The value of one object."""
+
+    def get(self, *names: str) -> dict[str, Any]:
+        """{name: value}."""
+
+
+class After:
+    """An axis as it is once some raw values are written: what a later value is scaled by."""
+
+    def __init__(self, axis: Live, raw: dict[str, int]) -> None:
+        self.link, self._axis, self._raw = axis.link, axis, raw
+
+    def read(self, name: str) -> Any:
+        """As Axis.read()."""
+        if name in self._raw:
+            return client.from_raw(name, self._raw[name])
+        return self._axis.read(name)
+
+    def get(self, *names: str) -> dict[str, Any]:
+        """As Axis.get()."""
+        return {name: self.read(name) for name in names}
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force as it was asked for; newton: in N, else in counts of an 8-bit reading."""
+
+    value: float
+    newton: bool
+
+
+def force_per_count(axis: Scaled) -> float:
     """Force of one count of an 8-bit reading in N, as the axis has it."""
     return axis.read("force_scale") * 1e-6
 
 
-def never_set(force_scale, calibration_date):
+def never_set(force_scale: float, calibration_date: int) -> bool:
     """Whether an axis has the force_scale (uN a count) that it was delivered with, whatever its
     sensor is; calibration_date: 0 is none."""
     return not calibration_date and force_scale == default("force_scale")
 
 
-def is_reading(known):
+def is_reading(known: AxisObject | None) -> bool:
     """Whether an object is in counts of the force reading."""
     return known is not None and known.unit == "count" and known.scale != 1
 
 
-def parse(axis, name, text):
-    """Value for Axis.set() of a number, "30 count", "75 N" where the object is a force, or an
-    enum's text. Raises InputError."""
+def user_per_count(axis: Scaled) -> float | None:
+    """Units of the axis' positions for an encoder count: 1 without units of its own; None where
+    the link does not reach what they follow from."""
+    if not axis.read("feed"):
+        return 1.0
+    above = ("feed", "encoder_revolutions", "gear_shaft_revolutions")
+    below = ("feed_shaft_revolutions", "encoder_increments", "gear_motor_revolutions")
+    if not all(axis.link.reaches(name) for name in (*above, *below)):
+        return None
+    found, ratio = axis.get(*above, *below), 1.0
+    for name in above:
+        ratio *= found[name]
+    for name in below:
+        ratio /= found[name]
+    return ratio
+
+
+def _metres_of_user(axis: Scaled) -> float | None:
+    """What 60A8h says of units that 6092h makes."""
+    if not axis.read("feed") or not axis.link.reaches("position_unit"):
+        return None
+    exponent, unit = divmod(int(axis.read("position_unit")) >> 16, 256)
+    return 10.0 ** (exponent - 256 if exponent > 127 else exponent) if unit == METRE else None
+
+
+def per_metre(axis: Scaled, known: AxisObject) -> float | None:
+    """How many units of an object of positions, speeds or accelerations are a metre (a second);
+    None where it is not known."""
+    of_user = known.index >= 0x6000 and known.index not in OF_COUNTS
+    metres, ratio = _metres_of_user(axis), user_per_count(axis)
+    model = axis.link.counts_per_metre
+    if of_user:
+        if metres is not None:
+            return 1 / metres
+        return None if model is None or ratio is None else model * ratio
+    if model is not None:
+        return model
+    return None if metres is None or ratio is None else 1 / (metres * ratio)
+
+
+def _is_length(known: AxisObject) -> bool:
+    return known.unit in LENGTHS and not is_reading(known) and known.name not in NOT_LENGTHS
+
+
+def scale_of(axis: Scaled, known: AxisObject) -> tuple[str, float] | None:
+    """(SI unit, how many units of the object are one of it), None where it is no such quantity or
+    its scale is not known."""
+    if is_reading(known):
+        return "N", 1 / force_per_count(axis)
+    if known.name in RATED:
+        return "N", 1e6 / axis.read("rated_force")
+    if known.name in OUTPUTS:
+        return "V", CODES_PER_V
+    if known.name == "force_gain":
+        return "V/N", CODES_PER_V * force_per_count(axis)
+    if _is_length(known):
+        unit, powers = LENGTHS[known.unit]
+        scale = per_metre(axis, known)
+        return None if scale is None else (unit, scale / TICKS_PER_S**powers)
+    return PLAIN.get(known.unit)
+
+
+def parse(axis: Scaled, name: str, text: str) -> Any:
+    """Value for Axis.set() of a number, "30 count", "75 N", "10 mm" where the object is such a
+    quantity, or an enum's text. Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text
-    number, _, unit = text.strip().partition(" ")
-    unit = unit.strip()
+    parts = NUMBER.fullmatch(text)
+    if parts is None:
+        return text  # Axis.set() says what it expects
+    number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number
-    if unit in NEWTON and (known.unit in ("mN", "uN") or is_reading(known)):
-        newton = _number(name, number) * NEWTON[unit]
-        if is_reading(known):
-            return newton / force_per_count(axis)
-        return newton * (1e3 if known.unit == "mN" else 1e6)
-    forces = " or N" if is_reading(known) else ""
-    raise InputError(f"{name}: expected a value in {known.unit}{forces}, got {text}")
+    scale, also, why = scale_of(axis, known), "", ""
+    if scale is not None:
+        value = _core.quantity_in(f"{number} {unit}", scale[0])
+        if value is not None:
+            return value * scale[1]
+        also = f" or {scale[0]}"
+    elif _is_length(known):
+        why = UNKNOWN
+    raise InputError(f"{name}: expected a value in {known.unit}{also}, got {text}{why}")
 
 
-def trigger(axis, text):
+def all_raw(axis: Live, values: Mapping[str, Any]) -> dict[str, int]:
+    """Raw values of engineering values, enum texts or quantities, to be written in this order: a
+    rated_force before a target_force scales it. Raises InputError."""
+    raw: dict[str, int] = {}
+    for name, value in values.items():
+        raw[name] = to_raw(After(axis, raw), name, value)
+    return raw
+
+
+def to_raw(axis: Scaled, name: str, value: Any) -> int:
+    """Raw value of an engineering value, an enum's text or a quantity. Raises InputError, with the
+    range in N and mm where the value has such a unit."""
+    if not isinstance(value, str):
+        return client.to_raw(name, value)
+    given = parse(axis, name, value)
+    if isinstance(given, str):
+        return client.to_raw(name, given)
+    known = BY_NAME[name]
+    least, most = known.min * known.scale, known.max * known.scale
+    if not least - known.scale / 2 < given < most + known.scale / 2:
+        raise InputError(
+            f"{name}: expected {shown(axis, name, least)} to {shown(axis, name, most)}, got {value}"
+        )
+    return client.to_raw(name, given)
+
+
+def number(axis: Scaled, name: str, text: str) -> float:
+    """A value that has to be a number. Raises InputError."""
+    try:
+        return float(parse(axis, name, text))
+    except ValueError:
+        raise InputError(f"{name}: expected a number, got {text}") from None
+
+
+def expect_written(option: str, text: str | None, example: str) -> None:
+    """Refuses a text that is neither a number nor a quantity, before any axis is asked. Raises
+    InputError."""
+    if text is not None and NUMBER.fullmatch(text) is None:
+        raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
+
+
+def force(text: str | float) -> Force:
+    """A force as "75 N", "75N", or in counts of the reading as "30", "30 count" or 30. Raises
+    InputError."""
+    parts = NUMBER.fullmatch(str(text))
+    if parts is not None:
+        digits, unit = parts.groups()
+        if unit in ("", "count"):
+            return Force(float(digits), newton=False)
+        value = _core.quantity_in(f"{digits} {unit}", "N")
+        if value is not None:
+            return Force(value, newton=True)
+    raise InputError(f'{text}: expected a force as "75 N", or force counts as 30')
+
+
+def shown(axis: Scaled, name: str, value: float) -> str:
+    """A value of an object in N or mm, where its scale is known, and in its own unit."""
+    known = object_named(name)
+    if known is None:
+        return f"{value:g}"
+    own = f"{value:.6g}{'' if known.unit == '1' else ' ' + known.unit}"
+    scale = scale_of(axis, known)
+    if scale is None or scale[0] not in ("N", "m", "m/s", "V"):
+        return own
+    unit, factor = (f"m{scale[0]}", 1e3) if scale[0].startswith("m") else (scale[0], 1.0)
+    return f"{factor * value / scale[1]:.6g} {unit} ({own})"
+
+
+def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
+    """Settings of a capture: begin when an object passes a level, in engineering units."""
+    known = object_named(name)
+    if known is None:
+        raise InputError(f"{name}: expected the name of an object")
+    return {
+        "trigger_source": known.index << 8 | known.sub,
+        "trigger_level": round(level / known.scale),
+        "trigger_edge": edge,
+    }
+
+
+def trigger(axis: Live, text: str) -> dict[str, Any]:
     """Settings of Axis.capture() for "force rising 31", "fault either 0.5" or a force in N."""
-    from forceaxis.axis.axis import trigger_on
-
     words = text.split(None, 2)
     if text == "excitation_start":
         return {"trigger_edge": text}
@@ -55,11 +278,4 @@ def trigger(axis, text):
             f'--trigger {text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
         )
     name, edge, level = words
-    return trigger_on(name, _number(name, parse(axis, name, level)), edge)
-
-
-def _number(name, text):
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{name}: expected a number, got {text}") from None
+    return trigger_on(name, number(axis, name, level), edge)

@@ -20,6 +20,7 @@ import contextlib
 import time
 from collections import deque
 
+from forceaxis.axis import bounds
 from forceaxis.axis.axis import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Axis
 from forceaxis.axis.gateway import READY_S, GatewayLink
 from forceaxis.bus import state_names
@@ -45,7 +46,9 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values):
-        """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one."""
+        """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one, and a
+        target that the axis would clip raises InputError (axis/bounds)."""
+        bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
 
@@ -84,9 +87,8 @@ class Session(AxisClient):
         reason = self._bus.trouble or f"nothing was received on {self._bus.url}"
         if state is not None:
             reason = (
-                f"it is {state_names.drive_state(state.statusword)}, "
-                f"{state_names.mode(state.mode_display)}, "
-                f"fault {state_names.enum('fault', state.fault)}, "
+                f"{state_names.condition(state.statusword, state.fault)}, "
+                f"mode {state_names.mode(state.mode_display)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")

@@ -25,15 +25,17 @@ class SimLink(RecorderLink):
         self.store = store  # "": none
         self._owned = False
         self.axis.step(1)  # the first inputs
-        self.warning = self._scale_warning(experiment, overrides)
+        converters = _core.inputs(str(experiment), list(overrides))["converters"]
+        self.warning = self._scale_warning(experiment, converters.get("adc0"))
+        if "encoder" in converters:
+            self.counts_per_metre = 1 / abs(converters["encoder"]["per_code"])
 
-    def _scale_warning(self, experiment, overrides):
+    def _scale_warning(self, experiment, reading):
         """One line where the axis has another force_scale than its model's sensor, else None."""
-        model = _core.inputs(str(experiment), list(overrides))["model"]
-        reading = _core.facts(model)["reading"]
         if reading is None:
             return None
-        has, sensor = self.read(["force_scale"])["force_scale"] * 1e-6, abs(reading["per_count"])
+        has = self.read(["force_scale"])["force_scale"] * 1e-6
+        sensor = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
         if abs(has / sensor - 1) < SCALE_WITHIN:
             return None
         return (

@@ -16,6 +16,9 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
+# States in which the amplifier is on.
+POWERED = ("operation enabled", "quick stop active", "fault reaction active")
+
 # Names from the object table.
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
@@ -60,6 +63,17 @@ def drive_state(statusword):
         if statusword & mask == value:
             return text
     return f"statusword {statusword:04X}h"
+
+
+def condition(statusword, fault):
+    """What a drive is in, as a sentence: "it is operation enabled without a fault", "it has the
+    fault no_contact" with the state where that is another than fault; fault: raw."""
+    state, name = drive_state(statusword), enum("fault", fault)
+    if name == "none":
+        return f"it is {state} without a fault"
+    if state == "fault":
+        return f"it has the fault {name}"
+    return f"it is {state} with the fault {name}"
 
 
 def status_bits(statusword, mode=None):

@@ -1,5 +1,6 @@
 """`forceaxis axis`: one axis, read, set up and moved, by whatever way it is reached."""
 
+import dataclasses
 import fnmatch
 import json
 import sys
@@ -12,7 +13,7 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
 from forceaxis.cli.common import Object, Positive, Verbs, as_json, fitted
-from forceaxis.cli.live_options import connected, live, owned, warn_of_newtons
+from forceaxis.cli.live_options import connected, live, live_in_mm, owned, warn_of_newtons
 
 
 @click.group(
@@ -60,11 +61,12 @@ def assignments(words):
     return dict(word.split("=", 1) for word in words)
 
 
-def in_units(axis, words):
-    """{name: value} of NAME=VALUE words, as Axis.set() takes them."""
+def in_mm(axis, position):
+    """(12.3 mm) of encoder counts, "" where what a count is is not known."""
     from forceaxis.axis import quantity
 
-    return {name: quantity.parse(axis, name, text) for name, text in assignments(words).items()}
+    scale = quantity.per_metre(axis, objects.BY_NAME["position"])
+    return "" if scale is None else f" ({1e3 * position / scale:.6g} mm)"
 
 
 def print_state(axis, prefix, as_json, **more):
@@ -77,8 +79,8 @@ def print_state(axis, prefix, as_json, **more):
     else:
         click.echo(fitted(
             f"{prefix}: {now['state']}, mode {now['mode']}, fault {now['fault']}, position "
-            f"{now['position']} encoder counts, force {now['force_N']:.4g} N "
-            f"({now['force']:.4g} force counts)", 2
+            f"{now['position']} encoder counts{in_mm(axis, now['position'])}, force "
+            f"{now['force_N']:.4g} N ({now['force']:.4g} force counts)", 2
         ))  # fmt: skip
 
 
@@ -151,20 +153,22 @@ def get(names, way, as_json):
 @axis.command(
     "set",
     epilog="""forceaxis axis set --axis 1 force_gain=7 position_gain=4
-    forceaxis axis set --can can0 force_setpoint="75 N" recorder_trigger_edge=rising""",
+    forceaxis axis set --can can0 force_setpoint=75N recorder_trigger_edge=rising
+    forceaxis axis set --can can0 --model press/model.toml approach_velocity_max="4 mm/s\"""",
 )
 @click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
-@live
+@live_in_mm
 @as_json
 def set_objects(words, way, as_json):
     """Write objects in engineering units, in order, and show what the axis has then.
 
-    Nothing is written if a name is unknown or a value out of its range. What another client of the
-    same bus has enabled stays enabled and that client's. `axis params store` keeps it over a power
-    cut.
+    A value may have a unit of its own: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written
+    if a name is unknown, a value out of its range, or a target beyond what the axis takes. What
+    another client of the same bus has enabled stays enabled and that client's. `axis params store`
+    keeps it over a power cut.
     """
     with owned(way, shared=True) as axis:
-        values = in_units(axis, words)
+        values = assignments(words)
         axis.set(**values)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
@@ -208,29 +212,32 @@ NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
 @click.argument("mode")
 @click.argument("words", nargs=-1, metavar="[NAME=VALUE]...")
 @click.option("--seconds", type=Positive(0.01, 1e6), help="Default: until Ctrl-C.")
-@live
+@live_in_mm
 @as_json
 def enable(mode, words, seconds, way, as_json):
     """Enable the axis in a mode of operation and hold it there; then disable it.
 
     MODE is a name as "profile position" or a number. The values are written first, and again once
-    the axis is enabled: a target acts only if it is written then. Ends with status 1 as soon as the
-    axis is no longer enabled.
+    the axis is enabled: a target acts only if it is written then; they may have units as of `set`.
+    Ends with status 1 as soon as the axis is no longer enabled, or clips a target by a bound that
+    was changed meanwhile.
     """
+    from forceaxis.axis import actions, bounds
     from forceaxis.axis.axis import MODES
     from forceaxis.bus import state_names
 
     number = int(mode) if mode.lstrip("-").isdigit() else MODES.get(mode, mode)
     moved = state_names.FORCE_MODES | state_names.TARGET_MODES | state_names.PROFILE_MODES
     with owned(way) as axis:
-        values = in_units(axis, words)
+        values = assignments(words)
+        targets = {n: v for n, v in actions.expect(axis, values).items() if n in bounds.BOUNDS}
         axis.enable(number, **values)
         axis.set(**{name: v for name, v in values.items() if name.startswith("target_")})
         if axis.read("position_gain") == 0 and number in moved:
             click.echo("position_gain is 0: the axis neither approaches nor follows", err=True)
         if not as_json:
             print_state(axis, "enabled", False)
-        passed = 0.0
+        passed, limited = 0.0, False
         while seconds is None or passed < seconds:
             step = 0.1 if seconds is None else min(0.1, seconds - passed)
             axis.link.wait(step)
@@ -239,70 +246,62 @@ def enable(mode, words, seconds, way, as_json):
             if state_names.drive_state(word) != "operation enabled":
                 print_state(axis, "no longer enabled", as_json)
                 sys.exit(1)
+            if word & bounds.INTERNAL_LIMIT and not limited:
+                actions.expect_unclipped(axis, targets, "while it was enabled")
+            limited = bool(word & bounds.INTERNAL_LIMIT)
         print_state(axis, "after", as_json, seconds=passed)
 
 
 force_max = click.option("--force-max", metavar="FORCE", help='"120 N", or counts of the reading.')
 
 
-def bound_of(axis, text):
-    """Counts of --force-max, None where it is not given. Raises InputError."""
-    from forceaxis.axis import quantity
-
-    if text is None:
-        return None
-    try:
-        counts = float(quantity.parse(axis, "force_max", text))
-    except ValueError:
-        counts = 0.0
-    if not 0 < counts <= 512:
-        raise InputError(
-            f'--force-max: expected up to 512 force counts, or a force as "75 N", got {text}'
-        )
-    return counts
+approach_speed = click.option(
+    "--speed",
+    metavar="SPEED",
+    help='Bound of the approach, "4 mm/s" or encoder count/s. Default: approach_velocity_max.',
+)
 
 
 @axis.command(
     context_settings=NEGATIVE,
     epilog="""forceaxis axis move --axis 1 36000 --speed 20000
-    forceaxis axis move --can can0 --node 3 -500""",
+    forceaxis axis move --can can0 --node 3 -500
+    forceaxis axis move --can can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
 )
-@click.argument("position", type=int)
-@click.option("--speed", type=Positive(1, 3_072_000), help="count/s. Default: trajectory_velocity.")
+@click.argument("position")
+@click.option("--speed", metavar="SPEED", help='"5 mm/s" or count/s. Default: trajectory_velocity.')
 @click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="s.")
 @force_max
-@live
+@live_in_mm
 @as_json
 def move(position, speed, timeout, force_max, way, as_json):
-    """Move to a position in counts (or the user's units) and disable the axis there.
+    """Move to a position, "10 mm" or in counts (or the user's units), and disable the axis there.
 
-    What it meets with more than --force-max, by default 32 counts of the reading, switches the axis
-    off in the same tick, with the fault force_max; it still has the energy of its speed then.
+    Millimetres count as the axis' positions do, from its zero. What it meets with more than
+    --force-max, by default 32 counts of the reading, switches the axis off in the same tick, with
+    the fault force_max; it still has the energy of its speed then.
     """
-    from forceaxis.axis import actions
+    from forceaxis.axis import actions, quantity
 
+    quantity.expect_written("POSITION", position, "10 mm")
+    quantity.expect_written("--speed", speed, "5 mm/s")
     with owned(way) as axis:
-        bound = bound_of(axis, force_max) or actions.MOVE_COUNTS
+        bound = actions.most_counts(axis, force_max) or actions.MOVE_COUNTS
         actions.move(axis, position, speed, timeout, bound)
         print_state(axis, "reached", as_json)
 
 
 @axis.command(
     context_settings=NEGATIVE,
-    epilog="""forceaxis axis press --axis 1 "75 N" --seconds 5
-    forceaxis axis press --can can0 30 --speed 2000""",
+    epilog="""forceaxis axis press --axis 1 75N --seconds 5 --retract 2000
+    forceaxis axis press --sim press/contact.toml "75 N" --speed "4 mm/s" --retract "5 mm"
+    forceaxis axis press --can can0 30""",
 )
 @click.argument("force")
 @click.option(
     "--seconds", type=Positive(0.1, 3600), default=3.0, show_default=True, help="From contact on."
 )
-@click.option(
-    "--speed",
-    type=Positive(1, 3_072_000),
-    default=3000.0,
-    show_default=True,
-    help="Bound of the approach in count/s.",
-)
+@approach_speed
 @click.option(
     "--approach",
     type=Positive(0.1, 3600),
@@ -310,26 +309,29 @@ def move(position, speed, timeout, force_max, way, as_json):
     show_default=True,
     help="s without contact after which the axis ends it with the fault no_contact.",
 )
+@click.option(
+    "--retract",
+    metavar="DISTANCE",
+    help='End apart: so far back from where it pressed, "5 mm" or counts, at most at --speed. '
+    "Default: it is disabled in contact.",
+)
 @force_max
-@live
+@live_in_mm
 @as_json
-def press(force, seconds, speed, approach, force_max, way, as_json):
+def press(force, seconds, speed, approach, retract, force_max, way, as_json):
     """Press with a force, show it, and disable the axis.
 
     "75 N": mode 4, with the force law or bank that is selected. 30: counts of an 8-bit reading,
     mode -1, the P law of force_gain. What is set for it is as before afterwards. A reading beyond
-    --force-max, by default twice the force and 8 counts, disables it in the same tick.
+    --force-max, by default twice the force and 8 counts, disables it in the same tick. A force
+    that the axis would clip (6072h, 60E0h, 60E1h, the range of its reading) is refused before it
+    moves; exit status 1 where a bound is lowered meanwhile.
     """
     from forceaxis.axis import actions, quantity
 
-    words = force.split()
-    newton = len(words) == 2 and words[1] in quantity.NEWTON
-    try:
-        wanted = float(words[0]) * (quantity.NEWTON[words[1]] if newton else 1)
-        if len(words) > 1 and not newton and words[1] != "count":
-            raise ValueError
-    except (ValueError, IndexError):
-        raise InputError(f'{force}: expected a force as "75 N", or force counts as 30') from None
+    wanted = quantity.force(force)
+    quantity.expect_written("--speed", speed, "4 mm/s")
+    quantity.expect_written("--retract", retract, "5 mm")
     begin = time.monotonic()
     with owned(way) as axis:
 
@@ -341,15 +343,21 @@ def press(force, seconds, speed, approach, force_max, way, as_json):
         warn_of_newtons(axis, way)
         per_count = quantity.force_per_count(axis)
         reports = {} if as_json else {"shown": report}
-        reports["counts"] = bound_of(axis, force_max)
-        held = actions.press(axis, wanted, newton, speed, approach, seconds, **reports)
+        held = actions.press(
+            axis, wanted, seconds=seconds, speed=speed, approach_s=approach, force_max=force_max,
+            retract=retract, **reports,
+        )  # fmt: skip
+        apart = held.retracted_position
+        mm = "" if apart is None else in_mm(axis, apart)
     if as_json:
-        click.echo(json.dumps(held))
-    else:
-        click.echo(
-            f"held {held['force_N']:.4g} N ({held['force_count']:.4g} force counts), "
-            f"{held['least_N']:.4g} to {held['most_N']:.4g} N, peak {held['peak_N']:.4g} N"
-        )
+        click.echo(json.dumps(dataclasses.asdict(held)))
+        return
+    click.echo(
+        f"held {held.force_N:.4g} N ({held.force_count:.4g} force counts), "
+        f"{held.least_N:.4g} to {held.most_N:.4g} N, peak {held.peak_N:.4g} N"
+    )
+    if apart is not None:
+        click.echo(f"apart at position {apart} encoder counts{mm}")
 
 
 VERBS = (axis,)

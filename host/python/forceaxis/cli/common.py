@@ -362,9 +362,10 @@ def show(rows):
 @contextlib.contextmanager
 def waiting(what):
     """On a terminal, say after two seconds what is under way, for how long, and how much of it is
-    done."""
+    done. Elsewhere each phase that the computation names is one line on standard error."""
     if not sys.stderr.isatty():
-        yield
+        with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
+            yield
         return
     over, began = threading.Event(), time.monotonic()
 

@@ -1,6 +1,7 @@
 """Options of every verb of a live axis, and the contexts that connect to it or acquire it."""
 
 import contextlib
+import dataclasses
 import functools
 import signal
 import sys
@@ -30,9 +31,22 @@ class Way:
     sim: Path | None = None
     overrides: tuple[str, ...] = ()
     store: str = ""
+    model: str | None = None  #: whose encoder says what a count is in mm
 
     def link(self):
         """Connects. Raises InputError, NoAnswer."""
+        found = self._connect()
+        if self.model is not None:
+            from forceaxis import linear
+
+            try:
+                found.use_model(linear.find_model(self.model))
+            except InputError:
+                found.close()
+                raise
+        return found
+
+    def _connect(self):
         if self.axis is not None:
             from forceaxis.axis.gateway import GatewayLink
 
@@ -119,6 +133,22 @@ def live(command):
         return command(*arguments, way=way, **others)
 
     return options(with_one)
+
+
+def live_in_mm(command):
+    """As live(), with --model for lengths in mm."""
+
+    @functools.wraps(command)
+    def with_model(*arguments, way, model, **others):
+        return command(*arguments, way=dataclasses.replace(way, model=model), **others)
+
+    option = click.option(
+        "--model",
+        type=Subject(paths.MODELS),
+        help="Its encoder says what a count is in mm. A simulated axis knows; so does one with "
+        "units of its own (6092h, 60A8h).",
+    )
+    return option(live(with_model))
 
 
 @contextlib.contextmanager

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from forceaxis.axis import bounds
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.commission import response
@@ -127,8 +128,8 @@ class Analyzer:
         self.model, self.overrides = str(model), dict(overrides or {})
         self._before = {}
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
-                 "contact_force", "force_max", "tare_band", "contact_loss_cap",
-                 "position")  # fmt: skip
+                 "contact_force", "force_max", "tare_band", "contact_loss_cap", "position",
+                 "position_min", "position_max", "output_limit")  # fmt: skip
         known = axis.get(*names)
         self.bits, self.sign, self.zero = (known[n] for n in names[:3])
         self.newton = known["force_scale"] * 1e-6  # a count of the reading
@@ -166,7 +167,7 @@ class Analyzer:
         before, self._before = self._before, {}
         for name, value in before.items():
             try:
-                self.axis.set(**{name: value})
+                self.axis.put_back(**{name: value})
             except Refused:
                 self.say(f"{name} could not be set to {value} again")
 
@@ -209,10 +210,9 @@ class Analyzer:
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
         self.set(
             excitation_waveform="noise", excitation_point="output", excitation_code=0,
-            excitation_hold=self._hold(),
-            excitation_period=self.samples, excitation_ramp=1e3 * RAMP_S,
+            excitation_hold=self._hold(), excitation_period=self.samples,
+            excitation_ramp=1e3 * RAMP_S, excitation_travel=order.travel,
             excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
-            excitation_travel=order.travel,
         )  # fmt: skip
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
@@ -229,8 +229,9 @@ class Analyzer:
         start = self.axis.read("position")
         travel = self.order.travel
         self.set(
-            position_min=start - travel, position_max=start + travel, open_loop_code=0,
-            excitation_waveform="noise", excitation_amplitude=0,
+            position_min=max(start - travel, self.known["position_min"]),
+            position_max=min(start + travel, self.known["position_max"]),
+            open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0,
             excitation_hold=self._hold(),
             excitation_period=self.samples, bump_decay_shift=0,
         )  # fmt: skip
@@ -318,7 +319,8 @@ class Analyzer:
     def _search(self, level, play, still, swing, output, seed):
         """Codes of amplitude: raised as the deviation asks and the swing permits, until the signal
         swings enough, or the response is to be expected within DEVIATION."""
-        amplitude = min(self.order.first, self.order.most)
+        most = min(self.order.most, self.known["output_limit"])
+        amplitude = min(self.order.first, most)
         unit = self.newton if output == "adc0" else 1.0
         steps = self._steps(output)
         rest = still.values("dac_code"), self._output(still, output)
@@ -332,12 +334,12 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {'N' if unit != 1 else 'encoder counts'}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= self.order.most:
+            if moved >= 0.9 * swing or error < DEVIATION[output] or amplitude >= most:
                 return amplitude
             room = swing / max(moved, 1e-9)
             wanted = max(LEAST_STEP, 1.1 * error / DEVIATION[output])
             factor = min(wanted, FAR[output], room)
-            amplitude = min(max(amplitude + 1, int(amplitude * factor)), self.order.most)
+            amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _halve(self, level, amplitude, ended):
         level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
@@ -374,7 +376,8 @@ class Analyzer:
             self.set(target_force=self._per_mille(wanted))
         raise Refusal(
             "bias", f"expected the reading to stand at {force_N:g} N, it stands at {reached:.3g} N "
-            "with the law that the axis has; raise force_limit, rated_force or the law's gain"
+            f"with the law that the axis has and a target of {self._per_mille(wanted):.4g} per "
+            "mille; raise force_limit, rated_force or the law's gain"
         )  # fmt: skip
 
     def _touch(self):
@@ -398,8 +401,7 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def _per_mille(self, force_N):
-        per_mille = 1e3 * force_N / self.rated_N
-        return min(per_mille, 1000)
+        return min(1e3 * force_N / self.rated_N, bounds.most_force(self.axis))
 
     def _standing(self, timeout_s=20.0):
         """The reading in N once it stands, in contact."""

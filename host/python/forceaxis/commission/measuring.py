@@ -3,8 +3,8 @@
 import numpy as np
 
 from forceaxis import _core, objects
-from forceaxis.axis import actions
-from forceaxis.commission.analyzer import QUIET_LSB, Analyzer
+from forceaxis.axis import actions, bounds
+from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
 
@@ -15,11 +15,15 @@ def measure(axis, order, forces=(), free=False, model="", overrides=None, say=la
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
-    model: a path; the response is compared with its linear model then. Raises Refusal, NoAnswer,
-    Refused.
+    model: a path; the response is compared with its linear model then. Raises InputError before
+    anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
     """
     done = {}
     actions.expect_position_gain(axis)
+    for force in forces:
+        bounds.expect_force(axis, force, SWING)
+    if order.amplitude:
+        bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
         if free:

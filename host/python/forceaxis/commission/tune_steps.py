@@ -9,7 +9,7 @@ import numpy as np
 
 from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
-from forceaxis.axis import params, quantity
+from forceaxis.axis import bounds, params, quantity
 from forceaxis.axis.link import REASONS, SCALE_WITHIN, NoAnswer, Refused
 from forceaxis.commission import analyzer, as_found, contact, margins, measuring
 from forceaxis.commission import fit as joint_fit
@@ -72,6 +72,9 @@ def check(tuning):
             "force", f"expected forces below {most:.4g} N, whose swing stays below force_max, got "
             f"{max(tuning.order.forces):g} N"
         )  # fmt: skip
+    bounds.expect_readable(
+        axis, max(tuning.order.forces), analyzer.SWING, abs(facts["reading"]["per_count"])
+    )
     settings = {}
     scale = 1e6 * abs(facts["reading"]["per_count"])
     if abs(known["force_scale"] / scale - 1) > SCALE_WITHIN:
@@ -246,17 +249,17 @@ class Settings:
 
     def __enter__(self):
         self.before = self.axis.get(*self.values) if self.values else {}
-        self._write(self.values)
+        self._write(self.values, self.axis.set)
 
     def __exit__(self, *_):
         with contextlib.suppress(NoAnswer, Refused):  # another's, or lost; nothing is stored
             _off(self.axis)
-            self._write(self.before)
+            self._write(self.before, self.axis.put_back)
 
-    def _write(self, values):
+    def _write(self, values, write):
         if "force_bank" in values:  # a selected bank is not written
-            self.axis.set(force_bank=0)
-        self.axis.set(**values)
+            write(force_bank=0)
+        write(**values)
 
 
 def _off(axis):

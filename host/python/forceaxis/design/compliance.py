@@ -199,17 +199,28 @@ def figure(result):
         ("strike survived, N s", 1.0, ("P", "p_strike_N_s", GOT), ("bank", "strike_N_s", INK)),
     )  # fmt: skip
     scales = {"p_static_error": 100.0, "motion_m": 1e3}
+    strikes = ("p_strike_N_s", "strike_N_s")
     for ax, (label, _, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        ax.set_yscale("log")
+        struck = curves[0][1] in strikes  # 0 is a result: not even the weakest strike
+        if not struck:
+            ax.set_yscale("log")
         for name, key, colour in curves:
             y = [np.nan if r[key] is None else scales.get(key, 1.0) * r[key] for r in rows]
-            y = [np.nan if value <= 0 else value for value in y]
+            y = [np.nan if value <= 0 and not struck else value for value in y]
             ax.plot(k, y, "o-", color=colour, markersize=3, linewidth=1.1, label=name)
         ax.axvline(result["present"], color=FAINT, linewidth=0.8, linestyle=":")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        if not struck:
+            ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        elif all(r[key] in (None, 0.0) for r in rows for key in strikes):
+            ax.set_ylim(-0.05, 1)
+            known = any(r[key] is not None for r in rows for key in strikes)
+            text = "no strike of the ladder is survived" if known else "no gain at the margins"
+            ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=FAINT, fontsize=8)
+        else:
+            ax.set_ylim(bottom=0)
         ax.set_ylabel(label)
         legend(ax)
     axes[-1].set_xlabel(f"{result['element']}, N/m (dotted: present)")

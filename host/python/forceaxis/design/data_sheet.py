@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from forceaxis._core import InputError
 
+GRAVITY = 9.81  # m/s^2
+
 
 @dataclass(frozen=True)
 class Field:
@@ -81,6 +83,17 @@ def default_current_loop(v):
     return max(1000.0, 4.0 * pole, 3.0 * v["velocity_filter_hz"], 3.0 * emf)
 
 
+def weight_n(v):
+    """What gravity pulls along the axis, N, toward the workpiece where positive."""
+    rise = math.radians(v["inclination_deg"] or 0.0)
+    return -GRAVITY * v["moving_mass_kg"] * math.sin(rise)
+
+
+def default_brake(v):
+    """Twice the weight along the axis, and at least 1 N."""
+    return max(1.0, 2.0 * abs(weight_n(v)))
+
+
 FIELDS = (
     Field("motor", "torque_constant_n_m_per_a", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",
           'torque constant: motor data sheet, "Kt"'),
@@ -120,6 +133,18 @@ FIELDS = (
           "viscous friction of the guide: pull at constant speed, force over speed"),
     Field("axis", "guide_coulomb_n", "N", 0, 1e6, 0.0, "none",
           "dry friction of guide and seals: guide data sheet, or a spring balance"),
+    Field("axis", "inclination_deg", "deg", -90, 90, None, "gravity does not act along it",
+          'angle at which the way to the workpiece rises: 90 presses straight up, -90 straight '
+          'down; or "horizontal"', word="horizontal"),
+    Field("axis", "brake_holding_n", "N", 1e-3, 1e7, default_brake, "twice the weight",
+          "force of the holding brake along the axis: torque over travel per radian; or "
+          '"none": without one it falls while it is off', word="none", needs="inclination_deg"),
+    Field("axis", "brake_release_ms", "ms", 0, 1e4, 50.0, "a common spring-applied brake",
+          'time until the brake lets go: data sheet, "release" or "pull-in"',
+          needs="brake_holding_n"),
+    Field("axis", "brake_engage_ms", "ms", 0, 1e4, 30.0, "a common spring-applied brake",
+          'time until the brake holds: data sheet, "engage" or "drop-out"',
+          needs="brake_holding_n"),
     Field("amplifier", "supply_v", "V", 0.1, 1e4, 48.0, "a common bus voltage",
           "supply (bus) voltage"),
     Field("amplifier", "amplifier_current_limit_a", "A", 1e-3, 1e4,

@@ -18,9 +18,13 @@ from forceaxis.design.data_sheet import (
     BY_NAME,
     back_emf_speed,
     radius_m,
+    weight_n,
 )
 
+APPROACH_M_PER_S = 0.02  # at most
+MOMENTUM_SHARE = 0.1  # of the sensor's full scale, of the force that it makes at the touch
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
+FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # L / R of motors
 DAC_CODES = 2048  # from 0 V to full scale
 SHARE = 1 / 6  # of the linear limit, for the first gains: loss of contact destabilises earlier
 FILES = ("model.toml", "contact.toml", "step.toml")
@@ -96,6 +100,20 @@ def derive(v):
     )  # fmt: skip
 
 
+def doubts(v):
+    """What of the data sheet is possible but unlikely: [text], one line each."""
+    tau, texts = v["inductance_h"] / v["resistance_ohm"], []
+    if not SLOWEST_TAU_S >= tau >= FASTEST_TAU_S:
+        text = (
+            f"{BY_NAME['inductance_h'].option} {v['inductance_h']:g} over "
+            f"{BY_NAME['resistance_ohm'].option} {v['resistance_ohm']:g} is an electrical time "
+            f"constant of {tau:.3g} s, where motors have {1e3 * FASTEST_TAU_S:g} to "
+            f"{1e3 * SLOWEST_TAU_S:g} ms: 1 mH is 0.001"
+        )
+        texts.append(text)
+    return texts
+
+
 def within(name, value):
     """A value of a firmware object, limited to the object's range."""
     taken = next(o for o in objects.OBJECTS if o.name == name)
@@ -122,6 +140,14 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float
+
+
+def approach_m_per_s(axis):
+    """Speed of an approach whose momentum makes MOMENTUM_SHARE of the sensor's full scale in the
+    spring that it meets, v sqrt(k m), at most APPROACH_M_PER_S."""
+    v, stiffness = axis.v, axis.v["sensor_stiffness_n_per_m"]
+    force = MOMENTUM_SHARE * v["sensor_full_scale_n"]
+    return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
 def highest_gain(loop, volts_per_code):
@@ -199,7 +225,8 @@ def render(name, title, axis, sources, first=None):
     context = dict(
         title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
         bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
-        back_emf_speed=back_emf_speed(v), count_N=v["sensor_full_scale_n"] / 128,
+        back_emf_speed=back_emf_speed(v), weight=weight_n(v),
+        count_N=v["sensor_full_scale_n"] / 128,
         force_scale=round(within("force_scale", 1e6 * v["sensor_full_scale_n"] / 128)),
         rated_force=round(within("rated_force", 1e3 * v["sensor_full_scale_n"])),
     )  # fmt: skip
@@ -212,7 +239,7 @@ def render(name, title, axis, sources, first=None):
             )
             fail(key, "a move of less than 2^31 counts", "give a coarser encoder")
         context |= dict(
-            f=first, target=target,
+            f=first, target=target, approach_mm_per_s=1e3 * approach_m_per_s(axis),
             speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
             acceleration=within("profile_acceleration_max",
                                 first.acceleration_m_per_s2 * count * TICK_S**2),
@@ -274,6 +301,7 @@ def write(folder, values, sources, force=False, design=None):
         "position_gain": first.position_gain,
         "design": bought,
         "defaults": [n for n, s in sources.items() if s != "given"],
+        "doubts": doubts(values),
         "marked": written[model].count("default, check"),
     }
 
@@ -310,6 +338,7 @@ def described(done):
         ("set-point", f"{done['setpoint_N']:.4g} N, of which this gain holds "
          f"{100 * done['held_share']:.3g} %"),
         *bought,
+        *(("check", text) for text in done["doubts"]),
         ("not given", f'{done["marked"]} values: look for "default, check" in model.toml'),
         ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
     ]  # fmt: skip

@@ -12,6 +12,7 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
 from forceaxis.design.simulate import PEAK_MAX
 from forceaxis.linear.bank import Bank
+from forceaxis.progress import phase
 
 NAME = "held.toml"
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
@@ -52,13 +53,15 @@ def _designed(plant, folder):
     plants = sets.plant_set(plant.model, plant.overrides, over)
     bits = plant.facts["reading"]["bits"]
     problem = reduced.Problem(plants, Goal(adc_bits=bits))
-    p, found = problem.worst(Bank(1.0)), problem.designed()
+    with phase("searching a bank for the set"):
+        p, found = problem.worst(Bank(1.0)), problem.designed()
     if found["worst"] is None:
         raise _core.InputError(problem.limited_by(found))
     designed, worst = problem.exact(found["bank"])
     if worst is None:
         raise _core.InputError(problem.limited_by(found))
-    bank, text, speed = _settled(plant, folder, bits, designed)
+    with phase("simulating contacts with the firmware"):
+        bank, text, speed = _settled(plant, folder, bits, designed)
     if bank != designed:
         worst = problem.at(bank)
     bought = {

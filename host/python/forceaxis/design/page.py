@@ -31,7 +31,7 @@ ROWS = (
 
 
 def responses(outcome, bank, frequency_hz):
-    """[(L at the frequencies, whether the member is nominal)] over the set and its latencies."""
+    """[(L at the frequencies, its key of LOOKS)] over the set and its latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
@@ -40,8 +40,25 @@ def responses(outcome, bank, frequency_hz):
         for member, nominal in members:
             loop = plants.loop(member, outcomes.TIMINGS[latency], law="bank", bank=bank)
             gain = loop.gain_of(bank.force_gain)
-            found.append((gain * loop.open.response(frequency_hz), nominal))
+            kind = "members" if not nominal else "late" if latency else "nominal"
+            found.append((gain * loop.open.response(frequency_hz), kind))
     return found
+
+
+# Of a curve, and its name in a legend.
+LOOKS = {
+    "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
+    "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
+             "nominal, a tick late"),
+    "members": ({"color": GOT, "linewidth": 0.5, "alpha": 0.5}, "corners and random members"),
+}  # fmt: skip
+
+
+def keys(loops):
+    """Handles of the legend of what responses() gave."""
+    met = {kind for _, kind in loops}
+    return [plt.Line2D([], [], label=name, **look)
+            for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
 def laws(outcome):
@@ -53,12 +70,9 @@ def laws(outcome):
 def sensitivity(outcome, name, frequency_hz, loops):
     """|S| and |T| of one law over the set, in dB."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
-    for L, nominal in loops:
-        look = {"color": INK, "linewidth": 1.3, "zorder": 3} if nominal else {
-            "color": GOT, "linewidth": 0.5, "alpha": 0.5
-        }  # fmt: skip
+    for L, kind in loops:
         for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
-            ax.semilogx(frequency_hz, 20 * np.log10(np.abs(value)), **look)
+            ax.semilogx(frequency_hz, 20 * np.log10(np.abs(value)), **LOOKS[kind][0])
     axes[0].axhline(20 * np.log10(outcome.order.ms), color=WANTED, linewidth=0.9)
     for ax, what in zip(axes, "ST", strict=True):
         style(ax)
@@ -71,8 +85,7 @@ def sensitivity(outcome, name, frequency_hz, loops):
     legend(
         axes[1],
         handles=[
-            plt.Line2D([], [], color=INK, label="nominal"),
-            plt.Line2D([], [], color=GOT, linewidth=0.7, label="corners and random members"),
+            *keys(loops),
             plt.Line2D([], [], color=WANTED, label="largest |S| asked for"),
             plt.Line2D([], [], color=FAINT, linestyle=":", label="-3 dB"),
         ],
@@ -90,13 +103,10 @@ def nyquist(outcome, name, loops):
     ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
     radius = 1 / outcome.order.ms
     ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
-    for L, nominal in loops:
+    for L, kind in loops:
         near = np.where(np.abs(L) < FAR, L, np.nan)
-        ax.plot(
-            near.real, near.imag, color=INK if nominal else GOT,
-            linewidth=1.3 if nominal else 0.5, alpha=1 if nominal else 0.5,
-            zorder=3 if nominal else 2,
-        )  # fmt: skip
+        ax.plot(near.real, near.imag, **{"zorder": 2} | LOOKS[kind][0])
+    legend(ax, handles=keys(loops), loc="upper left")
     ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
     ax.set_xlim(-2.2, 1.6)
     ax.set_ylim(-2.2, 1.6)

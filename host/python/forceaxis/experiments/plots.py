@@ -52,6 +52,7 @@ class Marks:
     contacts: list = field(default_factory=list)  # (from, to)
     window: tuple | None = None  # (from, to, verdict)
     events: list = field(default_factory=list)  # (time, kind of EVENTS, text)
+    demand: tuple | None = None  # (times, N) of what is demanded where that is no step
 
 
 # Marker and colour of each kind of event.
@@ -61,6 +62,7 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
+CLOSE, MANY = 0.015, 3  # of the width of a figure: marks that cover each other, and how many may
 CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
 
@@ -79,7 +81,7 @@ def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
         style(ax)
         draw_row(ax, time_s, row)
         if any(line.controlled for line in row):
-            draw_setpoints(ax, time_s, marks.setpoints)
+            draw_setpoints(ax, time_s, marks)
     for ax in axes[:, 0]:
         ax.margins(x=0)
         shade(ax, marks, time_s)
@@ -125,14 +127,40 @@ def draw_row(ax, time_s, row):
         legend(ax, loc="lower right", bbox_to_anchor=(1, 0.93), ncols=len(row))
 
 
-def draw_setpoints(ax, time_s, setpoints):
-    """Set-points of force as steps, nothing where there is none."""
+def draw_setpoints(ax, time_s, marks):
+    """What is demanded of the force: steps, or ramps where it follows its set-points by a slope;
+    nothing where there is none."""
+    setpoints, look = marks.setpoints, {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
-    begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
-    newton = np.where(newton == 0, np.nan, newton)
-    ax.plot(begin, newton, drawstyle="steps-post", color=WANTED, linestyle="--", linewidth=0.8)
+    if marks.demand is not None:
+        times, newton = (np.asarray(v, float) for v in marks.demand)
+        ax.plot(times, np.where(newton == 0, np.nan, newton), **look)
+    else:
+        begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
+        newton = np.where(newton == 0, np.nan, newton)
+        ax.plot(begin, newton, drawstyle="steps-post", **look)
     ax.set_xlim(time_s[0], time_s[-1])
+
+
+def ramps(setpoints, slope, contacts, end):
+    """(times, N) of the corners of a demand that follows set-points, (from time, N), by a slope in
+    N/s, from the first contact on; apart nothing is demanded."""
+    touch = min((a for a, _ in contacts), default=np.inf)
+    if touch >= end:
+        return [], []
+    times, newton, now = [touch], [0.0], 0.0
+    steps = [(max(t, touch), n) for t, n in setpoints]
+    for (begin, wanted), after in zip(steps, [*(t for t, _ in steps[1:]), end], strict=True):
+        if after <= begin:
+            continue
+        reached = begin + abs(wanted - now) / slope
+        if reached < after:
+            times, newton, now = [*times, reached], [*newton, wanted], wanted
+        else:
+            now += np.sign(wanted - now) * slope * (after - begin)
+        times, newton = [*times, after], [*newton, now]
+    return times, newton
 
 
 def shade(ax, marks, time_s):
@@ -155,13 +183,32 @@ def shade(ax, marks, time_s):
 
 
 def mark_events(ax, events, time_s):
-    """A mark above the rows for each event inside the figure."""
-    for kind, (marker, colour) in EVENTS.items():
+    """A mark above the rows for each event inside the figure; a line from the first to the last of
+    those that no picture could keep apart. Their number is in the legend."""
+    look = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+    for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
-        ax.plot(
-            times, [1.03] * len(times), marker, color=colour, markersize=4, linestyle="",
-            transform=ax.get_xaxis_transform(), clip_on=False,
-        )  # fmt: skip
+        for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
+            ends = sorted({cluster[0], cluster[-1]})
+            if len(cluster) > MANY:
+                height = 1.03 + 0.012 * level  # lines of two kinds do not cover each other
+                ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, **look)
+            else:
+                ends = cluster
+            ax.plot(
+                ends, [1.03] * len(ends), marker, color=colour, markersize=4, linestyle="", **look
+            )
+
+
+def clusters(times, close):
+    """Rising times, parted wherever two are further apart than `close`."""
+    found = []
+    for time in sorted(times):
+        if found and time - found[-1][-1] <= close:
+            found[-1].append(time)
+        else:
+            found.append([time])
+    return found
 
 
 def keys(marks, time_s, rows):
@@ -172,7 +219,8 @@ def keys(marks, time_s, rows):
         line.controlled for row in rows for line in row
     ):
         look = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
-        found.append(plt.Line2D([], [], label="set-point", **look))
+        label = "set-point" if marks.demand is None else "demand"
+        found.append(plt.Line2D([], [], label=label, **look))
     if any(b > low and a < high for a, b in marks.contacts):
         found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT, label="contact"))
     if marks.window and marks.window[1] > low and marks.window[0] < high:

@@ -7,7 +7,7 @@ import os
 
 import numpy as np
 
-from forceaxis import objects, paths
+from forceaxis import _core, objects, paths, toml
 from forceaxis.experiments import summary
 
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
@@ -101,7 +101,34 @@ def marks_of(done):
     if criterion := done.summary["criterion"]:
         last = time_s[-1]
         window = (max(0.0, last - criterion["window_s"]), last, done.summary["verdict"])
-    return plots.Marks(done.setpoints, ends.tolist(), window, events)
+    contacts = ends.tolist()
+    return plots.Marks(done.setpoints, contacts, window, events, demand_of(done, contacts))
+
+
+def demand_of(done, contacts):
+    """(times, N) of what was demanded in mode of operation 4, whose demand follows the set-points
+    by force_slope: as traced, else by the slope from the first contact on. None where it steps,
+    where the slope changes, or where the run is not of a file."""
+    from forceaxis.experiments import plots
+
+    try:
+        given = _core.inputs(str(done.experiment), list(done.overrides))["firmware"]
+    except _core.InputError:
+        return None
+    if given.get("modes_of_operation") != PROFILE_FORCE:
+        return None
+    known = {n: given.get(n, objects.default(n)) for n in ("force_slope", "rated_force")}
+    rated = known["rated_force"]  # mN
+    if "force_demand" in done.units:
+        return done.columns["time_s"], done.columns["force_demand"] * rated * 1e-6
+    later = toml.read(done.experiment).get("at", [])
+    if any("force_slope" in entry.get("firmware", {}) for entry in later):
+        return None
+    slope = known["force_slope"] * rated * 1e-6
+    return plots.ramps(done.setpoints, slope, contacts, done.columns["time_s"][-1])
+
+
+PROFILE_FORCE = 4
 
 
 def write(done, out, codes=False):

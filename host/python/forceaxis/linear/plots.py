@@ -142,8 +142,11 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
     for c in others:
         ax.plot(c.response.real, c.response.imag, **MEMBER)
-    ax.plot(values.real, values.imag, color=INK, linewidth=1.1, label="f > 0")
-    ax.plot(values.real, -values.imag, color=INK, linewidth=0.7, linestyle="--", label="f < 0")
+    whose = "nominal, " if others else ""
+    look = {"color": INK, "label": f"{whose}f > 0"}
+    ax.plot(values.real, values.imag, linewidth=1.1, **look)
+    look["label"] = f"{whose}f < 0"
+    ax.plot(values.real, -values.imag, linewidth=0.7, linestyle="--", **look)
     ax.plot([-1], [0], marker="+", color=GOT, markersize=10, markeredgewidth=1.6)
     ax.annotate(
         "-1", (-1, 0), (-4, 5), textcoords="offset points", fontsize=8, color=GOT, ha="right"
@@ -166,6 +169,8 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
+    if others:
+        ax.plot([], [], label="corners and random members", **MEMBER)
     legend(ax, loc="upper left")
     finish(figure, ax, title)
     return figure
@@ -450,7 +455,7 @@ def nyquist_figure(summary):
     """Figure of what `forceaxis nyquist --json` prints."""
     at = summary["at"]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
-    title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
+    title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
     values = np.array(summary["real"]) + 1j * np.array(summary["imag"])
     return nyquist(np.array(summary["frequency_hz_of_curve"]), values, title)
 
@@ -459,7 +464,7 @@ def nyquist_set_figure(curves, summary):
     """Figure of what `forceaxis nyquist --json` prints over a set."""
     at, first = summary["at"], curves[0]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
-    title = f"{loop_title(summary)}, k = {at['gain']:.3g} {summary['unit']}{own}"
+    title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
     return nyquist(first.frequency_hz, first.response, title, others=curves[1:])
 
 

@@ -5,10 +5,18 @@ import re
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
 from forceaxis.design.search import Goal
-from forceaxis.linear import loops, modes, settings, working
+from forceaxis.experiments import sweep, sweep_plots
+from forceaxis.linear import curves, loops, modes, plots, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.report import pictures
 from forceaxis.words import plain
+
+FEW = 6  # experiments whose pictures stand open, with map and margins
+# Of the gain and the set-point of an experiment, for its map; ticks of one that is run so often.
+MAP_GAINS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
+MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
+MAP_TICKS = 12_000
 
 
 def limits(model):
@@ -39,8 +47,52 @@ def described(entries):
             "words": words(model),
             "limits": limits(model),
         }
-        rows.append(row | laws(model, used_by))
+        row |= laws(model, used_by)
+        row["pictures"] = [*_margins(model, row), *_map(used_by)] if len(entries) <= FEW else []
+        rows.append(row)
     return rows
+
+
+def _margins(model, row):
+    """[(caption, picture)] of the loop gain at the recommended P gain, around -1; [] without."""
+    if not (row.get("p") and row["p"]["worst"]):
+        return []
+    gain = row["p"]["bank"].force_gain
+    try:
+        found = curves.nyquist_of(
+            str(model), {}, {}, False, "p", "zoh", "reading", None, gain
+        )  # fmt: skip
+    except _core.InputError:  # no response in this mode
+        return []
+    at = found["at"]
+    margin = "" if at["phase_margin_deg"] is None else f", phase {at['phase_margin_deg']:.3g}\u00b0"
+    caption = (
+        f"The model as it is, at the recommended gain: gain margin {at['gain_margin']:.3g}{margin}."
+    )
+    return [(caption, pictures.figure(plots.nyquist_figure(found)))]
+
+
+def _map(entries):
+    """[(caption, picture)] of the first P experiment over gain and set-point; [] where none is
+    short enough to be run at every point."""
+    for entry in entries:
+        given = _core.inputs(str(entry.file))["firmware"]
+        gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
+        native = gain and setpoint and not given.get("force_bank") and "mode" in given
+        if not native or entry.done.summary["ticks"] > MAP_TICKS:
+            continue
+        if entry.done.summary["criterion"] is None:
+            continue
+        grid = {
+            "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
+            "firmware.force_setpoint": [round(256 * setpoint * f) / 256 for f in MAP_FORCES],
+        }
+        done = sweep.sweep(entry.file, grid=grid, threads=1)
+        caption = (
+            f"Stability of {entry.name} over gain and set-point; forceaxis sweep makes finer ones."
+        )
+        return [(caption, pictures.figure(sweep_plots.sweep(done)))]
+    return []
 
 
 def words(model):

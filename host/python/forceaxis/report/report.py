@@ -96,6 +96,7 @@ def _made(source, out, threads, own):
         own=own,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         entries=entries,
+        few=not own and len(entries) <= axes.FEW,
         counts=summary["counts"],
         words=WORDS,
         firmware_hash=_core.FIRMWARE_HASH,
