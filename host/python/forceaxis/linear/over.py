@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import optimize
 
 from forceaxis import _core
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
-from forceaxis.linear.stability import Loop, _minimal
+from forceaxis.linear.stability import Loop, _minimal, boundary, plane
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM = 24  # members analysed before the search, besides nominal and corners
@@ -59,34 +59,24 @@ class Figures:
 
 
 class _Response:
-    """|H| along the boundary of stability, for a stable H = (A, B, C, D) of a loop's plane."""
+    """|H| along the boundary of stability, for a stable System H."""
 
-    def __init__(self, A, B, C, D):
-        system = linear.System(A, B, C, D, (), ("",), ("",))
-        self.A, self.B, self.C = system.balanced
-        self.D = D[0, 0]
-        self.system = system
-        self.poles = linalg.eigvals(self.A)
-        self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
-
-    @classmethod
-    def of(cls, system):
-        """That of a System, sampled ones mapped onto the plane as in stability.Loop."""
+    def __init__(self, system):
         system = _minimal(system)
-        A, B, C, D, dt = system.A, system.B, system.C, system.D, system.dt
-        if dt is not None and len(A):
-            inverse = np.linalg.inv(A + np.eye(len(A)))
-            A, D = (2 / dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
-            B, C = (4 / dt) * inverse @ B, C @ inverse
-        return cls(A, B, C, D)
+        self.A, self.B, self.C, D = plane(system)
+        self.D = D[0, 0]
+        self.boundary = boundary(system)
+        self.poles = _core.eigenvalues(self.A)
+        self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
     def size(self, w):
         """|H| at frequencies w of the plane, array like w."""
-        return np.abs(self.system.at(1j * np.asarray(w, float)))
+        w = np.asarray(w, float)
+        return np.abs(self.boundary(w.ravel())[0]).reshape(w.shape)
 
     def ends(self):
         """|H| at frequency 0 and at the end of the axis (z = -1)."""
-        return float(self.size(0.0)), abs(self.D)
+        return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level):
         """Points s near which |H(jw)| = level: zeros of level^2 - H(s) H(-s)."""
@@ -100,13 +90,13 @@ class _Response:
                 [-C.T @ C * (1 + D * D / rest), -(A + B @ C * (D / rest)).T],
             ]
         )
-        return linalg.eigvals(matrix)
+        return _core.eigenvalues(matrix)
 
     def marks(self, level):
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
         found = np.unique(np.abs(roots.imag))
-        found = found[np.isfinite(found) & (found > 1e-9 * self.widest)]
+        found = found[np.isfinite(found) & (found > 1e-15 * self.widest)]
         if not len(found):
             found = np.array([self.widest])
         middle = np.sqrt(found[:-1] * found[1:])
@@ -151,7 +141,7 @@ def figures(loop: Loop, gain):
     """The Figures of a loop at a gain (k, V/N)."""
     if not loop.stable(gain):
         return Figures(False)
-    S, T = _Response.of(loop.sensitivity(gain)), _Response.of(loop.closed(gain))
+    S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
     rises = [loop._hz(w) for w, up in S.crossings(HALF_POWER) if up]
     falls = [loop._hz(w) for w, up in T.crossings(HALF_POWER) if not up]
     fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
@@ -295,12 +285,13 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
 
 def largest_gain(plants, timings=("zoh",), **loop_arguments):
     """(k, Member, timing, frequency_hz): the largest gain below which all of a PlantSet are stable,
-    from 0 on, and who loses stability there. k None: every member bears every gain; 0: one bears
-    none."""
+    from 0 on, and who loses stability there, or of whom rounding decides above. k None: every
+    member bears every gain; 0: one bears none."""
 
     def analyse(loop):
         limit = loop.limit()
-        return (math.inf if limit.gain is None else limit.gain), limit.frequency_hz
+        gain = limit.known_to if limit.gain is None else limit.gain
+        return (math.inf if gain is None else gain), limit.frequency_hz
 
     group = _explored(plants, timings, analyse, loop_arguments)
     member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])
