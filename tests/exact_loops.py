@@ -11,6 +11,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 
 DIGITS = 300
+RATE = 1000  # rad/s, the unit of w
 D0, D1 = Decimal(0), Decimal(1)
 
 
@@ -95,24 +96,22 @@ def _at(polynomial, x):
     return value
 
 
-def _trimmed(p, small):
-    while len(p) > 1 and abs(p[-1]) <= small:
+def _clean(p):
+    """Without what cancels but for rounding, and without powers that are not there."""
+    least = max(map(abs, p), default=D0) / Decimal(10) ** (DIGITS // 2)
+    p = [c if abs(c) > least else D0 for c in p]
+    while len(p) > 1 and not p[-1]:
         p = p[:-1]
     return p
 
 
 def _roots(p):
     """All real roots > 0 of a polynomial, each once; they differ by more than 1e-20 of them."""
-    size = max(map(abs, p), default=D0)
-    if not size:
-        return []
-    p = [c / size for c in p]
+    p = _clean(p)
     while len(p) > 1 and not p[0]:
         p = p[1:]
-    p = _trimmed(p, D0)
     if len(p) < 2:
         return []
-    # In units of the largest root's bound, as powers of ten would overflow nothing here.
     chain = [p, [k * c for k, c in enumerate(p)][1:]]
     while len(chain[-1]) > 1:
         rest, by = list(chain[-2]), chain[-1]
@@ -125,7 +124,7 @@ def _roots(p):
         if not rest or max(map(abs, rest)) <= most * Decimal(10) ** (20 - DIGITS):
             break
         size = max(map(abs, rest))
-        chain.append(_trimmed([-c / size for c in rest], D0))
+        chain.append([-c / size for c in rest])
 
     def changes(x):
         signs = [v > 0 for v in (_at(q, x) for q in chain) if v]
@@ -194,18 +193,22 @@ class ExactLoop:
             if self.period is not None:
                 degree = len(den) - 1
                 num, den = (_tustin(q, degree, self.period) for q in (num, den))
-            self.num = self._split(num)
-            self.den = self._split(den)
+            num, den = (
+                _clean([c * RATE**k for k, c in enumerate(q)]) for q in (num, den)
+            )
+            while not num[0] and not den[0]:  # at rest a pole that nothing sees
+                num, den = num[1:], den[1:]
+            self.num, self.den = self._split(num), self._split(den)
 
     @staticmethod
     def _split(p):
-        """(a, b) with p(j w) = a(x) + j w b(x), x = w^2."""
+        """(a, b) with p(j w) = a(x) + j w b(x), x = w^2, w in RATE."""
         a = [c * (-1) ** (k // 2) for k, c in enumerate(p) if k % 2 == 0] or [D0]
         b = [c * (-1) ** (k // 2) for k, c in enumerate(p) if k % 2 == 1] or [D0]
         return a, b
 
     def _hz(self, x):
-        w = x.sqrt()
+        w = x.sqrt() * RATE
         if self.period is None:
             return float(w) / (2 * math.pi)
         return math.atan(float(w * self.period / 2)) / (math.pi * float(self.period))
@@ -238,7 +241,7 @@ class ExactLoop:
         with localcontext() as context:
             context.prec = DIGITS
             k = Decimal(float(gain))
-            over, num, den = (self._size(p) for p in (self._sum(k), self.num, self.den))
+            over, num, den = (_clean(self._size(p)) for p in (self._sum(k), self.num, self.den))
             T = [k * k * c for c in num]
             rises = self._passes(_plus(den, over, -Decimal("0.5")), up=True)
             falls = self._passes(_plus(T, over, -Decimal("0.5")), up=False)
@@ -258,7 +261,7 @@ class ExactLoop:
     def _peak(self, den, over):
         """The largest sqrt(den / over), where its slope is 0 or at an end of the axis."""
         slopes = [[k * c for k, c in enumerate(p)][1:] for p in (den, over)]
-        turning = _plus(_times(slopes[0], over), _times(den, slopes[1]), -D1)
+        turning = _clean(_plus(_times(slopes[0], over), _times(den, slopes[1]), -D1))
         sizes = [_at(den, x) / _at(over, x) for x in _roots(turning)]
         if over[0]:
             sizes.append(den[0] / over[0])

@@ -17,7 +17,7 @@ from forceaxis import _core
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
-from forceaxis.linear.stability import Loop, _minimal, boundary, plane
+from forceaxis.linear.stability import Loop, _minimal, boundary, marks, plane
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM = 24  # members analysed before the search, besides nominal and corners
@@ -95,13 +95,7 @@ class _Response:
     def marks(self, level):
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
-        found = np.unique(np.abs(roots.imag))
-        found = found[np.isfinite(found) & (found > 1e-15 * self.widest)]
-        if not len(found):
-            found = np.array([self.widest])
-        middle = np.sqrt(found[:-1] * found[1:])
-        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
-        return np.unique(np.concatenate([[0.0], middle, *around]))
+        return np.concatenate([[0.0], marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level):
         """[(w, rises)] where |H| = level, in order."""
@@ -129,12 +123,26 @@ class _Response:
         return float(best)
 
     def _hill(self, grid, sizes, i):
-        low, high = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+        """The largest |H| between the neighbours of point i of a grid."""
+        high = grid[min(i + 1, len(grid) - 1)]
+        low = max(grid[max(i - 1, 0)], 1e-6 * high)
         top = optimize.minimize_scalar(
-            lambda w: -float(self.size(w)), bounds=(low, high), method="bounded",
-            options={"xatol": 1e-9 * high},
+            lambda x: -float(self.size(math.exp(x))), bounds=(math.log(low), math.log(high)),
+            method="bounded", options={"xatol": 1e-9},
         )  # fmt: skip
-        return max(float(sizes[i]), -top.fun)
+        w = math.exp(top.x)
+        best = max(float(sizes[i]), -top.fun)
+        for share in (1e-7, 1e-6, 1e-5, 1e-4):  # that minimiser has half the digits of w
+            ends = w * (1 - share), w * (1 + share)
+            if self._rise(ends[0]) > 0 > self._rise(ends[1]):
+                summit = optimize.brentq(self._rise, *ends, xtol=1e-300, rtol=1e-15)
+                return max(best, float(self.size(summit)))
+        return best
+
+    def _rise(self, w):
+        """d ln |H| / dw."""
+        value, slope, _ = self.boundary([w])
+        return float((slope[0] / value[0]).real)
 
 
 def figures(loop: Loop, gain):

@@ -115,6 +115,17 @@ def boundary(system):
     )
 
 
+def marks(roots, fastest):
+    """Frequencies of the plane around and between those of roots, >= 0; fastest: of the poles."""
+    found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
+    found = found[np.diff(found, prepend=0.0) > 1e-9 * found]  # nothing between one that is double
+    if not len(found):
+        found = np.array([fastest or 1.0])
+    middle = np.sqrt(found[:-1] * found[1:])
+    around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
+    return np.unique(np.concatenate([middle, *around]))
+
+
 @dataclass
 class Loop:
     """A law around a plant, without its gain k.
@@ -236,12 +247,7 @@ class Loop:
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag)])
-        found = np.unique(found[np.isfinite(found) & (found > 1e-15 * np.abs(self._poles).max())])
-        if not len(found):
-            found = np.array([np.abs(self._poles).max() or 1.0])
-        middle = np.sqrt(found[:-1] * found[1:])
-        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
-        return np.unique(np.concatenate([middle, *around]))
+        return marks(found, np.abs(self._poles).max())
 
     @cached_property
     def _poles(self):
@@ -318,8 +324,9 @@ class Loop:
         zeros = self._real_points
         grid = self._marks(zeros)
         G, _, rounding = self._known(grid)
-        doubts = [1 / (np.abs(G) + rounding)[rounding > KNOWN * np.abs(G)]]
         known = np.abs(G.imag) > rounding
+        drowned = ~known & (rounding > KNOWN * np.abs(G))  # crossings there would not be seen
+        doubts = [1 / (np.abs(G) + rounding)[drowned]]
         grid, values = grid[known], G.imag[known]
         if not len(grid):
             return [], None
