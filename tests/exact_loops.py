@@ -5,6 +5,7 @@ Written apart from forceaxis.linear and by other means: the loop is a quotient o
 in x = w^2, found by Sturm's sequence, so that none is missed. Python's decimals do the sums.
 """
 
+import itertools
 import math
 from decimal import Decimal, localcontext
 
@@ -31,7 +32,9 @@ def _product(left, right):
 def _hold(A, B, period):
     """e^(A T) and the integral of e^(A t) B over a period T, by 2^-k of it."""
     n, m = len(A), len(B[0])
-    whole = [[a * period for a in ra] + [b * period for b in rb] for ra, rb in zip(A, B, strict=True)]
+    whole = [
+        [a * period for a in ra] + [b * period for b in rb] for ra, rb in zip(A, B, strict=True)
+    ]
     whole += [[D0] * (n + m) for _ in range(m)]
     size = max(sum(map(abs, row)) for row in whole)
     halvings = max(0, math.ceil(math.log2(size)) + 8) if size else 0
@@ -40,7 +43,9 @@ def _hold(A, B, period):
     total, term = one, one
     for k in range(1, 60):
         term = [[value / k for value in row] for row in _product(term, part)]
-        total = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(total, term, strict=True)]
+        total = [
+            [a + b for a, b in zip(*rows, strict=True)] for rows in zip(total, term, strict=True)
+        ]
     for _ in range(halvings):
         total = _product(total, total)
     return [row[:n] for row in total[:n]], [row[n:] for row in total[:n]]
@@ -128,7 +133,7 @@ def _roots(p):
 
     def changes(x):
         signs = [v > 0 for v in (_at(q, x) for q in chain) if v]
-        return sum(a != b for a, b in zip(signs, signs[1:], strict=False))
+        return sum(a != b for a, b in itertools.pairwise(signs))
 
     high = 2 * (1 + max(abs(c / p[-1]) for c in p))
     low = 1 / (2 * (1 + max(abs(c / p[0]) for c in p)))
@@ -193,9 +198,7 @@ class ExactLoop:
             if self.period is not None:
                 degree = len(den) - 1
                 num, den = (_tustin(q, degree, self.period) for q in (num, den))
-            num, den = (
-                _clean([c * RATE**k for k, c in enumerate(q)]) for q in (num, den)
-            )
+            num, den = (_clean([c * RATE**k for k, c in enumerate(q)]) for q in (num, den))
             while not num[0] and not den[0]:  # at rest a pole that nothing sees
                 num, den = num[1:], den[1:]
             self.num, self.den = self._split(num), self._split(den)
@@ -247,9 +250,11 @@ class ExactLoop:
             falls = self._passes(_plus(T, over, -Decimal("0.5")), up=False)
             found = {
                 "fS_Hz": 0.0 if den[0] >= over[0] / 2 else min(rises, default=None),
-                "fT_Hz": max(falls, default=0.0),
+                "fT_Hz": None if self._end(T, over) >= Decimal("0.5") else max(falls, default=0.0),
                 "Ms": self._peak(den, over),
-                "gain_margin": min((g / gain for g, _ in self.crossings() if g > gain), default=None),
+                "gain_margin": min(
+                    (g / gain for g, _ in self.crossings() if g > gain), default=None
+                ),
             }
             phases = [self._phase(x) for x in _roots(_plus(T, den, -D1))]
             return found | {"phase_margin_deg": min(phases, key=abs, default=None)}
@@ -265,8 +270,13 @@ class ExactLoop:
         sizes = [_at(den, x) / _at(over, x) for x in _roots(turning)]
         if over[0]:
             sizes.append(den[0] / over[0])
-        sizes.append(den[-1] / over[-1] if len(den) == len(over) else D1)
+        sizes.append(self._end(den, over))
         return float(max(sizes).sqrt())
+
+    @staticmethod
+    def _end(upper, lower):
+        """Their quotient at the end of the axis."""
+        return upper[-1] / lower[-1] if len(upper) == len(lower) else D0
 
     def _phase(self, x):
         (a, b), (c, d) = self.num, self.den

@@ -188,7 +188,8 @@ std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A) {
   check_finite(A);
   if (A.rows() == 0) return {};
   const Eigen::EigenSolver<ExtendedMatrix> solver(balanced(A), false);
-  if (solver.info() != Eigen::Success) throw std::runtime_error("expected eigenvalues that converge");
+  if (solver.info() != Eigen::Success)
+    throw std::runtime_error("expected eigenvalues that converge");
   std::vector<std::complex<double>> values;
   for (const Complex value : solver.eigenvalues()) values.push_back(rounded(value));
   return values;

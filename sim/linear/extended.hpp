@@ -23,8 +23,8 @@ Eigen::VectorXd balance(const ExtendedMatrix &A);
 /// is not finite.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
-/// X of A X = B, A (n x n), B (n x m): rows scaled, pivots, one step on the residual. Not finite for
-/// a singular A.
+/// X of A X = B, A (n x n), B (n x m): rows scaled, pivots, one step on the residual. Not finite
+/// for a singular A.
 ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B);
 
 /// e^(A T) - 1 and the integral of e^(A t) B over a sample of T, side by side (n x (n + m)). The

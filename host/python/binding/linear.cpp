@@ -158,8 +158,9 @@ void add_extended(py::module_ &m) {
         auto found = sim::hessenberg(A, B, C);
         return py::make_tuple(std::move(found.H), std::move(found.B), std::move(found.C));
       },
-      py::arg("A"), py::arg("B"), py::arg("C"), "H, Q^T B, C Q with H = Q^T A Q, for "
-                                                "hessenberg_response");
+      py::arg("A"), py::arg("B"), py::arg("C"),
+      "H, Q^T B, C Q with H = Q^T A Q, for "
+      "hessenberg_response");
   py::class_<BoundaryResponse>(
       m, "BoundaryResponse",
       "C (p - A)^-1 B + D of one input and output along the boundary of stability: p = j w (dt 0) "

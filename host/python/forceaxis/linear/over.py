@@ -14,10 +14,10 @@ import numpy as np
 from scipy import optimize
 
 from forceaxis import _core
-from forceaxis.linear import loops
+from forceaxis.linear import boundary, loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
-from forceaxis.linear.stability import Loop, _minimal, boundary, marks, plane
+from forceaxis.linear.stability import Loop
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM = 24  # members analysed before the search, besides nominal and corners
@@ -62,17 +62,17 @@ class _Response:
     """|H| along the boundary of stability, for a stable System H."""
 
     def __init__(self, system):
-        system = _minimal(system)
-        self.A, self.B, self.C, D = plane(system)
+        system = boundary.minimal(system)
+        self.A, self.B, self.C, D = boundary.plane(system)
         self.D = D[0, 0]
-        self.boundary = boundary(system)
+        self.response = boundary.response(system)
         self.poles = _core.eigenvalues(self.A)
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
     def size(self, w):
         """|H| at frequencies w of the plane, array like w."""
         w = np.asarray(w, float)
-        return np.abs(self.boundary(w.ravel())[0]).reshape(w.shape)
+        return np.abs(self.response(w.ravel())[0]).reshape(w.shape)
 
     def ends(self):
         """|H| at frequency 0 and at the end of the axis (z = -1)."""
@@ -95,7 +95,7 @@ class _Response:
     def marks(self, level):
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
-        return np.concatenate([[0.0], marks(np.abs(roots.imag), self.widest)])
+        return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level):
         """[(w, rises)] where |H| = level, in order."""
@@ -141,7 +141,7 @@ class _Response:
 
     def _rise(self, w):
         """d ln |H| / dw."""
-        value, slope, _ = self.boundary([w])
+        value, slope, _ = self.response([w])
         return float((slope[0] / value[0]).real)
 
 

@@ -15,13 +15,12 @@ from scipy import linalg, optimize
 
 from forceaxis import _core
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.boundary import marks, minimal, plane, response
 from forceaxis.linear.system import System
 
-
-UNREACHED = 1e-13  # share of a new direction below which it is made of the entries' rounding
 # A crossing counts where rounding of the matrices' entries, in double, moves its gain by less: then
 # the gain of these matrices is known a thousand times better.
-KNOWN = 1e-6
+KNOWN = 1e-7
 GAIN_MAX = 1e15  # of a loop
 
 
@@ -55,75 +54,6 @@ class Margins:
     phase_margin_deg: float | None  # smallest in size; None: |L| is nowhere 1
     crossover_hz: float | None  # where that is
     crossovers: list[tuple[float, float]]  # all (frequency_hz, phase_margin_deg)
-
-
-def _reachable(A, B):
-    """Orthonormal basis of the controllable states."""
-    basis = B / np.linalg.norm(B)
-    while basis.shape[1] < len(A):
-        image = A @ basis[:, -1:]
-        new = image - basis @ (basis.T @ image)
-        new -= basis @ (basis.T @ new)
-        if np.linalg.norm(new) <= UNREACHED * np.linalg.norm(image):
-            break
-        basis = np.hstack([basis, new / np.linalg.norm(new)])
-    return basis
-
-
-def _minimal(system):
-    """Without the states that are not controllable or not observable.
-
-    Their poles do not move with the gain, even on the boundary (a position that drifts).
-    """
-    # Balanced together with input and output; otherwise the state of a delay can look unobservable.
-    n = len(system.A)
-    scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
-    scale = scale[:n] / scale[n]
-    A, B, C = (matrix.astype(np.longdouble) for matrix in (system.A, system.B, system.C))
-    A, B, C = A * scale / scale[:, None], B / scale[:, None], C * scale
-    if not (B.any() and C.any()):
-        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
-    else:
-        V = _reachable(A, B)
-        A, B, C = V.T @ A @ V, V.T @ B, C @ V
-        V = _reachable(A.T, C.T)
-        A, B, C = V.T @ A @ V, V.T @ B, C @ V
-    if len(A) == len(system.A):
-        return system
-    return replace(system, A=A, B=B, C=C, states=tuple(f"state {i}" for i in range(len(A))))
-
-
-def plane(system):
-    """(A, B, C, D) of a System of one input and output with the imaginary axis as boundary,
-    balanced, np.longdouble: of a sampled one in w = (2/T) (z - 1)/(z + 1)."""
-    A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
-    D = system.D
-    if system.dt is not None and len(A):
-        one, rate = np.eye(len(A)), 2 / system.dt
-        solved = _core.solve(A + one, np.hstack([A - one, B]))
-        A, B, D = rate * solved[:, :-1], 2 * rate * solved[:, -1:], D - C @ solved[:, -1:]
-        C = C @ _core.solve(one + system.balanced[0], one)
-        A, B, C = System(A, B, C, D, (), ("",), ("",)).balanced
-    return A, B, C, D
-
-
-def boundary(system):
-    """The response of a System of one input and output along the boundary of stability, a
-    `_core.BoundaryResponse`, over frequencies of the plane."""
-    return _core.BoundaryResponse(
-        system.A, system.B, system.C, float(system.D[0, 0]), system.dt or 0.0
-    )
-
-
-def marks(roots, fastest):
-    """Frequencies of the plane around and between those of roots, >= 0; fastest: of the poles."""
-    found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    found = found[np.diff(found, prepend=0.0) > 1e-9 * found]  # nothing between one that is double
-    if not len(found):
-        found = np.array([fastest or 1.0])
-    middle = np.sqrt(found[:-1] * found[1:])
-    around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
-    return np.unique(np.concatenate([middle, *around]))
 
 
 @dataclass
@@ -193,7 +123,7 @@ class Loop:
 
     @cached_property
     def _minimal(self):
-        return _minimal(self.open)
+        return minimal(self.open)
 
     @cached_property
     def _plane(self):
@@ -207,11 +137,11 @@ class Loop:
 
     @cached_property
     def _boundary(self):
-        return boundary(self.open)
+        return response(self.open)
 
     @cached_property
     def _boundary_minimal(self):
-        return boundary(self._minimal)
+        return response(self._minimal)
 
     def _known(self, w):
         """(G, dG/dw, by how much rounding of the matrices' entries moves G) at frequencies w of the
@@ -240,13 +170,13 @@ class Loop:
                 B=self.open.B / scale[:, None],
                 C=self.open.C * scale,
             )
-            apart = max(apart, abs(boundary(_minimal(system))([0.0])[0].item().real - static))
+            apart = max(apart, abs(response(minimal(system))([0.0])[0].item().real - static))
         return 100 * max(apart, self._known(0.0)[2].item())
 
     def _marks(self, zeros):
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
-        found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag)])
+        found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
     @cached_property
@@ -325,8 +255,7 @@ class Loop:
         grid = self._marks(zeros)
         G, _, rounding = self._known(grid)
         known = np.abs(G.imag) > rounding
-        drowned = ~known & (rounding > KNOWN * np.abs(G))  # crossings there would not be seen
-        doubts = [1 / (np.abs(G) + rounding)[drowned]]
+        doubts = [self._drowned(grid, G, rounding, known)]
         grid, values = grid[known], G.imag[known]
         if not len(grid):
             return [], None
@@ -348,10 +277,33 @@ class Loop:
             if rounding < KNOWN * abs(value):
                 crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
             else:
-                doubts.append(np.array([1 / (abs(value) + rounding)]))
-        doubt = float(np.concatenate(doubts).min(initial=math.inf))
+                doubts.append(1 / (abs(value) + rounding))
+        doubt = float(min(doubts))
         crossings = sorted((c for c in crossings if c.gain < doubt), key=lambda c: c.gain)
         return crossings, doubt if doubt < GAIN_MAX else None
+
+    def _drowned(self, grid, G, rounding, known):
+        """The least gain of a crossing that would not be seen: where rounding hides the sign of
+        Im G and more of G than KNOWN, from where it begins to."""
+        hidden = rounding > KNOWN * np.abs(G)
+        gains = 1 / (np.abs(G) + rounding)
+        least = math.inf
+        for i in np.flatnonzero(hidden & ~known):
+            least = min(least, gains[i])
+            for j in (i - 1, i + 1):
+                if not (0 <= j < len(grid) and known[j]):
+                    continue
+                clear, drowned = grid[j], grid[i]
+                for _ in range(0 if hidden[j] else 40):
+                    middle = math.sqrt(clear * drowned)
+                    value, _, moved = self._known(middle)
+                    if moved > KNOWN * abs(value):
+                        drowned = middle
+                    else:
+                        clear = middle
+                value, _, moved = self._known(clear)
+                least = min(least, 1 / (abs(value) + moved))
+        return least
 
     def _root(self, of, low, high):
         return optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15)
