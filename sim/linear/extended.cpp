@@ -252,10 +252,12 @@ BoundaryResponse::Value BoundaryResponse::at(double w) const {
   const Index n = A_.rows();
   const Extended half = static_cast<Extended>(w) * dt_ / 2;
   const Complex below = inverse(Complex(1, -half));
-  const Complex point = dt_ > 0 ? times(Complex(1, half), below) : Complex(0, w);
+  // Of p, or of z - 1, so that slow states keep their digits beside the 1.
+  const Complex point = dt_ > 0 ? times(Complex(0, 2 * half), below) : Complex(0, w);
+  const Extended one = dt_ > 0 ? 1 : 0;
   const Complex turn = dt_ > 0 ? times(times(below, below), Complex(0, dt_)) : Complex(0, 1);
   Factors<Complex>::Matrix matrix = -A_.cast<Complex>();
-  for (Index i = 0; i < n; ++i) matrix(i, i) += point;
+  for (Index i = 0; i < n; ++i) matrix(i, i) = point + (one - A_(i, i));
   const Factors<Complex> factors(std::move(matrix));
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   if (factors.singular()) return {{kInfinity, 0.0}, {kInfinity, 0.0}, kInfinity};
