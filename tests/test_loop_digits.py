@@ -7,6 +7,7 @@ import math
 import random
 import subprocess
 import sys
+from pathlib import Path
 
 import kernels
 import numpy as np
@@ -20,6 +21,7 @@ from forceaxis.linear import loops, over
 from forceaxis.linear.system import System
 from scipy import stats
 
+ROOT = Path(__file__).resolve().parents[1]
 TICK = 1 / 1500
 BANK = banks.Bank(4.37, 8.0, 0.0, ((1.394373, -2.718615, 1.362417, -1.741615, 0.77979),))
 BANK = BANK.quantised()
@@ -244,6 +246,6 @@ def test_what_computes_digits_passes_under_every_kernel(kernel):
     tests = [f"tests/{name}" for name in files]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long", *tests],
-        env=kernels.environment(kernel), cwd=paths.ROOT, capture_output=True, text=True,
+        env=kernels.environment(kernel), cwd=ROOT, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-4000:]

@@ -29,7 +29,6 @@ class Order:
     latency: str = "both"
     hf_gain: float | None = None  # codes per 8-bit count at most; None and below: as search.Goal
     ramp_s: float | None = None
-    sections_above: float | None = None
     firmware: dict = field(default_factory=dict)  # settings beside the experiment's
     simulate: bool = True
     threads: int | None = None
