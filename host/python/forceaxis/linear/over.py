@@ -270,7 +270,7 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
 
     gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
     seeded random members, then a pattern search around the worst of each figure: some hundred loops
-    of 5 to 10 ms.
+    of 3 to 5 ms.
     """
 
     def analyse(loop):
