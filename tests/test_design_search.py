@@ -1,6 +1,7 @@
 """The search for a bank: its grid against exact figures, bounds, result, what it refuses."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -204,6 +205,30 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     lowered, figures = certificate.exact(plants, [grid], bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures["gain_margin"] < 2.5 or 2.1 < figures["Ms_late"] <= 2.2
+
+
+def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
+    """A search of another program reached 26 Hz; with zeros and poles four times above 18.5."""
+    monkeypatch.setattr(search, "RANDOM", 10)
+    monkeypatch.setattr(search, "PROBE", 5)
+    monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
+    plants = plant_set("fig4_19", [], ({},))
+    found = search.search(plants, search.Goal(adc_bits=12, timings=("zoh",)))
+    assert found.chosen == "PI and two biquads" and found.worst["fS_Hz"] > 24
+
+
+# Plant, the bandwidth in Hz that the best law of any structure reaches over its set: of the issue.
+POSSIBLE = [(Path(__file__).parent / "plant/two_modes.toml", 20.9), ("fig4_19", 19.3)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("model", "possible"), POSSIBLE)
+def test_the_search_finds_the_order_of_the_law(model, possible):
+    plants, goal = plant_set(str(model), modes=({},)), search.Goal(adc_bits=12)
+    found = search.search(plants, goal)
+    held(plants, found, goal)
+    best = max(row["worst"]["fS_Hz"] for row in found.structures)
+    assert found.worst["fS_Hz"] >= 0.95 * max(best, possible)
 
 
 # Model, overrides, modes, ADC bits, least fS in Hz.

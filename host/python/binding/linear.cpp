@@ -15,8 +15,11 @@
 
 #include "host/python/binding/model.hpp"
 #include "host/python/binding/parts.hpp"
+#include "sim/linear/extended.hpp"
 
 namespace py = pybind11;
+using forceaxis::sim::BoundaryResponse;
+using forceaxis::sim::ExtendedMatrix;
 using forceaxis::sim::kGround;
 using forceaxis::sim::LinearMode;
 using forceaxis::sim::Model;
@@ -120,6 +123,54 @@ py::array_t<std::complex<double>> response(const Eigen::MatrixXd &H, const Eigen
   return values;
 }
 
+py::array_t<std::complex<double>> complex_array(const std::vector<std::complex<double>> &values) {
+  return py::array_t<std::complex<double>>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+using Frequencies = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+py::tuple boundary(const BoundaryResponse &response, const Frequencies &w) {
+  py::array_t<std::complex<double>> values(w.size());
+  py::array_t<std::complex<double>> slopes(w.size());
+  py::array_t<double> rounding(w.size());
+  for (py::ssize_t k = 0; k < w.size(); ++k) {
+    const auto value = response.at(w.data()[k]);
+    values.mutable_data()[k] = value.response;
+    slopes.mutable_data()[k] = value.slope;
+    rounding.mutable_data()[k] = value.rounding;
+  }
+  return py::make_tuple(values, slopes, rounding);
+}
+
+void add_extended(py::module_ &m) {
+  namespace sim = forceaxis::sim;
+  m.def("balance", &sim::balance, py::arg("A"),
+        "d: in diag(1/d) A diag(d) rows weigh about as much as their columns; powers of 2");
+  m.def(
+      "eigenvalues", [](const ExtendedMatrix &A) { return complex_array(sim::eigenvalues(A)); },
+      py::arg("A"), "eigenvalues (n,), computed in extended precision");
+  m.def("solve", &sim::solve, py::arg("A"), py::arg("B"), "X of A X = B, in extended precision");
+  m.def("sampled", &sim::sampled, py::arg("A"), py::arg("B"), py::arg("T"),
+        "e^(A T) - 1 and the integral of e^(A t) B over T, side by side, in extended precision");
+  m.def(
+      "hessenberg",
+      [](const ExtendedMatrix &A, const ExtendedMatrix &B, const ExtendedMatrix &C) {
+        auto found = sim::hessenberg(A, B, C);
+        return py::make_tuple(std::move(found.H), std::move(found.B), std::move(found.C));
+      },
+      py::arg("A"), py::arg("B"), py::arg("C"),
+      "H, Q^T B, C Q with H = Q^T A Q, for "
+      "hessenberg_response");
+  py::class_<BoundaryResponse>(
+      m, "BoundaryResponse",
+      "C (p - A)^-1 B + D of one input and output along the boundary of stability: p = j w (dt 0) "
+      "or z = (1 + j w dt / 2) / (1 - j w dt / 2); in extended precision")
+      .def(py::init<ExtendedMatrix, ExtendedMatrix, ExtendedMatrix, double, double>(), py::arg("A"),
+           py::arg("B"), py::arg("C"), py::arg("D"), py::arg("dt"))
+      .def("__call__", &boundary, py::arg("w"),
+           "(response, dG/dw, what roundings of the entries move it by), each (m,), at w (m,)");
+}
+
 }  // namespace
 
 void add_linear(py::module_ &m) {
@@ -133,4 +184,5 @@ void add_linear(py::module_ &m) {
         "unit per 8-bit count), encoder, volts_per_code of a model");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
         py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");
+  add_extended(m);
 }

@@ -38,7 +38,6 @@ MORE_AVERAGES = 4  # times as many
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
 FELT, LEAST_CONTACT = 8.0, 0.25  # of the noise, and counts: a reading above is a contact
 TOUCH_N = 10.0  # peak of the force that a touch-down makes by the axis' momentum alone
-SECTIONS_ABOVE = 1.5  # of a PI law's bandwidth: the fitted plant's contacts are simulated
 PAYS = 1.7  # times P's bandwidth, below which it is said what limits
 BEFORE = "before.json"
 NO_MEMORY = -10  # of REASONS
@@ -293,7 +292,7 @@ def design(tuning):
     asked = outcome.Order(
         str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"], ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
-        sections_above=SECTIONS_ABOVE, firmware=contact.firmware_of(tuning),
+        firmware=contact.firmware_of(tuning),
     )  # fmt: skip
     try:
         found = for_set.design(asked, None, tuning.say)

@@ -132,7 +132,6 @@ def found(plant, plants, order, bits, say):
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
         timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
-        sections_above=order.sections_above or search.SECTIONS_ABOVE,
     )  # fmt: skip
     units = {n: unit for n, (_, unit) in plant.facts["parameters"].items()}
 

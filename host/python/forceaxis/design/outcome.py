@@ -32,7 +32,6 @@ class Order:
     latency: str = "both"
     hf_gain: float | None = None  # codes per 8-bit count at most; None and below: as search.Goal
     ramp_s: float | None = None
-    sections_above: float | None = None
     firmware: dict = field(default_factory=dict)  # settings beside the experiment's
     forces_N: tuple = ()  # of the touch-downs; empty: chosen by sensor and drive
     approach_mm_per_s: float | None = None  # None: the experiment's, else 20 mm/s

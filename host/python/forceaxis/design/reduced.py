@@ -21,6 +21,7 @@ INTEGRAL_MIN = 0.15  # of PI's bandwidth: a slower one leaves a tail of what P d
 EVALUATIONS = 200  # of each start
 RESTARTS = 2
 ZEROS = 3  # antiresonances that are tried
+BEGIN = 4.0  # bandwidths of a PI law at which the section may begin: one that is lower adds nothing
 
 
 class Problem:
@@ -52,7 +53,7 @@ class Problem:
         delays = [DELAYS[timing] for timing in self.goal.timings]
         ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP / fS)
         self.inner.ramp = Ramp(nominal, delays, ramp_s)
-        low, high = structures.bounds(NAME, self.goal.sections_above * fS).T
+        low, high = structures.bounds(NAME, BEGIN * fS).T
         low[0] = max(low[0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
         self._limits = limits = low, np.maximum(high, low)
         starts = self._starts(fS, rate, *limits)

@@ -32,9 +32,9 @@ RAMP_MIN_S = 0.1
 SAFE = 0.97
 GENERATIONS = 90  # half as many often end in a lesser optimum, more restarts or not
 RESTARTS = (1, 2, 2)  # of the search, with no, one, two sections
-# Zeros and poles are at least this many times a PI law's bandwidth: sections below only shape the
-# contact's onset, where they ring.
-SECTIONS_ABOVE = 4.0
+# Where zeros and poles may begin, in bandwidths of a PI law: each restart has its own, and what
+# reaches furthest is taken. Whether they ring when contact is made is judged by the ramp.
+BEGINS = (1.5, 0.5)
 STATIC_ERROR_MAX = 0.01  # of the set-point, that a law without an integral may leave
 # Codes per 8-bit count: the reading's noise, in N, does not shrink with the ADC's code.
 HF_DEFAULT = 80.0
@@ -46,8 +46,7 @@ class Goal:
     """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
     gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the reading; hf_gain: DAC
     codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: the set-point's
-    rise in which the force has to follow, None: chosen; sections_above: the least zero or pole, in
-    bandwidths of a PI law."""
+    rise in which the force has to follow, None: chosen."""
 
     ms: float = 2.0
     ms_late: float = 2.2
@@ -58,7 +57,6 @@ class Goal:
     hf_gain: float | None = None
     timings: tuple = ("zoh", "zoh+1")
     ramp_s: float | None = None
-    sections_above: float = SECTIONS_ABOVE
 
     def ms_of(self, timing):
         """The peak of |S| that a timing of loops.TIMINGS may have."""
@@ -164,13 +162,15 @@ def _cost(problem, low, high):
     return lambda numbers: -problem.judge(np.clip(numbers, low, high))[0]
 
 
-def _search(problem, thin, name, limits, zeros, best, seed):
-    """The numbers of a structure's best law of a Problem, searched for on its thin grid."""
-    low, high = limits.T
-    cost, rough = _cost(problem, low, high), _cost(thin, low, high)
+def _search(problem, thin, name, fS, zeros, best, seed):
+    """The numbers of a structure's best law of a Problem, searched for on its thin grid; fS: the
+    bandwidth of a PI law, Hz."""
     rng = np.random.default_rng(seed)
     results = []
-    for _ in range(RESTARTS[structures.STRUCTURES[name]]):
+    for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name]]]:
+        limits = structures.bounds(name, begin * fS)
+        low, high = limits.T
+        cost, rough = _cost(problem, low, high), _cost(thin, low, high)
         found = optimize.differential_evolution(
             rough,
             limits,
@@ -181,7 +181,7 @@ def _search(problem, thin, name, limits, zeros, best, seed):
             polish=False,
         )
         results.append(_polished(cost, found.x, low, high))
-    return min(results, key=cost)
+    return max(results, key=lambda numbers: problem.judge(numbers)[0])
 
 
 def _polished(cost, numbers, low, high):
@@ -215,14 +215,12 @@ def search(plants, goal=None, progress=None):
     problem, thin = (Problem(plants, members, goal, None, density) for density in (1.0, THIN))
     check_plants(problem)
     zeros = antiresonances(problem.grid)
-    own = _search(problem, thin, "PI", structures.bounds("PI", 1.0), zeros, None, SEED)
+    own = _search(problem, thin, "PI", 1.0, zeros, None, SEED)
     best = {"P": np.zeros(0), "PI": own}
     fS = problem.judge(own)[0]
     if not fS:
         raise _no_gain()
-    limits = {
-        name: structures.bounds(name, goal.sections_above * fS) for name in structures.STRUCTURES
-    }
+    limits = {name: structures.bounds(name, min(BEGINS) * fS) for name in structures.STRUCTURES}
     ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
     nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
@@ -231,7 +229,7 @@ def search(plants, goal=None, progress=None):
     richer = list(structures.STRUCTURES)[1:]
     for done, name in enumerate(richer):
         say(f"{name}: searching, {done}/{len(richer)} structures")
-        best[name] = before = _search(problem, thin, name, limits[name], zeros, before, SEED)
+        best[name] = before = _search(problem, thin, name, fS, zeros, before, SEED)
         say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
     say("random members")
     others = plants.nominal() + plants.corners() + _random(plants, PROBE, SEED)

@@ -69,9 +69,10 @@ def largest_firmware_gain(loop, limit):
     (or no reading)."""
     if loop.codes_per_gain is None or limit.gain == 0:
         return None
-    if limit.gain is None:
+    gain = limit.known_to if limit.gain is None else limit.gain
+    if gain is None:
         return loops.FIRMWARE_HIGHEST
-    steps = math.ceil(loop.firmware_gain(limit.gain) / loops.FIRMWARE_STEP) - 1
+    steps = math.ceil(loop.firmware_gain(gain) / loops.FIRMWARE_STEP) - 1
     return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
 
 

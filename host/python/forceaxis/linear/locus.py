@@ -61,6 +61,7 @@ class Locus:
             **{k: v for k, v in self.ends.summary().items() if k != "label"},
             "critical_gain": self.limit.gain,
             "frequency_hz": self.limit.frequency_hz,
+            "reason": self.limit.reason or None,
             "crossings": [
                 {"gain": c.gain, "frequency_hz": c.frequency_hz, "direction": c.direction}
                 for c in self.crossings
@@ -155,7 +156,7 @@ def describe(summary):
     lines = working.lines(summary)
     for one in summary["loci"]:
         limit = one["critical_gain"]
-        text = "stable at every gain" if limit is None else f"limit {limit:.6g} {one['unit']}"
+        text = one["reason"] if limit is None else f"limit {limit:.6g} {one['unit']}"
         if one["frequency_hz"] is not None:
             text += f" at {one['frequency_hz']:.4g} Hz"
         lines.append(f"{one['label'] or summary['law']:12} {text}")

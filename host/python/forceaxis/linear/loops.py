@@ -215,7 +215,7 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
 
 def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
     """The _Plant of a law that runs once a tick: velocity, pd's rate are backward differences."""
-    system = system.sampled(0, tick_s)
+    system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
     if D.any():  # the ADC converts just before the new code: a direct path shows one tick later

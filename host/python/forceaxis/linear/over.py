@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import optimize
 
 from forceaxis import _core
-from forceaxis.linear import loops, working
+from forceaxis.linear import boundary, loops, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
-from forceaxis.linear.stability import Loop, _minimal
+from forceaxis.linear.stability import Loop
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM = 24  # members analysed before the search, besides nominal and corners
@@ -62,34 +62,24 @@ class Figures:
 
 
 class _Response:
-    """|H| along the boundary of stability, for a stable H = (A, B, C, D) of a loop's plane."""
+    """|H| along the boundary of stability, for a stable System H."""
 
-    def __init__(self, A, B, C, D):
-        system = linear.System(A, B, C, D, (), ("",), ("",))
-        self.A, self.B, self.C = system.balanced
+    def __init__(self, system):
+        system = boundary.minimal(system)
+        self.A, self.B, self.C, D = boundary.plane(system)
         self.D = D[0, 0]
-        self.system = system
-        self.poles = linalg.eigvals(self.A)
+        self.response = boundary.response(system)
+        self.poles = _core.eigenvalues(self.A)
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
-
-    @classmethod
-    def of(cls, system):
-        """That of a System, sampled ones mapped onto the plane as in stability.Loop."""
-        system = _minimal(system)
-        A, B, C, D, dt = system.A, system.B, system.C, system.D, system.dt
-        if dt is not None and len(A):
-            inverse = np.linalg.inv(A + np.eye(len(A)))
-            A, D = (2 / dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
-            B, C = (4 / dt) * inverse @ B, C @ inverse
-        return cls(A, B, C, D)
 
     def size(self, w):
         """|H| at frequencies w of the plane, array like w."""
-        return np.abs(self.system.at(1j * np.asarray(w, float)))
+        w = np.asarray(w, float)
+        return np.abs(self.response(w.ravel())[0]).reshape(w.shape)
 
     def ends(self):
         """|H| at frequency 0 and at the end of the axis (z = -1)."""
-        return float(self.size(0.0)), abs(self.D)
+        return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level):
         """Points s near which |H(jw)| = level: zeros of level^2 - H(s) H(-s)."""
@@ -103,18 +93,12 @@ class _Response:
                 [-C.T @ C * (1 + D * D / rest), -(A + B @ C * (D / rest)).T],
             ]
         )
-        return linalg.eigvals(matrix)
+        return _core.eigenvalues(matrix)
 
     def marks(self, level):
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
-        found = np.unique(np.abs(roots.imag))
-        found = found[np.isfinite(found) & (found > 1e-9 * self.widest)]
-        if not len(found):
-            found = np.array([self.widest])
-        middle = np.sqrt(found[:-1] * found[1:])
-        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
-        return np.unique(np.concatenate([[0.0], middle, *around]))
+        return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level):
         """[(w, rises)] where |H| = level, in order."""
@@ -142,19 +126,33 @@ class _Response:
         return float(best)
 
     def _hill(self, grid, sizes, i):
-        low, high = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+        """The largest |H| between the neighbours of point i of a grid."""
+        high = grid[min(i + 1, len(grid) - 1)]
+        low = max(grid[max(i - 1, 0)], 1e-6 * high)
         top = optimize.minimize_scalar(
-            lambda w: -float(self.size(w)), bounds=(low, high), method="bounded",
-            options={"xatol": 1e-9 * high},
+            lambda x: -float(self.size(math.exp(x))), bounds=(math.log(low), math.log(high)),
+            method="bounded", options={"xatol": 1e-9},
         )  # fmt: skip
-        return max(float(sizes[i]), -top.fun)
+        w = math.exp(top.x)
+        best = max(float(sizes[i]), -top.fun)
+        for share in (1e-7, 1e-6, 1e-5, 1e-4):  # that minimiser has half the digits of w
+            ends = w * (1 - share), w * (1 + share)
+            if self._rise(ends[0]) > 0 > self._rise(ends[1]):
+                summit = optimize.brentq(self._rise, *ends, xtol=1e-300, rtol=1e-15)
+                return max(best, float(self.size(summit)))
+        return best
+
+    def _rise(self, w):
+        """d ln |H| / dw."""
+        value, slope, _ = self.response([w])
+        return float((slope[0] / value[0]).real)
 
 
 def figures(loop: Loop, gain):
     """The Figures of a loop at a gain (k, V/N)."""
     if not loop.stable(gain):
         return Figures(False)
-    S, T = _Response.of(loop.sensitivity(gain)), _Response.of(loop.closed(gain))
+    S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
     rises = [loop._hz(w) for w, up in S.crossings(HALF_POWER) if up]
     falls = [loop._hz(w) for w, up in T.crossings(HALF_POWER) if not up]
     fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
@@ -275,7 +273,7 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
 
     gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
     seeded random members, then a pattern search around the worst of each figure: some hundred loops
-    of 5 to 10 ms.
+    of 3 to 5 ms.
     """
 
     def analyse(loop):
@@ -298,12 +296,13 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
 
 def largest_gain(plants, timings=("zoh",), **loop_arguments):
     """(k, Member, timing, frequency_hz): the largest gain below which all of a PlantSet are stable,
-    from 0 on, and who loses stability there. k None: every member bears every gain; 0: one bears
-    none."""
+    from 0 on, and who loses stability there, or of whom rounding decides above. k None: every
+    member bears every gain; 0: one bears none."""
 
     def analyse(loop):
         limit = loop.limit()
-        return (math.inf if limit.gain is None else limit.gain), limit.frequency_hz
+        gain = limit.known_to if limit.gain is None else limit.gain
+        return (math.inf if gain is None else gain), limit.frequency_hz
 
     group = _explored(plants, timings, analyse, loop_arguments)
     member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])

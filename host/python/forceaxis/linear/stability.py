@@ -1,6 +1,8 @@
 """Stability of a force loop: its critical gains, margins, root locus and step response.
 
-A `Loop` is a law around a plant, as `loops.force_loop` makes it.
+A `Loop` is a law around a plant, as `loops.force_loop` makes it. Every figure is read from the
+response along the boundary, each value of which is right to the rounding of single entries of the
+matrices (`_core.BoundaryResponse`); eigenvalues only tell where to look.
 """
 
 import itertools
@@ -13,8 +15,14 @@ from scipy import linalg, optimize
 
 from forceaxis import _core
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.boundary import marks, minimal, plane, response
 from forceaxis.linear.system import System
 from forceaxis.linear.working import Working
+
+# A crossing counts where rounding of the matrices' entries, in double, moves its gain by less: then
+# the gain of these matrices is known a thousand times better.
+KNOWN = 1e-7
+GAIN_MAX = 1e15  # of a loop
 
 
 @dataclass(frozen=True)
@@ -28,13 +36,14 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest stable gain from 0 on. `gain` None: stable at every gain."""
+    """The largest stable gain from 0 on. `gain` None: stable at every gain, or up to `known_to`."""
 
     gain: float | None
     frequency_hz: float | None
     crossings: list[Crossing]
     stable_ranges: list[tuple[float, float | None]]  # (from, to), to None: no upper end
     reason: str
+    known_to: float | None = None  # gain above which rounding decides; None: it decides nowhere
 
 
 @dataclass(frozen=True)
@@ -46,42 +55,6 @@ class Margins:
     phase_margin_deg: float | None  # smallest in size; None: |L| is nowhere 1
     crossover_hz: float | None  # where that is
     crossovers: list[tuple[float, float]]  # all (frequency_hz, phase_margin_deg)
-
-
-def _reachable(A, B):
-    """Orthonormal basis of the controllable states."""
-    basis = B / np.linalg.norm(B)
-    while basis.shape[1] < len(A):
-        image = A @ basis[:, -1:]
-        new = image - basis @ (basis.T @ image)
-        new -= basis @ (basis.T @ new)
-        if np.linalg.norm(new) <= 1e-11 * np.linalg.norm(image):
-            break
-        basis = np.hstack([basis, new / np.linalg.norm(new)])
-    return basis
-
-
-def _minimal(system):
-    """Without the states that are not controllable or not observable.
-
-    Their poles do not move with the gain, even on the boundary (a position that drifts).
-    """
-    # Balanced together with input and output; otherwise the state of a delay can look unobservable.
-    n = len(system.A)
-    whole = np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]])
-    scale = linalg.matrix_balance(whole, permute=False, separate=True)[1][0]
-    scale = scale[:n] / scale[n]
-    A, B, C = system.A * scale / scale[:, None], system.B / scale[:, None], system.C * scale
-    if not (B.any() and C.any()):
-        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
-    else:
-        V = _reachable(A, B)
-        A, B, C = V.T @ A @ V, V.T @ B, C @ V
-        V = _reachable(A.T, C.T)
-        A, B, C = V.T @ A @ V, V.T @ B, C @ V
-    if len(A) == len(system.A):
-        return system
-    return replace(system, A=A, B=B, C=C, states=tuple(f"state {i}" for i in range(len(A))))
 
 
 @dataclass
@@ -153,59 +126,42 @@ class Loop:
 
     @cached_property
     def _minimal(self):
-        return _minimal(self.open)
+        return minimal(self.open)
 
     @cached_property
     def _plane(self):
         """(A, B, C, D) with the imaginary axis as boundary, balanced."""
-        system = self._minimal
-        A, B, C = system.balanced
-        D = system.D
-        if self.dt is not None:
-            inverse = np.linalg.inv(A + np.eye(len(A)))
-            A, D = (2 / self.dt) * inverse @ (A - np.eye(len(A))), D - C @ inverse @ B
-            B, C = (4 / self.dt) * inverse @ B, C @ inverse
-            plane = System(A, B, C, D, system.states, system.inputs, system.outputs)
-            A, B, C = plane.balanced
-        return A, B, C, D
+        return plane(self._minimal)
 
     def _hz(self, w):
         if self.dt is None:
             return w / (2 * math.pi)
         return math.atan(w * self.dt / 2) / (math.pi * self.dt)
 
-    def _point(self, w):
-        """s or z at the frequency w of the plane."""
+    @cached_property
+    def _boundary(self):
+        return response(self.open)
+
+    @cached_property
+    def _boundary_minimal(self):
+        return response(self._minimal)
+
+    def _known(self, w):
+        """(G, dG/dw, by how much rounding of the matrices' entries moves G) at frequencies w of the
+        plane, each like w in shape."""
         w = np.asarray(w, float)
-        if self.dt is None:
-            return 1j * w
-        half = 0.5j * w * self.dt
-        return (1 + half) / (1 - half)
+        # Only at rest a pole that nothing sees is in the way.
+        whole = self._boundary if np.all(w) else self._boundary_minimal
+        return tuple(values.reshape(w.shape) for values in whole(w.ravel()))
 
     def _at(self, w):
-        return self._minimal.at(self._point(w))
-
-    def _slope(self, w):
-        """dG/ds at s = j w of the plane."""
-        A, B, C, _ = self._plane
-        matrix = 1j * w * np.eye(len(A)) - A
-        return -(C @ np.linalg.solve(matrix, np.linalg.solve(matrix, B + 0j))).item()
-
-    def _rounding(self, w):
-        """The error of G by rounding of the matrices, at frequencies w (m,) of the plane."""
-        A, B, C, D = self._plane
-        size = np.linalg.norm(A)
-        points = 1j * np.asarray(w, float) + 1e-16 * size  # not exactly on a pole
-        matrices = points[:, None, None] * np.eye(len(A)) - A
-        states = np.linalg.norm(np.linalg.solve(matrices, B + 0j), axis=(1, 2))
-        rows = np.linalg.norm(np.linalg.solve(matrices.transpose(0, 2, 1), C.T + 0j), axis=(1, 2))
-        return 1e-16 * (size * rows * states + abs(D[0, 0]))
+        return self._known(w)[0]
 
     def _static_rounding(self, static):
-        """What G(0) = `static` must exceed to be known to 1 %.
+        """What G(0) = `static` must exceed to be known to 1 %; infinite of an integrator.
 
         G(0) is computed again with states in other units, which rounds everything differently: more
-        than `_rounding` knows of where a pole and a zero at 0 Hz were removed.
+        than `_known` knows of where a pole and a zero at 0 Hz were removed.
         """
         n = len(self.open.A)
         apart = 0.0
@@ -217,37 +173,37 @@ class Loop:
                 B=self.open.B / scale[:, None],
                 C=self.open.C * scale,
             )
-            apart = max(apart, abs(_minimal(system).at(self._point(0.0)).real - static))
-        return 100 * max(apart, self._rounding([0.0])[0])
+            apart = max(apart, abs(response(minimal(system))([0.0])[0].item().real - static))
+        return 100 * max(apart, self._known(0.0)[2].item())
 
     def _marks(self, zeros):
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
-        found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag)])
-        found = np.unique(found[np.isfinite(found) & (found > 1e-9 * np.abs(self._poles).max())])
-        if not len(found):
-            found = np.array([np.abs(self._poles).max() or 1.0])
-        middle = np.sqrt(found[:-1] * found[1:])
-        around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
-        return np.unique(np.concatenate([middle, *around]))
+        found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
+        return marks(found, np.abs(self._poles).max())
 
     @cached_property
     def _poles(self):
-        return linalg.eigvals(self._plane[0])
+        return _core.eigenvalues(self._plane[0])
 
     @cached_property
     def _boundary_poles(self):
         """(frequency of the plane, how a small gain moves it or None) of each pole that is on the
         boundary without a gain, to rounding. None: a multiple pole."""
         A, B, C, _ = self._plane
-        poles, left, right = linalg.eig(A, left=True)
+        size = np.linalg.norm(A)
+        there = np.abs(self._poles.real) <= np.maximum(1e-12 * np.abs(self._poles), 1e-17 * size)
+        there = np.sort(self._poles[there & (self._poles.imag >= 0)].imag)
+        if not len(there):
+            return []
+        poles, left, right = linalg.eig(A.astype(float), left=True)
         left = left.conj().T
         found = []
-        for i in np.argsort(poles.imag):
-            if abs(poles[i].real) <= 1e-12 * np.linalg.norm(A) and poles[i].imag >= 0:
-                turn = left[i] @ right[:, i]  # of the eigenvectors, 0 where two poles are one
-                move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
-                found.append((float(poles[i].imag), move))
+        for w in there:
+            i = np.argmin(np.abs(poles - 1j * w))
+            turn = left[i] @ right[:, i]  # of the eigenvectors, 0 where two poles are one
+            move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
+            found.append((float(w), None if move is None else complex(move)))
         return found
 
     @property
@@ -261,25 +217,24 @@ class Loop:
         ]
 
     def _phase(self, w):
-        """Sine of the phase of G: 0 where G is real, and on a pole."""
+        """Sine of the phase of G: 0 where G is real or 0, and on a pole."""
         G = self._at(w)
-        return G.imag / np.abs(G) if np.isfinite(G) else 0.0
+        return G.imag / np.abs(G) if np.isfinite(G) and G else 0.0
+
+    def _turn(self, w):
+        """d Im G / dw."""
+        return self._known(w)[1].imag
 
     @cached_property
     def _real_points(self):
         """Zeros of G(s) - G(-s), which on the axis are where G is real."""
         A, B, C, _ = self._plane
-        n = len(A)
-        B, C = (m * (np.linalg.norm(A) / np.linalg.norm(m)) for m in (B, C))
-        zero = np.zeros((n, n))
-        pencil = np.block([[A, zero, B], [zero, -A, B], [C, C, np.zeros((1, 1))]])
-        weight = np.diag([1.0] * (2 * n) + [0.0])
-        values = linalg.eigvals(pencil, weight)
-        # What is at infinity comes out as large: as many as the relative degree says, which is odd.
-        degree = System(A, B, C, np.zeros((1, 1)), (), ("",), ("",))._markov()[0]
-        finite = 2 * n - degree - (degree + 1) % 2
-        values = values[np.isfinite(values)]
-        return values[np.argsort(np.abs(values))][: max(finite, 0)]
+        zero = np.zeros((len(A), len(A)))
+        both = System(
+            np.block([[A, zero], [zero, -A]]), np.vstack([B, B]), np.hstack([C, C]),
+            np.zeros((1, 1)), (), ("",), ("",),
+        )  # fmt: skip
+        return both.zeros() if both.has_path() else np.zeros(0, complex)
 
     def crossings(self):
         """All gains > 0 at which a closed-loop pole is on the boundary, smallest first.
@@ -290,102 +245,132 @@ class Loop:
         """
         return list(self._crossings)
 
-    @cached_property
+    @property
     def _crossings(self):
+        return self._crossed[0]
+
+    @cached_property
+    def _crossed(self):
+        """(all crossings up to the gain above which rounding decides, that gain or None)."""
         if not len(self._minimal.A):
-            return []
+            return [], None
         zeros = self._real_points
         grid = self._marks(zeros)
-        G, rounding = self._at(grid), self._rounding(grid)
-        values = G.imag
-        known = np.abs(values) > rounding
-        grid, values = grid[known], values[known]
+        G, _, rounding = self._known(grid)
+        known = np.abs(G.imag) > rounding
+        doubts = [self._drowned(grid, G, rounding, known)]
+        grid, values = grid[known], G.imag[known]
         if not len(grid):
-            return []
-        found = []
-        for i in np.flatnonzero(values[:-1] * values[1:] < 0):
-            w = optimize.brentq(self._phase, grid[i], grid[i + 1], xtol=1e-300, rtol=1e-15)
-            found.append((w, int(np.sign(values[i + 1]))))
-        for zero in zeros:  # pairs that touch the axis
-            w = abs(zero.imag)
-            if abs(zero.real) < 1e-5 * w and grid[0] < w < grid[-1]:
-                i = np.searchsorted(grid, w) - 1
-                ends = [self._slope(grid[j]).real for j in (i, i + 1)]
-                if values[i] * values[i + 1] > 0 and ends[0] * ends[1] < 0:
-                    w = optimize.brentq(
-                        lambda w: self._slope(w).real, grid[i], grid[i + 1], xtol=1e-300, rtol=1e-15
-                    )
-                    if abs(self._phase(w)) < 1e-11:
-                        found.append((w, 0))
-        crossings = []
+            return [], None
+        found = [
+            (self._root(self._phase, grid[i], grid[i + 1]), int(np.sign(values[i + 1])))
+            for i in np.flatnonzero(values[:-1] * values[1:] < 0)
+        ] + self._touches(zeros, grid, values)
+        crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
                 continue  # the pole turns the phase, at no gain
-            w, value = self._polished(w)
-            # A zero on the axis turns the phase too, at an infinite gain; a gain that rounding
-            # decides is left out.
-            sharp = abs(w * self._slope(w)) > 1e9 * abs(value)
-            if value < 0 and not sharp and self._rounding([w])[0] < 0.1 * abs(value):
-                crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
-        # The ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
-        A, _, _, D = self._plane
-        least = -1e-11 * np.median(np.abs(G[known]))
-        if np.abs(self._poles).min() > 1e-13 * len(A) * np.linalg.norm(A):
-            static = self._at(0.0).real
-            if static < -self._static_rounding(static):  # less is a zero there
-                crossings.append(Crossing(float(-1 / static), 0.0, int(np.sign(values[0]))))
-        if D[0, 0] < least:
-            end = None if self.dt is None else 0.5 / self.dt
-            crossings.append(Crossing(float(-1 / D[0, 0]), end, -int(np.sign(values[-1]))))
-        return sorted(crossings, key=lambda c: c.gain)
-
-    def _polished(self, w):
-        """(w, Re G) of a real point, by steps on a dense solve: more digits than the kernel's where
-        G is far below its largest."""
-        A, B, C = self._minimal.balanced
-        value = 0.0
-        for _ in range(3):
-            point = complex(self._point(w))
-            G = (
-                self._minimal.D[0, 0]
-                + (C @ np.linalg.solve(point * np.eye(len(A)) - A, B.astype(complex))).item()
-            )
+            G, slope, rounding = self._known(w)
             value = G.real
-            slope = (1j * self._slope(w)).imag  # dIm G / dw
-            if not slope or not abs(G.imag / slope) < 1e-4 * w:
-                break  # touches, or too flat to step
-            w -= G.imag / slope
-        return w, value
+            if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w has the digits of a double only
+                value -= slope.real * G.imag / slope.imag
+            # A zero on the axis turns the phase too, at an infinite gain.
+            if value >= 0 or abs(w * slope) > 1e9 * abs(value):
+                continue
+            if rounding < KNOWN * abs(value):
+                crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
+            else:
+                doubts.append(1 / (abs(value) + rounding))
+        doubt = float(min(doubts))
+        crossings = sorted((c for c in crossings if c.gain < doubt), key=lambda c: c.gain)
+        return crossings, doubt if doubt < GAIN_MAX else None
+
+    def _drowned(self, grid, G, rounding, known):
+        """The least gain of a crossing that would not be seen: where rounding hides the sign of
+        Im G and more of G than KNOWN, from where it begins to."""
+        hidden = rounding > KNOWN * np.abs(G)
+        gains = 1 / (np.abs(G) + rounding)
+        least = math.inf
+        for i in np.flatnonzero(hidden & ~known):
+            least = min(least, gains[i])
+            for j in (i - 1, i + 1):
+                if not (0 <= j < len(grid) and known[j]):
+                    continue
+                clear, drowned = grid[j], grid[i]
+                for _ in range(0 if hidden[j] else 40):
+                    middle = math.sqrt(clear * drowned)
+                    value, _, moved = self._known(middle)
+                    if moved > KNOWN * abs(value):
+                        drowned = middle
+                    else:
+                        clear = middle
+                value, _, moved = self._known(clear)
+                least = min(least, 1 / (abs(value) + moved))
+        return least
+
+    def _root(self, of, low, high):
+        return optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15)
+
+    def _touches(self, zeros, grid, values):
+        """Pairs of zeros of Im G on the axis: [(w, 0)]. values: Im G of the grid."""
+        found = []
+        for zero in zeros:
+            w = abs(zero.imag)
+            if abs(zero.real) < 1e-5 * w and grid[0] < w < grid[-1]:
+                i = np.searchsorted(grid, w) - 1
+                ends = [self._turn(grid[j]) for j in (i, i + 1)]
+                if values[i] * values[i + 1] > 0 and ends[0] * ends[1] < 0:
+                    w = self._root(self._turn, grid[i], grid[i + 1])
+                    if abs(self._phase(w)) < 1e-11:
+                        found.append((w, 0))
+        return found
+
+    def _ends(self, values, least):
+        """Crossings at the ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
+        values: Im G of the grid; least: a direct path that is more than rounding."""
+        crossings = []
+        static = self._at(0.0).real
+        if -math.inf < static < 0 and static < -self._static_rounding(static):  # less is a zero
+            crossings.append(Crossing(float(-1 / static), 0.0, int(np.sign(values[0]))))
+        direct = float(self._plane[3][0, 0])
+        if direct < least:
+            end = None if self.dt is None else 0.5 / self.dt
+            crossings.append(Crossing(-1 / direct, end, -int(np.sign(values[-1]))))
+        return crossings
 
     def stable(self, gain):
         """Whether the closed loop is stable, apart from states that are not in the loop."""
         A = self._closed_minimal(gain)
-        poles = linalg.eigvals(A)
-        rounding = 1e-15 * len(A) * max(np.linalg.norm(A), 1.0)
+        poles = _core.eigenvalues(A)
+        rounding = 1e-18 * len(A) * max(np.linalg.norm(A), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain):
         """1/s: decay rate of the slowest pole in the loop; < 0 if it grows."""
-        poles = linalg.eigvals(self._closed_minimal(gain)).astype(complex)
+        poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
         return float(-math.log(np.abs(poles).max()) / self.dt)
 
     def _closed_minimal(self, gain):
-        A, B, C = self._minimal.balanced
-        return A - gain / (1 + gain * self._minimal.D[0, 0]) * B @ C
+        system = self._minimal
+        A = system.A.astype(np.longdouble)
+        A = A - gain / (1 + gain * system.D[0, 0]) * system.B @ system.C
+        scale = _core.balance(A)
+        return A * scale / scale[:, None]
 
     @cached_property
     def stable_ranges(self):
         """Gains (from, to) between which the loop is stable; to None: no upper end."""
         if not len(self._minimal.A):
             return [(0.0, None)]
-        edges = [0.0, *(c.gain for c in self._crossings)]
+        crossings, known_to = self._crossed
+        edges = [0.0, *(c.gain for c in crossings)]
         if len(edges) == 1:
             typical = np.median(np.abs(self._at(np.abs(self._poles) + 1e-3)))
-            return [(0.0, None)] if self.stable(1 / typical) else []
+            return [(0.0, known_to)] if self.stable(1 / typical) else []
         ranges = []
-        for low, high in zip(edges, [*edges[1:], None], strict=True):
+        for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
             # Anywhere within: all or none of it is stable, but rounding may hide it at high gains.
@@ -404,8 +389,12 @@ class Loop:
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
             return Limit(0.0, None, self._at_gain_0 + crossings, ranges, reason)
-        if ranges[0][1] is None:
-            return Limit(None, None, crossings, ranges, "stable at every gain")
+        known_to = self._crossed[1]
+        if ranges[0][1] == known_to:
+            reason = "stable at every gain"
+            if known_to is not None:
+                reason = f"stable up to {known_to:.3g} {self.unit}, above which rounding decides"
+            return Limit(None, None, crossings, ranges, reason, known_to)
         first = next(c for c in crossings if c.gain == ranges[0][1])
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
@@ -425,7 +414,7 @@ class Loop:
                 [B @ C + share * D**2 * B @ C, -A - share * D * B @ C],
             ]
         )
-        grid = self._marks(linalg.eigvals(product))
+        grid = self._marks(_core.eigenvalues(product))
 
         def size(w):
             return np.log(gain * np.abs(self._at(w)))
@@ -433,7 +422,7 @@ class Loop:
         values = size(grid)
         crossovers = []
         for i in np.flatnonzero(values[:-1] * values[1:] < 0):
-            w = optimize.brentq(size, grid[i], grid[i + 1], xtol=1e-300, rtol=1e-15)
+            w = self._root(size, grid[i], grid[i + 1])
             phase = float(np.degrees(np.angle(-self._at(w))))
             crossovers.append((self._hz(w), phase))
         crossover, phase = min(crossovers, key=lambda c: abs(c[1]), default=(None, None))
@@ -447,11 +436,12 @@ class Loop:
         if self.dt is None:
             closed = closed.sampled()
         time_s = np.arange(math.floor(duration_s / closed.dt) + 1) * closed.dt
-        x, y = np.zeros(len(closed.A)), np.empty(len(time_s))
+        A, B, C, D = (getattr(closed, name).astype(float) for name in "ABCD")
+        x, y = np.zeros(len(A)), np.empty(len(time_s))
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable one may leave the range
             for i in range(len(time_s)):
-                y[i] = closed.C[0] @ x + closed.D[0, 0]
-                x = closed.A @ x + closed.B[:, 0]
+                y[i] = C[0] @ x + D[0, 0]
+                x = A @ x + B[:, 0]
         return time_s, y
 
     def locus(self, gains, plane="s"):

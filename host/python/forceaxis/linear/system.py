@@ -1,7 +1,8 @@
 """The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
 
 Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
-control loops around it, `modes` analyses the mechanics alone.
+control loops around it, `modes` analyses the mechanics alone. Poles, zeros and holds are computed
+in extended precision (sim/linear/extended.hpp): LAPACK's digits hang on the processor.
 """
 
 from dataclasses import dataclass, replace
@@ -9,12 +10,24 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy import linalg
 
 from forceaxis import _core, paths
 from forceaxis.linear import working as working_mode
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
+
+
+def _complement(rows):
+    """Orthonormal columns (n, n - d) that rows (d, n) leave 0, by Householder's reflections."""
+    work = np.array(rows.T, np.longdouble)
+    basis = np.eye(len(work), dtype=np.longdouble)
+    for k in range(len(rows)):
+        turn = work[k:, k].copy()
+        turn[0] += np.copysign(np.linalg.norm(turn), turn[0])
+        turn /= np.linalg.norm(turn)
+        work[k:] -= 2 * turn[:, None] * (turn @ work[k:])
+        basis[:, k:] -= 2 * (basis[:, k:] @ turn)[:, None] * turn
+    return basis[:, len(rows) :]
 
 
 @dataclass(frozen=True)
@@ -53,12 +66,12 @@ class System:
         """(A, B, C) in units in which A's rows and columns weigh the same."""
         if not len(self.A):
             return self.A, self.B, self.C
-        A, (scale, _) = linalg.matrix_balance(self.A, permute=False, separate=True)
-        return A, self.B / scale[:, None], self.C * scale
+        scale = _core.balance(self.A)
+        return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
     def poles(self):
         """Eigenvalues of A: 1/s, or z of a sampled system."""
-        return linalg.eigvals(self.balanced[0]) if len(self.A) else np.zeros(0, complex)
+        return _core.eigenvalues(self.A)
 
     def poles_s(self):
         """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
@@ -70,22 +83,21 @@ class System:
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
     def _markov(self):
-        """Relative degree r, C A^(r-1) B (D for r = 0), and the rows C A^k, k < r, balanced."""
+        """Relative degree r and C A^(r-1) B (D for r = 0)."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
-        A, B, C = self.balanced
+        A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
         if self.D[0, 0] != 0:
-            return 0, self.D[0, 0], np.zeros((0, len(A)))
-        row, bound, rows = C, abs(C), []
+            return 0, self.D[0, 0]
+        row, bound = C, abs(C)
         for degree in range(1, len(A) + 1):
             if not row.any():
                 break
-            rows.append(row[0] / np.linalg.norm(row))
             value, size = (row @ B).item(), (bound @ abs(B)).item()
             if abs(value) > 1e-11 * size:  # what is less is rounding: structural zeros are exact
-                return degree, value, np.array(rows)
+                return degree, value
             row, bound = row @ A, bound @ abs(A)
-        return len(A) + 1, 0.0, np.array(rows)  # no path
+        return len(A) + 1, 0.0  # no path
 
     def has_path(self):
         """Whether the input acts on the output at all."""
@@ -98,18 +110,22 @@ class System:
         output's first nonzero derivative fed back, on the states that leave the output and its
         lower derivatives 0.
         """
-        degree, value, rows = self._markov()
+        degree, value = self._markov()
         if value == 0.0:
             raise ValueError(f"expected a path from {self.inputs[0]} to {self.outputs[0]}")
-        A, B, C = self.balanced
-        top = C.copy()
-        for _ in range(degree):
-            top = top @ A
-        held = A - B @ top / value
-        if degree:
-            basis = linalg.qr(rows.T)[0][:, degree:]
-            held = basis.T @ held @ basis
-        return linalg.eigvals(held) if len(held) else np.zeros(0, complex)
+        A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
+        if not degree:
+            return _core.eigenvalues(A - B @ C / value)
+        # The output's derivatives below, each without what the ones before it say already.
+        rows = C / np.linalg.norm(C)
+        for _ in range(degree - 1):
+            row = rows[-1:] @ A
+            for _ in range(2):
+                row = row - (row @ rows.T) @ rows
+            rows = np.vstack([rows, row / np.linalg.norm(row)])
+        held = A - B @ (rows[-1:] @ A) / (rows[-1:] @ B)
+        basis = _complement(rows)
+        return _core.eigenvalues(basis.T @ held @ basis)
 
     def zeros_s(self):
         """Zeros in 1/s, as `poles_s`."""
@@ -123,7 +139,7 @@ class System:
 
     def gain(self):
         """What multiplies the product of (s - zeros) / (s - poles)."""
-        return self._markov()[1]
+        return float(self._markov()[1])
 
     def transfer_function(self):
         """(numerator, denominator) coefficients, highest power first, denominator monic."""
@@ -134,9 +150,7 @@ class System:
 
     @cached_property
     def _hessenberg(self):
-        A, B, C = self.balanced
-        H, Q = linalg.hessenberg(A, calc_q=True) if len(A) else (A, A)
-        return np.asfortranarray(H), Q.T @ B, C @ Q
+        return _core.hessenberg(*self.balanced)
 
     def at(self, points):
         """Transfer function at complex points s (or z): like `points` in shape; with several inputs
@@ -153,15 +167,18 @@ class System:
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
-    def sampled(self, delay_ticks=0, dt=TICK_S):
-        """Behind a zero-order hold, read every `dt` s; inputs act `delay_ticks` samples later."""
+    def sampled(self, delay_ticks=0, dt=TICK_S, extended=False):
+        """Behind a zero-order hold, read every `dt` s; inputs act `delay_ticks` samples later.
+        extended: A and B keep the digits of np.longdouble, of which doubles lose those of G far
+        below its largest."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
-        n, m = self.B.shape
-        whole = np.zeros((n + m, n + m))
-        whole[:n, :n], whole[:n, n:] = self.A, self.B
-        step = linalg.expm(whole * dt)
-        system = replace(self, A=step[:n, :n], B=step[:n, n:], dt=dt)
+        n = len(self.A)
+        step = _core.sampled(self.A, self.B, dt)
+        A, B = np.eye(n) + step[:, :n], step[:, n:]
+        if not extended:
+            A, B = A.astype(float), B.astype(float)
+        system = replace(self, A=A, B=B, dt=dt)
         for _ in range(delay_ticks):
             system = system.delayed()
         return system
@@ -169,7 +186,7 @@ class System:
     def delayed(self):
         """A sampled system whose inputs act one sample later."""
         n, m = self.B.shape
-        A = np.zeros((n + m, n + m))
+        A = np.zeros((n + m, n + m), self.A.dtype)
         A[:n, :n], A[:n, n:] = self.A, self.B
         waiting = tuple(
             f"{name} held {sum(name in s for s in self.states)}" for name in self.inputs

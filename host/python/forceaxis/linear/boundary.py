@@ -1,0 +1,84 @@
+"""A system of one input and output along the boundary of stability: its response there, frequencies
+of interest, and the states that matter.
+
+Frequencies are those of a plane whose imaginary axis is the boundary: s = j w, or of a sampled
+system w = (2/T) (z - 1)/(z + 1).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from forceaxis import _core
+from forceaxis.linear.system import System
+
+UNREACHED = 1e-15  # share of a new direction below which it is made of the entries' rounding
+
+
+def _reachable(A, B):
+    """Orthonormal basis of the controllable states."""
+    basis = B / np.linalg.norm(B)
+    while basis.shape[1] < len(A):
+        image = A @ basis[:, -1:]
+        new = image - basis @ (basis.T @ image)
+        new -= basis @ (basis.T @ new)
+        if np.linalg.norm(new) <= UNREACHED * np.linalg.norm(image):
+            break
+        basis = np.hstack([basis, new / np.linalg.norm(new)])
+    return basis
+
+
+def minimal(system):
+    """Without the states that are not controllable or not observable.
+
+    Their poles do not move with the gain, even on the boundary (a position that drifts).
+    """
+    # Balanced together with input and output; otherwise the state of a delay can look unobservable.
+    n = len(system.A)
+    scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
+    scale = scale[:n] / scale[n]
+    A, B, C = (matrix.astype(np.longdouble) for matrix in (system.A, system.B, system.C))
+    A, B, C = A * scale / scale[:, None], B / scale[:, None], C * scale
+    if not (B.any() and C.any()):
+        A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+    else:
+        V = _reachable(A, B)
+        A, B, C = V.T @ A @ V, V.T @ B, C @ V
+        V = _reachable(A.T, C.T)
+        A, B, C = V.T @ A @ V, V.T @ B, C @ V
+    if len(A) == len(system.A):
+        return system
+    return replace(system, A=A, B=B, C=C, states=tuple(f"state {i}" for i in range(len(A))))
+
+
+def plane(system):
+    """(A, B, C, D) of a System of one input and output with the imaginary axis as boundary,
+    balanced, np.longdouble: of a sampled one in w = (2/T) (z - 1)/(z + 1)."""
+    A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
+    D = system.D
+    if system.dt is not None and len(A):
+        one, rate = np.eye(len(A)), 2 / system.dt
+        solved = _core.solve(A + one, np.hstack([A - one, B]))
+        A, B, D = rate * solved[:, :-1], 2 * rate * solved[:, -1:], D - C @ solved[:, -1:]
+        C = C @ _core.solve(one + system.balanced[0], one)
+        A, B, C = System(A, B, C, D, (), ("",), ("",)).balanced
+    return A, B, C, D
+
+
+def response(system):
+    """The response of a System of one input and output along the boundary of stability, a
+    `_core.BoundaryResponse`, over frequencies of the plane."""
+    return _core.BoundaryResponse(
+        system.A, system.B, system.C, float(system.D[0, 0]), system.dt or 0.0
+    )
+
+
+def marks(roots, fastest):
+    """Frequencies of the plane around and between those of roots, >= 0; fastest: of the poles."""
+    found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
+    found = found[np.diff(found, prepend=0.0) > 1e-9 * found]  # nothing between one that is double
+    if not len(found):
+        found = np.array([fastest or 1.0])
+    middle = np.sqrt(found[:-1] * found[1:])
+    around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
+    return np.unique(np.concatenate([middle, *around]))

@@ -1,0 +1,280 @@
+#include "sim/linear/extended.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+namespace forceaxis::sim {
+namespace {
+
+using Complex = std::complex<Extended>;
+using Eigen::Index;
+
+// Plain products: those of the library check for infinities.
+Complex times(Complex a, Complex b) {
+  return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
+}
+
+Complex inverse(Complex a) {
+  const Extended size = a.real() * a.real() + a.imag() * a.imag();
+  return {a.real() / size, -a.imag() / size};
+}
+
+Extended times(Extended a, Extended b) { return a * b; }
+Extended inverse(Extended a) { return 1 / a; }
+Extended size(Extended a) { return std::abs(a); }
+Extended size(Complex a) { return std::abs(a.real()) + std::abs(a.imag()); }
+
+// The power of 2 at or below a positive number.
+Extended power_below(Extended value) { return std::ldexp(Extended{1}, std::ilogb(value)); }
+
+// P L U of a matrix whose rows were scaled to a largest entry of about 1.
+template <typename Scalar>
+class Factors {
+ public:
+  using Matrix = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+
+  explicit Factors(Matrix matrix) : matrix_(std::move(matrix)), factors_(matrix_) {
+    const Index n = matrix_.rows();
+    scale_.resize(n);
+    order_.resize(static_cast<std::size_t>(n));
+    for (Index i = 0; i < n; ++i) {
+      order_[static_cast<std::size_t>(i)] = i;
+      Extended most = 0;
+      for (Index j = 0; j < n; ++j) most = std::max(most, size(matrix_(i, j)));
+      if (!(most > 0) || !std::isfinite(most)) {
+        singular_ = true;
+        return;
+      }
+      scale_(i) = 1 / power_below(most);
+      factors_.row(i) *= Scalar(scale_(i));
+    }
+    for (Index k = 0; k < n; ++k) {
+      Index pivot = k;
+      for (Index i = k + 1; i < n; ++i)
+        if (size(factors_(i, k)) > size(factors_(pivot, k))) pivot = i;
+      if (!(size(factors_(pivot, k)) > 0)) {
+        singular_ = true;
+        return;
+      }
+      if (pivot != k) {
+        factors_.row(pivot).swap(factors_.row(k));
+        std::swap(order_[static_cast<std::size_t>(pivot)], order_[static_cast<std::size_t>(k)]);
+      }
+      const Scalar reciprocal = inverse(factors_(k, k));
+      for (Index i = k + 1; i < n; ++i) {
+        if (factors_(i, k) == Scalar(0)) continue;
+        const Scalar factor = times(factors_(i, k), reciprocal);
+        factors_(i, k) = factor;
+        for (Index j = k + 1; j < n; ++j) factors_(i, j) -= times(factor, factors_(k, j));
+      }
+    }
+  }
+
+  bool singular() const { return singular_; }
+
+  // x of M x = b, with one step on the residual.
+  Vector solve(const Vector &b) const {
+    Vector x = forward(b);
+    Vector rest = b;
+    const Index n = rest.size();
+    for (Index i = 0; i < n; ++i)
+      for (Index j = 0; j < n; ++j) rest(i) -= times(matrix_(i, j), x(j));
+    x += forward(rest);
+    return x;
+  }
+
+  // y of y M = c.
+  Vector solve_left(const Vector &c) const {
+    Vector y = backward(c);
+    Vector rest = c;
+    const Index n = rest.size();
+    for (Index j = 0; j < n; ++j)
+      for (Index i = 0; i < n; ++i) rest(j) -= times(matrix_(i, j), y(i));
+    y += backward(rest);
+    return y;
+  }
+
+ private:
+  Vector forward(const Vector &b) const {
+    const Index n = b.size();
+    Vector x(n);
+    for (Index i = 0; i < n; ++i) {
+      const Index from = order_[static_cast<std::size_t>(i)];
+      Scalar sum = b(from) * Scalar(scale_(from));
+      for (Index j = 0; j < i; ++j) sum -= times(factors_(i, j), x(j));
+      x(i) = sum;
+    }
+    for (Index i = n; i-- > 0;) {
+      Scalar sum = x(i);
+      for (Index j = i + 1; j < n; ++j) sum -= times(factors_(i, j), x(j));
+      x(i) = times(sum, inverse(factors_(i, i)));
+    }
+    return x;
+  }
+
+  Vector backward(const Vector &c) const {
+    const Index n = c.size();
+    Vector y = c;
+    for (Index j = 0; j < n; ++j) {
+      for (Index i = 0; i < j; ++i) y(j) -= times(factors_(i, j), y(i));
+      y(j) = times(y(j), inverse(factors_(j, j)));
+    }
+    for (Index j = n; j-- > 0;)
+      for (Index i = j + 1; i < n; ++i) y(j) -= times(factors_(i, j), y(i));
+    Vector found(n);
+    for (Index i = 0; i < n; ++i) {
+      const Index to = order_[static_cast<std::size_t>(i)];
+      found(to) = y(i) * Scalar(scale_(to));
+    }
+    return found;
+  }
+
+  Matrix matrix_, factors_;
+  Eigen::Matrix<Extended, Eigen::Dynamic, 1> scale_;
+  std::vector<Index> order_;  // of the rows
+  bool singular_ = false;
+};
+
+ExtendedMatrix balanced(const ExtendedMatrix &A) {
+  const Eigen::VectorXd d = balance(A);
+  ExtendedMatrix scaled = A;
+  for (Index i = 0; i < A.rows(); ++i)
+    for (Index j = 0; j < A.cols(); ++j) scaled(i, j) *= d(j) / d(i);
+  return scaled;
+}
+
+void check_finite(const ExtendedMatrix &matrix) {
+  for (Index i = 0; i < matrix.size(); ++i)
+    if (!std::isfinite(matrix.data()[i])) throw std::invalid_argument("expected a finite matrix");
+}
+
+std::complex<double> rounded(Complex value) {
+  return {static_cast<double>(value.real()), static_cast<double>(value.imag())};
+}
+
+}  // namespace
+
+Eigen::VectorXd balance(const ExtendedMatrix &A) {
+  const Index n = A.rows();
+  Eigen::VectorXd d = Eigen::VectorXd::Ones(n);
+  ExtendedMatrix work = A.cwiseAbs();
+  constexpr int kSweeps = 100;
+  bool moved = true;
+  for (int sweep = 0; moved && sweep < kSweeps; ++sweep) {
+    moved = false;
+    for (Index i = 0; i < n; ++i) {
+      const Extended column = work.col(i).sum() - work(i, i);
+      const Extended row = work.row(i).sum() - work(i, i);
+      if (!(column > 0) || !(row > 0) || !std::isfinite(column) || !std::isfinite(row)) continue;
+      // The power of 2 nearest to sqrt(row / column).
+      const int exponent = static_cast<int>(std::lround(std::log2(row / column) / 2));
+      const Extended factor = std::ldexp(Extended{1}, exponent);
+      if (exponent == 0 || column * factor + row / factor >= 0.95L * (column + row)) continue;
+      moved = true;
+      d(i) *= static_cast<double>(factor);
+      work.col(i) *= factor;
+      work.row(i) /= factor;
+    }
+  }
+  return d;
+}
+
+std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A) {
+  check_finite(A);
+  if (A.rows() == 0) return {};
+  const Eigen::EigenSolver<ExtendedMatrix> solver(balanced(A), false);
+  if (solver.info() != Eigen::Success)
+    throw std::runtime_error("expected eigenvalues that converge");
+  std::vector<std::complex<double>> values;
+  for (const Complex value : solver.eigenvalues()) values.push_back(rounded(value));
+  return values;
+}
+
+ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B) {
+  const Factors<Extended> factors(A);
+  ExtendedMatrix X(B.rows(), B.cols());
+  if (factors.singular()) {
+    X.setConstant(std::numeric_limits<Extended>::quiet_NaN());
+    return X;
+  }
+  for (Index j = 0; j < B.cols(); ++j) X.col(j) = factors.solve(B.col(j));
+  return X;
+}
+
+ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double T) {
+  check_finite(A);
+  check_finite(B);
+  const Index n = A.rows();
+  const Index m = B.cols();
+  ExtendedMatrix whole = ExtendedMatrix::Zero(n + m, n + m);
+  const Eigen::VectorXd d = balance(A);
+  for (Index i = 0; i < n; ++i) {
+    for (Index j = 0; j < n; ++j) whole(i, j) = A(i, j) * d(j) / d(i) * T;
+    for (Index j = 0; j < m; ++j) whole(i, n + j) = B(i, j) / d(i) * T;
+  }
+  // Taylor's series on a part in which |A| T is 1/2 at most, to the last place.
+  constexpr int kOrder = 18;
+  Extended norm = 0;
+  for (Index j = 0; j < n; ++j) norm = std::max(norm, whole.col(j).cwiseAbs().sum());
+  const int doublings = norm > 0.5L ? std::ilogb(norm) + 2 : 0;
+  whole *= std::ldexp(Extended{1}, -doublings);
+  ExtendedMatrix less = whole / kOrder;  // e^X - 1 = X (1 + X/2 (1 + X/3 (...)))
+  for (int k = kOrder - 1; k >= 1; --k) less = (whole + whole * less) / k;
+  for (int k = 0; k < doublings; ++k) less = (2 * less + less * less).eval();
+  ExtendedMatrix found = less.topRows(n);
+  for (Index i = 0; i < n; ++i)
+    for (Index j = 0; j < n + m; ++j) found(i, j) *= j < n ? d(i) / d(j) : d(i);
+  return found;
+}
+
+Hessenberg hessenberg(const ExtendedMatrix &A, const ExtendedMatrix &B, const ExtendedMatrix &C) {
+  if (A.rows() == 0) return {A.cast<double>(), B.cast<double>(), C.cast<double>()};
+  const Eigen::HessenbergDecomposition<ExtendedMatrix> reduced(A);
+  const ExtendedMatrix Q = reduced.matrixQ();
+  return {ExtendedMatrix(reduced.matrixH()).cast<double>(), (Q.transpose() * B).cast<double>(),
+          (C * Q).cast<double>()};
+}
+
+BoundaryResponse::BoundaryResponse(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C, double D,
+                                   double dt)
+    : A_(std::move(A)), B_(std::move(B)), C_(std::move(C)), D_(D), dt_(dt) {
+  if (A_.rows() != A_.cols() || B_.rows() != A_.rows() || B_.cols() != 1 ||
+      C_.cols() != A_.rows() || C_.rows() != 1)
+    throw std::invalid_argument("expected one input and one output");
+}
+
+BoundaryResponse::Value BoundaryResponse::at(double w) const {
+  const Index n = A_.rows();
+  const Extended half = static_cast<Extended>(w) * dt_ / 2;
+  const Complex below = inverse(Complex(1, -half));
+  // Of p, or of z - 1, so that slow states keep their digits beside the 1.
+  const Complex point = dt_ > 0 ? times(Complex(0, 2 * half), below) : Complex(0, w);
+  const Extended one = dt_ > 0 ? 1 : 0;
+  const Complex turn = dt_ > 0 ? times(times(below, below), Complex(0, dt_)) : Complex(0, 1);
+  Factors<Complex>::Matrix matrix = -A_.cast<Complex>();
+  for (Index i = 0; i < n; ++i) matrix(i, i) = point + (one - A_(i, i));
+  const Factors<Complex> factors(std::move(matrix));
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  if (factors.singular()) return {{kInfinity, 0.0}, {kInfinity, 0.0}, kInfinity};
+  const auto x = factors.solve(B_.col(0).cast<Complex>());
+  const auto y = factors.solve_left(C_.row(0).transpose().cast<Complex>());
+  Complex sum = D_;
+  Complex slope = 0;
+  Extended moved = std::abs(D_);
+  for (Index i = 0; i < n; ++i) {
+    sum += x(i) * C_(0, i);
+    slope -= times(x(i), y(i));
+    Extended flow = std::abs(B_(i, 0));
+    for (Index j = 0; j < n; ++j) flow += std::abs(A_(i, j)) * size(x(j));
+    moved += std::abs(C_(0, i)) * size(x(i)) + size(y(i)) * flow;
+  }
+  constexpr double kHalfUnit = std::numeric_limits<double>::epsilon() / 2;
+  return {rounded(sum), rounded(times(slope, turn)), static_cast<double>(moved) * kHalfUnit};
+}
+
+}  // namespace forceaxis::sim
