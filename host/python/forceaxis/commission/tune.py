@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, fit, tune_steps
+from forceaxis.commission import as_found, known, tune_fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
@@ -47,16 +47,22 @@ class Tuning(as_found.Folder):
 
     def __init__(self, axis, order, folder, say=lambda text: None):
         super().__init__(axis, folder, say)
-        self.order, self.model, self.refused = order, linear.find_model(order.model), None
-        fit.priors(str(self.model), order.over, order.priors)  # before anything is written
+        self.order, self.given, self.refused = order, linear.find_model(order.model), None
+        known.priors(str(self.given), order.over, order.priors)  # before anything is written
         self._claim()
+
+    @property
+    def model(self):
+        """Path of the model: the one given, with the friction that fit() found and it lacks."""
+        own = self.folder / tune_fit.MODEL
+        return own if own.exists() else self.given
 
     def _claim(self):
         """Refuses a folder of another order, model or axis; writes down whose it is."""
         known = self.axis.get("object_table_hash", "serial_number")
         identity = {
             "order": json.loads(json.dumps(asdict(self.order), default=str)),
-            "model_sha256": hashlib.sha256(self.model.read_bytes()).hexdigest(),
+            "model_sha256": hashlib.sha256(self.given.read_bytes()).hexdigest(),
             **known,
         }
         held = self.read(FILE)

@@ -1,0 +1,194 @@
+"""The step of a tuning that finds the model's parameters, and its dry friction."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forceaxis import linear, toml
+from forceaxis.commission import friction, known, rubbing, tune_measure
+from forceaxis.commission import fit as joint_fit
+from forceaxis.commission.known import Prior
+from forceaxis.commission.refusal import Refusal
+from forceaxis.design.changes import contact_of
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify.measurement import Measurement
+from forceaxis.linear import plant_set
+
+RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
+DAMPED, STUCK = (
+    0.9,
+    1e6,
+)  # spread of the logarithm of a damper for friction; N s/m of one that sticks
+SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
+RATE_HZ, RATE_ERROR = 0.2, 0.015
+BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
+SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
+DIFFER = 1e-4  # probability below which two amplitudes have two responses
+
+
+def fit(tuning) -> tuple[dict, str]:
+    """The model's parameters from all responses and what was known before."""
+    order, given = tuning.order, tuning.given
+    names = ["free", *(f"{force:g}N" for force in order.forces)]
+    rubs = _rubs(tuning)
+    path = tuning.folder / RESPONSES
+    path.unlink(missing_ok=True)
+    (tuning.folder / MODEL).unlink(missing_ok=True)
+    model = str(given)
+    if rubs:
+        path.write_text(rubbing.damped(given, rubs), encoding="utf-8")
+        model = str(path)
+    else:
+        names += _differing(tuning, names[1:], model)
+    measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
+    own = [_own(tuning, name, rubs) for name in names] if rubs else []
+    errors = [_error(name, rubs) for name in names] if rubs else []
+    before = known.priors(model, order.over, order.priors)
+    before |= _workpiece(tuning, rubs, order.priors)
+    if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
+        measured.append(_rate(tuning, measured[0]))
+        own.append({})
+        errors.append(joint_fit.MODEL_ERROR)
+    found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+    if found.rejected:
+        raise Refusal(found.rejected, found.text)
+    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    rows = {
+        n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
+        for n, v in found.values.items()
+    }
+    named = plant_set.ranges_of(model, order.over)
+    text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
+    result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
+    result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
+    return result, f"{text}, p = {found.p:.2g}"
+
+
+def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
+    """The friction that was found, and that the model has."""
+    moving = tuning.result("free")["glide"]["friction_N"]
+    return rubbing.rubs(
+        tuning.given, moving, tuning.read(f"{tune_measure.BETWEEN}.json")["friction_N"]
+    )
+
+
+def _friction(tuning, rubs) -> dict[str, Any]:
+    """What is said of the friction; writes the model that has it."""
+    if not rubs:
+        return {"friction": [], "lines": ""}
+    (tuning.folder / MODEL).write_text(rubbing.with_friction(tuning.given, rubs), encoding="utf-8")
+    lines = rubbing.lines(rubs)
+    for rub in rubs:
+        tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
+    if lines:
+        tuning.say(f"the model lacks it; this tuning goes on with it, add to your model:\n{lines}")
+    return {"friction": [asdict(rub) for rub in rubs], "lines": lines}
+
+
+def _own(tuning, name: str, rubs) -> dict[str, Prior]:
+    """{parameter: Prior} of the dampers that stand for friction in a response."""
+    facts = linear.facts(tuning.given)
+    scale = abs(facts["encoder"]["scale"])
+    slow = tuning.read(f"{tune_measure.BETWEEN}.json")
+    about = tuning.result("free" if name == "free" else "measure")
+    about = about if name == "free" else about[name]
+    compliance = slow["compliance"] + slow["sliding"]  # counts a newton
+    speed = about["speed_rms"] / scale
+    found = {}
+    for rub in rubs:
+        on_table = rubbing.of_workpiece(tuning.given, rub)
+        if on_table and name == "free":
+            continue
+        if on_table and about["swing"] / 2 < 1.2 * rub.newton:
+            found[rub.damping] = Prior(STUCK, DAMPED)
+        elif rub.newton > 0:
+            moves = speed if name == "free" else speed * compliance
+            found[rub.damping] = Prior(friction.damping(rub.newton, max(moves, 1e-7)), DAMPED)
+    return found
+
+
+def _error(name: str, rubs) -> float:
+    sticks = any(rub.name == rubbing.TABLE for rub in rubs) and name != "free"
+    return STICKING_ERROR if sticks else SLIDING_ERROR
+
+
+def _rate(tuning, free: Measurement) -> Measurement:
+    """The speed for each code while the axis slides, as a response of one line: no friction is in
+    it, since it slides one way."""
+    rate = tuning.result("free")["glide"]["rate"]
+    exact = rate / (2j * np.pi * RATE_HZ)
+    one = np.ones(1)
+    return replace(
+        free, frequency_hz=RATE_HZ * one, response=exact * one, coherence=one, floor=0 * one,
+        variance=(RATE_ERROR * abs(exact)) ** 2 * one,
+    )  # fmt: skip
+
+
+def _workpiece(tuning, rubs, priors) -> dict[str, Prior]:
+    """Priors of a workpiece that rubs on its table, by the way between the forces and by sines."""
+    if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
+        return {}
+    slow, shaken = (tuning.read(f"{n}.json") for n in (tune_measure.BETWEEN, tune_measure.SHAKEN))
+    stiffness, mass = workpiece_names(tuning.given)
+    scale = abs(linear.facts(tuning.given)["encoder"]["scale"])
+    given, found = {text.partition("=")[0] for text in priors}, {}
+    if stiffness and slow["sliding"]:
+        found[stiffness] = Prior(scale / slow["sliding"], BETWEEN_ERROR)
+        if shaken:
+            sure = max(SHAKEN_ERROR, shaken["stiffness_error"])
+            weights = np.array([BETWEEN_ERROR**-2, sure**-2])
+            values = np.log([found[stiffness].value, shaken["stiffness"]])
+            found[stiffness] = Prior(
+                float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
+            )
+    if mass and shaken:
+        found[mass] = Prior(shaken["mass"], max(SHAKEN_ERROR, shaken["mass_error"]))
+    elif mass and mass not in given:
+        table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
+        if not all(rub.declared for rub in table):
+            raise Refusal(
+                "friction", f"expected a workpiece that slides on its table, {table[0].newton:.3g} N "
+                f"of dry friction hold it within the bounds: its mass does not show. Add to the "
+                f"model what is found, with {mass} as it weighs:\n{rubbing.lines(rubs)}"
+            )  # fmt: skip
+        value = linear.facts(tuning.given)["parameters"][mass][0]
+        found[mass] = Prior(value, known.MASS)
+        tuning.say(f"{mass} is taken as of the model, {value:g} kg: the workpiece does not slide")
+    return {name: prior for name, prior in found.items() if name not in given}
+
+
+def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
+    """(parameter of the stiffness that holds the workpiece, of its mass), None where there is none."""
+    table = toml.read(linear.find_model(model))
+    contact = contact_of(table)
+    body = contact["between"][1] if contact else None
+    springs = [s.get("stiffness") for s in table.get("spring", ()) if body in s["between"]]
+    masses = [b.get("mass") for b in table["body"] if b["name"] == body]
+    names = (springs[0] if len(springs) == 1 else None, masses[0] if masses else None)
+    return tuple(n if isinstance(n, str) else None for n in names)
+
+
+def _differing(tuning, names, model) -> list[str]:
+    """Folders of the smaller amplitude whose response is another than that of the larger one."""
+    found = []
+    for name in names:
+        if not (tuning.folder / (small := tune_measure.small_of(name))).exists():
+            continue
+        one, other = (fit_response.read_response(tuning.folder / n, model) for n in (name, small))
+        if _probability(one, other) < DIFFER:
+            tuning.say(f"{name}: the smaller amplitude has another response")
+            found.append(small)
+    return found
+
+
+def _probability(one: Measurement, other: Measurement) -> float:
+    """That two responses at the same lines differ by chance by as much as they do."""
+    from scipy import stats
+
+    variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
+    dof = min(one.dof, other.dof)
+    ratio = abs(one.response - other.response) ** 2 / variance
+    size = float(np.sum(2 * dof * np.log1p(ratio / dof)))
+    return float(stats.chi2.sf(size, 2 * len(ratio)))
