@@ -376,21 +376,22 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     or 0: continuous) and the names of states, inputs and outputs.
     """
     from forceaxis.linear import system as linear
+    from forceaxis.linear import working
 
     linear.check_export(out)
     linear.once("--input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
     linear.once("--output", outputs)
-    system = linear.linearise(
-        model, inputs, outputs, linear.overrides(overrides), linear.states(modes), free, not load
-    )
+    values, states = linear.overrides(overrides), linear.states(modes)
+    mode = working.working(linear.find_model(model), values, states, free)
+    system = linear.linearise(model, inputs, outputs, values, mode.modes, free, not load)
     if timing != "continuous":
         system = system.sampled(delay_ticks=int(timing == "zoh+1"))
     if out:
         linear.export(system, out)
     if as_json:
-        click.echo(json.dumps(linear.summary(system), allow_nan=False))
+        click.echo(json.dumps(linear.summary(system, mode), allow_nan=False))
         return
-    click.echo(linear.describe(system))
+    click.echo(linear.describe(system, mode))
     if out:
         click.echo(f"file         {paths.quoted(out)}")
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.linear import limits, loops, settings
+from forceaxis.linear import limits, loops, settings, working
 from forceaxis.linear import system as linear
 
 NYQUIST_HZ = (0.05, 2000.0)
@@ -105,11 +105,16 @@ def model_curve(
 ):  # fmt: skip
     """A model's open-loop response from an input to an output, in SI units, as a Curve."""
     input = "drive.force" if not drive and input == "drive.command" else input
-    system = linear.linearise(model, (input,), (output,), settings, modes, free, drive)
+    path = linear.find_model(model)
+    taken = working.working(path, settings, modes, free).modes
+
+    def plant(states):
+        return linear.linearise(model, (input,), (output,), settings, states, free, drive)
+
+    system = plant(taken)
     if not system.has_path():
-        raise InputError(
-            f"{linear.find_model(model)}: expected a path from {input} to {output}; there is none"
-        )
+        cut = working.cut_by(path, settings, taken, lambda states: plant(states).has_path())
+        raise InputError(f"{path}: expected a path from {input} to {output}; there is none{cut}")
     if timing != "continuous":
         system = system.sampled(loops.TIMINGS.index(timing) - 1)
     return curve(system, label, span_hz, unit_of(model, input, output, settings))
@@ -180,7 +185,9 @@ def bode_of(
                 k = limits.one_gain(loop, gain, firmware_gain)
                 detail["loop"] = limits.limit_summary(loop, k)
             details.append(detail)
+    mode = working.working(linear.find_model(own.model), own.overrides, states, free)
     about = {"model": own.model, "of": "plant", "input": input, "timing": timing}
+    about |= working.summary(mode)
     return curves, about | {"curves": details}
 
 
@@ -189,7 +196,7 @@ AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
 
 def describe_bode(summary):
     """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
-    lines = []
+    lines = working.lines(summary)
     for c in summary["curves"]:
         frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
         lines.append(f"{c['output']:12} {c['label']}".rstrip())

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from forceaxis import _core, paths
-from forceaxis.linear import loops, over, settings
+from forceaxis.linear import loops, over, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.words import counted
 
@@ -83,6 +83,7 @@ def describe_loop(loop):
         "parameters": loop.parameters,
         "timing": loop.timing,
         "output": loop.signal,
+        **working.summary(loop.working),
     } | ({"bank": loop.bank.keys()} if loop.bank else {})
 
 
@@ -148,6 +149,7 @@ def describe_limit(summary):
     """The same for people."""
     unit = summary["unit"]
     lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
+    lines += working.lines(summary)
     if summary["law"] in IN_FIRMWARE:
         lines.append(f"firmware     {IN_FIRMWARE[summary['law']]}")
     if summary["critical_gain"]:
@@ -270,6 +272,7 @@ def describe_step(summary):
     lines = [
         f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
         f"{summary['gain']:.6g} {summary['unit']}",
+        *working.lines(summary),
         f"stable       {'yes' if summary['stable'] else 'no'}",
     ]
     units = {"final": "of the step", "overshoot": "of the final value"}
@@ -337,16 +340,23 @@ def poles_of(
         if output == "reading" and linear.facts(model, overrides)["reading"] is None:
             raise loops.no_reading(linear.find_model(model))
         input_ = input_ or "drive.command"
-        plant = linear.linearise(model, (input_,), (output,), overrides, modes, free)
+        path = linear.find_model(model)
+        mode = working.working(path, overrides, modes, free)
+
+        def plant_in(states):
+            return linear.linearise(model, (input_,), (output,), overrides, states, free)
+
+        plant = plant_in(mode.modes)
         if not plant.has_path():
+            cut = working.cut_by(path, overrides, mode.modes, lambda m: plant_in(m).has_path())
             raise _core.InputError(
-                f"{linear.find_model(model)}: output: expected a path from {input_} to {output}, "
-                "it does not answer in this mode; choose another output or mode"
+                f"{path}: output: expected a path from {input_} to {output}, it does not answer "
+                f"in this mode{cut or '; choose another output or mode'}"
             )
         timing = timing or "continuous"
         if timing != "continuous":
             plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
-        described = {"model": paths.display(linear.find_model(model)), "timing": timing}
+        described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
         return poles_summary(plant, described)
     if input_ is not None:
         raise _core.InputError("--input: expected without a gain; a loop starts at its set-point")
@@ -380,7 +390,7 @@ def describe_poles(summary):
     if "closed" in summary:
         closed = summary["closed"]
         head += f", closed with {law_text(summary)} at {closed['gain']:.6g} {closed['unit']}"
-    return "\n".join([head, *lines("poles"), *lines("zeros")])
+    return "\n".join([head, *working.lines(summary), *lines("poles"), *lines("zeros")])
 
 
 def varied(overrides, vary):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.linear import limits
+from forceaxis.linear import limits, working
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def loci_of(
 
 def describe(summary):
     """The text of `forceaxis rlocus`: the limit of each locus."""
-    lines = []
+    lines = working.lines(summary)
     for one in summary["loci"]:
         limit = one["critical_gain"]
         text = "stable at every gain" if limit is None else f"limit {limit:.6g} {one['unit']}"

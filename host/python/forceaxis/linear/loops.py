@@ -31,6 +31,7 @@ from forceaxis import _core
 from forceaxis.linear.bank import Bank, series
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
+from forceaxis.linear.working import cut_by, working
 
 Facts = dict[str, Any]  # of linear.facts
 
@@ -154,10 +155,12 @@ def _feedback(
     moves: bool,
     names: list[str],
     read: Callable[[tuple[str, ...]], System],
+    cut: Callable[[], str],
 ) -> System:
     """The plant as a System with the outputs f, f', x and v; read(outputs) linearises it.
 
-    names: the output, and the signal of its rate where the law needs it.
+    names: the output, and the signal of its rate where the law needs it. cut(): what to say of
+    the element that leaves no path.
     """
     encoder = known["encoder"] or {
         "body": known["drive"]["body"],
@@ -173,7 +176,7 @@ def _feedback(
     if not plant.select(outputs=names[:1]).has_path():
         raise _core.InputError(
             f"{where}: output: expected a path from drive.command to {signal}, it does not answer "
-            "in this mode; choose another output or another mode of the elements"
+            f"in this mode{cut() or '; choose another output or another mode of the elements'}"
         )
 
     def row(matrix: np.ndarray, name: str) -> np.ndarray:
@@ -280,10 +283,15 @@ def force_loop(
         inner = bank.velocity_gain * known["volts_per_code"] * _encoder_scale(known, where) * TICK_S
     moves = bool(law in MOTION or inner)
 
-    def read(outputs: tuple[str, ...]) -> System:
-        return linearise(model, outputs=outputs, overrides=overrides, modes=modes, free=free)
+    mode = working(where, overrides, modes, free)
 
-    system = _feedback(known, where, law, signal, moves, names, read)
+    def read(outputs: tuple[str, ...], states: Mapping[str, str] = mode.modes) -> System:
+        return linearise(model, outputs=outputs, overrides=overrides, modes=states, free=free)
+
+    def cut() -> str:
+        return cut_by(where, overrides, mode.modes, lambda m: read((output,), m).has_path())
+
+    system = _feedback(known, where, law, signal, moves, names, read, cut)
     if timing == "continuous":
         plant, dt = _continuous(system, law, where), None
     else:
@@ -323,6 +331,7 @@ def force_loop(
         codes_per_gain=None if per_count is None else abs(per_count) / known["volts_per_code"],
         parameters=given,
         bank=bank,
+        working=mode,
     )
 
 

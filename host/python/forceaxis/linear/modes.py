@@ -25,6 +25,7 @@ from scipy import linalg, optimize
 
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
+from forceaxis.linear import working
 
 Pole = dict[str, float | None]  # frequency_hz, damping_ratio, real, imag
 
@@ -152,7 +153,8 @@ def modes(
     """
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
-    states = states or {}
+    taken = working.working(path, overrides, states, free)
+    states = taken.modes
     contacts = facts["contacts"]
     otherwise = "apart" if free else "pressed"
     pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
@@ -175,9 +177,15 @@ def modes(
     damped = _damped_residues(m, bare)
     has_path = bool(seen.any() or damped.any())
     if named and not has_path:
+
+        def moves(modes: dict[str, str]) -> bool:
+            of_mode = linear.linearise(path, [input], [output], overrides, modes, free)
+            return bool(of_mode.has_path())
+
+        cut = working.cut_by(path, overrides, states, moves)
         raise InputError(
             f"{path}: expected an output that the input moves, got no path from {input} to "
-            f"{output} in this mode; name others, or another --mode ELEMENT=STATE"
+            f"{output} in this mode{cut or '; name others, or another --mode ELEMENT=STATE'}"
         )
     driven = linear.linearise(path, [input], [output], modes=states, **options)
     matched, others = match(m, driven)
@@ -212,6 +220,7 @@ def modes(
         "model": path.stem,
         "title": facts["title"],
         "contact": ("pressed" if pressed else "apart") if contacts else None,
+        **working.summary(taken),
         "input": input,
         "output": output,
         "path": has_path,
@@ -285,6 +294,7 @@ def describe(result: dict[str, Any]) -> str:
     lines = [
         f"{result['model']}, contact {result['contact'] or 'none'}: "
         f"{result['input']} to {result['output']}",
+        *working.lines(result),
         f"{'':4}{'undamped, drive removed':>24}  {'with drive':>18}",
         f"{'mode':4}{'Hz':>12}{'damping':>12}  {'Hz':>9}{'damping':>9}  label",
     ]

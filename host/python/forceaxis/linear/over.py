@@ -8,13 +8,16 @@ nothing falls between the points of a grid.
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize
 
 from forceaxis import _core
-from forceaxis.linear import loops
+from forceaxis.linear import loops, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.stability import Loop, _minimal
@@ -345,9 +348,19 @@ def _lasts(known, modes):
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
-def modes_visited(experiment, overrides=(), output="reading"):
+def modes_visited(
+    experiment: str | Path,
+    overrides: Sequence[str] = (),
+    output: str = "reading",
+    fixed: Mapping[str, str] | None = None,
+) -> tuple[dict[str, str], ...]:
     """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
-    NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least {}."""
+    NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least that of
+    `fixed`, whose states all have.
+
+    Frictions stuck and sliding count whether or not the run visits both: one that was never broken
+    loose is by a larger step, one that never stuck does at the set-point.
+    """
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events
     own = _core.inputs(path, texts)
@@ -360,29 +373,53 @@ def modes_visited(experiment, overrides=(), output="reading"):
     for _, element, _, after in events:
         state[element] = after
         visited.append(dict(state))
-    unique = {tuple(sorted(modes.items())): modes for modes in visited}.values()
-    inside = [modes for modes in unique if _lasts(known, modes)]
-    return distinct(own["model"], values, output, inside) or ({},)
+    rubbing = working.friction_states(own["model"], values)
+    fixed = dict(fixed or {})
+    unique = {
+        tuple(sorted(modes.items())): modes
+        for one in visited
+        for chosen in itertools.product(*rubbing)
+        for modes in [one | dict(chosen) | fixed]
+    }
+    inside = [modes for modes in unique.values() if _lasts(known, modes)]
+    return distinct(own["model"], values, output, inside) or (fixed,)
 
 
-def modes_all(model, overrides=None, output="reading"):
+def modes_all(
+    model: str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    output: str = "reading",
+    fixed: Mapping[str, str] | None = None,
+) -> tuple[dict[str, str], ...]:
     """The same of all states of all elements that switch. Raises InputError if there is none."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)
     if output == "reading" and known["reading"] is None:
-        raise loops.no_reading(where)
-    switches = known["switches"]
-    if math.prod(map(len, switches.values())) > COMBINATIONS_MAX:
+        raise loops.no_reading(str(where))
+    choices = working.choices(where, known["switches"], overrides)
+    if math.prod(map(len, choices)) > COMBINATIONS_MAX:
         raise _core.InputError(
             f"--modes: expected at most {COMBINATIONS_MAX} combinations of the model's states with "
             "all; choose visited"
         )
-    states = itertools.product(*(reversed(names) for names in switches.values()))
-    every = (dict(zip(switches, chosen, strict=True)) for chosen in states)
-    lasting = [{}, *(modes for modes in every if _lasts(known, modes))]
+    fixed = dict(fixed or {})
+    every = (
+        {name: state for chosen in combination for name, state in chosen.items()} | fixed
+        for combination in itertools.product(*choices)
+    )
+    lasting = [fixed, *(modes for modes in every if _lasts(known, modes))]
     found = distinct(model, overrides, output, lasting)
     if not found:
+        own = working.working(where, overrides, fixed)
+
+        def has_path(modes: dict[str, str]) -> bool:
+            return linear.linearise(
+                model, ("drive.command",), (output,), overrides, modes
+            ).has_path()
+
+        cut = working.cut_by(where, overrides, own.modes, has_path)
         raise _core.InputError(
             f"{where}: expected a path from drive.command to {output} in some mode; there is none"
+            f"{cut}"
         )
     return found

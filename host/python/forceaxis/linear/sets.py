@@ -141,9 +141,12 @@ def limit_summary(found):
     return summary
 
 
-def _range_text(one):
+def _range_text(summary):
+    one, nominal = summary["over"], summary.get("mode_text")
     spans = [f"{n} {r['low']:.6g}..{r['high']:.6g}" for n, r in one["ranges"].items()]
     modes = [plant_set.Member({}, m).label() for m in one["modes"]]
+    if nominal:  # says what the first of them is
+        modes[0] = nominal
     return [
         f"set          {', '.join(spans) or 'the nominal values'}",
         *(f"{'mode' if i == 0 else '':12} {text}" for i, text in enumerate(modes)),
@@ -174,7 +177,7 @@ def describe(summary):
     """The text of `forceaxis limit --over`, and of the others with a set."""
     lines = [
         f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}",
-        *_range_text(summary["over"]),
+        *_range_text(summary),
     ]
     unit = summary["unit"]
     if "critical_gain" in summary:
@@ -307,7 +310,7 @@ def describe_step(summary):
     lines = [
         f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}, "
         f"{summary['gain']:.6g} {summary['unit']}",
-        *_range_text(summary["over"]),
+        *_range_text(summary),
     ]
     unstable = [row for row in summary["members"] if not row["stable"]]
     if unstable:

@@ -14,6 +14,7 @@ from scipy import linalg, optimize
 from forceaxis import _core
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.system import System
+from forceaxis.linear.working import Working
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ class Loop:
 
     whole: from the error, times k, to the feedback of the law and to the signal itself.
     unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count) per k.
+    working: the mode that the plant is in.
     """
 
     model: str
@@ -101,6 +103,7 @@ class Loop:
     parameters: dict = field(default_factory=dict)
     bank: Bank | None = None
     own_gain: float | None = None  # k of the experiment that the loop is of
+    working: Working = field(default_factory=lambda: Working({}))
 
     @cached_property
     def open(self):

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from forceaxis import _core, paths
+from forceaxis.linear import working as working_mode
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
@@ -271,8 +272,9 @@ def linearise(
     """One mode of a model as a System, from the equations that the stepper integrates.
 
     model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
-    pressed (apart if `free`), everything else is in the middle of its range, unless `modes`,
-    {element: state}, says otherwise ({"drive.amplifier": "high outer"}; states as in events.csv).
+    pressed (apart if `free`), frictions slide, the play of a backlash is taken up (`working`),
+    everything else is in the middle of its range, unless `modes`, {element: state}, says otherwise
+    ({"drive.amplifier": "high outer", "rail": "stuck"}; states as in events.csv).
     inputs: drive.command (V), drive.tach (V, added to the tachometer), drive.force (N, on the
     drive's body and against its reaction, besides what the drive gives), BODY.force (N, from
     outside). outputs: any signal of the model, reading (what ADC 0 converts, in its own unit), adc0
@@ -283,12 +285,13 @@ def linearise(
     """
     if not drive:
         inputs = ["drive.force" if name == "drive.command" else name for name in inputs]
+    path = str(find_model(model))
     m = _core.linear(
-        str(find_model(model)),
+        path,
         list(inputs),
         list(outputs),
         overrides or {},
-        modes or {},
+        working_mode.working(path, overrides, modes, free).modes,
         free,
         drive,
     )
@@ -322,20 +325,25 @@ def export(system, path):
         np.savez(path, **arrays, **names)
 
 
-def summary(system):
-    """What `forceaxis linearise --json` prints."""
-    return {
-        "states": list(system.states),
-        "inputs": list(system.inputs),
-        "outputs": list(system.outputs),
-        "dt": system.dt,
-    } | {name: getattr(system, name).tolist() for name in "ABCD"}
+def summary(system, mode=None):
+    """What `forceaxis linearise --json` prints; mode: the working.Working that it is in."""
+    return (
+        working_mode.summary(mode or working_mode.Working({}))
+        | {
+            "states": list(system.states),
+            "inputs": list(system.inputs),
+            "outputs": list(system.outputs),
+            "dt": system.dt,
+        }
+        | {name: getattr(system, name).tolist() for name in "ABCD"}
+    )
 
 
-def describe(system):
+def describe(system, mode=None):
     """The same for people: one row of numbers a state or output."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
+    lines += working_mode.lines({"mode_text": mode.text} if mode else {})
     for name, rows in (("A B", system.states), ("C D", system.outputs)):
         left, right = (getattr(system, part) for part in name.split())
         for label, values in zip(rows, np.hstack([left, right]), strict=True):

@@ -1,0 +1,250 @@
+"""The mode that a model is linearised in where nobody names another: the one in which it works.
+
+A force law works while the axis presses and moves: contacts are pressed, frictions slide, the play
+of a backlash is taken up, everything else is in the middle of its range. Sliding friction is a
+constant force, so neither its size nor its direction is in the linear equations; either flank of a
+backlash gives the same ones. Friction that the drive cannot break loose never slides and stays
+stuck. At rest frictions stick, which is another mode: `linear.over` takes it as another member of a
+set wherever a path from the command to the reading is left.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forceaxis import _core, toml
+
+STUCK, SLIDING = "stuck", "forward"
+FLANKS = (".low", ".high")
+OPEN, CLOSED = "apart", "pressed"
+DAC_CODES = 2048  # from 0 V to full scale
+SLOW_PER_S = 0.06  # static, also where the axis integrates
+
+Values = Mapping[str, Any]  # {parameter: SI value or text}
+States = Mapping[str, str]  # {element: state}
+Stamp = tuple[int, int]  # of a file: when it was written, ns; bytes
+Used = tuple[tuple[str, Any], ...]  # (parameter, value)
+Tables = tuple[tuple[dict[str, Any], ...], ...]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """A [[friction]] of a model: name, the two ends, N while it slides, N that break it loose, and
+    the parameter that gives the first, None: a number of the file's."""
+
+    name: str
+    between: tuple[str, str]
+    coulomb_N: float
+    stiction_N: float
+    parameter: str | None
+
+
+@dataclass(frozen=True)
+class Working:
+    """modes: {element: state} to linearise in: what was named, and what is chosen here. text: the
+    same for people, in one line; empty where the model leaves no choice and nothing was named."""
+
+    modes: dict[str, str]
+    text: str = ""
+
+
+def summary(mode: Working) -> dict[str, Any]:
+    """A Working mode in the summary of a verb; nothing where the model leaves no choice."""
+    return {"mode": dict(mode.modes), "mode_text": mode.text} if mode.text else {}
+
+
+def lines(found: Mapping[str, Any]) -> list[str]:
+    """The same for people: the line of the text, none where it is empty."""
+    return [f"mode         {found['mode_text']}"] if found.get("mode_text") else []
+
+
+@lru_cache(maxsize=64)
+def _tables(path: str, stamp: Stamp) -> Tables:
+    """([[friction]], [[backlash]]) of a model's file as it was at `stamp`."""
+    table = toml.read(path)
+    return tuple(tuple(table.get(kind, ())) for kind in ("friction", "backlash"))
+
+
+def _stamp(path: str | Path) -> Stamp:
+    stat = Path(path).stat()
+    return stat.st_mtime_ns, stat.st_size
+
+
+def _own_tables(path: str | Path) -> Tables:
+    if not Path(path).is_file():  # the reader of models says it
+        return (), ()
+    return _tables(str(path), _stamp(path))
+
+
+def number(given: Any, parameters: Mapping[str, tuple[float, str]]) -> float | None:
+    """A number of a model's file: itself, a quantity's, or its parameter's value; None: neither.
+
+    parameters: as facts has them.
+    """
+    if isinstance(given, str) and given[:1].isidentifier():
+        return parameters.get(given, (None,))[0]
+    if isinstance(given, str):
+        return float(_core.quantity(given))
+    return given if isinstance(given, int | float) else None
+
+
+def frictions(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
+    """The frictions of the model at `path` under {parameter: value}, in the file's order."""
+    if not _own_tables(path)[0]:
+        return ()
+    return _frictions(path, _core.facts(str(path), dict(overrides or {}))["parameters"])
+
+
+def _frictions(
+    path: str | Path, parameters: Mapping[str, tuple[float, str]]
+) -> tuple[Friction, ...]:
+    found = []
+    for row in _own_tables(path)[0]:
+        coulomb = row["coulomb"]
+        sizes = (number(given, parameters) for given in (coulomb, row.get("stiction", coulomb)))
+        named = coulomb if isinstance(coulomb, str) and coulomb in parameters else None
+        near, far = row["between"]
+        found.append(Friction(row["name"], (near, far), *(size or 0.0 for size in sizes), named))
+    return tuple(found)
+
+
+def backlashes(path: str | Path) -> tuple[str, ...]:
+    """The names of the model's backlashes."""
+    return tuple(row["name"] for row in _own_tables(path)[1])
+
+
+def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
+    """The frictions that the drive cannot break loose: at the full scale of the DAC less than their
+    stiction arrives there, as the linear drive has it, everything else sliding and pressed."""
+    values = dict(overrides or {})
+    own = frictions(path, values)
+    known = _core.facts(str(path), values)
+    if not own or known["drive"] is None:
+        return ()
+    full_V = DAC_CODES * known["volts_per_code"]
+    found = []
+    for one in own:
+        m = _core.linear(
+            str(path), ["drive.command"], [f"{one.name}.force"], values,
+            _sliding(path, own) | {one.name: STUCK}, False, True,
+        )  # fmt: skip
+        answer = np.linalg.solve(1j * SLOW_PER_S * np.eye(len(m["A"])) - m["A"], m["B"])
+        if full_V * abs((m["C"] @ answer + m["D"]).item()) < one.stiction_N:
+            found.append(one)
+    return tuple(found)
+
+
+def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
+    closed = {name + FLANKS[1]: CLOSED for name in backlashes(path)}
+    return {one.name: SLIDING for one in own} | closed
+
+
+@lru_cache(maxsize=512)
+def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
+    """The states of frictions and backlashes where none is named. stamp, used: of the file and the
+    values that it uses, by which the answer is kept."""
+    values = dict(overrides)
+    stuck = {one.name: STUCK for one in held(path, values)}
+    return _sliding(path, frictions(path, values)) | stuck
+
+
+def working(
+    path: str | Path,
+    overrides: Values | None = None,
+    modes: States | None = None,
+    free: bool = False,
+) -> Working:
+    """The Working mode of the model at `path`, with the states that `modes` names kept.
+
+    free: contacts are apart. Raises InputError for a file that is none.
+    """
+    named = dict(modes or {})
+    if not any(_own_tables(path)):
+        return Working(named)
+    known = _core.facts(str(path), dict(overrides or {}))
+    used = tuple(sorted((name, value) for name, (value, _) in known["parameters"].items()))
+    given = tuple(sorted((overrides or {}).items()))
+    chosen = dict(_chosen(str(path), _stamp(path), used, given))
+    for name in backlashes(path):
+        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank is the one that is closed
+            chosen.pop(name + FLANKS[1])
+    taken = chosen | named
+    contacts = [contact["name"] for contact in known["contacts"]]
+    return Working(taken, _text(path, contacts, taken, free))
+
+
+def friction_states(
+    path: str | Path, overrides: Values | None = None
+) -> list[tuple[tuple[str, str], ...]]:
+    """For each friction of the model ((name, state), ...): sliding and stuck, or stuck alone where
+    the drive does not break it loose. Both directions of sliding are the same linear system."""
+    stuck = {one.name for one in held(path, overrides)}
+    own = frictions(path, overrides)
+    return [
+        ((one.name, STUCK),) if one.name in stuck else ((one.name, SLIDING), (one.name, STUCK))
+        for one in own
+    ]
+
+
+def choices(
+    path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Values | None = None
+) -> list[list[dict[str, str]]]:
+    """For each element that switches, the states of it that can last and differ as linear systems,
+    each {switch: state}; switches: as facts has them. Of a backlash or stop with two ends at most
+    one is pressed; of a backlash either is the same."""
+    found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
+    done = {name for states in found for one in states for name in one}
+    plays = backlashes(path)
+    for name, states in switches.items():
+        low, high = (name.removesuffix(FLANKS[0]) + flank for flank in FLANKS)
+        if name in done:
+            continue
+        if name == low and high in switches and OPEN in states:
+            one = [{low: OPEN, high: CLOSED}, {low: CLOSED, high: OPEN}, {low: OPEN, high: OPEN}]
+            if name.removesuffix(FLANKS[0]) in plays:
+                del one[1]
+            found.append(one)
+            done.add(high)
+        else:
+            found.append([{name: state} for state in reversed(states)])
+    return found
+
+
+def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bool) -> str:
+    left = dict(taken)
+    words = []
+    for row in _own_tables(path)[0]:
+        words.append(f"{row['name']} {'stuck' if left.pop(row['name']) == STUCK else 'slides'}")
+    for name in backlashes(path):
+        flanks = [left.pop(name + flank, OPEN) for flank in FLANKS]
+        words.append(f"{name} {'closed' if CLOSED in flanks else 'open'}")
+    words += [f"{name} {left.pop(name, OPEN if free else CLOSED)}" for name in contacts]
+    return ", ".join([*words, *(f"{name} {state}" for name, state in left.items())])
+
+
+def cut_by(
+    path: str | Path,
+    overrides: Values | None,
+    taken: States,
+    has_path: Callable[[dict[str, str]], bool],
+) -> str:
+    """Which element cuts the path in the mode `taken`, and what to do: a clause for the end of a
+    refusal; empty where no single element does. has_path(modes): whether a mode has one."""
+    for one in held(path, overrides):
+        if has_path({**taken, one.name: SLIDING}):
+            return (
+                f"; {one.name} is stuck, since its {one.stiction_N:.4g} N are more than the drive "
+                "brings to it: check both"
+            )
+    switches = _core.facts(str(path), dict(overrides or {}))["switches"]
+    order = [*(name for name in taken if name in switches), *switches]
+    for name in dict.fromkeys(order):
+        for state in reversed(switches[name]):
+            if state != taken.get(name) and has_path({**taken, name: state}):
+                now = f" while {name} is {taken[name]}" if name in taken else ""
+                return f"{now}; --mode {name}={state} gives one"
+    return ""
