@@ -1,5 +1,5 @@
-"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py SEED...` prints a
-row of JSON for each."""
+"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py [friction]
+SEED...` prints a row of JSON for each; with friction, of axes that rub."""
 
 import json
 import subprocess
@@ -21,14 +21,34 @@ HEAD = ("seed", "result", "fS Hz", "P Hz", "times", "Ms true", "predicted", "ver
         "static error %", "force N of", "travel mm", "axis s", "whole s")  # fmt: skip
 
 
-def tuned(seed, folder, say=lambda text: None):
-    """The row of an axis: what the tool says of it, and what its truth does."""
+def run(axis, order, out, say):
+    """(the Tuning, why it is refused or None)."""
+    work, refused = tune.Tuning(axis, order, out, say), None
+    try:
+        work.run()
+    except (Refusal, NoAnswer, Refused, InputError) as error:
+        refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
+    return work, refused
+
+
+def add(model, text):
+    """Adds the [[friction]] that a refusal prints to a model's file."""
+    lines = text[text.index("[[friction]]") :]
+    file = Path(model)
+    file.write_text(file.read_text() + "\n" + lines)
+
+
+def tuned(seed, folder, say=lambda text: None, friction=False):
+    """The row of an axis: what the tool says of it, and what its truth does. friction: it rubs, and
+    its data sheet does not tell; where the tool refuses it by that name, what it prints is added to
+    the model, and it goes on in the same folder."""
     folder = Path(folder) / f"axis{seed}"
     folder.mkdir(parents=True)
-    began, refused = time.monotonic(), None
+    began, refused, first = time.monotonic(), None, None
     with subprocess.Popen(
-        [sys.executable, DRAWN, str(seed), folder], stdout=subprocess.PIPE, text=True
-    ) as process:
+        [sys.executable, DRAWN, str(seed), folder, *["friction"] * friction],
+        stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
         try:
             served = json.loads(process.stdout.readline())
             forces, force_max = served["asked"]
@@ -36,13 +56,11 @@ def tuned(seed, folder, say=lambda text: None):
             model, out = str(folder / "known/model.toml"), folder / "tuned"
             order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
             with Axis(link) as axis:
-                work = tune.Tuning(axis, order, out, say)
-                try:
-                    work.run()
-                except (Refusal, NoAnswer, Refused, InputError) as error:
-                    refused = {"kind": type(error).__name__, "text": str(error)} | (
-                        work.refused or {}
-                    )
+                work, refused = run(axis, order, out, say)
+                if refused and refused.get("name") == "friction":
+                    first = refused
+                    add(model, refused["text"])
+                    work, refused = run(axis, order, out, say)
                 summary = work.summary()
                 powered = axis.get("drive_state")["drive_state"]
             seconds = time.monotonic() - began
@@ -55,6 +73,8 @@ def tuned(seed, folder, say=lambda text: None):
     return {
         "seed": seed,
         "refused": refused,
+        "first": first,
+        "friction": summary["friction"],
         "drive_state": powered,
         "forces_N": forces,
         "force_bound_N": force_max,
@@ -90,8 +110,8 @@ def shown(row):
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
+        rubs = "friction" in sys.argv[1:]
         for text in sys.argv[1:]:
-            print(
-                json.dumps(tuned(int(text), scratch, lambda t: print(t, file=sys.stderr))),
-                flush=True,
-            )
+            if text != "friction":
+                done = tuned(int(text), scratch, lambda t: print(t, file=sys.stderr), rubs)
+                print(json.dumps(done), flush=True)

@@ -141,6 +141,8 @@ class Tuning(as_found.Folder):
             "certificate_state": held.get("write", {}).get("certificate_state"),
             "stored": held.get("store", {}).get("stored", False),
             "times_p": designed.get("times_p"),
+            "friction": fitted.get("friction"),
+            "friction_lines": fitted.get("lines"),
             "seconds": {step: done[step]["seconds"] for step in held},
             "axis_seconds": {step: done[step]["axis_seconds"] for step in held},
             "refused": self.refused,
