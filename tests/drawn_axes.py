@@ -96,7 +96,11 @@ def draw(seed):
 # Of the force that the motor has at its peak: dry friction of guide and gear. Under the workpiece
 # in newtons.
 RUBS, TABLE_N = (5e-4, 5e-3), (2.0, 25.0)
-PLACES = {"seals": ("load", "ground"), "gear": ("motor", "ground"), "table": ("workpiece", "ground")}
+PLACES = {
+    "seals": ("load", "ground"),
+    "gear": ("motor", "ground"),
+    "table": ("workpiece", "ground"),
+}
 TRANSMISSION_N_PER_M = (2e7, 2e8)  # a screw between motor and load
 
 

@@ -59,6 +59,8 @@ class Found:
     own: list = field(default_factory=list)
     #: each force has parameters of its own: `values` is their mean, the ranges hold all of them
     levels_differ: bool = False
+    problem: object = None  #: of which `best` is the best, at the logarithms `at`
+    at: np.ndarray | None = None
 
     @property
     def p(self):
@@ -339,6 +341,7 @@ def _judged(problem, x, over, coherent, apart=None):
     best = problem.values(x)
     chi2, dof = (sum(level[key] for level in levels) for key in ("chi2", "dof"))
     found = Found(problem.model, best, chi2 + float(np.sum(away**2)), dof, levels)
+    found.problem, found.at = problem, x
     found.own = [problem.values(x, own) for own in problem.own]
     found.levels_differ = apart is not None
     found.limiting_hz = loops.force_loop(problem.model, "p", "zoh", best).limit().frequency_hz

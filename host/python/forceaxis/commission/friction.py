@@ -76,6 +76,10 @@ class Slow:
         return self.softest > SOFTER
 
 
+class _TooFast(Exception):
+    """A code that takes the axis through its travel too soon to tell its speed."""
+
+
 def damping(friction_N: float, speed_rms: float) -> float:
     """N s/m of a damper that takes as much of a noise of `speed_rms` m/s as the friction."""
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
@@ -85,8 +89,8 @@ def glide(analyzer, most: int, say=lambda text: None) -> Glide:
     """The Glide of an Analyzer's axis, which is owned, disabled, apart and at rest; disabled and at
     home again afterwards. most: codes of which the larger motions are to be.
 
-    The codes are raised until the axis slides. Raises Refusal where it does not with 16 times
-    `most`, or touches.
+    The codes are raised until the axis slides, and lowered where its travel is soon over. Raises
+    Refusal where it does not slide with 16 times `most`, or touches.
     """
     start = analyzer.axis.read("position")
     travel = analyzer.order.travel
@@ -95,18 +99,21 @@ def glide(analyzer, most: int, say=lambda text: None) -> Glide:
         excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
-    code, most_codes = max(2, most), 16 * max(2, most)
+    code, highest = max(2, most), min(16 * max(2, most), 2048)
     try:
-        while True:
-            forward = _speed(analyzer, code)
-            if forward is not None:
-                break
-            if 2 * code > min(most_codes, 2048):
+        forward, slowed = None, False
+        while forward is None:
+            try:
+                forward = _speed(analyzer, code)
+            except _TooFast:
+                code, slowed = max(1, round(code / 1.5)), True
+                continue
+            if forward is None and (slowed or 2 * code > highest):
                 raise Refusal(
                     "friction", f"expected an axis that slides apart, it does not with {code} "
                     "codes: free the guide, release the brake, or raise the amplifier's gain"
                 )  # fmt: skip
-            code *= 2
+            code = code if forward is not None else 2 * code
         slower = max(1, math.floor(SLOWER * code))
         rows = [(code, forward)]
         rows += [(c, speed) for c in (-code, slower, -slower)
@@ -145,10 +152,7 @@ def _speed(analyzer, code: int) -> float | None:
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
     if last - first < LEAST_S * TICKS_PER_S / 2:
-        raise Refusal(
-            "travel", f"expected {code} codes to move the axis by less than its travel in "
-            f"{1e3 * LEAST_S:.0f} ms; give a larger --travel-mm"
-        )  # fmt: skip
+        raise _TooFast
     if abs(place[last - 1] - place[first]) < MOVES:
         return None
     time_s = np.arange(first, last) / TICKS_PER_S

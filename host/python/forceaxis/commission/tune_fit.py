@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear, toml
-from forceaxis.commission import friction, known, rubbing, tune_measure
+from forceaxis.commission import friction, known, residual, rubbing, tune_measure
 from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
@@ -53,7 +53,7 @@ def fit(tuning) -> tuple[dict, str]:
         errors.append(joint_fit.MODEL_ERROR)
     found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
     if found.rejected:
-        raise Refusal(found.rejected, found.text)
+        raise Refusal(found.rejected, found.text + _explained(tuning, found))
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
     rows = {
         n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
@@ -66,12 +66,20 @@ def fit(tuning) -> tuple[dict, str]:
     return result, f"{text}, p = {found.p:.2g}"
 
 
+def _explained(tuning, found) -> str:
+    """What would explain a rejected fit, to be added to the model."""
+    if found.rejected != "chi2":
+        return ""
+    tuning.say("the model does not explain the responses: trying what it may lack")
+    tried = residual.of(found)
+    tuning.write("residual.json", [asdict(one) for one in tried])
+    return f"; {residual.text(tried)}" if tried else ""
+
+
 def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
     """The friction that was found, and that the model has."""
-    moving = tuning.result("free")["glide"]["friction_N"]
-    return rubbing.rubs(
-        tuning.given, moving, tuning.read(f"{tune_measure.BETWEEN}.json")["friction_N"]
-    )
+    table = tuning.read(f"{tune_measure.BETWEEN}.json")["friction_N"]
+    return rubbing.rubs(tuning.given, tune_measure.moving_N(tuning), table)
 
 
 def _friction(tuning, rubs) -> dict[str, Any]:

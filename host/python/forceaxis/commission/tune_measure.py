@@ -33,18 +33,24 @@ def free(tuning):
     with Settings(tuning.axis, settings_of(tuning)), analyzer_of(tuning) as measures:
         measures.rest()
         found = friction.glide(measures, measures.order.most, tuning.say)
-    newtons = found.dead_zone * newton_per_code(tuning)
+    newtons = found.dead_zone * newton_per_code(tuning) if found.rubs else 0.0
     first = 4
     if found.rubs:
         first = max(first, math.ceil(RUBS_OF_MOST * found.dead_zone))
     _, about = taken(
         tuning, "free", lambda a: a.free(), settings_of(tuning), first=first, rubs=found.rubs
     )
-    about["glide"] = asdict(found) | {"friction_N": newtons if found.rubs else 0.0}
+    about["glide"] = asdict(found) | {"rubs": found.rubs}
     line = line_of("codes to the encoder", about)
     if found.rubs:
         line += f"; a dead zone of {found.dead_zone:.2g} codes, dry friction of {newtons:.3g} N"
     return about, line
+
+
+def moving_N(tuning):
+    """N of dry friction of what moves, by the model; 0: none."""
+    found = tuning.result("free")["glide"]
+    return found["dead_zone"] * newton_per_code(tuning) if found["rubs"] else 0.0
 
 
 def newton_per_code(tuning):
@@ -66,7 +72,7 @@ def measure(tuning):
     found = _between(tuning, law, order)
     if found.rubs:
         _shaken(tuning, law, order, found)
-    rubs = found.rubs or tuning.result("free")["glide"]["friction_N"] > 0
+    rubs = found.rubs or tuning.result("free")["glide"]["rubs"]
     for force in tuning.order.forces:
         name = f"{force:g}N"
 

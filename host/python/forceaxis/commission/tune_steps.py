@@ -310,7 +310,13 @@ def verify(tuning):
             for more in (1, MORE_AVERAGES):  # where the drive bears little, noise takes its time
                 asked = replace(order, averages=more * order.averages)
                 done, about = taken(
-                    tuning, name, take, reach(tuning), asked, first, contact.Touching,
+                    tuning,
+                    name,
+                    take,
+                    reach(tuning),
+                    asked,
+                    first,
+                    contact.Touching,
                     rubs=bool(tuning.result("fit").get("friction")),
                 )
                 found = margins.peaks(tuning, bank, late, done)
