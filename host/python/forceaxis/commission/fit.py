@@ -203,7 +203,10 @@ class _Responses:
         which makes it broad.
         """
         units = {n: unit for n, (_, unit) in linear.facts(self.model)["parameters"].items()}
-        wide = {i: units.get(self.names[i]) for i, p in enumerate(self.priors.values()) if p.wide}
+        wide = {
+            i: units[name] for i, (name, p) in enumerate(self.priors.items())
+            if p.wide and name in units
+        }  # fmt: skip
         grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID)
                  for i, unit in wide.items()}  # fmt: skip
         (k, *ks), (m, *ms) = (

@@ -12,6 +12,7 @@ Functions, 2.3): large where little moves, nothing where much does. So a respons
 amplitude.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -240,7 +241,7 @@ def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
     friction = half if rubs else (span / 2 if sticks else 0.0)
     return Slow(
         float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
-        softest_N, softest, low, high, int(round(float(np.ptp(x)))),
+        softest_N, softest, low, high, round(float(np.ptp(x))),
     )  # fmt: skip
 
 
@@ -252,7 +253,7 @@ def _softest(F, x, low, high):
     slopes = np.array([
         np.polyfit(F[inside], x[inside], 1)[0] if np.ptp(F[inside]) > (high - low) / BINS / 2
         else np.nan
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in itertools.pairwise(edges)
         for inside in [(a <= F) & (b >= F)]
     ])  # fmt: skip
     at_forces = max(slopes[0], slopes[-1])

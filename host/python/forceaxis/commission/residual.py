@@ -221,7 +221,8 @@ def _gains(problem: Any) -> Shape:
         name = contact.get("stiffness")
         own = best.get(name, linear.facts(problem.model)["parameters"].get(name, (1.0,))[0])
         softer = [float(f"{own * gain:.4g}") for gain in gains]
-        lines = f"# in the [[contact]]; loads: forces between those of the levels, N\nstiffness = {softer}"
+        where = "# in the [[contact]]; beside it loads, the forces between those of the levels, N"
+        lines = f"{where}\nstiffness = {softer}"
         return f"a gain that differs by level, {shares} from the smallest force on", lines
 
     return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN) for i in pressed[1:]}, factor, words)

@@ -90,9 +90,9 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
             if stiction is not None:
                 own.pop("stiction")
         else:
-            _add(document, "friction", {
-                "name": rub.name, "between": list(rub.between), "coulomb": float(f"{rub.newton:.4g}")
-            })  # fmt: skip
+            size = float(f"{rub.newton:.4g}")
+            values = {"name": rub.name, "between": list(rub.between), "coulomb": size}
+            _add(document, "friction", values)
     return tomlkit.dumps(document)
 
 
@@ -104,9 +104,8 @@ def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
         document["parameters"][rub.damping] = {
             "value": 0.0, "unit": "N s/m", "source": "what dry friction takes of a response"
         }  # fmt: skip
-        _add(document, "damper", {
-            "name": rub.name, "between": list(rub.between), "damping": rub.damping
-        })  # fmt: skip
+        values = {"name": rub.name, "between": list(rub.between), "damping": rub.damping}
+        _add(document, "damper", values)
     return tomlkit.dumps(document)
 
 

@@ -56,7 +56,8 @@ def shake(
 
     friction_N, sensor and workpiece: what is known of the friction and of the stiffnesses, N/m;
     rate: encoder counts a second for each code, scale: counts a metre; most(hz): codes that the
-    drive bears; newton: of a count of the reading; ended: what the analyzer raises when the axis ends an excitation.
+    drive bears; newton: of a count of the reading; ended: what the analyzer raises when the axis
+    ends an excitation.
     """
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
     rows = []

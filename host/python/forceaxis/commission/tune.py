@@ -109,8 +109,8 @@ class Tuning(as_found.Folder):
         self.kept = frozenset(kept)
         if done:
             self.say(
-                f"changed since: {', '.join(changes.values())}; kept: {', '.join(kept) or 'nothing'}; "
-                "the rest is done again"
+                f"changed since: {', '.join(changes.values())}; kept: "
+                f"{', '.join(kept) or 'nothing'}; the rest is done again"
             )
 
     def result(self, step):
@@ -175,6 +175,8 @@ class Tuning(as_found.Folder):
             "p": designed.get("p"),
             "on_fitted": designed.get("on_fitted"),
             "limited_by": designed.get("limited_by"),
+            "cut": designed.get("cut") or None,
+            "holds": tune_fit.holds(self),
             "Ms_predicted": designed.get("worst", {}).get("Ms"),
             "Ms_verified": max((one["Ms"] for one in levels.values()), default=None),
             "levels": levels or None,

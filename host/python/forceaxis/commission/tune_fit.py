@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear, toml
-from forceaxis.commission import friction, known, residual, rubbing, tune_measure
 from forceaxis.commission import fit as joint_fit
+from forceaxis.commission import friction, known, residual, rubbing, tune_measure
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design.changes import contact_of
@@ -17,10 +17,9 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 
 RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
-DAMPED, STUCK = (
-    0.9,
-    1e6,
-)  # spread of the logarithm of a damper for friction; N s/m of one that sticks
+# Spreads of the logarithm of a damper for friction, where it slides and where it sticks and slips;
+# N s/m of one that sticks.
+DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
 RATE_HZ, RATE_ERROR = 0.2, 0.015
 BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
@@ -113,7 +112,8 @@ def _own(tuning, name: str, rubs) -> dict[str, Prior]:
             found[rub.damping] = Prior(STUCK, DAMPED)
         elif rub.newton > 0:
             moves = speed if name == "free" else speed * compliance
-            found[rub.damping] = Prior(friction.damping(rub.newton, max(moves, 1e-7)), DAMPED)
+            spread = STICKS if on_table else DAMPED
+            found[rub.damping] = Prior(friction.damping(rub.newton, max(moves, 1e-7)), spread)
     return found
 
 
@@ -157,8 +157,9 @@ def _workpiece(tuning, rubs, priors) -> dict[str, Prior]:
         table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
         if not all(rub.declared for rub in table):
             raise Refusal(
-                "friction", f"expected a workpiece that slides on its table, {table[0].newton:.3g} N "
-                f"of dry friction hold it within the bounds: its mass does not show. Add to the "
+                "friction", "expected a workpiece that slides on its table, "
+                f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
+                "not show. Add to the "
                 f"model what is found, with {mass} as it weighs:\n{rubbing.lines(rubs)}"
             )  # fmt: skip
         value = linear.facts(tuning.given)["parameters"][mass][0]
@@ -168,7 +169,7 @@ def _workpiece(tuning, rubs, priors) -> dict[str, Prior]:
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the stiffness that holds the workpiece, of its mass), None where there is none."""
+    """(parameter of the stiffness that holds the workpiece, of its mass); None: there is none."""
     table = toml.read(linear.find_model(model))
     contact = contact_of(table)
     body = contact["between"][1] if contact else None
@@ -187,6 +188,9 @@ def _differing(tuning, names, model) -> list[str]:
         one, other = (fit_response.read_response(tuning.folder / n, model) for n in (name, small))
         if _probability(one, other) < DIFFER:
             tuning.say(f"{name}: the smaller amplitude has another response")
+            measured = tuning.read("measure.json")
+            measured["result"][name]["differs"] = True
+            tuning.write("measure.json", measured)
             found.append(small)
     return found
 
@@ -200,3 +204,38 @@ def _probability(one: Measurement, other: Measurement) -> float:
     ratio = abs(one.response - other.response) ** 2 / variance
     size = float(np.sum(2 * dof * np.log1p(ratio / dof)))
     return float(stats.chi2.sf(size, 2 * len(ratio)))
+
+
+def holds(tuning) -> list[str]:
+    """Over which forces and amplitudes what is promised was seen to hold, and what was not visited;
+    a line each, [] before anything was measured."""
+    held, between = tuning.read("measure.json"), tuning.read(f"{tune_measure.BETWEEN}.json")
+    if held is None or between is None:
+        return []
+    lines = [
+        f"between {between['low_N']:.3g} and {between['high_N']:.3g} N the axis was moved slowly: "
+        "forces outside were not visited"
+    ]
+    rubs = (tuning.read("fit.json") or {}).get("result", {}).get("friction")
+    for about in held["result"].values():
+        small = about.get("small")
+        text = f"with {about['bias_N']:.3g} N: noise of {about['amplitude']} codes, "
+        text += f"{about['swing']:.3g} N from peak to peak"
+        if small:
+            text += f", and {small['amplitude']} codes, {small['swing']:.3g} N"
+            same = "the same response" if not about.get("differs") else "another response"
+            text += "" if rubs else f", {same}"
+        lines.append(text)
+    shaken = tuning.read(f"{tune_measure.SHAKEN}.json")
+    if rubs and shaken:
+        lines.append(
+            f"sines of {min(shaken['hz']):.3g} to {max(shaken['hz']):.3g} Hz with "
+            f"{min(shaken['newton']):.3g} to {max(shaken['newton']):.3g} N made the workpiece slide"
+        )
+    if rubs:
+        lines.append(
+            "dry friction is in the axis: what is promised holds where it slides and, under the "
+            "workpiece, where it sticks; smaller amplitudes see more damping"
+        )
+    lines.append("larger amplitudes than these were not visited")
+    return lines

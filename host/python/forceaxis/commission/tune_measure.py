@@ -11,6 +11,7 @@ from forceaxis import linear
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import analyzer, friction, known, measuring, shake
 from forceaxis.commission.level import MOST_CODES, Rest
+from forceaxis.commission.refusal import Refusal
 from forceaxis.design import files
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
@@ -109,6 +110,14 @@ def _between(tuning, law, order):
         law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
         force *= reading_N(tuning) / measures.newton
     found = friction.slow(force, place, _rigid(tuning))
+    step = (found.high_N - found.low_N) / friction.BINS
+    if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
+        forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
+        raise Refusal(
+            "soft", f"expected no place between {low:g} and {high:g} N that is softer than at "
+            f"these forces, near {found.softest_N:.3g} N the axis goes {found.softest:.2g} times as "
+            f"far for a newton: measure there too, --force {forces}, or keep to one side of it"
+        )  # fmt: skip
     tuning.write(f"{BETWEEN}.json", asdict(found) | {
         "force_N": friction.means(force).tolist(), "way": friction.means(place).tolist()
     })  # fmt: skip

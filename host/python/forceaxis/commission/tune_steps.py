@@ -10,12 +10,10 @@ from forceaxis._core import InputError
 from forceaxis.axis import params, quantity
 from forceaxis.axis.link import REASONS, SCALE_WITHIN, Refused
 from forceaxis.commission import analyzer, as_found, contact, known, margins
-from forceaxis.commission import fit as joint_fit
 from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
 from forceaxis.commission.tune_fit import fit
 from forceaxis.commission.tune_measure import (
     PEAKY,
-    Settings,
     analyzer_of,
     free,
     measure,
@@ -23,7 +21,6 @@ from forceaxis.commission.tune_measure import (
     objects_of,
     off,
     reach,
-    settings_of,
     taken,
 )
 from forceaxis.design import files, for_set, outcome
@@ -31,9 +28,12 @@ from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.design.grid import hf_most
 from forceaxis.design.search import HF_DEFAULT
-from forceaxis.identify import fit as fit_response
 from forceaxis.linear import loops, plant_set
 from forceaxis.linear.bank import Bank
+
+__all__ = (
+    "check", "design", "fit", "free", "measure", "simulate", "store", "verify", "write",
+)  # fmt: skip
 
 SHARE = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
@@ -192,6 +192,9 @@ def design(tuning):
     result["objects"] = objects_of(
         tuning, found.bank, found.loss, files.largest_ms(worst), found.ranges, found.units
     )
+    result["cut"] = _cut(result)
+    if result["cut"]:
+        tuning.say(result["cut"])
     result["times_p"] = times = _times_p(result)
     line = f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
     if times is not None and times < PAYS:
@@ -201,6 +204,22 @@ def design(tuning):
         )
         tuning.say(result["limited_by"])
     return result, line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+
+
+def _cut(designed):
+    """What simulated contacts took of the gain that the search had found, why; "": nothing."""
+    times, chosen = designed["gain_reductions"], designed["chosen"]
+    if not times:
+        return ""
+    searched = next((s["worst"] for s in designed["structures"] if s["name"] == chosen), None)
+    why = [f": {cut['case']}, {cut['why']}" for cut in designed.get("gain_cuts", ())][:1]
+    return (
+        f"{chosen} x {simulation.BACKOFF**times:.3g}: contacts simulated with the fitted plant did "
+        f"not settle at the designed gain{''.join(why)}"
+        + (f"; the search had reached fS {searched['fS_Hz']:.3g} Hz and Ms {searched['Ms']:.3g}, "
+           f"left are {designed['worst']['fS_Hz']:.3g} Hz and {designed['worst']['Ms']:.3g}"
+           if searched and searched.get("fS_Hz") and designed["worst"].get("fS_Hz") else "")
+    )  # fmt: skip
 
 
 def _times_p(designed):
