@@ -2,8 +2,9 @@
 parameters.
 
 Run as a process of its own, `drawn_axes.py SEED FOLDER [friction]` draws an axis, writes its data
-sheet's model into FOLDER/known, prints the address at which the axis answers as over a bus, and, once it is
-asked to judge, what became of the axis that a tool has tuned. `Hidden` is the tool's side.
+sheet's model into FOLDER/known, prints the address at which the axis answers as over a bus, and,
+once it is asked to judge, what became of the axis that a tool has tuned. `Hidden` is the tool's
+side.
 """
 
 import json

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from drawn_axes import OVER, Hidden
-from forceaxis._core import InputError
+from forceaxis._core import InputError, SimulationError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import tune
@@ -26,7 +26,7 @@ def run(axis, order, out, say):
     work, refused = tune.Tuning(axis, order, out, say), None
     try:
         work.run()
-    except (Refusal, NoAnswer, Refused, InputError) as error:
+    except (Refusal, NoAnswer, Refused, InputError, SimulationError) as error:
         refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
     return work, refused
 

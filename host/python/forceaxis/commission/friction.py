@@ -25,9 +25,10 @@ from forceaxis.commission.refusal import Refusal
 SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
 SLOWER = 0.6  # of the larger code: the smaller one
+ENOUGH = 1.2  # times the travel, in a glide: fast enough
+LOOK_S, BEYOND = 0.02, 1.3  # how often the place is read; times the travel
 MOVES = 6  # counts: less is no motion
 FELT_CODES = 0.12  # a dead zone below is none
-TRIES = 8
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 BLOCK = 20  # samples of a mean
 BINS = 6
@@ -100,21 +101,26 @@ def glide(analyzer, most: int, say=lambda text: None) -> Glide:
         excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
-    code, highest = max(2, most), min(16 * max(2, most), 2048)
+    most = max(2, most)
+    code, highest, slowed = max(2, most // 8), min(16 * most, 2048), False
     try:
-        forward, slowed = None, False
-        while forward is None:
+        while True:
             try:
                 forward = _speed(analyzer, code)
             except _TooFast:
                 code, slowed = max(1, round(code / 1.5)), True
                 continue
+            enough = forward is not None and (
+                slowed or code >= most or abs(forward) * GLIDE_S > ENOUGH * travel
+            )
+            if enough:
+                break
             if forward is None and (slowed or 2 * code > highest):
                 raise Refusal(
                     "friction", f"expected an axis that slides apart, it does not with {code} "
                     "codes: free the guide, release the brake, or raise the amplifier's gain"
                 )  # fmt: skip
-            code = code if forward is not None else 2 * code
+            code = 2 * code if forward is None or 2 * code < most else most
         slower = max(1, math.floor(SLOWER * code))
         rows = [(code, forward)]
         rows += [(c, speed) for c in (-code, slower, -slower)
@@ -143,7 +149,18 @@ def _speed(analyzer, code: int) -> float | None:
     analyzer.wait(0.1, lambda: None)
     analyzer.set(open_loop_code=code)
     axis.enable("excitation")
-    held = axis.capture(("position", "force"), samples=round(GLIDE_S * TICKS_PER_S))
+    axis.arm(("position", "force"), round(GLIDE_S * TICKS_PER_S))
+    for _ in range(round(GLIDE_S / LOOK_S) + 1):
+        analyzer.wait(LOOK_S, lambda: None)
+        state = axis.get("position", "contact")
+        if abs(state["position"] - analyzer.home) > BEYOND * travel or state["contact"]:
+            axis.disable()
+            raise Refusal(
+                "travel", f"expected {code} codes to move the axis within its travel of {travel} "
+                "counts to either side, it goes beyond: its speed is not that of its codes; check "
+                "the drive, or start further away"
+            )  # fmt: skip
+    held = axis.link.recording(5.0)
     axis.set(modes_of_operation=1)
     analyzer.set(open_loop_code=0)
     if np.abs(held.values("force")).max() > analyzer.known["contact_force"]:

@@ -37,6 +37,7 @@ class Shaken:
     hz: tuple
     codes: tuple
     newton: tuple
+    rows: tuple  #: (Hz, force re and im in N, way of the axis re and im in m, codes) of each sine
 
 
 def shake(
@@ -68,33 +69,40 @@ def shake(
         for _ in range(TRIES):
             amplitude = min(amplitude, most(f))
             try:
-                one = _sine(analyzer, f, amplitude, sensor, scale, newton)
+                one = _sine(analyzer, f, amplitude, scale, newton)
             except ended:
                 analyzer.standing()
                 amplitude = round(amplitude / (1.25 if best else 2))
                 if best or amplitude < 2:
                     break
                 continue
-            if best is None or abs(one[1]) > abs(best[1]):
+            if best is None or abs(_way(*one, sensor)) > abs(_way(*best[:2], sensor)):
                 best = (*one, amplitude)
-            if abs(one[1]) >= target or amplitude >= most(f):
+            if abs(_way(*one, sensor)) >= target or amplitude >= most(f):
                 break
             amplitude = math.ceil(MORE * amplitude)
-        if best and abs(best[1]) > LEAST / SLIDES * target:
-            rows.append((f, *best))
+        way = abs(_way(*best[:2], sensor)) if best else 0.0
+        if best and way > LEAST / SLIDES * target:
+            force, place, codes = best
+            rows.append((f, force.real, force.imag, place.real, place.imag, codes))
             analyzer.say(
-                f"{f:g} Hz, {best[2]} codes: {abs(best[0]):.3g} N move the workpiece by "
-                f"{1e6 * abs(best[1]):.3g} um"
+                f"{f:g} Hz, {codes} codes: {abs(force):.3g} N move the workpiece by "
+                f"{1e6 * way:.3g} um"
             )
     analyzer.set(target_force=0)
     analyzer.wait(1.0, lambda: None)
     if len(rows) < FEWEST:
         return None
-    return of_sines(rows)
+    return of_sines(rows, sensor)
 
 
-def _sine(analyzer, hz, amplitude, sensor, scale, newton):
-    """(force in N, way of the workpiece in m), complex, of a sine."""
+def _way(force, place, sensor):
+    """The workpiece's way, m, of the axis' way and the force on the sensor, N/m, between them."""
+    return place - force / sensor
+
+
+def _sine(analyzer, hz, amplitude, scale, newton):
+    """(force in N, way of the axis in m), complex, of a sine."""
     axis = analyzer.axis
     analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
     axis.set(excitation_run="start")
@@ -109,28 +117,31 @@ def _sine(analyzer, hz, amplitude, sensor, scale, newton):
     wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
     raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * newton
     force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / scale))
-    return complex(force), complex(place - force / sensor)
+    return complex(force), complex(place)
 
 
-def of_sines(rows: list) -> Shaken:
-    """The Shaken of rows (Hz, force in N, way in m, codes), both complex amplitudes."""
-    hz, force, way, codes = (np.array(column) for column in zip(*rows, strict=True))
-    w, quotient = 2 * np.pi * hz.real, force / way
+def of_sines(rows: list, sensor: float, damping: float = 0.0) -> Shaken:
+    """The Shaken of `rows` as it has them; sensor, damping: N/m and N s/m of what is between axis
+    and workpiece."""
+    hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
+    force, w = f_re + 1j * f_im, 2 * np.pi * hz
+    way = _way(force, x_re + 1j * x_im, sensor + 1j * w * damping)
+    quotient = force / way
     # Relative to the size of the force over the way: an error of either is one of the quotient.
     weight = 1 / abs(quotient)
     table = np.column_stack([np.ones(len(w)), -(w**2)])
     solved, covariance = _solved(table, quotient.real, weight)
     stiffness, mass = solved
     lost = np.column_stack([w, 4 / np.pi / abs(way)])
-    (damping, friction), _ = _solved(lost, quotient.imag, weight)
-    if damping < 0:
-        damping = 0.0
+    (lossy, friction), _ = _solved(lost, quotient.imag, weight)
+    if lossy < 0:
+        lossy = 0.0
         friction = float(np.median(quotient.imag * abs(way) * np.pi / 4))
     errors = np.sqrt(np.diag(covariance)) / np.maximum(abs(solved), 1e-12)
     return Shaken(
-        float(stiffness), float(mass), float(damping), float(friction), float(errors[0]),
-        float(errors[1]), tuple(hz.real.tolist()), tuple(codes.real.tolist()),
-        tuple(abs(force).tolist()),
+        float(stiffness), float(mass), float(lossy), float(friction), float(errors[0]),
+        float(errors[1]), tuple(hz.tolist()), tuple(codes.tolist()), tuple(abs(force).tolist()),
+        tuple(map(tuple, np.array(rows, float).tolist())),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from forceaxis import linear, toml
 from forceaxis.commission import fit as joint_fit
-from forceaxis.commission import friction, known, residual, rubbing, tune_measure
+from forceaxis.commission import friction, known, residual, rubbing, shake, tune_measure
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design.changes import contact_of
@@ -24,6 +24,7 @@ SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a dam
 RATE_HZ, RATE_ERROR = 0.2, 0.015
 BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
 SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
+AGAIN = 0.02  # by which what sines say changes: fitted again
 DIFFER = 1e-4  # probability below which two amplitudes have two responses
 
 
@@ -45,12 +46,18 @@ def fit(tuning) -> tuple[dict, str]:
     own = [_own(tuning, name, rubs) for name in names] if rubs else []
     errors = [_error(name, rubs) for name in names] if rubs else []
     before = known.priors(model, order.over, order.priors)
+    if rubs:
+        before = _loosened(model, before, order.priors)
     before |= _workpiece(tuning, rubs, order.priors)
     if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
         measured.append(_rate(tuning, measured[0]))
         own.append({})
         errors.append(joint_fit.MODEL_ERROR)
     found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+    again = _workpiece(tuning, rubs, order.priors, found.best)
+    if any(abs(p.value / before[n].value - 1) > AGAIN for n, p in again.items()):
+        before |= again  # sines tell more once the sensor's stiffness is known
+        found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
     if found.rejected:
         raise Refusal(found.rejected, found.text + _explained(tuning, found))
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
@@ -73,6 +80,18 @@ def _explained(tuning, found) -> str:
     tried = residual.of(found)
     tuning.write("residual.json", [asdict(one) for one in tried])
     return f"; {residual.text(tried)}" if tried else ""
+
+
+def _loosened(model, before, priors) -> dict[str, Prior]:
+    """Priors with little known of dampings, in which what dampers lack of friction ends up."""
+    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    given = {text.partition("=")[0] for text in priors}
+    return {
+        n: Prior(p.value, max(p.spread, known.WORKPIECE))
+        if units.get(n) == "N s/m" and n not in given
+        else p
+        for n, p in before.items()
+    }
 
 
 def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
@@ -134,12 +153,16 @@ def _rate(tuning, free: Measurement) -> Measurement:
     )  # fmt: skip
 
 
-def _workpiece(tuning, rubs, priors) -> dict[str, Prior]:
-    """Priors of a workpiece that rubs on its table, by the way between the forces and by sines."""
+def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
+    """Priors of a workpiece that rubs on its table, by the way between the forces and by sines;
+    best: {parameter: value} of a fit, if there was one."""
     if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
         return {}
     slow, shaken = (tuning.read(f"{n}.json") for n in (tune_measure.BETWEEN, tune_measure.SHAKEN))
     stiffness, mass = workpiece_names(tuning.given)
+    sensor, damping = sensor_names(tuning.given)
+    if shaken and best and sensor in best:
+        shaken = asdict(shake.of_sines(shaken["rows"], best[sensor], best.get(damping, 0.0)))
     scale = abs(linear.facts(tuning.given)["encoder"]["scale"])
     given, found = {text.partition("=")[0] for text in priors}, {}
     if stiffness and slow["sliding"]:
@@ -166,6 +189,13 @@ def _workpiece(tuning, rubs, priors) -> dict[str, Prior]:
         found[mass] = Prior(value, known.MASS)
         tuning.say(f"{mass} is taken as of the model, {value:g} kg: the workpiece does not slide")
     return {name: prior for name, prior in found.items() if name not in given}
+
+
+def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
+    """(parameter of the contact's stiffness, of its damping), None for what is a number."""
+    contact = contact_of(toml.read(linear.find_model(model))) or {}
+    names = (contact.get("stiffness"), contact.get("damping"))
+    return tuple(n if isinstance(n, str) else None for n in names)
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:

@@ -24,7 +24,7 @@ PEAKY = 2  # times the codes that are linear at their peak, where noise is seldo
 
 SMALLER = 3  # times smaller: the second amplitude that is measured
 RUBS_OF_MOST = 2.5  # dead zones: noise of fewer codes does not slide most of the time
-WIDER_SWING = 0.8  # of the bias: where a workpiece is to slide
+LOWER = 0.6  # of the smallest force: from where the force is changed slowly
 BETWEEN, SHAKEN = "between", "shaken"
 
 
@@ -92,7 +92,15 @@ def measure(tuning):
             )
         first = next_amplitude(done[name]["amplitude"], force, order.forces)
         lines.append(line_of(name, done[name]))
+    _go_home(tuning)
     return done, "; ".join(lines)
+
+
+def _go_home(tuning):
+    """Moves the axis to where check() found it: what rubs stays in contact when it is disabled."""
+    with Settings(tuning.axis, settings_of(tuning)), analyzer_of(tuning) as measures:
+        measures.home = tuning.result("check")["rest"]["position"]
+        measures.go_home()
 
 
 def small_of(name):
@@ -101,9 +109,9 @@ def small_of(name):
 
 
 def _between(tuning, law, order):
-    """The Slow between the smallest force, less what it swings by, and the largest."""
+    """The Slow between the smallest and the largest force, and what they swing by."""
     off(tuning.axis)
-    low, high = min(order.forces), max(order.forces)
+    low, high = LOWER * min(order.forces), (1 + analyzer.SWING / 2) * max(order.forces)
     with Settings(tuning.axis, law), analyzer_of(tuning, order) as measures:
         force, place = measures.between(low, high)
         # An axis that still touches does not approach again, so it keeps the cap of the first.
@@ -115,8 +123,8 @@ def _between(tuning, law, order):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
         raise Refusal(
             "soft", f"expected no place between {low:g} and {high:g} N that is softer than at "
-            f"these forces, near {found.softest_N:.3g} N the axis goes {found.softest:.2g} times as "
-            f"far for a newton: measure there too, --force {forces}, or keep to one side of it"
+            f"these forces, near {found.softest_N:.3g} N the axis goes {found.softest:.2g} times "
+            f"as far: measure there too, --force {forces}, or keep to one side of it"
         )  # fmt: skip
     tuning.write(f"{BETWEEN}.json", asdict(found) | {
         "force_N": friction.means(force).tolist(), "way": friction.means(place).tolist()
