@@ -31,9 +31,8 @@ def run(axis, order, out, say):
     return work, refused
 
 
-def add(model, text):
-    """Adds the [[friction]] that a refusal prints to a model's file."""
-    lines = text[text.index("[[friction]]") :]
+def add(model, lines):
+    """Adds what a refusal prints to a model's file."""
     file = Path(model)
     file.write_text(file.read_text() + "\n" + lines)
 
@@ -59,7 +58,7 @@ def tuned(seed, folder, say=lambda text: None, friction=False):
                 work, refused = run(axis, order, out, say)
                 if refused and refused.get("name") == "friction":
                     first = refused
-                    add(model, refused["text"])
+                    add(model, refused["lines"])
                     work, refused = run(axis, order, out, say)
                 summary = work.summary()
                 powered = axis.get("drive_state")["drive_state"]

@@ -32,12 +32,18 @@ Values = dict[str, float]
 @dataclass(frozen=True)
 class Shape:
     """A candidate: factor(values, i, hz) of response i, priors of its parameters, and words(values,
-    best) for people: (what it is, the TOML that would explain it)."""
+    best) for people: (what it is, the TOML that would explain it). Of parameters that the model has
+    itself, `freed`, no factor is needed."""
 
     name: str
     priors: dict[str, Prior]
     factor: Callable[[Values, int, np.ndarray], Any]
     words: Callable[[Values, Values], tuple[str, str]]
+    freed: bool = False
+
+    def key(self, name: str) -> str:
+        """A parameter's name among those of a fit."""
+        return name if self.freed else f"{name}@shape"
 
 
 @dataclass(frozen=True)
@@ -61,35 +67,31 @@ def tried(problem: Any, x: np.ndarray) -> list[Tried]:
     before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
     found = []
     for shapes in _shapes(problem):
-        best = None
-        for shape in shapes:
-            one = _fitted(problem, x, shape, before, len(scores))
-            if best is None or one.gain > best.gain:
-                best = one
-        if best is not None and best.gain > 0:
-            found.append(best)
+        begun = [_begun(problem, x, shape) for shape in shapes]
+        one = _fitted(x, *min(begun, key=lambda pair: pair[2]), before, len(scores))
+        if one.gain > 0:
+            found.append(one)
     return sorted(found, key=lambda one: -one.gain)
 
 
-def text(found: list[Tried]) -> str:
-    """The candidates for a refusal: "" where none explains anything."""
-    if not found:
-        return ""
+def lines_of(found: list[Tried]) -> str:
+    """The TOML of the likeliest candidates, each below a comment that says what it is."""
     lines = []
     for number, one in enumerate(found[:SHOWN], 1):
         fits = f"then p = {one.p:.2g}" if one.p >= MISFIT else f"which is not all, p = {one.p:.2g}"
-        lines.append(f"{number}. {one.text}, {fits}:\n{one.toml}")
-    return "tried, the likeliest first\n" + "\n".join(lines)
+        lines.append(f"# {number}. {one.text}, {fits}\n{one.toml}")
+    return "\n".join(lines)
 
 
-def _fitted(problem: Any, x: np.ndarray, shape: Shape, before: float, size: int) -> Tried:
-    """The Tried of one Shape."""
-    own = {f"{name}@shape": prior for name, prior in shape.priors.items()}
+def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float, np.ndarray]:
+    """(shape, problem with its parameters, cost, their logarithms) of a Shape while all other
+    parameters stay at x."""
+    own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
     class Shaped(type(problem)):
         def predictions(self, x):
             every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
-            values = {name: every[f"{name}@shape"] for name in shape.priors}
+            values = {name: every[shape.key(name)] for name in shape.priors}
             return [
                 h * shape.factor(values, i, m.frequency_hz)
                 for i, (m, h) in enumerate(zip(self.measured, super().predictions(x), strict=True))
@@ -99,27 +101,28 @@ def _fitted(problem: Any, x: np.ndarray, shape: Shape, before: float, size: int)
         problem.model, problem.priors | own, problem.measured, problem.modes, problem.own,
         problem.errors,
     )  # fmt: skip
-    begin = np.concatenate([x, np.log([prior.value for prior in own.values()])])
-    low, high = wider._bounds(1e-3)
-    free = len(x)
-
-    def alone(y):
-        return wider.coarse(np.concatenate([x, y]))
-
-    first = optimize.least_squares(
-        alone, np.clip(begin[free:], low[free:], high[free:]), loss="soft_l1",
+    free, (low, high) = len(x), wider._bounds(1e-3)
+    found = optimize.least_squares(
+        lambda y: wider.coarse(np.concatenate([x, y])), wider.centre[free:], loss="soft_l1",
         bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS,
     )  # fmt: skip
-    begin = np.clip(np.concatenate([x, first.x]), low, high)
+    return shape, wider, float(found.cost), found.x
+
+
+def _fitted(
+    x: np.ndarray, shape: Shape, wider: Any, _: float, y: np.ndarray, before: float, size: int
+) -> Tried:
+    """The Tried of a Shape from where _begun ended, all parameters free."""
+    begin = np.clip(np.concatenate([x, y]), *wider._bounds(1e-3))
     best = optimize.least_squares(
         wider.fine, begin, bounds=wider._bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
     )
     scores = np.concatenate(wider.scores(best.x))
     chi2 = float(np.sum(scores**2))
     every = dict(zip(wider.names, np.exp(best.x).tolist(), strict=True))
-    values = {name: every[f"{name}@shape"] for name in shape.priors}
+    values = {name: every[shape.key(name)] for name in shape.priors}
     words, lines = shape.words(values, wider.values(best.x))
-    gain = before - 2 * best.cost - len(own) * math.log(size)
+    gain = before - 2 * best.cost - len(values) * math.log(size)
     return Tried(shape.name, words, lines, gain, float(stats.chi2.sf(chi2, size)), values)
 
 
@@ -152,21 +155,31 @@ def _sensor_lag(problem: Any) -> Shape:
 
 
 def _drive_lag(problem: Any) -> Shape:
+    """The time constant of the drive's own lag, where it is a parameter: the winding's inductance,
+    or the corner of the force. Else a lag behind it."""
     table = toml.read(linear.find_model(problem.model)).get("drive", {})
     facts = linear.facts(problem.model)
+    name = table.get({"dc_motor": "L", "first_order": "a_act"}.get(table.get("type"), ""))
+    if isinstance(name, str) and name in facts["parameters"] and name not in problem.priors:
+        value, unit = facts["parameters"][name]
+        drive = facts["drive"]["values"]
 
-    def words(values, best):
-        lag, drive = values["lag_s"], facts["drive"]["values"]
-        if table.get("type") == "dc_motor":
-            resistance = drive["R"] + drive["k_amp"] * drive["k_current"]
-            lines = f'L = {{ value = {drive["L"] + lag * resistance:.4g}, unit = "H" }}'
-            where = "# in [parameters], where the drive's L stands"
-        else:
-            corner = 1 / (lag + 1 / drive.get("a_act", math.inf))
-            lines, where = f"a_act = {corner:.4g}", "# in [drive], 1/s"
-        return f"a lag of {1e3 * lag:.2g} ms in the drive", f"{where}\n{lines}"
+        def words(values, _):
+            new = values[name]
+            lag = (new - value) / (drive["R"] + drive["k_amp"] * drive["k_current"]) if (
+                table["type"] == "dc_motor") else 1 / new - 1 / value  # fmt: skip
+            line = f'{name} = {{ value = {new:.4g}, unit = "{unit}" }}'
+            text = f"a lag of {1e3 * abs(lag):.2g} ms {'more' if lag > 0 else 'less'} in the drive"
+            return text, f"# in [parameters], in place of {value:.4g}\n{line}"
 
-    return Shape("drive_lag", {"lag_s": Prior(LAG_S, 1.2)}, lambda v, _, hz: _lag(v, hz), words)
+        prior = {name: Prior(value, 1.0)}
+        return Shape("drive_lag", prior, lambda *_: 1.0, words, freed=True)
+
+    def behind(values, _):
+        lag = values["lag_s"]
+        return f"a lag of {1e3 * lag:.2g} ms in the drive", f"# 1/s, the corner: {1 / lag:.4g}"
+
+    return Shape("drive_lag", {"lag_s": Prior(LAG_S, 1.2)}, lambda v, _, hz: _lag(v, hz), behind)
 
 
 def _modes(problem: Any) -> list[Shape]:
@@ -210,7 +223,8 @@ def _gains(problem: Any) -> Shape:
     """A gain of each response in contact after the first."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     table = toml.read(linear.find_model(problem.model))
-    contact = contact_of(table) or {}
+    work = (contact_of(table) or {}).get("between", ("", ""))[1]
+    springs = [s for s in table.get("spring", ()) if work in s["between"]]
 
     def factor(values, i, _):
         return values[f"gain_{i}"] if i in pressed[1:] else 1.0
@@ -218,12 +232,15 @@ def _gains(problem: Any) -> Shape:
     def words(values, best):
         gains = [1.0, *(values[f"gain_{i}"] for i in pressed[1:])]
         shares = ", ".join(f"{gain:.3g}" for gain in gains)
-        name = contact.get("stiffness")
-        own = best.get(name, linear.facts(problem.model)["parameters"].get(name, (1.0,))[0])
+        what = f"a gain that differs by level, {shares} from the smallest force on"
+        name = springs[0].get("stiffness") if len(springs) == 1 else None
+        known = linear.facts(problem.model)["parameters"]
+        own = best.get(name, known.get(name, (1.0,))[0])
         softer = [float(f"{own * gain:.4g}") for gain in gains]
-        where = "# in the [[contact]]; beside it loads, the forces between those of the levels, N"
-        lines = f"{where}\nstiffness = {softer}"
-        return f"a gain that differs by level, {shares} from the smallest force on", lines
+        where = (
+            "# in the [[spring]] behind the contact, with loads: a force between each two levels"
+        )
+        return what, f"{where}\nstiffness = {softer}"
 
     return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN) for i in pressed[1:]}, factor, words)
 

@@ -14,6 +14,8 @@ from forceaxis import linear, toml
 from forceaxis.design.changes import contact_of
 
 MOVING, TABLE = "guide_friction", "table_friction"
+# Of what slides; where both are the same the simulator may find states that contradict each other.
+STICTION = 1.05
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,12 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
     for rub in found:
         if rub.declared:
             own = next(f for f in document["friction"] if f["name"] == rub.name)
-            stiction = own.get("stiction")
             own["coulomb"] = float(f"{rub.newton:.4g}")
-            if stiction is not None:
-                own.pop("stiction")
+            own["stiction"] = float(f"{STICTION * rub.newton:.4g}")
         else:
-            size = float(f"{rub.newton:.4g}")
-            values = {"name": rub.name, "between": list(rub.between), "coulomb": size}
+            size, loose = (float(f"{s * rub.newton:.4g}") for s in (1.0, STICTION))
+            values = {"name": rub.name, "between": list(rub.between)}
+            values |= {"coulomb": size, "stiction": loose}
             _add(document, "friction", values)
     return tomlkit.dumps(document)
 

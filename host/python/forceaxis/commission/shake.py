@@ -16,7 +16,7 @@ from forceaxis.axis.link import TICKS_PER_S
 SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
-FREQUENCIES = 9
+FREQUENCIES = 11
 SLIDES = 3.0  # times the way at which the spring overcomes the friction: enough
 LEAST = 1.25  # times it: less is not taken
 TRIES, MORE = 7, 1.6  # of the amplitude

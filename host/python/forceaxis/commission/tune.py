@@ -136,6 +136,10 @@ class Tuning(as_found.Folder):
         except (Refusal, Refused, NoAnswer) as error:
             refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
             self.refused = {"step": self.step, "name": refusal.name, "text": refusal.text}
+            if refusal.lines:
+                self.refused["lines"] = refusal.lines
+                for line in ("to be added to the model:", *refusal.lines.splitlines()):
+                    self.say(line)
             raise refusal from None
         return self.summary()
 

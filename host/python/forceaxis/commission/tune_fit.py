@@ -23,6 +23,7 @@ DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
 RATE_HZ, RATE_ERROR = 0.2, 0.015
 BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
+UNSURE = 0.2  # relative standard error of a mass that sines do not show
 SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
 AGAIN = 0.02  # by which what sines say changes: fitted again
 DIFFER = 1e-4  # probability below which two amplitudes have two responses
@@ -59,7 +60,7 @@ def fit(tuning) -> tuple[dict, str]:
         before |= again  # sines tell more once the sensor's stiffness is known
         found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
     if found.rejected:
-        raise Refusal(found.rejected, found.text + _explained(tuning, found))
+        raise Refusal(found.rejected, *_explained(tuning, found))
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
     rows = {
         n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
@@ -72,14 +73,18 @@ def fit(tuning) -> tuple[dict, str]:
     return result, f"{text}, p = {found.p:.2g}"
 
 
-def _explained(tuning, found) -> str:
-    """What would explain a rejected fit, to be added to the model."""
+def _explained(tuning, found) -> tuple[str, str]:
+    """(why a fit was rejected, what would explain it as TOML)."""
     if found.rejected != "chi2":
-        return ""
+        return found.text, ""
     tuning.say("the model does not explain the responses: trying what it may lack")
     tried = residual.of(found)
     tuning.write("residual.json", [asdict(one) for one in tried])
-    return f"; {residual.text(tried)}" if tried else ""
+    if not tried:
+        return found.text, ""
+    names = " or ".join(one.text for one in tried[: residual.SHOWN])
+    text = f"{found.text}; tried, the likeliest first: {names}; add the one that is there"
+    return text, residual.lines_of(tried)
 
 
 def _loosened(model, before, priors) -> dict[str, Prior]:
@@ -109,7 +114,9 @@ def _friction(tuning, rubs) -> dict[str, Any]:
     for rub in rubs:
         tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
     if lines:
-        tuning.say(f"the model lacks it; this tuning goes on with it, add to your model:\n{lines}")
+        tuning.say("the model lacks it; this tuning goes on with it, add to your model:")
+        for line in lines.splitlines():
+            tuning.say(line)
     return {"friction": [asdict(rub) for rub in rubs], "lines": lines}
 
 
@@ -174,7 +181,7 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
             found[stiffness] = Prior(
                 float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
             )
-    if mass and shaken:
+    if mass and shaken and shaken["mass_error"] < UNSURE:
         found[mass] = Prior(shaken["mass"], max(SHAKEN_ERROR, shaken["mass_error"]))
     elif mass and mass not in given:
         table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
@@ -182,8 +189,9 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, "
                 f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
-                "not show. Add to the "
-                f"model what is found, with {mass} as it weighs:\n{rubbing.lines(rubs)}"
+                "not show; add to the "
+                f"model what was found, with {mass} as it weighs",
+                rubbing.lines(rubs),
             )  # fmt: skip
         value = linear.facts(tuning.given)["parameters"][mass][0]
         found[mass] = Prior(value, known.MASS)

@@ -151,7 +151,7 @@ def _shaken(tuning, law, order, slow):
     # From where the spring rules to where the mass does; the mass is not known.
     mass = _mass(tuning)
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
-    hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(1.4 * own, 150.0),
+    hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
                                                        shake.FREQUENCIES)})  # fmt: skip
     off(tuning.axis)
     with Settings(tuning.axis, law), analyzer_of(tuning, order) as measures:

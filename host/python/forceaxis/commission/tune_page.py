@@ -84,6 +84,8 @@ def _verdict(tuning, summary):
         lost = (tuning.folder / as_found.FILE).exists()
         then = "The next run puts back what it had." if lost else "The axis has its law of before."
         text = f'<p class="refused">{html.escape(why)} {then}</p>'
+        if refused.get("lines"):
+            text += f"<p>To be added to the model:</p><pre>{html.escape(refused['lines'])}</pre>"
     elif summary["stored"]:
         text = "<p>Measured, designed, verified and stored.</p>"
     text += "".join(f"<p>{html.escape(one)}</p>" for one in (
