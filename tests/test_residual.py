@@ -76,7 +76,7 @@ def test_a_gain_that_differs_by_level_is_named(model):  # noqa: F811
     rejected = fit.joint(model, known.priors(model, OVER), found, OVER)
     assert rejected.rejected == "chi2"
     first = residual.of(rejected)[0]
-    assert first.name == "gain" and "1, 2" in first.text or "1, 1.9" in first.text
+    assert (first.name == "gain" and "1, 2" in first.text) or "1, 1.9" in first.text
 
 
 def test_nothing_is_named_where_the_model_explains_the_responses(model):  # noqa: F811

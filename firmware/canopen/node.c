@@ -5,6 +5,7 @@
 #include "firmware/canopen/cob_id.h"
 #include "firmware/canopen/emcy.h"
 #include "firmware/canopen/heartbeat.h"
+#include "firmware/canopen/identifier.h"
 #include "firmware/canopen/lss.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
@@ -433,7 +434,7 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
-int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
+static int check_value(const canopen_t *canopen, uint16_t object, int32_t value) {
   const canopen_params_t *params = &canopen->params;
   switch (object) {
     case AXIS_OBJ_SYNC_COB_ID:
@@ -451,6 +452,19 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   }
   const int result = pdo_check(canopen, object, value);
   return (result == PDO_NOT_MINE) ? sdo_check(canopen, object, (uint32_t)value) : result;
+}
+
+int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
+  const int refusal = check_value(canopen, object, value);
+  return (refusal == FW_OK && identifier_is_taken(canopen, object, (uint32_t)value))
+             ? FW_ERROR_RANGE
+             : refusal;
+}
+
+bool canopen_watches_by(uint16_t object) {
+  return canopen_element(object, AXIS_OBJ_CONSUMER_HEARTBEAT_1, CANOPEN_HEARTBEATS) >= 0 ||
+         canopen_element(object, AXIS_OBJ_RPDO_COB_ID_1, CANOPEN_PDOS) >= 0 ||
+         canopen_element(object, AXIS_OBJ_RPDO_TIMEOUT_1, CANOPEN_PDOS) >= 0;
 }
 
 void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
