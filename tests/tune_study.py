@@ -107,6 +107,48 @@ def shown(row):
     return f"| {' | '.join(cells)} |"
 
 
+MS_WITHIN, FS_WITHIN, NEWTONS_WITHIN = 0.3, 0.2, 0.3  # absolute, relative, relative
+
+
+def promise_held(row):
+    """Whether an axis that rubs was tuned as promised; one that was refused by `friction` counts if
+    its newtons are right and the lines let it be tuned."""
+    if row["refused"]:
+        return False
+    if row["first"]:
+        table = {rub["between"][0]: rub["newton"] for rub in row["friction"]}["workpiece"]
+        return abs(table / row["rubs"]["table"] - 1) <= NEWTONS_WITHIN
+    return (
+        row["stable"]
+        and abs(row["Ms"] - row["Ms_predicted"]) <= MS_WITHIN
+        and abs(row["fS_Hz"] / row["fS_true_Hz"] - 1) <= FS_WITHIN
+    )
+
+
+RUB_HEAD = (
+    "seed", "result", "moving N", "found", "table N", "found", "fS Hz", "true", "Ms", "true",
+    "static error %", "force N of", "axis s",
+)  # fmt: skip
+
+
+def shown_rub(row):
+    """The line in Markdown of an axis that rubs."""
+    rubs = row["rubs"]
+    found = {rub["between"][0]: rub["newton"] for rub in row["friction"] or []}
+    result = row["refused"]["name"] if row["refused"] else "kept"
+    if row["first"]:
+        result = f"{row['first']['name']}, then {result}"
+    numbers = [
+        rubs["seals"] + rubs["gear"], found.get("motor"), rubs["table"], found.get("workpiece"),
+        row.get("fS_Hz"), row.get("fS_true_Hz"), row.get("Ms_predicted"), row.get("Ms"),
+    ]  # fmt: skip
+    cells = [str(row["seed"]), result, *("-" if n is None else f"{n:.3g}" for n in numbers)]
+    errors = row.get("static_error_percent")
+    cells.append(f"{max(map(abs, errors)):.2f}" if errors and None not in errors else "-")
+    cells += [f"{row['force_max_N']:.0f} of {row['force_bound_N']:.0f}", f"{row['axis_s']:.0f}"]
+    return f"| {' | '.join(cells)} |"
+
+
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
         rubs = "friction" in sys.argv[1:]

@@ -113,7 +113,7 @@ def glide(analyzer, most: int, say=lambda text: None) -> Glide:
             enough = forward is not None and (
                 slowed or code >= most or abs(forward) * GLIDE_S > ENOUGH * travel
             )
-            if enough:
+            if enough and forward is not None:
                 break
             if forward is None and (slowed or 2 * code > highest):
                 raise Refusal(
@@ -204,8 +204,8 @@ def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarr
         held = axis.link.recording(10.0)
         legs.append((held.values("force") * analyzer.newton, held.values("position")))
     axis.set(recorder_decimation=1)
-    force, place = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
-    return force, place - start
+    pushed, went = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
+    return pushed, went - start
 
 
 def means(values: np.ndarray) -> np.ndarray:

@@ -87,8 +87,9 @@ def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float
     """(shape, problem with its parameters, cost, their logarithms) of a Shape while all other
     parameters stay at x."""
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
+    kind: Any = type(problem)
 
-    class Shaped(type(problem)):
+    class Shaped(kind):
         def predictions(self, x):
             every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
             values = {name: every[shape.key(name)] for name in shape.priors}

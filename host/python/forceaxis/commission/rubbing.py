@@ -56,7 +56,7 @@ def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, .
                 for f, size in zip(own, sizes, strict=True)
             ]
         elif newton > 0 and (not of_work or work in facts["masses_kg"]):
-            found.append(Rub(name, place, newton))
+            found.append(Rub(name, (str(place[0]), str(place[1])), newton))
     return tuple(found)
 
 
@@ -91,7 +91,7 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
             own["stiction"] = float(f"{STICTION * rub.newton:.4g}")
         else:
             size, loose = (float(f"{s * rub.newton:.4g}") for s in (1.0, STICTION))
-            values = {"name": rub.name, "between": list(rub.between)}
+            values: dict = {"name": rub.name, "between": list(rub.between)}
             values |= {"coulomb": size, "stiction": loose}
             _add(document, "friction", values)
     return tomlkit.dumps(document)

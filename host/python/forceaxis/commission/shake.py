@@ -76,12 +76,14 @@ def shake(
                 if best or amplitude < 2:
                     break
                 continue
-            if best is None or abs(_way(*one, sensor)) > abs(_way(*best[:2], sensor)):
+            if best is None or abs(_way(one[0], one[1], sensor)) > abs(
+                _way(best[0], best[1], sensor)
+            ):
                 best = (*one, amplitude)
-            if abs(_way(*one, sensor)) >= target or amplitude >= most(f):
+            if abs(_way(one[0], one[1], sensor)) >= target or amplitude >= most(f):
                 break
             amplitude = math.ceil(MORE * amplitude)
-        way = abs(_way(*best[:2], sensor)) if best else 0.0
+        way = abs(_way(best[0], best[1], sensor)) if best else 0.0
         if best and way > LEAST / SLIDES * target:
             force, place, codes = best
             rows.append((f, force.real, force.imag, place.real, place.imag, codes))

@@ -199,11 +199,14 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
     return {name: prior for name, prior in found.items() if name not in given}
 
 
+def _name(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
     """(parameter of the contact's stiffness, of its damping), None for what is a number."""
     contact = contact_of(toml.read(linear.find_model(model))) or {}
-    names = (contact.get("stiffness"), contact.get("damping"))
-    return tuple(n if isinstance(n, str) else None for n in names)
+    return _name(contact.get("stiffness")), _name(contact.get("damping"))
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
@@ -213,8 +216,9 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
     body = contact["between"][1] if contact else None
     springs = [s.get("stiffness") for s in table.get("spring", ()) if body in s["between"]]
     masses = [b.get("mass") for b in table["body"] if b["name"] == body]
-    names = (springs[0] if len(springs) == 1 else None, masses[0] if masses else None)
-    return tuple(n if isinstance(n, str) else None for n in names)
+    return (
+        _name(springs[0]) if len(springs) == 1 else None, _name(masses[0]) if masses else None
+    )  # fmt: skip
 
 
 def _differing(tuning, names, model) -> list[str]:
