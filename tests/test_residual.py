@@ -79,6 +79,7 @@ def test_a_gain_that_differs_by_level_is_named(model):  # noqa: F811
     assert (first.name == "gain" and "1, 2" in first.text) or "1, 1.9" in first.text
 
 
+@pytest.mark.long
 def test_nothing_is_named_where_the_model_explains_the_responses(model):  # noqa: F811
     found = fit.joint(model, known.priors(model, OVER), responses(model, true_values(model)), OVER)
     assert found.rejected is None and residual.of(found) == []
