@@ -1,13 +1,15 @@
 """Axes drawn from the ranges of `forceaxis new`, and judged by what a tool never sees: their true
 parameters.
 
-Run as a process of its own, `drawn_axes.py SEED FOLDER` draws an axis, writes its data sheet's
-model into FOLDER/known, prints the address at which the axis answers as over a bus, and, once it is
-asked to judge, what became of the axis that a tool has tuned. `Hidden` is the tool's side.
+Run as a process of its own, `drawn_axes.py SEED FOLDER [friction]` draws an axis, writes its data
+sheet's model into FOLDER/known, prints the address at which the axis answers as over a bus, and,
+once it is asked to judge, what became of the axis that a tool has tuned. `Hidden` is the tool's
+side.
 """
 
 import json
 import math
+import shutil
 import sys
 from multiprocessing.connection import Client, Listener
 from pathlib import Path
@@ -15,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from forceaxis import _core, linear, objects
 from forceaxis.axis.sim import SimLink
-from forceaxis.design import data_sheet, files, new, simulate
+from forceaxis.design import data_sheet, files, new, sets, simulate
 from forceaxis.design.changes import Design
 from forceaxis.linear import over as margins
 from forceaxis.linear.bank import Bank
@@ -92,6 +94,43 @@ def draw(seed):
     return sheet, off
 
 
+# Of the force that the motor has at its peak: dry friction of guide and gear. Under the workpiece
+# in newtons.
+RUBS, TABLE_N = (5e-4, 5e-3), (2.0, 25.0)
+PLACES = {
+    "seals": ("load", "ground"),
+    "gear": ("motor", "ground"),
+    "table": ("workpiece", "ground"),
+}
+TRANSMISSION_N_PER_M = (2e7, 2e8)  # a screw between motor and load
+
+
+def rubbed(seed):
+    """(data sheet, truth over it, {friction of PLACES: newtons}) of an axis with a screw, whose
+    friction the sheet does not tell."""
+    rng = np.random.default_rng([1988, seed, 28])
+    sheet, off = draw(seed)
+    r = sheet["lead_mm_per_rev"] / 1e3 / (2 * math.pi)
+    peak = 0.9 * sheet["torque_constant_n_m_per_a"] * sheet["motor_peak_current_a"] / r
+
+    def between(low, high):
+        return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+
+    sheet["transmission_stiffness_n_per_m"] = between(*TRANSMISSION_N_PER_M)
+    off["m_motor"] = off["m_load"] = off.pop("m_axis")
+    found = {name: between(*(share * peak for share in RUBS)) for name in ("seals", "gear")}
+    return sheet, off, found | {"table": between(*TABLE_N)}
+
+
+def with_friction(model, found):
+    """The model's text with frictions, {name of PLACES: newtons}."""
+    rows = [
+        f'[[friction]]\nname = "{name}"\nbetween = {list(PLACES[name])}\ncoulomb = {newton!r}\n'
+        for name, newton in found.items()
+    ]
+    return model.read_text().replace("[drive]", "\n".join([*rows, "[drive]"]), 1)
+
+
 class Hidden(SimLink):
     """The link to an axis that another process has drawn."""
 
@@ -162,7 +201,7 @@ def bounds(model, extremes):
     return {"force_max_N": extremes["force_N"], "travel_mm": [1e3 * end / scale for end in ends]}
 
 
-def judged(model, truth, folder, forces):
+def judged(model, truth, folder, forces, moving=None):
     """What the law that a tuning in `folder` designed does on the true axis."""
     if not (folder / "design.json").exists():
         return {}
@@ -170,7 +209,7 @@ def judged(model, truth, folder, forces):
     held = designed["bank"]
     sections = tuple(map(tuple, held["sections"]))
     bank = Bank(held["force_gain"], held["integral_rad_per_s"], held["velocity_gain"], sections)
-    modes = tuple(designed["modes"])
+    modes = tuple(designed["modes"]) if moving is None else moving
     plants = PlantSet(str(model), truth, ranges_of(model, OVER, truth), modes)
     worst = margins.worst(plants, ("zoh",), law="bank", bank=bank)
     rows = contacts(model, truth, forces, bank, designed)
@@ -202,12 +241,18 @@ def contacts(model, truth, forces, bank, designed):
         ]
 
 
-def serve(seed, folder):
-    sheet, off = draw(seed)
+def serve(seed, folder, friction=False):
+    sheet, off, rubs = rubbed(seed) if friction else (*draw(seed), {})
     model = written(folder / "known", sheet) / "model.toml"
-    truth = truth_of(model, off)
+    truth, hidden, moving = truth_of(model, off), model.parent, None
+    if friction:
+        hidden = folder / "true"
+        shutil.copytree(model.parent, hidden)
+        (hidden / "model.toml").write_text(with_friction(model, rubs))
+        model = hidden / "model.toml"
+        moving = sets.slopes(model, truth)  # sliding, and stuck where a path is left
     axis = _core.LiveAxis(
-        str(folder / "known/contact.toml"), [*given(truth), *DELIVERED],
+        str(hidden / "contact.toml"), [*given(truth), *DELIVERED],
         str(folder / "store.bin"),
     )  # fmt: skip
     axis.step(1)
@@ -223,9 +268,9 @@ def serve(seed, folder):
                 try:
                     if name == "judge":
                         out, forces = arguments
-                        answer = {"off": off, "axis_s": axis.ticks / 1500}
+                        answer = {"off": off, "rubs": rubs, "axis_s": axis.ticks / 1500}
                         answer |= bounds(model, axis.extremes)
-                        answer |= judged(model, truth, Path(out), forces)
+                        answer |= judged(model, truth, Path(out), forces, moving)
                     else:
                         answer = getattr(axis, name)(*arguments)
                     connection.send((None, answer))
@@ -234,4 +279,4 @@ def serve(seed, folder):
 
 
 if __name__ == "__main__":
-    serve(int(sys.argv[1]), Path(sys.argv[2]))
+    serve(int(sys.argv[1]), Path(sys.argv[2]), "friction" in sys.argv[3:])

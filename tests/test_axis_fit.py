@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from forceaxis import linear
 from forceaxis._core import InputError
-from forceaxis.commission import fit
+from forceaxis.commission import fit, known
 from forceaxis.identify.measurement import Measurement
 
 pytestmark = pytest.mark.beside
@@ -30,8 +30,8 @@ def parameters(model):
 
 
 def true_values(model, factors=TRUTH):
-    known = parameters(model)
-    return {n: known[n] * factor for n, factor in factors.items()}
+    values = parameters(model)
+    return {n: values[n] * factor for n, factor in factors.items()}
 
 
 def measured(model, truth, free=False, error=0.02, seed=0, coherence=0.99, modes=None):
@@ -61,7 +61,7 @@ def three(model, truth, **given):
 
 def test_parameters_lie_in_their_intervals_and_absolute_ones_are_known_less_than_ratios(model):
     truth = true_values(model)
-    found = fit.joint(model, fit.priors(model, OVER), three(model, truth), OVER)
+    found = fit.joint(model, known.priors(model, OVER), three(model, truth), OVER)
     assert found.rejected is None and found.p > 0.01
     true = parameters(model) | truth
     inside = [low <= true[n] <= high for n, (low, high) in found.intervals.items()]
@@ -78,8 +78,8 @@ def test_parameters_lie_in_their_intervals_and_absolute_ones_are_known_less_than
 
 def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model):
     truth = true_values(model)
-    priors = fit.priors(model, OVER)
-    priors |= {n: fit.Prior(p.value, 0.5) for n, p in priors.items() if n in ("m_axis", "k_s")}
+    priors = known.priors(model, OVER)
+    priors |= {n: known.Prior(p.value, 0.5) for n, p in priors.items() if n in ("m_axis", "k_s")}
     found = fit.joint(model, priors, three(model, truth)[1:], OVER)
     low, high = found.intervals["k_w"]
     assert high / low > 1.2
@@ -93,7 +93,7 @@ def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model
 def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
     truth = true_values(model)
     found = [
-        fit.joint(model, fit.priors(model, OVER), three(model, truth, error=e), OVER)
+        fit.joint(model, known.priors(model, OVER), three(model, truth, error=e), OVER)
         for e in (0.005, 0.2)
     ]
     for one in found:
@@ -118,7 +118,7 @@ def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
 )
 def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, name):
     truth = true_values(model, TRUTH | factors)
-    priors = fit.priors(model, OVER, given)
+    priors = known.priors(model, OVER, given)
     found = fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()
@@ -130,11 +130,11 @@ def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
     stiffer = truth | {"k_s": 1.15 * truth["k_s"]}
     responses = three(model, truth)
     responses[2] = measured(model, stiffer, seed=12)
-    found = fit.joint(model, fit.priors(model, OVER), responses, OVER)
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
     assert found.rejected is None and found.levels_differ
     _, low, high = found.plants.ranges["k_s"]
     assert low <= 1.01 * truth["k_s"] and high >= 0.99 * stiffer["k_s"]
-    assert not fit.joint(model, fit.priors(model, OVER), three(model, truth), OVER).levels_differ
+    assert not fit.joint(model, known.priors(model, OVER), three(model, truth), OVER).levels_differ
 
 
 def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
@@ -146,7 +146,7 @@ def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
         measured(model, truth, seed=1),
         measured(model, truth, seed=2, modes=outer),
     ]
-    found = fit.joint(model, fit.priors(model, OVER), responses, OVER)
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
     assert found.rejected is None
     taken = [level["modes"].get("drive.amplifier", "inner") for level in found.levels]
     assert taken[:2] == ["inner", "inner"] and "outer" in taken[2]
@@ -155,25 +155,25 @@ def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
 
 
 def test_priors_follow_the_part_that_a_parameter_plays(model):
-    priors = fit.priors(model, OVER, ("m_w=4", "b_axis=150+-20%"))
+    priors = known.priors(model, OVER, ("m_w=4", "b_axis=150+-20%"))
     assert priors["k_w"].wide and not priors["k_s"].wide
-    assert priors["m_w"] == fit.Prior(4.0, fit.MASS)
-    assert priors["b_axis"] == fit.Prior(150.0, 0.2)
-    assert priors["m_axis"].spread == fit.MASS and "force_per_count" not in priors
+    assert priors["m_w"] == known.Prior(4.0, known.MASS)
+    assert priors["b_axis"] == known.Prior(150.0, 0.2)
+    assert priors["m_axis"].spread == known.MASS and "force_per_count" not in priors
 
 
 @pytest.mark.parametrize("text", ["m_w", "m_w=0", "m_w=4+-0%", "m_w=4+-x%", "nobody=1"])
 def test_a_wrong_prior_is_one_line(model, text):
     with pytest.raises(InputError, match=r"--prior: .*expected NAME=VALUE") as error:
-        fit.priors(model, OVER, (text,))
+        known.priors(model, OVER, (text,))
     assert "\n" not in str(error.value)
 
 
 def test_the_amplitude_leaves_the_voltage_within_the_supply(model):
-    known = parameters(model)
-    first = known["k_preamp_cmd"] * known["k_amp"] * 10 / 2048  # V of the amplifier for a code
-    assert fit.linear_codes(model) == pytest.approx(0.7 * known["supply"] / first, rel=0.1)
-    assert fit.linear_codes(model, {"supply": known["supply"] / 2}) == pytest.approx(
-        fit.linear_codes(model) / 2, abs=1
+    values = parameters(model)
+    first = values["k_preamp_cmd"] * values["k_amp"] * 10 / 2048  # V of the amplifier for a code
+    assert known.linear_codes(model) == pytest.approx(0.7 * values["supply"] / first, rel=0.1)
+    assert known.linear_codes(model, {"supply": values["supply"] / 2}) == pytest.approx(
+        known.linear_codes(model) / 2, abs=1
     )
-    assert fit.linear_codes("fig4_19") is None
+    assert known.linear_codes("fig4_19") is None

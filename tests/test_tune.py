@@ -501,9 +501,54 @@ def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
     assert not (tmp_path / as_found.FILE).exists()
 
 
-def test_another_order_does_not_go_on_in_the_folder(plants, designed):
-    with Axis(link(plants)) as axis, pytest.raises(InputError, match="another order"):
-        tune.Tuning(axis, order(plants, ms=1.5), designed)
+@pytest.mark.parametrize(
+    "changed, kept, again",
+    [
+        ({"ms": 1.5}, {"free", "measure", "fit"}, {"design", "simulate"}),
+        ({"priors": ("m_w=6+-10%",)}, {"free", "measure"}, {"fit", "design", "simulate"}),
+        ({"forces": (40.0, 100.0)}, {"free"}, {"measure", "fit", "design", "simulate"}),
+        ({"seed": 3}, set(), {"free", "measure", "fit", "design", "simulate"}),
+    ],
+)
+def test_a_corrected_order_goes_on_with_what_it_does_not_touch(
+    plants, designed, changed, kept, again
+):
+    said = []
+    with Axis(link(plants)) as axis:
+        tuning = tune.Tuning(axis, order(plants, **changed), designed, said.append)
+        name = next(iter(changed))
+        assert said[0].startswith(f"changed since: {name} ") and "is done again" in said[0]
+        assert all((designed / f"{step}.json").exists() for step in kept)
+        assert not any((designed / f"{step}.json").exists() for step in again)
+        tuning.run("check")  # which is done again, and leaves what was kept
+        assert all((designed / f"{step}.json").exists() for step in kept)
+
+
+def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, designed, tmp_path):
+    shutil.copytree(plants / "known", tmp_path / "known")
+    model = tmp_path / "known/model.toml"
+    model.write_text(model.read_text() + "# another line\n")
+    said = []
+    with Axis(link(plants)) as axis:
+        before = json.loads((designed / tune.FILE).read_text())
+        tune.Tuning(axis, order(plants, model=str(model)), designed, said.append)
+        assert said == ["changed since: the model; kept: free, measure; the rest is done again"]
+        (designed / tune.FILE).write_text(json.dumps(before | {"serial_number": 99}))
+        with pytest.raises(InputError, match="the same axis, got another serial_number"):
+            tune.Tuning(axis, order(plants), designed)
+
+
+def test_what_a_simulation_took_of_the_gain_is_said_with_why():
+    designed = {
+        "gain_reductions": 1, "chosen": "P", "worst": {"fS_Hz": 9.0, "Ms": 1.5},
+        "structures": [{"name": "P", "worst": {"fS_Hz": 10.0, "Ms": 1.6}}],
+        "gain_cuts": [{"case": "contact 30 N at 20 mm/s", "why": "losses 3 of 1"}],
+    }  # fmt: skip
+    text = tune_steps._cut(designed)
+    assert text.startswith("P x 0.9: ")
+    for part in ("contact 30 N", "losses 3 of 1", "fS 10 Hz", "left are 9 Hz"):
+        assert part in text
+    assert tune_steps._cut(designed | {"gain_reductions": 0}) == ""
 
 
 @pytest.mark.long

@@ -1,5 +1,5 @@
-"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py SEED...` prints a
-row of JSON for each."""
+"""`forceaxis tune` on axes that another process draws and hides. `tune_study.py [friction]
+SEED...` prints a row of JSON for each; with friction, of axes that rub."""
 
 import json
 import subprocess
@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from drawn_axes import OVER, Hidden
-from forceaxis._core import InputError
+from forceaxis._core import InputError, SimulationError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import tune
@@ -21,14 +21,33 @@ HEAD = ("seed", "result", "fS Hz", "P Hz", "times", "Ms true", "predicted", "ver
         "static error %", "force N of", "travel mm", "axis s", "whole s")  # fmt: skip
 
 
-def tuned(seed, folder, say=lambda text: None):
-    """The row of an axis: what the tool says of it, and what its truth does."""
+def run(axis, order, out, say):
+    """(the Tuning, why it is refused or None)."""
+    work, refused = tune.Tuning(axis, order, out, say), None
+    try:
+        work.run()
+    except (Refusal, NoAnswer, Refused, InputError, SimulationError) as error:
+        refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
+    return work, refused
+
+
+def add(model, lines):
+    """Adds what a refusal prints to a model's file."""
+    file = Path(model)
+    file.write_text(file.read_text() + "\n" + lines)
+
+
+def tuned(seed, folder, say=lambda text: None, friction=False):
+    """The row of an axis: what the tool says of it, and what its truth does. friction: it rubs, and
+    its data sheet does not tell; where the tool refuses it by that name, what it prints is added to
+    the model, and it goes on in the same folder."""
     folder = Path(folder) / f"axis{seed}"
     folder.mkdir(parents=True)
-    began, refused = time.monotonic(), None
+    began, refused, first = time.monotonic(), None, None
     with subprocess.Popen(
-        [sys.executable, DRAWN, str(seed), folder], stdout=subprocess.PIPE, text=True
-    ) as process:
+        [sys.executable, DRAWN, str(seed), folder, *["friction"] * friction],
+        stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
         try:
             served = json.loads(process.stdout.readline())
             forces, force_max = served["asked"]
@@ -36,13 +55,11 @@ def tuned(seed, folder, say=lambda text: None):
             model, out = str(folder / "known/model.toml"), folder / "tuned"
             order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
             with Axis(link) as axis:
-                work = tune.Tuning(axis, order, out, say)
-                try:
-                    work.run()
-                except (Refusal, NoAnswer, Refused, InputError) as error:
-                    refused = {"kind": type(error).__name__, "text": str(error)} | (
-                        work.refused or {}
-                    )
+                work, refused = run(axis, order, out, say)
+                if refused and refused.get("name") == "friction":
+                    first = refused
+                    add(model, refused["lines"])
+                    work, refused = run(axis, order, out, say)
                 summary = work.summary()
                 powered = axis.get("drive_state")["drive_state"]
             seconds = time.monotonic() - began
@@ -55,6 +72,8 @@ def tuned(seed, folder, say=lambda text: None):
     return {
         "seed": seed,
         "refused": refused,
+        "first": first,
+        "friction": summary["friction"],
         "drive_state": powered,
         "forces_N": forces,
         "force_bound_N": force_max,
@@ -88,10 +107,52 @@ def shown(row):
     return f"| {' | '.join(cells)} |"
 
 
+MS_WITHIN, FS_WITHIN, NEWTONS_WITHIN = 0.3, 0.2, 0.3  # absolute, relative, relative
+
+
+def promise_held(row):
+    """Whether an axis that rubs was tuned as promised; one that was refused by `friction` counts if
+    its newtons are right and the lines let it be tuned."""
+    if row["refused"]:
+        return False
+    if row["first"]:
+        table = {rub["between"][0]: rub["newton"] for rub in row["friction"]}["workpiece"]
+        return abs(table / row["rubs"]["table"] - 1) <= NEWTONS_WITHIN
+    return (
+        row["stable"]
+        and abs(row["Ms"] - row["Ms_predicted"]) <= MS_WITHIN
+        and abs(row["fS_Hz"] / row["fS_true_Hz"] - 1) <= FS_WITHIN
+    )
+
+
+RUB_HEAD = (
+    "seed", "result", "moving N", "found", "table N", "found", "fS Hz", "true", "Ms", "true",
+    "static error %", "force N of", "axis s",
+)  # fmt: skip
+
+
+def shown_rub(row):
+    """The line in Markdown of an axis that rubs."""
+    rubs = row["rubs"]
+    found = {rub["between"][0]: rub["newton"] for rub in row["friction"] or []}
+    result = row["refused"]["name"] if row["refused"] else "kept"
+    if row["first"]:
+        result = f"{row['first']['name']}, then {result}"
+    numbers = [
+        rubs["seals"] + rubs["gear"], found.get("motor"), rubs["table"], found.get("workpiece"),
+        row.get("fS_Hz"), row.get("fS_true_Hz"), row.get("Ms_predicted"), row.get("Ms"),
+    ]  # fmt: skip
+    cells = [str(row["seed"]), result, *("-" if n is None else f"{n:.3g}" for n in numbers)]
+    errors = row.get("static_error_percent")
+    cells.append(f"{max(map(abs, errors)):.2f}" if errors and None not in errors else "-")
+    cells += [f"{row['force_max_N']:.0f} of {row['force_bound_N']:.0f}", f"{row['axis_s']:.0f}"]
+    return f"| {' | '.join(cells)} |"
+
+
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
+        rubs = "friction" in sys.argv[1:]
         for text in sys.argv[1:]:
-            print(
-                json.dumps(tuned(int(text), scratch, lambda t: print(t, file=sys.stderr))),
-                flush=True,
-            )
+            if text != "friction":
+                done = tuned(int(text), scratch, lambda t: print(t, file=sys.stderr), rubs)
+                print(json.dumps(done), flush=True)

@@ -169,15 +169,15 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
 
 def _identified(order, measured, priors):
     """The order, for the plants that measured responses leave open."""
-    from forceaxis.commission import fit
+    from forceaxis.commission import fit, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
     from forceaxis.linear import settings
 
     model = settings.of(order.text, (), plant=True).model
-    known = fit.priors(model, order.over, priors, order.overrides)
+    before = known.priors(model, order.over, priors, order.overrides)
     responses = [read_response(folder, model, order.overrides) for folder in measured]
-    found = fit.joint(model, known, responses, order.over)
+    found = fit.joint(model, before, responses, order.over)
     if found.rejected:
         raise Refusal(found.rejected, found.text)
     return replace(order, over=found.over, overrides=order.overrides | found.values)

@@ -63,7 +63,7 @@ def tune(way, only, out, as_json, **options):
      "levels": {name: {"Ms": measured, "Ms_predicted": at the same lines,
       "peak_N": of the touch-down, ...}},
      "stored": true, "seconds": {step: ...},
-     "refused": null | {"step", "name", "text"}}
+     "refused": null | {"step", "name", "text", "lines"}}
     """
     from forceaxis.commission import tune as tuning
     from forceaxis.commission import tune_page

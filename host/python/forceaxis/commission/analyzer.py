@@ -16,20 +16,20 @@ is put back in close(), with the axis disabled.
 
 import contextlib
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from forceaxis.axis import bounds
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
-from forceaxis.commission import response
+from forceaxis.commission import friction, response
+from forceaxis.commission.level import Level, Order, Rest, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
-SWING = 0.4  # of the bias force, from peak to peak
+SWING = Order.swing
 DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
@@ -40,7 +40,6 @@ POLL_S = 0.1
 BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
-MOST_CODES = 1024
 JUDGED = 3  # realisations that distortion is judged by
 # How much more they may differ than noise makes them; rounding of slow motions is no white noise.
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
@@ -51,65 +50,6 @@ FREE_SETTLE = 0.3  # of the time to settle in contact
 SEARCH_SETTLE = 0.5  # of it while the amplitude is searched
 CERTAIN = 0.04  # relative error, median of the lines, at which fewer averages are enough
 STANDING = 4  # counts within which an axis stands
-
-
-@dataclass(frozen=True)
-class Order:
-    """What to measure; frequencies in Hz, forces in N, times in s, travel in counts."""
-
-    band_hz: tuple = (1.0, 100.0)
-    resolution_hz: float = 1.0
-    averages: int = 8
-    fewest: int = 0  #: averages that are enough once the response is CERTAIN; 0: all
-    settle_s: float = 1.0
-    force_max_N: float = math.inf
-    travel: int = 500  #: from where a level or the free response begins
-    amplitude: int = 0  #: codes; 0: searched, from `first` on
-    first: int = 1
-    most: int = MOST_CODES  #: codes that are searched up to
-    seed: int = 1
-
-
-@dataclass(frozen=True)
-class Rest:
-    """The axis at rest: mean reading in counts, noise in codes of the ADC (see noise_of; None: a
-    reading at the converter's end shows half of it), position in counts."""
-
-    reading: float
-    noise_lsb: float | None
-    position: int
-
-
-@dataclass
-class Level:
-    """A measured response and how it was come by. Forces in N, the least and largest of every
-    recorded reading; aborts: [{"amplitude", "why"}]."""
-
-    measured: Measurement
-    amplitude: int
-    #: (n,) complex, of the loop that was measured in, and its standard error
-    sensitivity: np.ndarray | None = None
-    sensitivity_error: np.ndarray | None = None
-    bias_N: float | None = None
-    force_min_N: float | None = None
-    force_max_N: float | None = None
-    swing: float = 0.0  #: from peak to peak, N in contact, counts apart
-    noise_lsb: float | None = None
-    aborts: list = field(default_factory=list)
-    of_loop: bool = False
-
-    def about(self):
-        """For JSON."""
-        return {k: v for k, v in vars(self).items() if not isinstance(v, ARRAYS)}
-
-
-def noise_of(raw):
-    """Noise of readings that stand, rms in their unit: from sample to sample, so that a slow limit
-    cycle between two codes is none."""
-    return float(np.std(np.diff(raw)) / math.sqrt(2))
-
-
-ARRAYS = (Measurement, np.ndarray)
 
 
 class Ended(Exception):
@@ -205,24 +145,30 @@ class Analyzer:
                 "force", f"expected a force below {order.force_max_N / (1 + SWING / 2):.4g} N, "
                 f"whose swing stays below force_max, got {force_N:g} N"
             )  # fmt: skip
-        bias = self._press(force_N)
-        least, most = (LOWEST + MARGIN) * bias, order.force_max_N - MARGIN * bias
-        most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
-        self.set(
-            excitation_waveform="noise", excitation_point="output", excitation_code=0,
-            excitation_hold=self._hold(), excitation_period=self.samples,
-            excitation_ramp=1e3 * RAMP_S, excitation_travel=order.travel,
-            excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
-        )  # fmt: skip
+        bias = self.press(force_N)
+        self.bound(bias, "noise", self.samples)
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
         level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         level.of_loop = of_loop
-        self._measure(level, self._pressed, still, SWING * bias, "adc0", seeds)
+        self._measure(level, self._pressed, still, order.swing * bias, "adc0", seeds)
         self.set(target_force=0)  # disabled under force, the contact's spring throws the axis back
-        self._wait(RELEASE_S, lambda: None)
+        self.wait(RELEASE_S, lambda: None)
         return level
+
+    def bound(self, bias_N, waveform, period):
+        """Sets up an excitation of the law's output about `bias_N`, with the bounds at which the
+        axis ends it; period: ticks, 0: none."""
+        least, most = (LOWEST + MARGIN) * bias_N, self.order.force_max_N - MARGIN * bias_N
+        most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
+        self.set(
+            excitation_waveform=waveform, excitation_point="output", excitation_code=0,
+            excitation_hold=self._hold(), excitation_seed=0,
+            excitation_period=period, excitation_ramp=1e3 * RAMP_S,
+            excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
+            excitation_travel=self.order.travel,
+        )  # fmt: skip
 
     def free(self):
         """The response from DAC codes to the encoder, the contact apart: a Level."""
@@ -249,6 +195,16 @@ class Analyzer:
             self.close()
         return level
 
+    def between(self, low_N, high_N):
+        """(reading in N, position in counts), (n,), pressed with `low_N`, slowly to `high_N` and
+        back."""
+        self.press(low_N)
+        self.rated_N = self.axis.read("rated_force") * 1e-3
+        found = friction.between(self, low_N, high_N)
+        self.set(target_force=0)  # as contact()
+        self.wait(RELEASE_S, lambda: None)
+        return found
+
     def _hold(self):
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
@@ -271,10 +227,12 @@ class Analyzer:
         found, level.sensitivity, level.sensitivity_error = response.estimate(
             r, u, y, self.lines, steps
         )
+        level.speed_rms = self._speed(found["response"], u)
         scale = self.sign if output == "adc0" else 1
         found["response"] = found["response"] * scale
         level.swing = float(np.ptp(y, axis=1).max())
         if output == "adc0":
+            level.speed_rms *= self.newton
             level.swing *= self.newton
             force = (y * scale).min(), (y * scale).max()
             zero = self.zero * 2.0 ** (8 - self.bits)
@@ -296,13 +254,22 @@ class Analyzer:
             resolution_hz=TICKS_PER_S / self.samples,
         )
 
+    def _speed(self, response, u):
+        """Rms of the output's rate that the codes make, in N/s or counts/s."""
+        shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
+        hz = self.lines * TICKS_PER_S / self.samples
+        power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * response) ** 2
+        return float(np.sqrt(power.sum()))
+
     def _realisations(self, level, play, seeds, rest, output):
         """Of all seeds, with an amplitude that the first of them do not show to distort."""
         records = [play(level.amplitude, seed) for seed in seeds[:JUDGED]]
         r, u, y = (np.array([record[i] for record in records]) for i in range(3))
         found = response.excess(r, u, y, rest, self.lines, self._steps(output))
         self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
-        if found > DISTORTED[output] and level.amplitude > 1:
+        level.distorted = float(found)
+        # Of dry friction a smaller amplitude shows more: its distortion is noise in the variance.
+        if found > DISTORTED[output] and level.amplitude > 1 and not self.order.rubs:
             raise Ended("distorted")
         for seed in seeds[JUDGED:]:
             if self.order.fewest and len(records) >= self.order.fewest:
@@ -350,7 +317,7 @@ class Analyzer:
                 f"expected an excitation within the bounds, {amplitude} codes pass them",
             )
         if level.bias_N is not None:
-            self._standing()
+            self.standing()
         return amplitude // 2
 
     def _output(self, held, output):
@@ -358,7 +325,7 @@ class Analyzer:
             return held.values("position").astype(float)
         return held.values("force_raw") * 2.0 ** (8 - self.bits)
 
-    def _press(self, force_N):
+    def press(self, force_N):
         """Approaches in mode 4 and presses until the reading stands at `force_N`: that force."""
         axis = self.axis
         if math.isfinite(self.order.force_max_N):
@@ -369,7 +336,7 @@ class Analyzer:
         axis.enable("force")
         self._touch()
         for _ in range(BIAS_TRIES):
-            reached = self._standing()
+            reached = self.standing()
             if abs(reached - force_N) <= BIAS_WITHIN * force_N:
                 return reached
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
@@ -403,7 +370,7 @@ class Analyzer:
     def _per_mille(self, force_N):
         return min(1e3 * force_N / self.rated_N, bounds.most_force(self.axis))
 
-    def _standing(self, timeout_s=20.0):
+    def standing(self, timeout_s=20.0):
         """The reading in N once it stands, in contact."""
         passed, before = 0.0, None
         while passed < timeout_s:
@@ -437,10 +404,10 @@ class Analyzer:
             axis.set(excitation_run="start")
         except Refused:
             raise Refusal("contact", f"expected contact, {axis.about()}") from None
-        self._wait(RAMP_S + settle * self.order.settle_s, self._goes_on)
+        self.wait(RAMP_S + settle * self.order.settle_s, self.goes_on)
         axis.arm(IN_CONTACT, self.samples)
         held = axis.link.recording(10 + 2 * self.samples / TICKS_PER_S)
-        self._goes_on()
+        self.goes_on()
         axis.set(excitation_run="stop")
         axis.wait_for(
             lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
@@ -448,13 +415,14 @@ class Analyzer:
         wave = held.values("excitation_value")
         return wave, held.values("dac_code"), self._output(held, "adc0")
 
-    def _goes_on(self):
+    def goes_on(self):
         state = self.axis.get("excitation_state", "fault", "drive_state")
         self._expect_enabled(state)
         if state["excitation_state"] not in ("running", "ramping_up"):
             raise Ended(state["excitation_state"])
 
-    def _wait(self, seconds, check):
+    def wait(self, seconds, check):
+        """Lets the axis go on for some seconds of its time; check() at every poll."""
         passed = 0.0
         while passed < seconds:
             step = min(POLL_S, seconds - passed)
@@ -468,7 +436,7 @@ class Analyzer:
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
-        self._wait(FREE_SETTLE * settle * self.order.settle_s, self._free)
+        self.wait(FREE_SETTLE * settle * self.order.settle_s, self._free)
         count = min(n + n // 4, self._most_samples(APART))  # the drift shows in what repeats
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
@@ -497,4 +465,4 @@ class Analyzer:
         self.axis.enable("profile position")
         if abs(self.axis.read("position") - self.home) > STANDING:
             self.axis.move(self.home)
-        self._wait(0.2, lambda: None)
+        self.wait(0.2, lambda: None)

@@ -125,9 +125,9 @@ class Touching(Analyzer):
 
     def touch_down(self, force_N):
         """Touches down and presses until the reading stands, without measuring."""
-        self._press(force_N)
+        self.press(force_N)
 
-    def _press(self, force_N):
+    def press(self, force_N):
         self.asked_N = force_N
         self._leave()
         before = round(BEFORE_S * TICKS_PER_S)
@@ -135,7 +135,7 @@ class Touching(Analyzer):
             ("force",), before + round(AFTER_S * TICKS_PER_S), pretrigger=before,
             **trigger_on("force", self.known["contact_force"]),
         )  # fmt: skip
-        return super()._press(force_N)
+        return super().press(force_N)
 
     def _leave(self):
         """Moves back by at most the travel from where nothing presses any more."""

@@ -15,16 +15,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import optimize, stats
 
-from forceaxis import linear, toml
+from forceaxis import linear
 from forceaxis._core import InputError
+from forceaxis.commission.known import Prior
 from forceaxis.design import sets
 from forceaxis.identify.fit import MISFIT, SHARE
 from forceaxis.identify.measurement import COHERENT
 from forceaxis.linear import loops, plant_set
 
-# Standard deviations of the logarithms of what is known before.
-MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.log(5)
-DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
 OUTSIDE = 3.0  # standard deviations from its prior: rejected
 EDGE = 6.0  # how far is searched
 MODEL_ERROR = 0.01  # of a response, that is no fault of the parameters
@@ -35,21 +33,6 @@ STEP = 1e-5
 KEPT = 200
 COMBINATIONS = 9  # of modes at the levels
 APART, CHANGED = 0.3, 0.02  # logarithms: levels that are one plant still; that count as another
-LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
-FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
-UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known of a parameter: its value > 0 and the standard deviation of its logarithm."""
-
-    value: float
-    spread: float
-
-    @property
-    def wide(self):
-        return self.spread > 1.0
 
 
 @dataclass
@@ -72,8 +55,12 @@ class Found:
     correlation: np.ndarray | None = None  #: in the order of `best`
     plants: plant_set.PlantSet | None = None  #: for a design
     limiting_hz: float | None = None
+    #: of each response, {parameter: value} with what it alone has
+    own: list = field(default_factory=list)
     #: each force has parameters of its own: `values` is their mean, the ranges hold all of them
     levels_differ: bool = False
+    problem: object = None  #: of which `best` is the best, at the logarithms `at`
+    at: np.ndarray | None = None
 
     @property
     def p(self):
@@ -111,76 +98,6 @@ class Found:
         }
 
 
-def priors(model, over=(), given=(), overrides=None):
-    """{parameter: Prior} of a model by the part that each plays: masses, the drive's and the
-    contact's constants as a data sheet has them; the workpiece and what `over` names hardly known.
-
-    given: texts NAME=VALUE (as exact as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
-    """
-    known = linear.facts(model, overrides)["parameters"]
-    table = toml.read(linear.find_model(model))
-    work = _workpiece(table)
-    spreads = {}
-
-    def add(name, spread):
-        if isinstance(name, str) and name in known and known[name][0] > 0:
-            spreads[name] = max(spread, spreads.get(name, 0.0))
-
-    for body in table.get("body", ()):
-        add(body.get("mass"), WORKPIECE if body["name"] == work else MASS)
-    for kind in ("spring", "damper", "contact", "backlash"):
-        for part in table.get(kind, ()):
-            on_it = kind != "contact" and work in part["between"]
-            add(part.get("stiffness"), WORKPIECE if on_it else STIFFNESS)
-            add(part.get("damping"), WORKPIECE if on_it else DAMPING)
-    for key in DRIVEN:
-        add(table.get("drive", {}).get(key), DRIVE)
-    for name in plant_set.ranges_of(model, over, overrides):
-        add(name, WORKPIECE)
-    found = {name: Prior(known[name][0], spread) for name, spread in spreads.items()}
-    for text in given:
-        name, _, value = text.partition("=")
-        value, _, percent = value.partition("+-")
-        try:
-            share = float(percent.removesuffix("%")) / 100 if percent else MASS
-            prior = Prior(float(value), share)
-        except ValueError:
-            prior = Prior(0.0, 0.0)
-        if name not in known or not (0 < prior.value < math.inf and 0 < prior.spread < math.inf):
-            raise InputError(
-                f"--prior: {text}: expected NAME=VALUE or NAME=VALUE+-PERCENT%, above 0, of a "
-                f"parameter of the model: {', '.join(sorted(known))}"
-            )
-        found[name] = prior
-    return found
-
-
-def linear_codes(model, overrides=None):
-    """Codes of noise that leave the drive's voltage and current within their limits, by the model;
-    None without limits. Beyond, the amplifier answers with less than its gain."""
-    path = linear.find_model(model)
-    known, table = linear.facts(path, overrides), toml.read(path).get("drive", {})
-    found = []
-    for signal, key in LIMITED:
-        limit = table.get(key)
-        limit = known["parameters"].get(limit, (limit,))[0]
-        if signal not in known["signals"] or not isinstance(limit, int | float):
-            continue
-        step = linear.linearise(path, outputs=(signal,), overrides=overrides).sampled(dt=FINE_S)
-        x, peak = np.zeros(len(step.A)), abs(step.D[0, 0])
-        for _ in range(FINE_STEPS):
-            x = step.A @ x + step.B[:, 0]
-            peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
-        found.append(UNSATURATED * limit / (peak * known["volts_per_code"]))
-    return max(1, int(min(found))) if found else None
-
-
-def _workpiece(table):
-    """The body that the contact presses on."""
-    contacts = table.get("contact", ())
-    return contacts[0]["between"][1] if len(contacts) == 1 else None
-
-
 @dataclass
 class _Responses:
     """The responses of one axis as residuals of the logarithms of its parameters."""
@@ -189,45 +106,58 @@ class _Responses:
     priors: dict
     measured: list
     modes: list = field(default_factory=list)  # of each response
+    own: list = field(default_factory=list)  # of each response: {parameter: its name in priors}
+    errors: list = field(default_factory=list)  # of each response, relative, of any model
 
     def __post_init__(self):
         self.names = tuple(self.priors)
+        self.own = self.own or [{}] * len(self.measured)
+        self.errors = self.errors or [MODEL_ERROR] * len(self.measured)
         self.centre = np.log([p.value for p in self.priors.values()])
         self.spread = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
         self.known = {}  # predictions by response and what it depends on
         self.acting = {}
-        self.variance = [m.variance + (MODEL_ERROR * abs(m.response)) ** 2 for m in self.measured]
+        self.variance = [
+            m.variance + (error * abs(m.response)) ** 2
+            for m, error in zip(self.measured, self.errors, strict=True)
+        ]
 
-    def values(self, x):
-        return dict(zip(self.names, np.exp(x).tolist(), strict=True))
+    def values(self, x, own=None):
+        """{parameter: value} of what all responses share, and of what one has as its `own`."""
+        every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
+        shared = {name: value for name, value in every.items() if "@" not in name}
+        return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
     def predictions(self, x):
         """What the model gives for each response. Levels of the same modes and lines share it, and
         it stands while only parameters change on which it does not depend."""
         found = []
-        for m, modes in zip(self.measured, self.modes, strict=True):
+        for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
                 m.output,
                 m.free,
                 m.scale,
                 tuple(sorted(modes.items())),
+                tuple(own.items()),
                 m.frequency_hz.tobytes(),
             )
             if one not in self.acting:
-                self.acting[one] = self._acting(replace(m, modes=modes))
+                self.acting[one] = self._acting(replace(m, modes=modes), own)
             key = (one, x[self.acting[one]].tobytes())
             if key not in self.known:
                 if len(self.known) > KEPT:
                     self.known.clear()
-                self.known[key] = replace(m, modes=modes).predict(self.values(x))
+                self.known[key] = replace(m, modes=modes).predict(self.values(x, own))
             found.append(self.known[key])
         return found
 
-    def _acting(self, measured):
+    def _acting(self, measured, own):
         """Which parameters a response depends on."""
-        exact = measured.predict(self.values(self.centre))
-        moved = [measured.predict(self.values(self.centre + d)) for d in np.diag(self.spread / 10)]
+        exact = measured.predict(self.values(self.centre, own))
+        moved = [
+            measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
+        ]
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x):
@@ -273,7 +203,10 @@ class _Responses:
         which makes it broad.
         """
         units = {n: unit for n, (_, unit) in linear.facts(self.model)["parameters"].items()}
-        wide = {i: units.get(self.names[i]) for i, p in enumerate(self.priors.values()) if p.wide}
+        wide = {
+            i: units[name] for i, (name, p) in enumerate(self.priors.items())
+            if p.wide and name in units
+        }  # fmt: skip
         grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID)
                  for i, unit in wide.items()}  # fmt: skip
         (k, *ks), (m, *ms) = (
@@ -319,20 +252,24 @@ def _real(values):
     return np.concatenate([values.real, values.imag])
 
 
-def joint(model, priors, measurements, over=(), coherent=COHERENT):
+def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), errors=()):
     """Fit all responses of one axis at once: a Found.
 
     model: a path or stem. priors: {parameter: Prior or (value, spread of the logarithm)}, of what
     is searched. measurements: Measurements of the axis, apart or in contact at some force; each in
     contact is taken in the slope of the amplifier that explains it best. over: texts as --over,
-    what may change about the values found. Raises InputError.
+    what may change about the values found. own: for each response {parameter: Prior} of what it
+    alone has, such as the damping that its amplitude makes of dry friction; errors: what no model
+    explains of each, relative, MODEL_ERROR by default. Raises InputError.
     """
     model = str(linear.find_model(model))
     priors = {n: p if isinstance(p, Prior) else Prior(*p) for n, p in priors.items()}
     measured = [replace(m, model=model) for m in measurements]
     if not priors or not any(not m.free for m in measured):
         raise InputError("fit: expected parameters to find, and a response in contact")
-    problem = _in_modes(_Responses(model, priors, measured))
+    mine = [{name: f"{name}@{i}" for name in one} for i, one in enumerate(own)]
+    priors |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}
+    problem = _in_modes(_Responses(model, priors, measured, own=mine, errors=list(errors)))
     best = _searched(problem)
     found = _judged(problem, best, over, coherent)
     if found.rejected == "chi2":
@@ -379,7 +316,9 @@ def _by_level(problem, best):
     for level in pressed:
         kept = [i for i, m in enumerate(problem.measured) if m.free or i == level]
         one = replace(problem, measured=[problem.measured[i] for i in kept],
-                      modes=[problem.modes[i] for i in kept])  # fmt: skip
+                      modes=[problem.modes[i] for i in kept],
+                      own=[problem.own[i] for i in kept],
+                      errors=[problem.errors[i] for i in kept])  # fmt: skip
         x = one.search(best).x
         if any(_score(s)["p"] < MISFIT / len(kept) for s in one.scores(x)):
             return None
@@ -405,6 +344,8 @@ def _judged(problem, x, over, coherent, apart=None):
     best = problem.values(x)
     chi2, dof = (sum(level[key] for level in levels) for key in ("chi2", "dof"))
     found = Found(problem.model, best, chi2 + float(np.sum(away**2)), dof, levels)
+    found.problem, found.at = problem, x
+    found.own = [problem.values(x, own) for own in problem.own]
     found.levels_differ = apart is not None
     found.limiting_hz = loops.force_loop(problem.model, "p", "zoh", best).limit().frequency_hz
     _reject(found, problem, away, coherent)
@@ -430,14 +371,16 @@ def _judged(problem, x, over, coherent, apart=None):
     found.values = best
     found.intervals = {
         name: tuple(value * math.exp(s * size * h) for s in (-1, 1))
-        for (name, value), h in zip(best.items(), spread, strict=True)
+        for (name, value), h in zip(best.items(), spread, strict=False)  # the shared ones first
     }
-    found.correlation = covariance / np.outer(spread, spread)
+    found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
     found.ratios = _ratios(best, covariance, size)
     for i, name in enumerate(problem.names):
         wider = size * min(shown[i], spread[i])
         if i in changed:
             wider += float(abs(shift[:, i]).max())
+        if "@" in name:
+            continue
         if name in ranges or (i in changed and len(ranges) < plant_set.RANGES_MAX):
             value, low, high = ranges.get(name, (best[name],) * 3)
             ranges[name] = (value, low * math.exp(-wider), high * math.exp(wider))
@@ -449,7 +392,7 @@ def _judged(problem, x, over, coherent, apart=None):
 
 def _reject(found, problem, away, coherent):
     """Says why a fit is not taken, if it is not."""
-    worst = int(abs(away).argmax())
+    worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level["p"] < MISFIT / len(found.levels)]
     if (found.p < MISFIT or misfits) and not found.levels_differ:
         p = min([found.p, *(level["p"] for level in misfits)])

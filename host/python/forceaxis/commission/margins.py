@@ -36,11 +36,12 @@ def on_fitted(tuning, banks, late):
     return found
 
 
-def _loop(tuning, bank, late):
+def _loop(tuning, bank, late, modes=None):
     """(loop of a Bank on the fitted plant, its gain)."""
     loop = loops.force_loop(
-        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"], bank=bank
-    )
+        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"], modes,
+        bank=bank,
+    )  # fmt: skip
     return loop, over.gain_at(loop, None, None, {"bank": bank})
 
 
@@ -48,14 +49,20 @@ def peaks(tuning, bank, late, level):
     """Ms as measured, and as the fitted model has it at the same lines; None where no line is
     sure."""
     measured = level.measured
-    loop, gain = _loop(tuning, bank, late)
+    # What rubs sticks at some amplitudes and slides at others: the larger one of both.
+    every = tuning.result("design").get("modes") or [None]
+    if not tuning.result("fit").get("friction"):
+        every = [None]
     hz = measured.frequency_hz
     # Over a few percent of the frequency: the peak of many noisy lines is too high.
     near = (abs(np.log(hz[:, None] / hz)) < PART).astype(float)
     near /= near.sum(1, keepdims=True)
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
     found = abs(near @ level.sensitivity)
-    expected = abs(near @ loop.sensitivity(gain).response(hz).ravel())
+    pairs = [_loop(tuning, bank, late, modes) for modes in every]
+    expected = np.max(
+        [abs(near @ loop.sensitivity(gain).response(hz).ravel()) for loop, gain in pairs], 0
+    )
     sure = error < SURE * found
     if not sure.any():
         return None

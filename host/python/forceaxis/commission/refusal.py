@@ -12,11 +12,11 @@ LEFT = (
 
 class Refusal(Exception):
     """A step's refusal; `name` is one word for programs, the text says what was found, what was
-    expected and what to do."""
+    expected and what to do, in one line; lines: what to add to the model, "" for nothing."""
 
-    def __init__(self, name, text):
+    def __init__(self, name, text, lines=""):
         super().__init__(f"{name}: {text}")
-        self.name, self.text = name, text
+        self.name, self.text, self.lines = name, text, lines
 
 
 def of_link(axis, error):

@@ -14,11 +14,22 @@ from dataclasses import asdict, dataclass
 from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, fit, tune_steps
+from forceaxis.commission import as_found, known, tune_fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
 FILE = "tune.json"
+# The step from which on a tuning is done again where something changed; check() always is.
+AGAIN_FROM = {
+    "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "ms": "design",
+    "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
+    "seed": "free",
+}  # fmt: skip
+
+
+def _text(value):
+    """A field of an Order for people."""
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 @dataclass(frozen=True)
@@ -41,32 +52,66 @@ class Order:
 class Tuning(as_found.Folder):
     """The steps on an Axis that is owned and disabled, in `folder`, which need not exist.
 
-    say(text): a line for each step and for what it does. Raises InputError where the folder holds
-    another tuning, or the order names what the model has not.
+    say(text): a line for each step and for what it does. A folder of another order or model goes on
+    with what that does not touch, and says what. Raises InputError where the folder holds a tuning
+    of another axis, or the order names what the model has not.
     """
 
     def __init__(self, axis, order, folder, say=lambda text: None):
         super().__init__(axis, folder, say)
-        self.order, self.model, self.refused = order, linear.find_model(order.model), None
-        fit.priors(str(self.model), order.over, order.priors)  # before anything is written
+        self.kept = frozenset()  # steps that are done and stay so when one before them is again
+        self.order, self.given, self.refused = order, linear.find_model(order.model), None
+        known.priors(str(self.given), order.over, order.priors)  # before anything is written
         self._claim()
 
+    @property
+    def model(self):
+        """Path of the model: the one given, with the friction that fit() found and it lacks."""
+        own = self.folder / tune_fit.MODEL
+        return own if own.exists() else self.given
+
     def _claim(self):
-        """Refuses a folder of another order, model or axis; writes down whose it is."""
+        """Takes the folder for this order: steps that what changed since does not touch stay done.
+        Refuses a folder of another axis."""
         known = self.axis.get("object_table_hash", "serial_number")
         identity = {
             "order": json.loads(json.dumps(asdict(self.order), default=str)),
-            "model_sha256": hashlib.sha256(self.model.read_bytes()).hexdigest(),
+            "model_sha256": hashlib.sha256(self.given.read_bytes()).hexdigest(),
             **known,
         }
         held = self.read(FILE)
         if held is not None and held != identity:
-            other = [key for key in identity if held.get(key) != identity[key]]
-            raise InputError(
-                f"{self.folder}: expected a tuning of the same order, model and axis, got another "
-                f"{', '.join(other)}; give another --out"
-            )
+            other = [key for key in known if held.get(key) != known[key]]
+            if other:
+                raise InputError(
+                    f"{self.folder}: expected a tuning of the same axis, got another "
+                    f"{', '.join(other)}; give another --out"
+                )
+            self._renew(held, identity)
         self.write(FILE, identity)
+
+    def _renew(self, held, identity):
+        """Leaves only the steps that stay valid of what was done for `held`, and says so."""
+        old, new = held["order"], identity["order"]
+        changes = {n: f"{n} {_text(old.get(n))} to {_text(new[n])}" for n in new
+                   if n != "model" and old.get(n) != new[n]}  # fmt: skip
+        first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
+        if held["model_sha256"] != identity["model_sha256"]:
+            changes["model"] = "the model"
+            first.append(STEPS.index(AGAIN_FROM["model"]))
+        if not first:  # the same model by another name
+            return
+        done = [step for step in STEPS if (self.folder / f"{step}.json").exists()]
+        kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
+        for step in STEPS:
+            if step not in kept:
+                (self.folder / f"{step}.json").unlink(missing_ok=True)
+        self.kept = frozenset(kept)
+        if done:
+            self.say(
+                f"changed since: {', '.join(changes.values())}; kept: "
+                f"{', '.join(kept) or 'nothing'}; the rest is done again"
+            )
 
     def result(self, step):
         """What a step that is done came to. Raises Refusal for one that is not."""
@@ -91,6 +136,10 @@ class Tuning(as_found.Folder):
         except (Refusal, Refused, NoAnswer) as error:
             refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
             self.refused = {"step": self.step, "name": refusal.name, "text": refusal.text}
+            if refusal.lines:
+                self.refused["lines"] = refusal.lines
+                for line in ("to be added to the model:", *refusal.lines.splitlines()):
+                    self.say(line)
             raise refusal from None
         return self.summary()
 
@@ -100,7 +149,8 @@ class Tuning(as_found.Folder):
             self.say(f"{place} {step}: done before")
             return
         for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
-            (self.folder / f"{later}.json").unlink(missing_ok=True)
+            if later == step or later not in self.kept:
+                (self.folder / f"{later}.json").unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
         try:
             result, line = getattr(tune_steps, step)(self)
@@ -129,12 +179,16 @@ class Tuning(as_found.Folder):
             "p": designed.get("p"),
             "on_fitted": designed.get("on_fitted"),
             "limited_by": designed.get("limited_by"),
+            "cut": designed.get("cut") or None,
+            "holds": tune_fit.holds(self),
             "Ms_predicted": designed.get("worst", {}).get("Ms"),
             "Ms_verified": max((one["Ms"] for one in levels.values()), default=None),
             "levels": levels or None,
             "certificate_state": held.get("write", {}).get("certificate_state"),
             "stored": held.get("store", {}).get("stored", False),
             "times_p": designed.get("times_p"),
+            "friction": fitted.get("friction"),
+            "friction_lines": fitted.get("lines"),
             "seconds": {step: done[step]["seconds"] for step in held},
             "axis_seconds": {step: done[step]["axis_seconds"] for step in held},
             "refused": self.refused,

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from forceaxis import paths
-from forceaxis.commission import as_found, contact
+from forceaxis.commission import as_found, contact, tune_fit
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -48,7 +48,8 @@ def write(tuning, summary):
     order, folder = tuning.order, tuning.folder
     names = [*(["free"] if (folder / "free").exists() else [])]
     names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
-    values = ((tuning.read("fit.json") or {}).get("result") or {}).get("values") or {}
+    fitted = (tuning.read("fit.json") or {}).get("result") or {}
+    values, own = fitted.get("values") or {}, fitted.get("own") or {}
     touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
     parts = [
         f"<h1>Tuned: {html.escape(summary['axis'])}</h1>",
@@ -62,8 +63,12 @@ def write(tuning, summary):
         parts.append(_images(figures, "Force over time, measured and predicted"))
     parts.append(_verified(summary))
     if names:
-        measured = [fit.read_response(folder / name, tuning.model) for name in names]
-        figures = [_response(n, one, values) for n, one in zip(names, measured, strict=True)]
+        slides = folder / tune_fit.RESPONSES  # where friction is a damper
+        model = str(slides) if slides.exists() else tuning.given
+        measured = [fit.read_response(folder / name, model) for name in names]
+        figures = [
+            _response(n, one, own.get(n) or values) for n, one in zip(names, measured, strict=True)
+        ]
         parts += ["<h2>Responses</h2>", _images(figures, ALT)]
     parts += [_fitted(summary), _steps(summary)]
     with paths.replacing(folder, FILE) as (file,):
@@ -79,10 +84,24 @@ def _verdict(tuning, summary):
         lost = (tuning.folder / as_found.FILE).exists()
         then = "The next run puts back what it had." if lost else "The axis has its law of before."
         text = f'<p class="refused">{html.escape(why)} {then}</p>'
+        if refused.get("lines"):
+            text += f"<p>To be added to the model:</p><pre>{html.escape(refused['lines'])}</pre>"
     elif summary["stored"]:
         text = "<p>Measured, designed, verified and stored.</p>"
-    limited = summary["limited_by"]
-    return text + (f"<p>{html.escape(limited)}</p>" if limited else "")
+    text += "".join(f"<p>{html.escape(one)}</p>" for one in (
+        summary["cut"], summary["limited_by"]) if one)  # fmt: skip
+    if summary["holds"]:
+        items = "".join(f"<li>{html.escape(line)}</li>" for line in summary["holds"])
+        text += f"<h2>Where this holds</h2><ul>{items}</ul>"
+    if summary["friction"]:
+        rows = [["dry friction between", "N", "in the model"]]
+        for rub in summary["friction"]:
+            known = "yes" if rub["declared"] else "no"
+            rows.append([" and ".join(rub["between"]), _number(rub["newton"]), known])
+        text += "<h2>Friction</h2>" + _rows(rows)
+    if summary["friction_lines"]:
+        text += f"<p>Add to the model:</p><pre>{html.escape(summary['friction_lines'])}</pre>"
+    return text
 
 
 def _margins(summary):

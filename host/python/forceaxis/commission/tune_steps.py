@@ -1,7 +1,5 @@
 """The steps of a tuning. Each takes a tune.Tuning and gives (result for JSON, a line)."""
 
-import contextlib
-import datetime
 import math
 from dataclasses import replace
 
@@ -10,21 +8,33 @@ import numpy as np
 from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
 from forceaxis.axis import bounds, params, quantity
-from forceaxis.axis.link import REASONS, SCALE_WITHIN, NoAnswer, Refused
-from forceaxis.commission import analyzer, as_found, contact, margins, measuring
-from forceaxis.commission import fit as joint_fit
+from forceaxis.axis.link import REASONS, SCALE_WITHIN, Refused
+from forceaxis.commission import analyzer, as_found, contact, known, margins
 from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
+from forceaxis.commission.tune_fit import fit
+from forceaxis.commission.tune_measure import (
+    PEAKY,
+    analyzer_of,
+    free,
+    measure,
+    next_amplitude,
+    objects_of,
+    off,
+    reach,
+    taken,
+)
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.design.grid import hf_most
 from forceaxis.design.search import HF_DEFAULT
-from forceaxis.identify import fit as fit_response
-from forceaxis.identify import result as results
 from forceaxis.linear import loops, plant_set
 from forceaxis.linear.bank import Bank
 
-FEWEST = 5  # averages
+__all__ = (
+    "check", "design", "fit", "free", "measure", "simulate", "store", "verify", "write",
+)  # fmt: skip
+
 SHARE = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)  # of the integral to measure with
@@ -32,7 +42,6 @@ CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force stands with
 COHERENT = 0.9
 MS_WITHIN = 0.3
 NEAR = 0.15  # of the limiting frequency
-PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
 MORE_AVERAGES = 4  # times as many
 # How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
@@ -46,24 +55,24 @@ NO_MEMORY = -10  # of REASONS
 def check(tuning):
     """The axis at rest, and its converters those of the model."""
     axis, model = tuning.axis, tuning.model
-    known = axis.get(
+    held = axis.get(
         "adc_bits", "force_zero_code", "force_scale", "calibration_date", "position_gain",
         "velocity_gain", "fault", "latency_ticks", "force_sign", "approach_velocity_max",
         "contact_force",
     )  # fmt: skip
-    if known["fault"] != "none":
-        left = f"; {LEFT}" if known["fault"] in ORPHANED else ""
+    if held["fault"] != "none":
+        left = f"; {LEFT}" if held["fault"] in ORPHANED else ""
         raise Refusal(
-            "fault", f"expected an axis without a fault, got {known['fault']}; "
+            "fault", f"expected an axis without a fault, got {held['fault']}; "
             f"`forceaxis axis reset` resets it{left}"
         )  # fmt: skip
     facts = linear.facts(model)
     if facts["reading"] is None or facts["encoder"] is None or not facts["contacts"]:
         raise InputError(f"{model}: expected a force reading, an encoder and a contact")
-    if known["adc_bits"] != facts["reading"]["bits"]:
+    if held["adc_bits"] != facts["reading"]["bits"]:
         raise Refusal(
             "adc", f"expected an ADC of {facts['reading']['bits']} bits as the model's, the axis "
-            f"has {known['adc_bits']}: set adc_bits or the model"
+            f"has {held['adc_bits']}: set adc_bits or the model"
         )  # fmt: skip
     most = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
     if max(tuning.order.forces) >= most:
@@ -76,19 +85,19 @@ def check(tuning):
     )
     settings = {}
     scale = 1e6 * abs(facts["reading"]["per_count"])
-    if abs(known["force_scale"] / scale - 1) > SCALE_WITHIN:
-        if not quantity.never_set(known["force_scale"], known["calibration_date"]):
+    if abs(held["force_scale"] / scale - 1) > SCALE_WITHIN:
+        if not quantity.never_set(held["force_scale"], held["calibration_date"]):
             raise Refusal(
                 "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
-                f"{known['force_scale']:g}: calibrate it, or set the model"
+                f"{held['force_scale']:g}: calibrate it, or set the model"
             )  # fmt: skip
         settings["force_scale"] = max(1, round(scale))  # never calibrated
-    if not known["position_gain"]:
+    if not held["position_gain"]:
         loop = loops.force_loop(str(model), output="encoder", free=True)
         gain = loop.limit().gain
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
-    slow, own = _approach_velocity(model, facts), known["approach_velocity_max"]
+    slow, own = _approach_velocity(model, facts), held["approach_velocity_max"]
     if own > slow or own == objects.default("approach_velocity_max"):
         settings["approach_velocity_max"] = slow
         if own != objects.default("approach_velocity_max"):
@@ -96,7 +105,7 @@ def check(tuning):
                 f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
                 f"of the axis its momentum alone would strike with more than {TOUCH_N:g} N"
             )
-    rest = _analyzer(tuning).rest()
+    rest = analyzer_of(tuning).rest()
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
             "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
@@ -104,17 +113,17 @@ def check(tuning):
             "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
             "[[adc]] (`forceaxis new --sensor-noise-n`)"
         )  # fmt: skip
-    if rest.noise_lsb is not None and known["contact_force"] == objects.default("contact_force"):
+    if rest.noise_lsb is not None and held["contact_force"] == objects.default("contact_force"):
         # A law that is weak stands lightly, below a coarse threshold; its integral waits there.
-        felt = FELT * rest.noise_lsb * 2.0 ** (8 - known["adc_bits"])
+        felt = FELT * rest.noise_lsb * 2.0 ** (8 - held["adc_bits"])
         felt = max(felt, 2 * abs(rest.reading), LEAST_CONTACT)
-        settings["contact_force"] = min(round(256 * felt) / 256, known["contact_force"])
+        settings["contact_force"] = min(round(256 * felt) / 256, held["contact_force"])
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
     result = {
         "rest": vars(rest), "settings": settings, "law": bank.keys(), "band_hz": [low, high],
-        "before": margins.law_in_force(axis).keys(), "latency_ticks": known["latency_ticks"],
+        "before": margins.law_in_force(axis).keys(), "latency_ticks": held["latency_ticks"],
     }  # fmt: skip
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
@@ -164,127 +173,6 @@ def measuring_law(tuning):
     return best[1].quantised(), best[2]
 
 
-def free(tuning):
-    """The response of codes to the encoder."""
-    _, about = _measured(tuning, "free", lambda a: a.free(), _settings(tuning), first=4)
-    return about, _line("codes to the encoder", about)
-
-
-def measure(tuning):
-    """The responses of codes to the reading, at each force."""
-    done, lines, first = {}, [], 1
-    order = replace(tuning.order, band_hz=tuple(tuning.result("check")["band_hz"]))
-    held = tuning.result("check")["law"]
-    bank = Bank(held["gain"], held["integral_rad_per_s"])
-    law = _objects(tuning, bank, {}) | {"bump_decay_shift": 0} | _reach(tuning)
-    for force in tuning.order.forces:
-        name = f"{force:g}N"
-
-        def take(measures, force=force):
-            level = measures.contact(force)
-            # An axis that still touches does not approach again, so it keeps the cap of the first.
-            law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
-            return level
-
-        _, done[name] = _measured(tuning, name, take, law, order, first)
-        first = _next_amplitude(done[name]["amplitude"], force, order.forces)
-        lines.append(_line(name, done[name]))
-    return done, "; ".join(lines)
-
-
-def _settings(tuning):
-    return dict(tuning.result("check")["settings"])
-
-
-def _reach(tuning):
-    """Rated force and slope of the force, for the largest of the forces and what it swings by."""
-    return {
-        "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
-        "force_slope": 2000,
-    }  # fmt: skip
-
-
-def _analyzer(tuning, order=None, first=1, kind=analyzer.Analyzer):
-    order, model = order or tuning.order, str(tuning.model)
-    scale = abs(linear.facts(model)["encoder"]["scale"])
-    asked = analyzer.Order(
-        band_hz=tuple(order.band_hz), averages=order.averages, fewest=min(FEWEST, order.averages),
-        force_max_N=order.force_max_N,
-        travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
-        most=min(PEAKY * (joint_fit.linear_codes(model) or 1024), analyzer.MOST_CODES),
-    )  # fmt: skip
-    return kind(tuning.axis, asked, model, {}, tuning.say)
-
-
-def _measured(tuning, name, take, settings, order=None, first=1, kind=analyzer.Analyzer):
-    """(Level, what is said of it) of a response that is taken under some settings, written to a
-    folder of its own."""
-    _off(tuning.axis)
-    with Settings(tuning.axis, settings), _analyzer(tuning, order, first, kind) as measures:
-        rest = measures.rest() if name == "free" else analyzer.Rest(0.0, None, 0)
-        level = take(measures)
-    done = measuring.result_of(tuning.axis, measures.order, level, rest)
-    results.write(done, tuning.folder / name, draw=False)  # the page shows it
-    about = {k: done.summary[k] for k in ("coherence_median", "random_error_median")}
-    return level, about | level.about()
-
-
-def _next_amplitude(amplitude, force, forces):
-    """Codes to begin with at the force after `force`: of a smaller one the swing is smaller."""
-    after = forces[min(forces.index(force) + 1, len(forces) - 1)]
-    return max(1, int(amplitude * min(1.0, after / force)))
-
-
-def _line(name, about):
-    error = 100 * about["random_error_median"]
-    return f"{name} with {about['amplitude']} codes, error {error:.2g} %"
-
-
-class Settings:
-    """Objects that are written to a disabled axis, and put back."""
-
-    def __init__(self, axis, values):
-        self.axis, self.values = axis, values
-
-    def __enter__(self):
-        self.before = self.axis.get(*self.values) if self.values else {}
-        self._write(self.values, self.axis.set)
-
-    def __exit__(self, *_):
-        with contextlib.suppress(NoAnswer, Refused):  # another's, or lost; nothing is stored
-            _off(self.axis)
-            self._write(self.before, self.axis.put_back)
-
-    def _write(self, values, write):
-        if "force_bank" in values:  # a selected bank is not written
-            write(force_bank=0)
-        write(**values)
-
-
-def _off(axis):
-    axis.disable()
-    axis.link.wait(0.05)
-
-
-def fit(tuning):
-    """The model's parameters from all responses and what was known before."""
-    model, order = str(tuning.model), tuning.order
-    names = ["free", *(f"{force:g}N" for force in order.forces)]
-    measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
-    known = joint_fit.priors(model, order.over, order.priors)
-    found = joint_fit.joint(model, known, measured, order.over)
-    if found.rejected:
-        raise Refusal(found.rejected, found.text)
-    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
-    rows = {
-        n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
-        for n, v in found.values.items()
-    }
-    named = plant_set.ranges_of(model, order.over)
-    text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
-    return found.summary() | {"parameters": rows}, f"{text}, p = {found.p:.2g}"
-
-
 def design(tuning):
     """A bank for the set about what was fitted."""
     order = tuning.order
@@ -303,9 +191,12 @@ def design(tuning):
     checked = tuning.result("check")
     laws = {"before": contact.bank_of(checked["before"]), "designed": found.bank}
     result["on_fitted"] = outcome.plain(margins.on_fitted(tuning, laws, checked["latency_ticks"]))
-    result["objects"] = _objects(
+    result["objects"] = objects_of(
         tuning, found.bank, found.loss, files.largest_ms(worst), found.ranges, found.units
     )
+    result["cut"] = _cut(result)
+    if result["cut"]:
+        tuning.say(result["cut"])
     result["times_p"] = times = _times_p(result)
     line = f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
     if times is not None and times < PAYS:
@@ -315,6 +206,22 @@ def design(tuning):
         )
         tuning.say(result["limited_by"])
     return result, line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+
+
+def _cut(designed):
+    """What simulated contacts took of the gain that the search had found, why; "": nothing."""
+    times, chosen = designed["gain_reductions"], designed["chosen"]
+    if not times:
+        return ""
+    searched = next((s["worst"] for s in designed["structures"] if s["name"] == chosen), None)
+    why = [f": {cut['case']}, {cut['why']}" for cut in designed.get("gain_cuts", ())][:1]
+    return (
+        f"{chosen} x {simulation.BACKOFF**times:.3g}: contacts simulated with the fitted plant did "
+        f"not settle at the designed gain{''.join(why)}"
+        + (f"; the search had reached fS {searched['fS_Hz']:.3g} Hz and Ms {searched['Ms']:.3g}, "
+           f"left are {designed['worst']['fS_Hz']:.3g} Hz and {designed['worst']['Ms']:.3g}"
+           if searched and searched.get("fS_Hz") and designed["worst"].get("fS_Hz") else "")
+    )  # fmt: skip
 
 
 def _times_p(designed):
@@ -331,26 +238,11 @@ def _hf_gain(tuning):
         return None
     bits = linear.facts(tuning.model)["reading"]["bits"]
     most = hf_most(bits)
-    linear_codes = joint_fit.linear_codes(tuning.model)
+    linear_codes = known.linear_codes(tuning.model)
     linear_gain = math.inf
     if linear_codes is not None:  # as large as the excitation's noise, evenly drawn, may be
         linear_gain = PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
-
-
-def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
-    """{object: engineering value} of a bank, in order, with its certificate for this axis, and of
-    what check() found never to have been set."""
-    own = _settings(tuning)
-    known = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
-    with Design(str(tuning.model)) as plant:
-        bench = simulation.Bench(plant, known["adc_bits"])
-        bench.settings |= known
-        values = files.bank_objects(
-            plant.file("bank.toml", bench.text(bench.shown, bank, loss)), ms, ranges or {},
-            units or {}, datetime.date.today(),
-        )  # fmt: skip
-    return own | {n: v for n, v in values.items() if n not in ("adc_bits", "force_scale")}
 
 
 def simulate(tuning):
@@ -369,7 +261,7 @@ def write(tuning):
     """The bank into the axis; what was there before is kept in a file first."""
     axis = tuning.axis
     values = tuning.result("design")["objects"]
-    _off(axis)
+    off(axis)
     if tuning.read(BEFORE) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
         tuning.write(BEFORE, axis.link.read(names))
@@ -438,8 +330,15 @@ def verify(tuning):
 
             for more in (1, MORE_AVERAGES):  # where the drive bears little, noise takes its time
                 asked = replace(order, averages=more * order.averages)
-                done, about = _measured(
-                    tuning, name, take, _reach(tuning), asked, first, contact.Touching
+                done, about = taken(
+                    tuning,
+                    name,
+                    take,
+                    reach(tuning),
+                    asked,
+                    first,
+                    contact.Touching,
+                    rubs=bool(tuning.result("fit").get("friction")),
                 )
                 found = margins.peaks(tuning, bank, late, done)
                 if found:
@@ -451,7 +350,7 @@ def verify(tuning):
                     "verify", "expected lines at which the loop's response is sure, got none"
                 )
             about |= contact.write(tuning, touched[-1]) | found
-            first = _next_amplitude(about["amplitude"], force, order.forces)
+            first = next_amplitude(about["amplitude"], force, order.forces)
             levels[name] = about
             if about["Ms"] - 2 * about["Ms_error"] > about["Ms_predicted"] + MS_WITHIN:
                 raise Refusal(
@@ -470,7 +369,7 @@ def store(tuning):
     tuning.result("verify")
     _ensure_written(tuning)
     axis = tuning.axis
-    _off(axis)
+    off(axis)
     try:
         params.store(axis)
     except Refused as error:

@@ -1,0 +1,281 @@
+"""Dry friction of a live axis, found before its responses are taken.
+
+`glide` drives the axis apart with constant codes, both ways: the speed is proportional to the code
+less a dead zone, which is what the friction of guide and gear costs. `between` changes the force in
+contact slowly from the smallest to the largest one and back: the way that the axis goes shows what
+is soft between the forces, and a workpiece that sticks on its table by a way that differs between
+rising and falling force.
+
+A noise whose speed has the standard deviation s sees Coulomb friction of F newtons as a damper of
+sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
+Functions, 2.3): large where little moves, nothing where much does. So a response holds for its own
+amplitude.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from forceaxis.axis.link import TICKS_PER_S
+from forceaxis.commission.refusal import Refusal
+
+SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
+GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
+SLOWER = 0.6  # of the larger code: the smaller one
+ENOUGH = 1.2  # times the travel, in a glide: fast enough
+LOOK_S, BEYOND = 0.02, 1.3  # how often the place is read; times the travel
+MOVES = 6  # counts: less is no motion
+FELT_CODES = 0.12  # a dead zone below is none
+LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
+BLOCK = 20  # samples of a mean
+BINS = 6
+SOFTER = 1.6  # times the compliance at the forces: a soft place between them
+FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
+LEAST_COUNTS = 0.35  # of the way, by which friction under the workpiece shows
+
+
+@dataclass(frozen=True)
+class Glide:
+    """Of the axis apart: dead zone and difference between directions, codes, and counts a second
+    for each code beyond it."""
+
+    dead_zone: float
+    difference: float
+    rate: float
+    codes: int  #: the largest that were put out
+
+    @property
+    def rubs(self) -> bool:
+        return self.dead_zone > FELT_CODES
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Of a slow change between two forces: friction under the workpiece, N (0: none shows; at
+    least this where it `sticks` all the way), compliances in counts a newton of what moves always
+    and of what moves only once the friction is overcome, and the softest place between the forces
+    as a force and its compliance over that at the forces."""
+
+    friction_N: float
+    sticks: bool
+    compliance: float
+    sliding: float
+    softest_N: float
+    softest: float
+    low_N: float
+    high_N: float
+    way: int  #: counts
+
+    @property
+    def rubs(self) -> bool:
+        return self.friction_N > 0
+
+    @property
+    def soft(self) -> bool:
+        return self.softest > SOFTER
+
+
+class _TooFast(Exception):
+    """A code that takes the axis through its travel too soon to tell its speed."""
+
+
+def damping(friction_N: float, speed_rms: float) -> float:
+    """N s/m of a damper that takes as much of a noise of `speed_rms` m/s as the friction."""
+    return math.sqrt(2 / math.pi) * friction_N / speed_rms
+
+
+def glide(analyzer, most: int, say=lambda text: None) -> Glide:
+    """The Glide of an Analyzer's axis, which is owned, disabled, apart and at rest; disabled and at
+    home again afterwards. most: codes of which the larger motions are to be.
+
+    The codes are raised until the axis slides, and lowered where its travel is soon over. Raises
+    Refusal where it does not slide with 16 times `most`, or touches.
+    """
+    start = analyzer.axis.read("position")
+    travel = analyzer.order.travel
+    analyzer.set(
+        position_min=start - travel, position_max=start + travel, open_loop_code=0,
+        excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
+    )  # fmt: skip
+    analyzer.home = start
+    most = max(2, most)
+    code, highest, slowed = max(2, most // 8), min(16 * most, 2048), False
+    try:
+        while True:
+            try:
+                forward = _speed(analyzer, code)
+            except _TooFast:
+                code, slowed = max(1, round(code / 1.5)), True
+                continue
+            enough = forward is not None and (
+                slowed or code >= most or abs(forward) * GLIDE_S > ENOUGH * travel
+            )
+            if enough and forward is not None:
+                break
+            if forward is None and (slowed or 2 * code > highest):
+                raise Refusal(
+                    "friction", f"expected an axis that slides apart, it does not with {code} "
+                    "codes: free the guide, release the brake, or raise the amplifier's gain"
+                )  # fmt: skip
+            code = 2 * code if forward is None or 2 * code < most else most
+        slower = max(1, math.floor(SLOWER * code))
+        rows = [(code, forward)]
+        rows += [(c, speed) for c in (-code, slower, -slower)
+                 if (speed := _speed(analyzer, c)) is not None]  # fmt: skip
+        analyzer.go_home()
+    finally:
+        analyzer.close()
+    if len(rows) < 4:  # the smaller code is in the dead zone: half way between them
+        rate = forward / (code - slower)
+        found = Glide(float(slower), 0.0, rate, code)
+    else:
+        codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
+        table = np.column_stack([codes, -np.sign(codes), -np.ones(len(codes))])
+        rate, width, shift = np.linalg.lstsq(table, speeds, rcond=None)[0]
+        found = Glide(float(width / rate), float(shift / rate), float(rate), code)
+    say(f"{found.codes} codes apart: a dead zone of {found.dead_zone:.2g} codes")
+    return found
+
+
+def _speed(analyzer, code: int) -> float | None:
+    """Counts a second with a constant code from one end of the travel toward the other; None where
+    the axis does not move."""
+    axis, travel = analyzer.axis, analyzer.order.travel
+    axis.enable("profile position")
+    axis.move(analyzer.home - int(math.copysign(SHARE_OF_WAY * travel, code)))
+    analyzer.wait(0.1, lambda: None)
+    analyzer.set(open_loop_code=code)
+    axis.enable("excitation")
+    axis.arm(("position", "force"), round(GLIDE_S * TICKS_PER_S))
+    for _ in range(round(GLIDE_S / LOOK_S) + 1):
+        analyzer.wait(LOOK_S, lambda: None)
+        state = axis.get("position", "contact")
+        if abs(state["position"] - analyzer.home) > BEYOND * travel or state["contact"]:
+            axis.disable()
+            raise Refusal(
+                "travel", f"expected {code} codes to move the axis within its travel of {travel} "
+                "counts to either side, it goes beyond: its speed is not that of its codes; check "
+                "the drive, or start further away"
+            )  # fmt: skip
+    held = axis.link.recording(5.0)
+    axis.set(modes_of_operation=1)
+    analyzer.set(open_loop_code=0)
+    if np.abs(held.values("force")).max() > analyzer.known["contact_force"]:
+        raise Refusal("contact", "expected the axis apart, it touched; start further away")
+    place = held.values("position").astype(float)
+    inside = np.abs(place - analyzer.home) < SHARE_OF_WAY * travel + MOVES
+    last = int(np.argmin(inside)) if not inside.all() else len(place)
+    first = round(SETTLED_S * TICKS_PER_S)
+    if last - first < LEAST_S * TICKS_PER_S / 2:
+        raise _TooFast
+    if abs(place[last - 1] - place[first]) < MOVES:
+        return None
+    time_s = np.arange(first, last) / TICKS_PER_S
+    return float(np.polyfit(time_s, place[first:last], 1)[0])
+
+
+def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarray]:
+    """(reading in N, position in counts) of an axis that is pressed with `low_N` and goes to
+    `high_N` and back; it is left pressed with `low_N`. Raises Refusal where it moves further than
+    the order's travel."""
+    axis = analyzer.axis
+    start = axis.read("position")
+    slope = 1e3 * (high_N - low_N) / analyzer.rated_N / LEG_S
+    analyzer.set(force_slope=max(1, round(slope)))
+
+    def near(state=None):
+        way = abs(axis.read("position") - start)
+        if way > analyzer.order.travel:
+            axis.disable()
+            raise Refusal(
+                "travel", f"expected at most {analyzer.order.travel} counts of way from {low_N:g} "
+                f"to {high_N:g} N, got {way}: something between these forces is soft; give a "
+                "larger --travel-mm, or forces that are nearer to each other"
+            )  # fmt: skip
+
+    legs = []
+    for force in (high_N, low_N):
+        axis.arm(("force", "position"), LEG_SAMPLES, decimation=DECIMATION)
+        analyzer.set(target_force=min(1e3 * force / analyzer.rated_N, 1000))
+        analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, near)
+        held = axis.link.recording(10.0)
+        legs.append((held.values("force") * analyzer.newton, held.values("position")))
+    axis.set(recorder_decimation=1)
+    pushed, went = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
+    return pushed, went - start
+
+
+def means(values: np.ndarray) -> np.ndarray:
+    """(n,) of BLOCK samples each."""
+    whole = len(values) // BLOCK * BLOCK
+    return values[:whole].reshape(-1, BLOCK).mean(1)
+
+
+def play(force: np.ndarray, half: float) -> np.ndarray:
+    """What is left of a force, (n,) N, behind Coulomb friction of `half` N, which slid forward
+    before."""
+    left, now = np.empty(len(force)), force[0] - half
+    for i, one in enumerate(force):
+        now = min(max(now, one - half), one + half)
+        left[i] = now
+    return left
+
+
+def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
+    """The Slow of a record of between(). rigid: counts a newton of what is between the encoder and
+    the workpiece, by the model; 0: not known."""
+    F, x = means(force), means(place)
+    low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
+    span = high - low
+
+    def left(half):
+        columns = [np.ones(len(F)), F, play(F, half)]
+        table = np.column_stack(columns if half else columns[:2])
+        solved = np.linalg.lstsq(table, x, rcond=None)[0]
+        return table @ solved - x, solved
+
+    def size(half):
+        error, solved = left(half)
+        return float(np.sum(error**2)) * (1.0 if half == 0 or min(solved[1:]) > 0 else 4.0)
+
+    grid = np.linspace(0.004, 0.49, 60) * span
+    sizes = [size(half) for half in grid]
+    i = int(np.argmin(sizes))
+    ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+    half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
+    plain, (_, c_all) = left(0.0)
+    error, (_, c_stuck, c_slide) = left(half)
+    # The way by which rising and falling force differ is what the friction holds.
+    shows = 2 * half * c_slide > LEAST_COUNTS and c_slide > 0.05 * c_all
+    rubs = bool(shows and np.sum(error**2) < (1 - FELT_SHARE) * np.sum(plain**2))
+    sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
+    softest_N, softest = _softest(
+        F, x - (c_slide * (play(F, half) - F) if rubs else 0.0), low, high
+    )
+    friction = half if rubs else (span / 2 if sticks else 0.0)
+    return Slow(
+        float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
+        softest_N, softest, low, high, round(float(np.ptp(x))),
+    )  # fmt: skip
+
+
+def _softest(F, x, low, high):
+    """(force in N, its compliance over the larger one at the two ends) of the softest place between
+    two forces."""
+    edges = np.linspace(low, high, BINS + 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    slopes = np.array([
+        np.polyfit(F[inside], x[inside], 1)[0] if np.ptp(F[inside]) > (high - low) / BINS / 2
+        else np.nan
+        for a, b in itertools.pairwise(edges)
+        for inside in [(a <= F) & (b >= F)]
+    ])  # fmt: skip
+    at_forces = max(slopes[0], slopes[-1])
+    inner = slopes[1:-1]
+    if not np.isfinite(inner).any() or not at_forces > 0:
+        return float((low + high) / 2), 1.0
+    i = int(np.nanargmax(inner))
+    return float(middle[1:-1][i]), float(inner[i] / at_forces)

@@ -1,0 +1,120 @@
+"""What a model says of an axis before it is measured: priors of its parameters, and the codes that
+leave its drive linear."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from forceaxis import linear, toml
+from forceaxis._core import InputError
+from forceaxis.linear import plant_set
+
+# Standard deviations of the logarithms of what is known before.
+MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.log(5)
+DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
+LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
+FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
+UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter: its value > 0 and the standard deviation of its logarithm."""
+
+    value: float
+    spread: float
+
+    @property
+    def wide(self):
+        return self.spread > 1.0
+
+
+def priors(model, over=(), given=(), overrides=None):
+    """{parameter: Prior} of a model by the part that each plays: masses, the drive's and the
+    contact's constants as a data sheet has them; the workpiece and what `over` names hardly known.
+
+    given: texts NAME=VALUE (as exact as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
+    """
+    known = linear.facts(model, overrides)["parameters"]
+    table = toml.read(linear.find_model(model))
+    work = _workpiece(table)
+    spreads = {}
+
+    def add(name, spread):
+        if isinstance(name, str) and name in known and known[name][0] > 0:
+            spreads[name] = max(spread, spreads.get(name, 0.0))
+
+    for body in table.get("body", ()):
+        add(body.get("mass"), WORKPIECE if body["name"] == work else MASS)
+    for kind in ("spring", "damper", "contact", "backlash"):
+        for part in table.get(kind, ()):
+            on_it = kind != "contact" and work in part["between"]
+            add(part.get("stiffness"), WORKPIECE if on_it else STIFFNESS)
+            add(part.get("damping"), WORKPIECE if on_it else DAMPING)
+    for key in DRIVEN:
+        add(table.get("drive", {}).get(key), DRIVE)
+    for name in plant_set.ranges_of(model, over, overrides):
+        add(name, WORKPIECE)
+    found = {name: Prior(known[name][0], spread) for name, spread in spreads.items()}
+    for text in given:
+        name, _, value = text.partition("=")
+        value, _, percent = value.partition("+-")
+        try:
+            share = float(percent.removesuffix("%")) / 100 if percent else MASS
+            prior = Prior(float(value), share)
+        except ValueError:
+            prior = Prior(0.0, 0.0)
+        if name not in known or not (0 < prior.value < math.inf and 0 < prior.spread < math.inf):
+            raise InputError(
+                f"--prior: {text}: expected NAME=VALUE or NAME=VALUE+-PERCENT%, above 0, of a "
+                f"parameter of the model: {', '.join(sorted(known))}"
+            )
+        found[name] = prior
+    return found
+
+
+def linear_codes(model, overrides=None):
+    """Codes of noise that leave the drive's voltage and current within their limits, by the model;
+    None without limits. Beyond, the amplifier answers with less than its gain."""
+    path = linear.find_model(model)
+    known, table = linear.facts(path, overrides), toml.read(path).get("drive", {})
+    found = []
+    for signal, key in LIMITED:
+        limit = table.get(key)
+        limit = known["parameters"].get(limit, (limit,))[0]
+        if signal not in known["signals"] or not isinstance(limit, int | float):
+            continue
+        step = linear.linearise(path, outputs=(signal,), overrides=overrides).sampled(dt=FINE_S)
+        x, peak = np.zeros(len(step.A)), abs(step.D[0, 0])
+        for _ in range(FINE_STEPS):
+            x = step.A @ x + step.B[:, 0]
+            peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
+        found.append(UNSATURATED * limit / (peak * known["volts_per_code"]))
+    return max(1, int(min(found))) if found else None
+
+
+def _workpiece(table):
+    """The body that the contact presses on."""
+    contacts = table.get("contact", ())
+    return contacts[0]["between"][1] if len(contacts) == 1 else None
+
+
+class SineBounds:
+    """Codes of a sine that leave the drive within its limits, by the model."""
+
+    def __init__(self, model: str | Path) -> None:
+        path = linear.find_model(model)
+        facts, table = linear.facts(path), toml.read(path).get("drive", {})
+        self._limits = []
+        for signal, key in LIMITED:
+            limit = facts["parameters"].get(table.get(key), (table.get(key),))[0]
+            if signal in facts["signals"] and isinstance(limit, int | float):
+                plant = linear.linearise(path, outputs=(signal,))
+                self._limits.append((plant, UNSATURATED * limit / facts["volts_per_code"]))
+
+    def codes(self, hz: float) -> int:
+        """The largest amplitude at a frequency, at least 1."""
+        found = [limit / abs(plant.response([hz])[0]) for plant, limit in self._limits]
+        return max(1, int(min([*found, 2047.0])))

@@ -1,0 +1,251 @@
+"""What a model lacks that does not explain an axis' responses: candidates are fitted, and ranked.
+
+Each candidate multiplies the model's responses by a factor of its own, whose parameters are fitted
+together with all others. They are ranked by chi-square plus a penalty of ln n for each parameter
+(Schwarz, The Annals of Statistics 6, 1978), n the number of real residuals, and each says what to
+write into the model.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import optimize, stats
+
+from forceaxis import linear, toml
+from forceaxis.commission.known import Prior
+from forceaxis.design.changes import contact_of
+from forceaxis.identify.fit import MISFIT
+
+MODES_FROM = 10  # frequencies from which a mode is searched
+SHOWN = 3  # candidates in a text
+LAG_S = 4e-4  # to begin with
+GAIN = 0.2  # spread of the logarithm of a gain by level
+SPLIT = 1.05  # pole over zero of a mode, to begin with
+EVALUATIONS = 25
+
+Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A candidate: factor(values, i, hz) of response i, priors of its parameters, and words(values,
+    best) for people: (what it is, the TOML that would explain it). Of parameters that the model has
+    itself, `freed`, no factor is needed."""
+
+    name: str
+    priors: dict[str, Prior]
+    factor: Callable[[Values, int, np.ndarray], Any]
+    words: Callable[[Values, Values], tuple[str, str]]
+    freed: bool = False
+
+    def key(self, name: str) -> str:
+        """A parameter's name among those of a fit."""
+        return name if self.freed else f"{name}@shape"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A fitted candidate. gain: of chi-square, less the penalty; p: of the responses with it."""
+
+    name: str
+    text: str
+    toml: str
+    gain: float
+    p: float
+    values: Values
+
+
+def tried(problem: Any, x: np.ndarray) -> list[Tried]:
+    """The candidates that explain more than they cost, best first.
+
+    problem, x: the _Responses of fit.joint and the parameters at which it was rejected.
+    """
+    scores = np.concatenate(problem.scores(x))
+    before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
+    found = []
+    for shapes in _shapes(problem):
+        begun = [_begun(problem, x, shape) for shape in shapes]
+        one = _fitted(x, *min(begun, key=lambda pair: pair[2]), before, len(scores))
+        if one.gain > 0:
+            found.append(one)
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def lines_of(found: list[Tried]) -> str:
+    """The TOML of the likeliest candidates, each below a comment that says what it is."""
+    lines = []
+    for number, one in enumerate(found[:SHOWN], 1):
+        fits = f"then p = {one.p:.2g}" if one.p >= MISFIT else f"which is not all, p = {one.p:.2g}"
+        lines.append(f"# {number}. {one.text}, {fits}\n{one.toml}")
+    return "\n".join(lines)
+
+
+def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float, np.ndarray]:
+    """(shape, problem with its parameters, cost, their logarithms) of a Shape while all other
+    parameters stay at x."""
+    own = {shape.key(name): prior for name, prior in shape.priors.items()}
+    kind: Any = type(problem)
+
+    class Shaped(kind):
+        def predictions(self, x):
+            every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
+            values = {name: every[shape.key(name)] for name in shape.priors}
+            return [
+                h * shape.factor(values, i, m.frequency_hz)
+                for i, (m, h) in enumerate(zip(self.measured, super().predictions(x), strict=True))
+            ]
+
+    wider = Shaped(
+        problem.model, problem.priors | own, problem.measured, problem.modes, problem.own,
+        problem.errors,
+    )  # fmt: skip
+    free, (low, high) = len(x), wider._bounds(1e-3)
+    found = optimize.least_squares(
+        lambda y: wider.coarse(np.concatenate([x, y])), wider.centre[free:], loss="soft_l1",
+        bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS,
+    )  # fmt: skip
+    return shape, wider, float(found.cost), found.x
+
+
+def _fitted(
+    x: np.ndarray, shape: Shape, wider: Any, _: float, y: np.ndarray, before: float, size: int
+) -> Tried:
+    """The Tried of a Shape from where _begun ended, all parameters free."""
+    begin = np.clip(np.concatenate([x, y]), *wider._bounds(1e-3))
+    best = optimize.least_squares(
+        wider.fine, begin, bounds=wider._bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
+    )
+    scores = np.concatenate(wider.scores(best.x))
+    chi2 = float(np.sum(scores**2))
+    every = dict(zip(wider.names, np.exp(best.x).tolist(), strict=True))
+    values = {name: every[shape.key(name)] for name in shape.priors}
+    words, lines = shape.words(values, wider.values(best.x))
+    gain = before - 2 * best.cost - len(values) * math.log(size)
+    return Tried(shape.name, words, lines, gain, float(stats.chi2.sf(chi2, size)), values)
+
+
+def _shapes(problem: Any) -> list[list[Shape]]:
+    """Kinds of candidates, each with the Shapes to begin from."""
+    return [
+        [_sensor_lag(problem)],
+        [_drive_lag(problem)],
+        _modes(problem),
+        *([[_gains(problem)]] if sum(not m.free for m in problem.measured) > 1 else []),
+    ]
+
+
+def _lag(values: Values, hz: np.ndarray) -> np.ndarray:
+    return 1 / (1 + 2j * np.pi * hz * values["lag_s"])
+
+
+def _sensor_lag(problem: Any) -> Shape:
+    pressed = [not m.free for m in problem.measured]
+
+    def words(values, _):
+        lag = values["lag_s"]
+        lines = f'# in the [[adc]] of channel 0\nfilter = "{1 / lag:.4g} rad/s"'
+        return f"a lag of {1e3 * lag:.2g} ms in the sensor", lines
+
+    return Shape(
+        "sensor_lag", {"lag_s": Prior(LAG_S, 1.2)},
+        lambda v, i, hz: _lag(v, hz) if pressed[i] else 1.0, words,
+    )  # fmt: skip
+
+
+def _drive_lag(problem: Any) -> Shape:
+    """The time constant of the drive's own lag, where it is a parameter: the winding's inductance,
+    or the corner of the force. Else a lag behind it."""
+    table = toml.read(linear.find_model(problem.model)).get("drive", {})
+    facts = linear.facts(problem.model)
+    name = table.get({"dc_motor": "L", "first_order": "a_act"}.get(table.get("type"), ""))
+    if isinstance(name, str) and name in facts["parameters"] and name not in problem.priors:
+        value, unit = facts["parameters"][name]
+        drive = facts["drive"]["values"]
+
+        def words(values, _):
+            new = values[name]
+            lag = (new - value) / (drive["R"] + drive["k_amp"] * drive["k_current"]) if (
+                table["type"] == "dc_motor") else 1 / new - 1 / value  # fmt: skip
+            line = f'{name} = {{ value = {new:.4g}, unit = "{unit}" }}'
+            text = f"a lag of {1e3 * abs(lag):.2g} ms {'more' if lag > 0 else 'less'} in the drive"
+            return text, f"# in [parameters], in place of {value:.4g}\n{line}"
+
+        prior = {name: Prior(value, 1.0)}
+        return Shape("drive_lag", prior, lambda *_: 1.0, words, freed=True)
+
+    def behind(values, _):
+        lag = values["lag_s"]
+        return f"a lag of {1e3 * lag:.2g} ms in the drive", f"# 1/s, the corner: {1 / lag:.4g}"
+
+    return Shape("drive_lag", {"lag_s": Prior(LAG_S, 1.2)}, lambda v, _, hz: _lag(v, hz), behind)
+
+
+def _modes(problem: Any) -> list[Shape]:
+    """A mass on a spring, on the drive's body: a zero, and a pole above it."""
+    hz = np.concatenate([m.frequency_hz for m in problem.measured])
+    facts = linear.facts(problem.model)
+    body = facts["drive"]["body"]
+    work = (contact_of(toml.read(linear.find_model(problem.model))) or {}).get("between", (0, 0))[1]
+    moving = sum(kg for name, kg in facts["masses_kg"].items() if name != work)
+
+    def factor(values, _, hz):
+        def pair(at):
+            ratio = hz / at
+            return 1 - ratio**2 + 2j * values["zeta"] * ratio
+
+        zero = values["mode_hz"]
+        return pair(zero) / pair(zero * values["split"])
+
+    def words(values, _):
+        zero, split = values["mode_hz"], values["split"]
+        mass = moving * abs(split**2 - 1)
+        stiffness = mass * (2 * math.pi * zero) ** 2
+        damping = 2 * values["zeta"] * math.sqrt(stiffness * mass)
+        lines = (
+            f'[[body]]\nname = "mode"\nmass = {mass:.4g}\n\n[[spring]]\nname = "mode_spring"\n'
+            f'between = ["mode", "{body}"]\nstiffness = {stiffness:.4g}\ndamping = {damping:.4g}'
+        )
+        return f"a mode near {zero * split:.3g} Hz", lines
+
+    return [
+        Shape(
+            "mode",
+            {"mode_hz": Prior(f, 0.15), "split": Prior(SPLIT, 0.1), "zeta": Prior(0.03, 1.0)},
+            factor, words,
+        )
+        for f in np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), MODES_FROM).tolist()
+    ]  # fmt: skip
+
+
+def _gains(problem: Any) -> Shape:
+    """A gain of each response in contact after the first."""
+    pressed = [i for i, m in enumerate(problem.measured) if not m.free]
+    table = toml.read(linear.find_model(problem.model))
+    work = (contact_of(table) or {}).get("between", ("", ""))[1]
+    springs = [s for s in table.get("spring", ()) if work in s["between"]]
+
+    def factor(values, i, _):
+        return values[f"gain_{i}"] if i in pressed[1:] else 1.0
+
+    def words(values, best):
+        gains = [1.0, *(values[f"gain_{i}"] for i in pressed[1:])]
+        shares = ", ".join(f"{gain:.3g}" for gain in gains)
+        what = f"a gain that differs by level, {shares} from the smallest force on"
+        name = springs[0].get("stiffness") if len(springs) == 1 else None
+        known = linear.facts(problem.model)["parameters"]
+        own = best.get(name, known.get(name, (1.0,))[0])
+        softer = [float(f"{own * gain:.4g}") for gain in gains]
+        where = (
+            "# in the [[spring]] behind the contact, with loads: a force between each two levels"
+        )
+        return what, f"{where}\nstiffness = {softer}"
+
+    return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN) for i in pressed[1:]}, factor, words)
+
+
+def of(found: Any) -> list[Tried]:
+    """The candidates of a rejected fit.Found."""
+    return tried(replace(found.problem), found.at) if found.problem is not None else []

@@ -1,0 +1,128 @@
+"""Models of an axis with the dry friction that was found on it.
+
+In a model's file friction is a [[friction]]. For responses, which are linear, a damper stands in
+its place whose size each response finds for itself (see friction): `damped`. `lines` are what a
+model lacks, to be added to it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomlkit
+
+from forceaxis import linear, toml
+from forceaxis.design.changes import contact_of
+
+MOVING, TABLE = "guide_friction", "table_friction"
+# Of what slides; where both are the same the simulator may find states that contradict each other.
+STICTION = 1.05
+
+
+@dataclass(frozen=True)
+class Rub:
+    """Dry friction of so many newtons between two bodies. name: of its [[friction]]; declared:
+    whether the model has it."""
+
+    name: str
+    between: tuple[str, str]
+    newton: float
+    declared: bool = False
+
+    @property
+    def damping(self) -> str:
+        """The parameter of its damper in a `damped` model."""
+        return f"b_{self.name}"
+
+
+def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, ...]:
+    """The Rubs of a model: between the drive's body and what it pushes against with `moving_N` in
+    all, between workpiece and ground with `workpiece_N`; those that the model has keep their
+    places, and share what is found as they are declared."""
+    path = linear.find_model(model)
+    table, facts = toml.read(path), linear.facts(path)
+    contact = contact_of(table)
+    work = contact["between"][1] if contact else None
+    drive = facts["drive"]
+    found = []
+    for of_work, newton, name, place in (
+        (False, moving_N, MOVING, (drive["body"], drive["reaction"])),
+        (True, workpiece_N, TABLE, (work, "ground")),
+    ):
+        own = [f for f in table.get("friction", ()) if (work in f["between"]) is of_work]
+        sizes = [_size(facts, f) for f in own]
+        if own and sum(sizes) > 0:
+            found += [
+                Rub(f["name"], tuple(f["between"]), newton * size / sum(sizes), True)
+                for f, size in zip(own, sizes, strict=True)
+            ]
+        elif newton > 0 and (not of_work or work in facts["masses_kg"]):
+            found.append(Rub(name, (str(place[0]), str(place[1])), newton))
+    return tuple(found)
+
+
+def of_workpiece(model: str | Path, rub: Rub) -> bool:
+    """Whether a Rub is under the workpiece."""
+    contact = contact_of(toml.read(linear.find_model(model)))
+    return contact is not None and contact["between"][1] in rub.between
+
+
+def _size(facts: dict, friction: dict) -> float:
+    value = friction["coulomb"]
+    return float(facts["parameters"].get(value, (value,))[0])
+
+
+def lines(found: tuple[Rub, ...]) -> str:
+    """The [[friction]] of those that the model lacks, "" where it has all of them."""
+    return "\n".join(
+        f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
+        f"coulomb = {rub.newton:.4g}\n"
+        for rub in found
+        if not rub.declared
+    )
+
+
+def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
+    """The text of the model with the friction that was found, for a file anywhere."""
+    document = _document(model)
+    for rub in found:
+        if rub.declared:
+            own = next(f for f in document["friction"] if f["name"] == rub.name)
+            own["coulomb"] = float(f"{rub.newton:.4g}")
+            own["stiction"] = float(f"{STICTION * rub.newton:.4g}")
+        else:
+            size, loose = (float(f"{s * rub.newton:.4g}") for s in (1.0, STICTION))
+            values: dict = {"name": rub.name, "between": list(rub.between)}
+            values |= {"coulomb": size, "stiction": loose}
+            _add(document, "friction", values)
+    return tomlkit.dumps(document)
+
+
+def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
+    """The text of the model with dampers of no damping in place of all friction: it slides."""
+    document = _document(model)
+    document.pop("friction", None)
+    for rub in found:
+        document["parameters"][rub.damping] = {
+            "value": 0.0, "unit": "N s/m", "source": "what dry friction takes of a response"
+        }  # fmt: skip
+        values = {"name": rub.name, "between": list(rub.between), "damping": rub.damping}
+        _add(document, "damper", values)
+    return tomlkit.dumps(document)
+
+
+def _document(model: str | Path) -> tomlkit.TOMLDocument:
+    path = linear.find_model(model)
+    document = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
+    if "parameters_file" in document:
+        document["parameters_file"] = str((path.parent / document["parameters_file"]).resolve())
+    if "parameters" not in document:
+        document["parameters"] = tomlkit.table()
+    return document
+
+
+def _add(document: tomlkit.TOMLDocument, kind: str, values: dict) -> None:
+    if kind not in document:
+        document[kind] = tomlkit.aot()
+    table = tomlkit.table()
+    table.update(values)
+    document[kind].append(table)

@@ -1,0 +1,155 @@
+"""A workpiece that rubs on its table, shaken by sines under force: its stiffness and mass.
+
+The workpiece's way is that of the encoder less the deflection of the sensor, so force over way is
+known at each frequency. While it slides all the time, Coulomb friction is in phase with the speed:
+it shows in the imaginary part alone, and the real part is k - m w^2 whatever the friction is.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from forceaxis.axis.link import TICKS_PER_S
+
+SAMPLES = 750
+SETTLE_S = 0.3
+SIGNALS = ("force_raw", "position", "dac_code")
+FREQUENCIES = 11
+SLIDES = 3.0  # times the way at which the spring overcomes the friction: enough
+LEAST = 1.25  # times it: less is not taken
+TRIES, MORE = 7, 1.6  # of the amplitude
+FEWEST = 3  # frequencies
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """Stiffness in N/m, mass in kg, damping in N s/m and friction in N of a workpiece, with the
+    relative standard errors of the first two; the sines: Hz, and amplitudes of code and N."""
+
+    stiffness: float
+    mass: float
+    damping: float
+    friction_N: float
+    stiffness_error: float
+    mass_error: float
+    hz: tuple
+    codes: tuple
+    newton: tuple
+    rows: tuple  #: (Hz, force re and im in N, way of the axis re and im in m, codes) of each sine
+
+
+def shake(
+    analyzer,
+    force_N: float,
+    friction_N: float,
+    sensor: float,
+    workpiece: float,
+    hz: tuple[float, ...],
+    rate: float,
+    scale: float,
+    most: Callable[[float], int],
+    newton: float,
+    ended: type[Exception],
+) -> Shaken | None:
+    """Presses an Analyzer's axis with `force_N` and shakes it; None where too little slides.
+
+    friction_N, sensor and workpiece: what is known of the friction and of the stiffnesses, N/m;
+    rate: encoder counts a second for each code, scale: counts a metre; most(hz): codes that the
+    drive bears; newton: of a count of the reading; ended: what the analyzer raises when the axis
+    ends an excitation.
+    """
+    analyzer.bound(analyzer.press(force_N), "sine", period=0)
+    rows = []
+    for f in hz:
+        target = SLIDES * friction_N / workpiece
+        amplitude = max(2, round(2 * math.pi * f * target * scale / rate))
+        best = None
+        for _ in range(TRIES):
+            amplitude = min(amplitude, most(f))
+            try:
+                one = _sine(analyzer, f, amplitude, scale, newton)
+            except ended:
+                analyzer.standing()
+                amplitude = round(amplitude / (1.25 if best else 2))
+                if best or amplitude < 2:
+                    break
+                continue
+            if best is None or abs(_way(one[0], one[1], sensor)) > abs(
+                _way(best[0], best[1], sensor)
+            ):
+                best = (*one, amplitude)
+            if abs(_way(one[0], one[1], sensor)) >= target or amplitude >= most(f):
+                break
+            amplitude = math.ceil(MORE * amplitude)
+        way = abs(_way(best[0], best[1], sensor)) if best else 0.0
+        if best and way > LEAST / SLIDES * target:
+            force, place, codes = best
+            rows.append((f, force.real, force.imag, place.real, place.imag, codes))
+            analyzer.say(
+                f"{f:g} Hz, {codes} codes: {abs(force):.3g} N move the workpiece by "
+                f"{1e6 * way:.3g} um"
+            )
+    analyzer.set(target_force=0)
+    analyzer.wait(1.0, lambda: None)
+    if len(rows) < FEWEST:
+        return None
+    return of_sines(rows, sensor)
+
+
+def _way(force, place, sensor):
+    """The workpiece's way, m, of the axis' way and the force on the sensor, N/m, between them."""
+    return place - force / sensor
+
+
+def _sine(analyzer, hz, amplitude, scale, newton):
+    """(force in N, way of the axis in m), complex, of a sine."""
+    axis = analyzer.axis
+    analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
+    axis.set(excitation_run="start")
+    analyzer.wait(SETTLE_S, analyzer.goes_on)
+    axis.arm(SIGNALS, SAMPLES)
+    held = axis.link.recording(5.0)
+    analyzer.goes_on()
+    axis.set(excitation_run="stop")
+    axis.wait_for(
+        lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
+    )
+    wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
+    raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * newton
+    force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / scale))
+    return complex(force), complex(place)
+
+
+def of_sines(rows: list, sensor: float, damping: float = 0.0) -> Shaken:
+    """The Shaken of `rows` as it has them; sensor, damping: N/m and N s/m of what is between axis
+    and workpiece."""
+    hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
+    force, w = f_re + 1j * f_im, 2 * np.pi * hz
+    way = _way(force, x_re + 1j * x_im, sensor + 1j * w * damping)
+    quotient = force / way
+    # Relative to the size of the force over the way: an error of either is one of the quotient.
+    weight = 1 / abs(quotient)
+    table = np.column_stack([np.ones(len(w)), -(w**2)])
+    solved, covariance = _solved(table, quotient.real, weight)
+    stiffness, mass = solved
+    lost = np.column_stack([w, 4 / np.pi / abs(way)])
+    (lossy, friction), _ = _solved(lost, quotient.imag, weight)
+    if lossy < 0:
+        lossy = 0.0
+        friction = float(np.median(quotient.imag * abs(way) * np.pi / 4))
+    errors = np.sqrt(np.diag(covariance)) / np.maximum(abs(solved), 1e-12)
+    return Shaken(
+        float(stiffness), float(mass), float(lossy), float(friction), float(errors[0]),
+        float(errors[1]), tuple(hz.tolist()), tuple(codes.tolist()), tuple(abs(force).tolist()),
+        tuple(map(tuple, np.array(rows, float).tolist())),
+    )  # fmt: skip
+
+
+def _solved(table, values, weight):
+    """(solution, covariance) of weighted least squares, the errors' size from what is left."""
+    A, b = table * weight[:, None], values * weight
+    solved = np.linalg.lstsq(A, b, rcond=None)[0]
+    left = float(np.sum((A @ solved - b) ** 2)) / max(1, len(b) - A.shape[1])
+    return solved, np.linalg.inv(A.T @ A) * max(left, 0.01**2)

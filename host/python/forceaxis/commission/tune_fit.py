@@ -1,0 +1,283 @@
+"""The step of a tuning that finds the model's parameters, and its dry friction."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forceaxis import linear, toml
+from forceaxis.commission import fit as joint_fit
+from forceaxis.commission import friction, known, residual, rubbing, shake, tune_measure
+from forceaxis.commission.known import Prior
+from forceaxis.commission.refusal import Refusal
+from forceaxis.design.changes import contact_of
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify.measurement import Measurement
+from forceaxis.linear import plant_set
+
+RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
+# Spreads of the logarithm of a damper for friction, where it slides and where it sticks and slips;
+# N s/m of one that sticks.
+DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
+SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
+RATE_HZ, RATE_ERROR = 0.2, 0.015
+BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
+UNSURE = 0.2  # relative standard error of a mass that sines do not show
+SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
+AGAIN = 0.02  # by which what sines say changes: fitted again
+DIFFER = 1e-4  # probability below which two amplitudes have two responses
+
+
+def fit(tuning) -> tuple[dict, str]:
+    """The model's parameters from all responses and what was known before."""
+    order, given = tuning.order, tuning.given
+    names = ["free", *(f"{force:g}N" for force in order.forces)]
+    rubs = _rubs(tuning)
+    path = tuning.folder / RESPONSES
+    path.unlink(missing_ok=True)
+    (tuning.folder / MODEL).unlink(missing_ok=True)
+    model = str(given)
+    if rubs:
+        path.write_text(rubbing.damped(given, rubs), encoding="utf-8")
+        model = str(path)
+    else:
+        names += _differing(tuning, names[1:], model)
+    measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
+    own = [_own(tuning, name, rubs) for name in names] if rubs else []
+    errors = [_error(name, rubs) for name in names] if rubs else []
+    before = known.priors(model, order.over, order.priors)
+    if rubs:
+        before = _loosened(model, before, order.priors)
+    before |= _workpiece(tuning, rubs, order.priors)
+    if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
+        measured.append(_rate(tuning, measured[0]))
+        own.append({})
+        errors.append(joint_fit.MODEL_ERROR)
+    found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+    again = _workpiece(tuning, rubs, order.priors, found.best)
+    if any(abs(p.value / before[n].value - 1) > AGAIN for n, p in again.items()):
+        before |= again  # sines tell more once the sensor's stiffness is known
+        found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+    if found.rejected:
+        raise Refusal(found.rejected, *_explained(tuning, found))
+    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    rows = {
+        n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
+        for n, v in found.values.items()
+    }
+    named = plant_set.ranges_of(model, order.over)
+    text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
+    result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
+    result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
+    return result, f"{text}, p = {found.p:.2g}"
+
+
+def _explained(tuning, found) -> tuple[str, str]:
+    """(why a fit was rejected, what would explain it as TOML)."""
+    if found.rejected != "chi2":
+        return found.text, ""
+    tuning.say("the model does not explain the responses: trying what it may lack")
+    tried = residual.of(found)
+    tuning.write("residual.json", [asdict(one) for one in tried])
+    if not tried:
+        return found.text, ""
+    names = " or ".join(one.text for one in tried[: residual.SHOWN])
+    text = f"{found.text}; tried, the likeliest first: {names}; add the one that is there"
+    return text, residual.lines_of(tried)
+
+
+def _loosened(model, before, priors) -> dict[str, Prior]:
+    """Priors with little known of dampings, in which what dampers lack of friction ends up."""
+    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    given = {text.partition("=")[0] for text in priors}
+    return {
+        n: Prior(p.value, max(p.spread, known.WORKPIECE))
+        if units.get(n) == "N s/m" and n not in given
+        else p
+        for n, p in before.items()
+    }
+
+
+def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
+    """The friction that was found, and that the model has."""
+    table = tuning.read(f"{tune_measure.BETWEEN}.json")["friction_N"]
+    return rubbing.rubs(tuning.given, tune_measure.moving_N(tuning), table)
+
+
+def _friction(tuning, rubs) -> dict[str, Any]:
+    """What is said of the friction; writes the model that has it."""
+    if not rubs:
+        return {"friction": [], "lines": ""}
+    (tuning.folder / MODEL).write_text(rubbing.with_friction(tuning.given, rubs), encoding="utf-8")
+    lines = rubbing.lines(rubs)
+    for rub in rubs:
+        tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
+    if lines:
+        tuning.say("the model lacks it; this tuning goes on with it, add to your model:")
+        for line in lines.splitlines():
+            tuning.say(line)
+    return {"friction": [asdict(rub) for rub in rubs], "lines": lines}
+
+
+def _own(tuning, name: str, rubs) -> dict[str, Prior]:
+    """{parameter: Prior} of the dampers that stand for friction in a response."""
+    facts = linear.facts(tuning.given)
+    scale = abs(facts["encoder"]["scale"])
+    slow = tuning.read(f"{tune_measure.BETWEEN}.json")
+    about = tuning.result("free" if name == "free" else "measure")
+    about = about if name == "free" else about[name]
+    compliance = slow["compliance"] + slow["sliding"]  # counts a newton
+    speed = about["speed_rms"] / scale
+    found = {}
+    for rub in rubs:
+        on_table = rubbing.of_workpiece(tuning.given, rub)
+        if on_table and name == "free":
+            continue
+        if on_table and about["swing"] / 2 < 1.2 * rub.newton:
+            found[rub.damping] = Prior(STUCK, DAMPED)
+        elif rub.newton > 0:
+            moves = speed if name == "free" else speed * compliance
+            spread = STICKS if on_table else DAMPED
+            found[rub.damping] = Prior(friction.damping(rub.newton, max(moves, 1e-7)), spread)
+    return found
+
+
+def _error(name: str, rubs) -> float:
+    sticks = any(rub.name == rubbing.TABLE for rub in rubs) and name != "free"
+    return STICKING_ERROR if sticks else SLIDING_ERROR
+
+
+def _rate(tuning, free: Measurement) -> Measurement:
+    """The speed for each code while the axis slides, as a response of one line: no friction is in
+    it, since it slides one way."""
+    rate = tuning.result("free")["glide"]["rate"]
+    exact = rate / (2j * np.pi * RATE_HZ)
+    one = np.ones(1)
+    return replace(
+        free, frequency_hz=RATE_HZ * one, response=exact * one, coherence=one, floor=0 * one,
+        variance=(RATE_ERROR * abs(exact)) ** 2 * one,
+    )  # fmt: skip
+
+
+def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
+    """Priors of a workpiece that rubs on its table, by the way between the forces and by sines;
+    best: {parameter: value} of a fit, if there was one."""
+    if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
+        return {}
+    slow, shaken = (tuning.read(f"{n}.json") for n in (tune_measure.BETWEEN, tune_measure.SHAKEN))
+    stiffness, mass = workpiece_names(tuning.given)
+    sensor, damping = sensor_names(tuning.given)
+    if shaken and best and sensor in best:
+        shaken = asdict(shake.of_sines(shaken["rows"], best[sensor], best.get(damping, 0.0)))
+    scale = abs(linear.facts(tuning.given)["encoder"]["scale"])
+    given, found = {text.partition("=")[0] for text in priors}, {}
+    if stiffness and slow["sliding"]:
+        found[stiffness] = Prior(scale / slow["sliding"], BETWEEN_ERROR)
+        if shaken:
+            sure = max(SHAKEN_ERROR, shaken["stiffness_error"])
+            weights = np.array([BETWEEN_ERROR**-2, sure**-2])
+            values = np.log([found[stiffness].value, shaken["stiffness"]])
+            found[stiffness] = Prior(
+                float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
+            )
+    if mass and shaken and shaken["mass_error"] < UNSURE:
+        found[mass] = Prior(shaken["mass"], max(SHAKEN_ERROR, shaken["mass_error"]))
+    elif mass and mass not in given:
+        table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
+        if not all(rub.declared for rub in table):
+            raise Refusal(
+                "friction", "expected a workpiece that slides on its table, "
+                f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
+                "not show; add to the "
+                f"model what was found, with {mass} as it weighs",
+                rubbing.lines(rubs),
+            )  # fmt: skip
+        value = linear.facts(tuning.given)["parameters"][mass][0]
+        found[mass] = Prior(value, known.MASS)
+        tuning.say(f"{mass} is taken as of the model, {value:g} kg: the workpiece does not slide")
+    return {name: prior for name, prior in found.items() if name not in given}
+
+
+def _name(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
+    """(parameter of the contact's stiffness, of its damping), None for what is a number."""
+    contact = contact_of(toml.read(linear.find_model(model))) or {}
+    return _name(contact.get("stiffness")), _name(contact.get("damping"))
+
+
+def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
+    """(parameter of the stiffness that holds the workpiece, of its mass); None: there is none."""
+    table = toml.read(linear.find_model(model))
+    contact = contact_of(table)
+    body = contact["between"][1] if contact else None
+    springs = [s.get("stiffness") for s in table.get("spring", ()) if body in s["between"]]
+    masses = [b.get("mass") for b in table["body"] if b["name"] == body]
+    return (
+        _name(springs[0]) if len(springs) == 1 else None, _name(masses[0]) if masses else None
+    )  # fmt: skip
+
+
+def _differing(tuning, names, model) -> list[str]:
+    """Folders of the smaller amplitude whose response is another than that of the larger one."""
+    found = []
+    for name in names:
+        if not (tuning.folder / (small := tune_measure.small_of(name))).exists():
+            continue
+        one, other = (fit_response.read_response(tuning.folder / n, model) for n in (name, small))
+        if _probability(one, other) < DIFFER:
+            tuning.say(f"{name}: the smaller amplitude has another response")
+            measured = tuning.read("measure.json")
+            measured["result"][name]["differs"] = True
+            tuning.write("measure.json", measured)
+            found.append(small)
+    return found
+
+
+def _probability(one: Measurement, other: Measurement) -> float:
+    """That two responses at the same lines differ by chance by as much as they do."""
+    from scipy import stats
+
+    variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
+    dof = min(one.dof, other.dof)
+    ratio = abs(one.response - other.response) ** 2 / variance
+    size = float(np.sum(2 * dof * np.log1p(ratio / dof)))
+    return float(stats.chi2.sf(size, 2 * len(ratio)))
+
+
+def holds(tuning) -> list[str]:
+    """Over which forces and amplitudes what is promised was seen to hold, and what was not visited;
+    a line each, [] before anything was measured."""
+    held, between = tuning.read("measure.json"), tuning.read(f"{tune_measure.BETWEEN}.json")
+    if held is None or between is None:
+        return []
+    lines = [
+        f"between {between['low_N']:.3g} and {between['high_N']:.3g} N the axis was moved slowly: "
+        "forces outside were not visited"
+    ]
+    rubs = (tuning.read("fit.json") or {}).get("result", {}).get("friction")
+    for about in held["result"].values():
+        small = about.get("small")
+        text = f"with {about['bias_N']:.3g} N: noise of {about['amplitude']} codes, "
+        text += f"{about['swing']:.3g} N from peak to peak"
+        if small:
+            text += f", and {small['amplitude']} codes, {small['swing']:.3g} N"
+            same = "the same response" if not about.get("differs") else "another response"
+            text += "" if rubs else f", {same}"
+        lines.append(text)
+    shaken = tuning.read(f"{tune_measure.SHAKEN}.json")
+    if rubs and shaken:
+        lines.append(
+            f"sines of {min(shaken['hz']):.3g} to {max(shaken['hz']):.3g} Hz with "
+            f"{min(shaken['newton']):.3g} to {max(shaken['newton']):.3g} N made the workpiece slide"
+        )
+    if rubs:
+        lines.append(
+            "dry friction is in the axis: what is promised holds where it slides and, under the "
+            "workpiece, where it sticks; smaller amplitudes see more damping"
+        )
+    lines.append("larger amplitudes than these were not visited")
+    return lines

@@ -1,0 +1,203 @@
+"""Dry friction that a model does not have: found in newtons, in its place, and put into the fit."""
+
+import json
+import shutil
+
+import drawn_axes
+import numpy as np
+import pytest
+import tomlkit
+from forceaxis import linear
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.sim import SimLink
+from forceaxis.commission import friction, rubbing, shake, tune, tune_fit
+from forceaxis.commission.refusal import Refusal
+
+pytestmark = pytest.mark.beside
+
+FORCES, FORCE_MAX_N = (30.0, 100.0), 160.0
+OVER = ("k_w=30%,m_w=30%",)
+STEPS = ("check", "free", "measure", "fit")
+K_S, K_W, COUNTS = 4e5, 2.5e5, 160e3  # N/m, counts a metre
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    return drawn_axes.press(tmp_path_factory.mktemp("axis") / "press")
+
+
+def rubbing_press(press, folder, **found):
+    """The press with frictions of so many newtons; seals: of the axis, table: of the workpiece."""
+    places = {"seals": ("axis", "ground"), "table": ("workpiece", "ground")}
+    shutil.copytree(press, folder)
+    model = folder / "model.toml"
+    rows = [
+        f'[[friction]]\nname = "{name}"\nbetween = {list(places[name])}\ncoulomb = {newton}\n\n'
+        for name, newton in found.items()
+    ]
+    model.write_text(model.read_text().replace("[drive]", "".join(rows) + "[drive]", 1))
+    return folder
+
+
+def tuning(press, axis, out, say=lambda text: None, **changed):
+    given = {"model": str(press / "model.toml"), "forces": FORCES, "over": OVER, "averages": 6}
+    order = tune.Order(**(given | {"force_max_N": FORCE_MAX_N} | changed))
+    return tune.Tuning(axis, order, out, say)
+
+
+def link(folder):
+    return SimLink(folder / "contact.toml", list(drawn_axes.DELIVERED))
+
+
+def pushed(friction_N, low=18.0, high=120.0, noise=0.3):
+    """(force, position in counts) of a workpiece on a spring and a table that is pushed from `low`
+    to `high` and back, slid forward before: it moves only where the force overcomes the table."""
+    rng = np.random.default_rng(28)
+    force = np.concatenate([np.linspace(low, high, 1600), np.linspace(high, low, 1600)])
+    place, at = [], (low - friction_N) / K_W
+    for one in force:
+        spring = K_W * at
+        if one - spring > friction_N:
+            at = (one - friction_N) / K_W
+        elif one - spring < -friction_N:
+            at = (one + friction_N) / K_W
+        place.append(at + one / K_S)
+    counts = np.round(COUNTS * np.array(place) + rng.normal(size=len(place)) * 0.3)
+    return force + noise * rng.normal(size=len(force)), counts
+
+
+@pytest.mark.parametrize("newton", [2.0, 8.0, 25.0, 45.0])
+def test_friction_under_a_workpiece_shows_in_the_way_there_and_back(newton):
+    found = friction.slow(*pushed(newton), COUNTS / K_S)
+    assert found.friction_N == pytest.approx(newton, rel=0.15)
+    assert found.sliding == pytest.approx(COUNTS / K_W, rel=0.15)
+    assert found.compliance == pytest.approx(COUNTS / K_S, rel=0.15)
+    assert not found.soft
+
+
+def test_without_friction_there_is_none_and_nothing_is_soft():
+    found = friction.slow(*pushed(0.0), COUNTS / K_S)
+    assert not found.rubs and not found.sticks and not found.soft
+    assert found.compliance == pytest.approx(COUNTS / K_S + COUNTS / K_W, rel=0.03)
+
+
+def test_a_soft_place_between_two_forces_is_found_where_it_is():
+    force, place = pushed(0.0)
+    softer = np.interp(force, [60.0, 80.0], [0.0, 20 * 4 * COUNTS / K_S])  # 5 times as soft there
+    found = friction.slow(force, place + softer, COUNTS / K_S)
+    assert found.soft and 60 < found.softest_N < 80
+
+
+@pytest.mark.parametrize("mass, newton", [(6.0, 4.0), (1.5, 12.0)])
+def test_sines_show_stiffness_and_mass_whatever_the_friction_is(mass, newton):
+    """Force on a mass, a spring and Coulomb friction by the balance of the first harmonic."""
+    rows = []
+    for hz in np.linspace(10, 1.3 * np.sqrt(K_W / mass) / 2 / np.pi, 8):
+        w, way = 2 * np.pi * hz, 1e-4 * np.exp(0.7j)
+        force = (K_W - mass * w**2 + 20j * w) * way + 4j / np.pi * newton * way / abs(way)
+        place = way + force / K_S
+        rows.append((hz, force.real, force.imag, place.real, place.imag, 30))
+    found = shake.of_sines(rows, K_S)
+    assert (found.stiffness, found.mass) == pytest.approx((K_W, mass), rel=0.01)
+    assert found.friction_N == pytest.approx(newton, rel=0.05)
+
+
+@pytest.mark.parametrize("newton", [0.0, 3.0, 12.0, 25.0])
+def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
+    hidden = rubbing_press(press, tmp_path / "hidden", **({"seals": newton} if newton else {}))
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        for step in STEPS[:2]:
+            work.run(step)
+        scale = abs(linear.facts(work.model)["encoder"]["scale"])
+        assert (
+            max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
+            < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
+        )
+        found = tune_fit.tune_measure.moving_N(work)
+    assert found == pytest.approx(newton, rel=0.05, abs=0.3)
+
+
+def test_what_is_printed_is_toml_that_the_model_takes(press, tmp_path):
+    model = press / "model.toml"
+    found = rubbing.rubs(model, 12.5, 4.0)
+    assert [rub.between for rub in found] == [("axis", "ground"), ("workpiece", "ground")]
+    assert not any(rub.declared for rub in found)
+    added = tmp_path / "model.toml"
+    added.write_text(model.read_text() + "\n" + rubbing.lines(found))
+    table = tomlkit.parse(added.read_text())["friction"]
+    assert [one["coulomb"] for one in table] == [12.5, 4.0]
+    again = rubbing.rubs(added, 10.0, 5.0)  # what is declared keeps its place, with what is found
+    assert [rub.newton for rub in again] == pytest.approx([10.0, 5.0])
+    assert all(rub.declared for rub in again) and rubbing.lines(again) == ""
+    changed = tmp_path / "changed.toml"
+    changed.write_text(rubbing.with_friction(added, again))
+    assert [one["coulomb"] for one in tomlkit.parse(changed.read_text())["friction"]] == [10.0, 5.0]
+    slides = tmp_path / "slides.toml"
+    slides.write_text(rubbing.damped(added, again))
+    assert "friction" not in tomlkit.parse(slides.read_text())
+    free = linear.linearise(model, outputs=("adc0",)).at(30j)
+    assert linear.linearise(slides, outputs=("adc0",)).at(30j) == pytest.approx(free)
+
+
+def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
+    """Between 50 and 75 N the fixture yields: a tenth of its stiffness."""
+    hidden = tmp_path / "hidden"
+    shutil.copytree(press, hidden)
+    text = (hidden / "model.toml").read_text()
+    old = 'stiffness = "k_w"'
+    assert text.count(old) == 1
+    new = 'stiffness = ["k_w", 4e4, "k_w"]\nloads = [50.0, 75.0]'
+    (hidden / "model.toml").write_text(text.replace(old, new))
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
+        with pytest.raises(Refusal, match=r"measure there too, --force 30,[56]") as refused:
+            work.run()
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+    assert refused.value.name == "soft"
+
+
+@pytest.mark.long
+def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(press, tmp_path):
+    hidden, said = rubbing_press(press, tmp_path / "hidden", seals=12.0, table=5.0), []
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out", said.append)
+        for step in STEPS:
+            work.run(step)
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+    found = {rub["name"]: rub["newton"] for rub in work.result("fit")["friction"]}
+    assert found == pytest.approx({rubbing.MOVING: 12.0, rubbing.TABLE: 5.0}, rel=0.3)
+    values = work.result("fit")["values"]
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
+    assert work.model == tmp_path / "out/model.toml"
+    summary = work.summary()
+    assert tomlkit.parse(summary["friction_lines"])["friction"][0]["name"] == rubbing.MOVING
+    text = " ".join(summary["holds"])
+    for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
+        assert part in text, part
+    assert "add to your model:" in " ".join(said)
+
+
+@pytest.mark.long
+def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_folder_go_on(
+    press, tmp_path
+):
+    hidden, said = rubbing_press(press, tmp_path / "hidden", table=40.0), []
+    known = tmp_path / "known"
+    shutil.copytree(press, known)
+    with Axis(link(hidden)) as axis:
+        work = tuning(known, axis, tmp_path / "out")
+        with pytest.raises(Refusal) as refused:
+            for step in STEPS:
+                work.run(step)
+        assert refused.value.name == "friction"
+        table = tomlkit.parse(work.refused["lines"])["friction"]
+        assert table[0]["coulomb"] == pytest.approx(40.0, rel=0.3)
+        model = known / "model.toml"
+        model.write_text(model.read_text() + "\n" + work.refused["lines"])
+        work = tuning(known, axis, tmp_path / "out", said.append)
+        assert "changed since: the model; kept: free, measure" in said[0]
+        for step in ("check", "fit"):
+            work.run(step)
+    assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
+    assert work.result("fit")["friction"][0]["declared"]
