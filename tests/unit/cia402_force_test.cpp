@@ -132,8 +132,8 @@ TEST_F(Drive, WithoutADwellALostContactIsApproachedAtOnce) {
 }
 
 // At a loss the axis brakes at once: the first code is the position law's for a trajectory that is at
-// most 2 counts and a count of rounding ahead, at 5 codes a count. It is not the pressing code, which
-// a bias would carry on.
+// most 2 counts and a count of rounding ahead of an axis that moves on, at 5 codes a count. It is not
+// the pressing code, which a bias would carry on.
 TEST_F(Drive, TheApproachAfterALossDoesNotCarryThePressingCodeOn) {
   Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 0);
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
@@ -149,7 +149,7 @@ TEST_F(Drive, TheApproachAfterALossDoesNotCarryThePressingCodeOn) {
     Tick();
   }
   EXPECT_GT(pressing, 100) << "the law asked for that without a reading";
-  EXPECT_LE(std::abs(outputs_.dac_code), 15);
+  EXPECT_LE(outputs_.dac_code, 15);
 }
 
 TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
