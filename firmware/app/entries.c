@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "firmware/canopen/mapping.h"
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
@@ -55,6 +56,9 @@ static entry_t read_entry(const store_memory_t *memory, const dictionary_t *obje
   entry.verdict = fits ? ENTRY_FITS : ENTRY_DROPPED;
   if (fits && flags == ENTRY_AT_DEFAULT) {
     judge_default(objects, &entry);
+  }
+  if (fits && !mapping_is_in_force(entry.object, (uint32_t)entry.value)) {
+    entry.verdict = ENTRY_INERT;
   }
   return entry;
 }

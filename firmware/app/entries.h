@@ -12,7 +12,9 @@
 
 enum { ENTRY_BYTES = 12 };
 
-typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_DROPPED } verdict_t;
+/* Inert: a mapping as stored, of a PDO that carries nothing, because the object is not mapped any
+ * more; its default would shift what follows it in the frame. */
+typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_INERT, ENTRY_DROPPED } verdict_t;
 
 typedef struct {
   uint32_t address; /* index times 256 plus sub-index */

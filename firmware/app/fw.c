@@ -32,11 +32,19 @@ static uint8_t fault_of(const fw_t *fw) {
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
+/* The test before the first motion keeps the bounds that it began with. */
+static bool is_frozen(const fw_t *fw, uint16_t object) {
+  return first_motion_is_running(&fw->drive.first_motion) && first_motion_is_bounded_by(object);
+}
+
 static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
   /* A native mode over a bus would bypass the state machine of the drive. */
   if (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED &&
       (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
+    return FW_ERROR_STATE;
+  }
+  if (is_frozen(fw, object)) {
     return FW_ERROR_STATE;
   }
   if (object == AXIS_OBJ_ADC_BITS && !law_banks_fit(&fw->banks, (uint8_t)value)) {
@@ -66,7 +74,8 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
 static int check_drive(const dictionary_t *objects, uint8_t source, uint16_t object,
                        int32_t value) {
   (void)source;
-  return cia402_check(&fw_of_const(objects)->drive, object, value);
+  const fw_t *fw = fw_of_const(objects);
+  return is_frozen(fw, object) ? FW_ERROR_STATE : cia402_check(&fw->drive, object, value);
 }
 
 static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
@@ -96,7 +105,11 @@ static int check_node(const dictionary_t *objects, uint8_t source, uint16_t obje
 static void node_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                          int32_t value) {
   (void)source;
-  canopen_written(&fw_of(objects)->canopen, objects, object, previous, value);
+  fw_t *fw = fw_of(objects);
+  canopen_written(&fw->canopen, objects, object, previous, value);
+  if (value != previous && canopen_watches_by(object)) {
+    ownership_judge_watch(fw);
+  }
 }
 
 /* store_state shows at once that the store is at work. */
@@ -111,9 +124,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   fw_t *fw = fw_of(objects);
   switch (object) {
     case AXIS_OBJ_FAULT_RESET:
-      axis_fault_reset(&fw->axis);
-      cia402_fault_reset(&fw->drive, &fw->axis);
-      return FW_OK;
+      return cia402_fault_reset(&fw->drive, &fw->axis);
     case AXIS_OBJ_STORE_PARAMETERS:
     case AXIS_OBJ_STORE_ALL:
       return begin_store(fw, store_save(&fw->store));
@@ -192,9 +203,12 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
-/* The store holds no set. */
-static bool is_unconfigured(uint8_t store_state) {
-  return store_state == AXIS_STORE_STATE_EMPTY || store_state == AXIS_STORE_STATE_FAILED;
+/* What is in force is the set that was saved last, whole: somebody commissioned the axis with it.
+ * Not so without a set, after a save that was cut off, and with a set of another table of which
+ * something is not in force. */
+static bool is_commissioned(uint8_t store_state) {
+  return store_state == AXIS_STORE_STATE_LOADED ||
+         store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
 }
 
 /* Every parameter and signal at its power-up value, but for what counts losses; what was stored
@@ -220,7 +234,7 @@ static void power_up(fw_t *fw) {
   if (!has_id || !has_law) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
   }
-  if (fw->config.memory != NULL && is_unconfigured(fw->device_signals.store_state)) {
+  if (fw->config.memory != NULL && !is_commissioned(fw->device_signals.store_state)) {
     fw->drive.params.first_motion_test = AXIS_FIRST_MOTION_TEST_ON;
   }
   fw->device_signals.store_change_count = fw->store.change_count;

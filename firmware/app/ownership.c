@@ -104,6 +104,13 @@ static void hold(fw_t *fw, uint8_t source) {
   }
 }
 
+static void warn(fw_t *fw) {
+  if (fw->drive.unsupervised == 0) {
+    cia402_warn_unsupervised(&fw->drive, &fw->axis, true);
+    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNSUPERVISED, fw->device.command_source);
+  }
+}
+
 /* The owner's controlword, or the port's. */
 static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
   const bool is_local = source == FW_SOURCE_LOCAL;
@@ -114,9 +121,24 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
   if (stops) {
     hold(fw, source);
   }
-  if (enables && fw->drive.unsupervised == 0 && !is_watched(fw)) {
-    cia402_warn_unsupervised(&fw->drive, &fw->axis, true);
-    canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_OWNER_UNSUPERVISED, fw->device.command_source);
+  if (enables) {
+    /* Modbus on the serial line and through a gateway are one owner: what enables it over CAN is
+     * lost with CAN. */
+    fw->owner_on_can |= (uint8_t)(fw->on_serial == 0);
+    if (!is_watched(fw)) {
+      warn(fw);
+    }
+  }
+}
+
+void ownership_judge_watch(fw_t *fw) {
+  if (fw->drive.signals.drive_state != AXIS_DRIVE_STATE_OPERATION_ENABLED || is_watched(fw)) {
+    return;
+  }
+  if (fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED) {
+    (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
+  } else {
+    warn(fw);
   }
 }
 
@@ -172,12 +194,24 @@ static void check_canopen(fw_t *fw) {
   }
 }
 
+/* command_source was written: by which way its owner reaches the axis from now on. One that is
+ * enabled over CAN remains so, whoever writes the owner's number again over the serial line. */
+static void note_way(fw_t *fw, bool is_new, uint8_t owner) {
+  const bool on_can = owner != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0;
+  if (on_can || is_new || !will_be_active(fw)) {
+    fw->owner_on_can = on_can ? 1 : 0;
+  }
+}
+
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value) {
   fw_t *fw = fw_of(objects);
   fw->source_silence = 0;
+  if (object == AXIS_OBJ_UNSUPERVISED_OWNER) {
+    ownership_judge_watch(fw);
+  }
   if (object == AXIS_OBJ_COMMAND_SOURCE) {
-    fw->owner_on_can = (value != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0) ? 1 : 0;
+    note_way(fw, value != previous, (uint8_t)value);
   }
   if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
     return;

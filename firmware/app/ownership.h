@@ -8,8 +8,9 @@
  *
  * An owner on CAN (owner_on_can) is lost with CAN too: bus off, NMT stop, a heartbeat that is
  * missed. That is canopen; a client of the gateway: LCM, or a Modbus that acquired the axis through
- * the SDO server 1201h; and a Modbus that was given the axis. A Modbus on the serial line that
- * writes its number to command_source is not on CAN.
+ * the SDO server 1201h, or enables it through it; and a Modbus that was given the axis. A Modbus on
+ * the serial line that writes its number to command_source, while the axis is disabled or another
+ * one's, is not on CAN.
  *
  * Every bus may stop the axis. One that another than its owner stopped is held (stopped_by): no
  * controlword enables it until the owner has sent one that does not. So an owner that goes on
@@ -51,6 +52,11 @@ void ownership_stopped(fw_t *fw, uint8_t fault);
 /* A parameter of the device was written: command_source or watchdog. */
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value);
+
+/* What watches the owner, or whether it must be watched, was written: an axis that is enabled for a
+ * CANopen whose end nobody would notice any more is disabled as by its loss (source_lost) where
+ * unsupervised_owner is refused, else it is warned of. */
+void ownership_judge_watch(fw_t *fw);
 
 /* The owner can no longer reach the axis, for the reason `fault` (AXIS_FAULT_). */
 void ownership_lost(fw_t *fw, uint8_t fault);

@@ -2,6 +2,7 @@
 
 #include "firmware/app/law.h"
 #include "firmware/drive/calibration.h"
+#include "firmware/drive/state.h"
 
 /* Puts the result in force, and what depends on it: a command cannot write objects itself. */
 static void adopt(fw_t *fw, uint32_t force_scale) {
@@ -42,8 +43,15 @@ int sensing_command(fw_t *fw, uint16_t object) {
 }
 
 void sensing_serve(fw_t *fw) {
-  if (fw->drive.tare.found != 0 && !store_is_busy(&fw->store)) {
-    fw->axis.params.force_tare = fw->drive.tare.tare_q8;
-    tare_done(&fw->drive.tare, &fw->drive.signals);
+  if (fw->drive.tare.found == 0 || store_is_busy(&fw->store)) {
+    return;
   }
+  /* Enabled since its last reading: the law begins with the tare that it was enabled with. */
+  const bool enabled = cia402_is_powered(fw->drive.signals.drive_state) ||
+                       fw->axis.signals.active_mode != AXIS_MODE_DISABLED;
+  if (!enabled) {
+    fw->axis.params.force_tare = fw->drive.tare.tare_q8;
+  }
+  tare_done(&fw->drive.tare, &fw->drive.signals,
+            enabled ? AXIS_TARE_STATE_REFUSED_ENABLED : AXIS_TARE_STATE_DONE);
 }

@@ -43,7 +43,7 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
 
 /* Notes a parameter that is not as stored, or keeps an old default. */
 static void note_change(store_t *store, const entry_t *entry) {
-  const bool dropped = entry->verdict == ENTRY_DROPPED;
+  const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
     store->changes[store->change_count] =
         entry->address | (dropped ? STORE_CHANGE_DROPPED : STORE_CHANGE_OLD_DEFAULT);

@@ -45,7 +45,8 @@ enum {
   STORE_CHANGES = 8        /* that are reported by address */
 };
 
-/* A store_change: the stored value was dropped, or an earlier default was kept. */
+/* A store_change: the stored value is not in force (dropped; or a mapping that is no longer
+ * permitted, whose PDO carries nothing), or an earlier default was kept. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 #define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
@@ -82,7 +83,7 @@ void store_init(store_t *store, const store_memory_t *memory);
  * is damaged: the set before it counts, whole. Returns AXIS_STORE_STATE_
  *   LOADED               every value as stored;
  *   EMPTY                nothing there, or restore_defaults;
- *   LOADED_PARTLY        a set of another table, of which something was dropped;
+ *   LOADED_PARTLY        a set of another table, of which something is not in force;
  *   LOADED_OLD_DEFAULTS  every value as stored, but not every default is today's;
  *   LOADED_OLDER         as one of these, but there are remains of a newer set (a save that was
  *                        cut off, a damaged sector);

@@ -11,6 +11,11 @@ static inline bool canopen_cob_valid(uint32_t cob_id) { return cob_id <= UINT32_
 /* The identifier in a COB-ID. */
 static inline uint16_t canopen_can_id(uint32_t cob_id) { return (uint16_t)(cob_id & 0x7FFu); }
 
+/* Whether a COB-ID is valid and has this identifier. */
+static inline bool canopen_cob_is(uint32_t cob_id, uint16_t id) {
+  return canopen_cob_valid(cob_id) && canopen_can_id(cob_id) == id;
+}
+
 /* Whether CiA 301 reserves the identifier. */
 bool canopen_is_restricted(uint16_t id);
 

@@ -37,6 +37,16 @@ int mapping_resolve(uint32_t entry, bool transmit, uint16_t *object) {
   return FW_OK;
 }
 
+bool mapping_is_in_force(uint16_t object, uint32_t value) {
+  const bool receives =
+      canopen_element(object, AXIS_OBJ_RPDO_MAPPING_1, CANOPEN_PDOS * PDO_ENTRIES) >= 0;
+  const bool transmits =
+      canopen_element(object, AXIS_OBJ_TPDO_MAPPING_1, CANOPEN_PDOS * PDO_ENTRIES) >= 0;
+  uint16_t mapped = AXIS_OBJ_NONE;
+  return (!receives && !transmits) || value == 0 ||
+         mapping_resolve(value, transmits, &mapped) == FW_OK;
+}
+
 int mapping_objects(const uint32_t *entries, uint8_t count, bool transmit,
                     uint16_t mapped[PDO_ENTRIES]) {
   int bits = 0;

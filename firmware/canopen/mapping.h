@@ -21,6 +21,10 @@ int mapping_resolve(uint32_t entry, bool transmit, uint16_t *object);
 int mapping_objects(const uint32_t *entries, uint8_t count, bool transmit,
                     uint16_t mapped[PDO_ENTRIES]);
 
+/* False for an entry of a mapping (an AXIS_OBJ_ of 1600h.., 1A00h..) that cannot be mapped: stored
+ * under another table. A PDO with it carries nothing. True for any other object. */
+bool mapping_is_in_force(uint16_t object, uint32_t value);
+
 /* Where in the dictionary each byte of a TPDO with these objects lies; bytes that nothing is mapped
  * to lie where a 0 is. */
 void mapping_places(const dictionary_t *objects, const uint16_t mapped[PDO_ENTRIES], uint8_t count,

@@ -129,6 +129,9 @@ uint8_t canopen_lost_for(const canopen_t *canopen);
  * deadline. */
 bool canopen_is_watched(const canopen_t *canopen);
 
+/* Whether that follows from an object: 1016h, a COB-ID or deadline of an RPDO. */
+bool canopen_watches_by(uint16_t object);
+
 /* The recorder was stopped or armed: an upload of the recording ends with an abort. */
 void canopen_recording_replaced(canopen_t *canopen);
 

@@ -296,14 +296,21 @@ void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *f
   }
 }
 
-bool pdo_transmits(const canopen_t *canopen, uint16_t id) {
+static bool has_id(const uint32_t cob_ids[CANOPEN_PDOS], uint16_t id) {
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    const uint32_t cob_id = canopen->params.tpdo_cob_id[i];
-    if (canopen_cob_valid(cob_id) && canopen_can_id(cob_id) == id) {
+    if (canopen_cob_is(cob_ids[i], id)) {
       return true;
     }
   }
   return false;
+}
+
+bool pdo_receives(const canopen_t *canopen, uint16_t id) {
+  return has_id(canopen->params.rpdo_cob_id, id);
+}
+
+bool pdo_transmits(const canopen_t *canopen, uint16_t id) {
+  return has_id(canopen->params.tpdo_cob_id, id);
 }
 
 void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {

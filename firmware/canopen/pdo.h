@@ -35,7 +35,8 @@ void pdo_operational(canopen_t *canopen, bool operational);
 /* A data frame with an identifier of no other service. */
 void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* Whether a valid TPDO has this identifier. */
+/* Whether a valid RPDO, and whether a valid TPDO, has this identifier. */
+bool pdo_receives(const canopen_t *canopen, uint16_t id);
 bool pdo_transmits(const canopen_t *canopen, uint16_t id);
 
 /* TPDOs are sampled, then received RPDOs are applied. counter: that of the SYNC, 0 without one. */

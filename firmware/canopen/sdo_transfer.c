@@ -60,6 +60,18 @@ enum {
 };
 _Static_assert(AXIS_OBJ_SDO_LCM_TRANSMIT == COB_ID_FIRST + COB_IDS - 1, "two servers, both ways");
 
+bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id) {
+  const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
+  bool found = false;
+  for (int i = 0; i < CANOPEN_SDOS; i++) {
+    const channel_t channel = channel_of(canopen, (uint8_t)i);
+    const int first = 2 * (i - 1); /* the default server cannot be written */
+    found = found || (place != first && canopen_cob_is(channel.receive, id)) ||
+            (place != first + 1 && canopen_cob_is(channel.transmit, id));
+  }
+  return found;
+}
+
 int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted) {
   const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);
   if (place < 0) {

@@ -56,6 +56,9 @@ uint8_t sdo_server_at(const canopen_t *canopen, uint16_t id);
 /* Whether a server answers with this identifier. */
 bool sdo_transmits(const canopen_t *canopen, uint16_t id);
 
+/* Whether a server has this identifier, either way, by another object than this one. */
+bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id);
+
 /* Whether a COB-ID of 1201h or 1202h may have this value: as canopen_check_cob_id(). FW_OK for
  * every other object. */
 int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted);

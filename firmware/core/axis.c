@@ -96,6 +96,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
   signals->tick_count += 1;
+  axis->fault_waits = 0;
   signals->digital_inputs = inputs->din;
 
   if (inputs->sensor_valid == 0) {
@@ -125,10 +126,13 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 
   const int32_t law_q16 = evaluate_law(axis, mode);
   /* The limits act on the code that goes out, with the sensors of the tick in which it does. */
+  const axis_codes_t codes = limits_codes(axis);
   const bool late = params->latency_ticks != 0;
   if (late) {
-    signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
-                                     &signals->limit_reason);
+    signals->dac_code =
+        limits_apply(params, limits_both(codes, axis->late_codes), signals->position, inputs->din,
+                     signals->command_code, &signals->limit_reason);
+    axis->late_codes = limits_both(codes, axis->law_codes);
   }
   /* Here dac_code is what goes out just before the code computed now. */
   if (mode != signals->active_mode || axis->rebase != 0) {
@@ -143,8 +147,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
    * |bias| < 6146. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
-    signals->dac_code = limits_apply(params, signals->position, inputs->din, signals->command_code,
-                                     &signals->limit_reason);
+    signals->dac_code = limits_apply(params, codes, signals->position, inputs->din,
+                                     signals->command_code, &signals->limit_reason);
   }
   outputs->dac_code = signals->dac_code;
   outputs->amp_enable = 1;
@@ -152,20 +156,24 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
+  /* With a call between them: the compiler would write two at once, with a register of floats. */
+  axis->free_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
+  axis->law_codes = axis_codes_all();
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
+  axis->late_codes = axis_codes_all();
   profile_set(&axis->profile, 0);
   axis->excitation = (excitation_t){0};
   axis->law.selected = 0;
   axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->excitation_q16 = 0;
-  axis->press_cap_code = AXIS_PRESS_CAP_NONE;
   axis->bumpless_contact = 0;
   axis->primed = 0;
   axis->rebase = 0;
   axis->bias_shift = 0;
   axis->setpoint_new = 0;
+  axis->fault_waits = 0;
 }
 
 /* A band on the tare protects it: no other one while the axis is enabled, none beyond the band. */
@@ -241,11 +249,22 @@ void axis_halve_force_gain(axis_t *axis, uint8_t halvings) {
   axis->rebase |= (uint8_t)(axis->signals.active_mode == AXIS_MODE_FORCE);
 }
 
-void axis_fault(axis_t *axis, uint8_t fault) { latch_fault(axis, fault); }
+void axis_fault(axis_t *axis, uint8_t fault) {
+  if (axis->signals.fault == AXIS_FAULT_NONE) {
+    axis->fault_waits = 1;
+  }
+  latch_fault(axis, fault);
+}
 
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs) {
   latch_fault(axis, fault);
   switch_off(axis, outputs);
 }
 
-void axis_fault_reset(axis_t *axis) { axis->signals.fault = AXIS_FAULT_NONE; }
+bool axis_fault_reset(axis_t *axis) {
+  if (axis->fault_waits != 0) {
+    return false;
+  }
+  axis->signals.fault = AXIS_FAULT_NONE;
+  return true;
+}

@@ -16,6 +16,7 @@
  * positive code drives toward the workpiece. With f_d = 30 counts and a reading of 28, a gain of 5
  * gives the code +10: the robot presses harder. */
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/core/excitation.h"
@@ -32,7 +33,18 @@ enum {
   AXIS_DIN_HOME = 16
 };
 
-enum { AXIS_PRESS_CAP_NONE = 2048 };
+/* Codes that may go out: least <= 0 <= most. */
+typedef struct {
+  int16_t least;
+  int16_t most;
+} axis_codes_t;
+
+/* No bound: beyond every code, so that the saturation of the DAC shows. */
+enum { AXIS_CODE_BEYOND = 32767 };
+static inline axis_codes_t axis_codes_all(void) {
+  const axis_codes_t codes = {.least = -AXIS_CODE_BEYOND, .most = AXIS_CODE_BEYOND};
+  return codes;
+}
 
 typedef struct {
   int32_t encoder_cnt;  /* wraps */
@@ -55,12 +67,15 @@ typedef struct {
   excitation_t excitation;
   force_law_t law;
   int32_t excitation_q16;   /* added to the command of a force law, within +-2048 codes */
-  int16_t press_cap_code;   /* out of contact a force law presses with at most this code */
-  uint8_t bumpless_contact; /* with it: the code continues from the one before the contact */
+  axis_codes_t free_codes;  /* bound what goes out in a tick whose reading is no contact */
+  axis_codes_t law_codes;   /* bound what is computed in a tick, also where it goes out later */
+  axis_codes_t late_codes;  /* with latency_ticks: the bounds of the tick before, for its code */
+  uint8_t bumpless_contact; /* at a contact the code continues from the one before it */
   uint8_t primed;           /* signals.position is the count of the last tick */
   uint8_t rebase;           /* the next code continues from the one put out before it */
   uint8_t bias_shift;       /* bump_decay_shift at the change that set signals.bump_bias */
   uint8_t setpoint_new;     /* position_setpoint was written for a coming position mode */
+  uint8_t fault_waits;      /* 1: the fault was latched between two ticks, and acts in the next */
 } axis_t;
 
 /* Power-up: disabled, code 0, no fault, parameters at their defaults. */
@@ -71,7 +86,9 @@ void axis_init(axis_t *axis);
  * Faults (faults.h) are answered in the same tick: code 0, amplifier off, brake on, whatever
  * latency_ticks is; the fault is latched and the requested mode set back to disabled. Limits
  * (limits.h) only change the code, and only the one put out: with latency_ticks 1 a code computed
- * a tick ago is limited by the present position and switches, and limit_reason refers to it.
+ * a tick ago is limited by the present position and switches, and limit_reason refers to it; and by
+ * the bounds of both ticks, so that none ends a tick early (output_limit is of the present one).
+ * Nothing is added behind them.
  *
  * Taking over a mode or gain: the code computed in that tick equals the one put out just before it
  * (0 after disabled); the difference to the law becomes a bias that shrinks by 2^-n a tick, at
@@ -109,14 +126,15 @@ void axis_bank_selected(axis_t *axis, uint8_t number);
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
- * disabled in the next tick. */
+ * disabled in the next tick, and the fault not cleared before it. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
 /* Latches a fault that was found in the signals of a tick, and takes back the outputs of that tick:
  * code 0, amplifier off, brake on. */
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
 
-/* Clears the latched fault. The axis stays disabled until a mode is written. */
-void axis_fault_reset(axis_t *axis);
+/* Clears the latched fault. The axis stays disabled until a mode is written. False: the fault still
+ * waits for the tick that it acts in, and stays. */
+bool axis_fault_reset(axis_t *axis);
 
 #endif

@@ -3,15 +3,6 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* A force law that lost its contact presses no harder than press_cap_code; pulling back is free. */
-static int32_t cap_pressing(const axis_t *axis, int32_t code_q16) {
-  const int32_t cap_q16 = fx_scale(axis->press_cap_code, 16);
-  if (axis->params.force_setpoint < 0) {
-    return (code_q16 < -cap_q16) ? -cap_q16 : code_q16;
-  }
-  return (code_q16 > cap_q16) ? cap_q16 : code_q16;
-}
-
 static int32_t evaluate_bank(axis_t *axis, bool touching) {
   axis_signals_t *signals = &axis->signals;
   force_law_t *law = &axis->law;
@@ -38,12 +29,8 @@ int32_t force_control_step(axis_t *axis) {
                                ? law_force(fx_halved(params->force_gain, axis->law.halvings),
                                            params->force_setpoint, force_q8)
                                : evaluate_bank(axis, touching);
-  if (axis->press_cap_code == AXIS_PRESS_CAP_NONE) {
-    return code_q16 + axis->excitation_q16;
-  }
   if (touching) {
     axis->rebase |= axis->bumpless_contact;
-    return code_q16 + axis->excitation_q16;
   }
-  return cap_pressing(axis, code_q16);
+  return code_q16 + axis->excitation_q16;
 }

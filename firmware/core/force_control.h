@@ -9,9 +9,9 @@
 #include "firmware/core/axis.h"
 
 /* Command of this tick in 1/65536 code: of force_gain alone, or of the selected bank, whose
- * integral grows only in contact and not against an active limit. Out of contact it presses with at
- * most press_cap_code. excitation_q16 is added behind the limits of the law. The signals are those
- * of this tick, active_mode, limit_reason and command_code those of the one before. */
+ * integral grows only in contact and not against an active limit; with excitation_q16 added behind
+ * the limits of the law. The signals are those of this tick, active_mode, limit_reason and
+ * command_code those of the one before. */
 int32_t force_control_step(axis_t *axis);
 
 #endif

@@ -54,6 +54,11 @@ static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
 }
 
+/* No tick has switched the amplifier on yet: a ramp would do so. */
+static bool is_at_rest(const axis_t *axis) {
+  return axis->signals.active_mode == AXIS_MODE_DISABLED;
+}
+
 /* A fault that the drive found itself, or that came from outside. */
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
@@ -61,7 +66,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
     return; /* the first one stays */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
-      !first_motion_is_running(&drive->first_motion)) {
+      !first_motion_is_running(&drive->first_motion) && !is_at_rest(axis)) {
     enter(drive, AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
     drive->fault = fault;
     return;
@@ -159,6 +164,7 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
     answer_touch(drive, axis);
   }
   drive->touch.setpoint = 0;
+  drive->slowing = (uint8_t)((drive->slowing == CIA402_SLOWING) ? 1 : 0);
   drive->limited = 0;
   drive->lead_cnt = 0;
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
@@ -210,8 +216,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
 
 /* Out of operation, at once or after slowing down (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
-  if (option == STOP_AT_ONCE || motion_stands(drive) ||
-      axis->signals.active_mode == AXIS_MODE_DISABLED) {
+  if (option == STOP_AT_ONCE || motion_stands(drive) || is_at_rest(axis)) {
     enter(drive, to);
     return;
   }
@@ -230,7 +235,7 @@ static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
              to == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON) {
     leave_operation(drive, to, drive->params.shutdown_option, axis);
   } else if (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE &&
-             drive->params.quick_stop_option == QUICK_STOP_DISABLE) {
+             (drive->params.quick_stop_option == QUICK_STOP_DISABLE || is_at_rest(axis))) {
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
   } else {
     enter(drive, to);
@@ -248,7 +253,9 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
     return;
   }
   if (from == AXIS_DRIVE_STATE_FAULT) {
-    axis_fault_reset(axis);
+    if (!axis_fault_reset(axis)) {
+      return;
+    }
     forget_setpoints(axis);
   }
   go(drive, axis, from, to);
@@ -290,8 +297,21 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   }
 }
 
+/* A halted axis stays halted until a controlword enables it without the halt: one that commands
+ * nothing, as with bit 7, does not let it go on. */
+static uint16_t with_halt(cia402_t *drive, uint16_t controlword, uint16_t previous) {
+  if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && (previous & CIA402_CW_HALT) != 0 &&
+      !cia402_enables(controlword)) {
+    drive->params.controlword = (uint16_t)(controlword | CIA402_CW_HALT);
+  }
+  return drive->params.controlword;
+}
+
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value) {
+  if (object == AXIS_OBJ_CONTROLWORD) {
+    value = with_halt(drive, (uint16_t)value, (uint16_t)previous);
+  }
   const uint16_t controlword = (uint16_t)value;
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
@@ -405,12 +425,16 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   cia402_show(drive, axis);
 }
 
-void cia402_fault_reset(cia402_t *drive, axis_t *axis) {
+int cia402_fault_reset(cia402_t *drive, axis_t *axis) {
+  if (!axis_fault_reset(axis)) {
+    return FW_ERROR_STATE;
+  }
   if (state_of(drive) == AXIS_DRIVE_STATE_FAULT) {
     forget_setpoints(axis);
     enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
   }
   cia402_show(drive, axis);
+  return FW_OK;
 }
 
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
@@ -432,7 +456,7 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
       enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
       break;
     case ABORT_QUICK_STOP:
-      enter(drive, first_motion_is_running(&drive->first_motion)
+      enter(drive, (first_motion_is_running(&drive->first_motion) || is_at_rest(axis))
                        ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED
                        : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;

@@ -47,8 +47,14 @@ enum {
 /* Whether the trajectory moves the axis, or only what the force laws measure the axis against. */
 enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTUAL = 2 };
 
-/* A quick stop or fault reaction takes 10 s at most, then the axis is switched off as it is. */
+/* Every ramp to a stand (quick stop, fault reaction, shutdown, disable operation, halt, another
+ * mode) takes 10 s at most: where the deceleration is too small for it, the ramp is steeper, so
+ * that speed times 5 s is the longest way. An axis that does not follow it is switched off as it
+ * is. */
 enum { CIA402_STOPPING_TICKS = 15000 };
+
+/* In this tick; 1: in the last one. */
+enum { CIA402_SLOWING = 2 };
 
 /* The mean of velocity_actual. */
 enum { CIA402_MEAN_TICKS = 16 };
@@ -76,13 +82,14 @@ typedef struct {
   uint8_t scaled;            /* 0: the user's unit is the count */
 } cia402_units_t;
 
-/* Of the demanded force: force_limit, or the smaller limit of that direction; of a target force
- * also what is permitted to a law without a certificate. */
+/* Of the demanded force: force_limit, or the smaller limit of that direction; and what is permitted
+ * to a law without a certificate. */
 typedef struct {
   int32_t least;    /* per mille, -32767..0 */
   int32_t most;     /* 0..32767 */
   int32_t least_q8; /* the same as a reading, 1/256 count */
   int32_t most_q8;
+  int32_t law_q8; /* without a certificate, of mode -1, which has no other bound */
 } cia402_force_bounds_t;
 
 /* The axis' parameters that are overridden for the tick, as they are stored. */
@@ -117,16 +124,17 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
+  int32_t stop_step; /* least step of the ramp to a stand under way, so that it ends in time */
   fx_ratio_t reading_of_force; /* 1/256 count of the reading per per mille */
   fx_ratio_t force_of_reading; /* and back */
   cia402_force_bounds_t force_bounds;
-  uint16_t law_force;  /* bound of the target force in modes 4 and 10, per mille of force_limit */
-  uint16_t law_output; /* bound of the code that the law puts out there */
-  int32_t force_ramp_q16;           /* per mille, Q16 */
-  int32_t force_demand_q16;         /* the same, shaped */
-  cia402_setpoint_t setpoint;       /* being pursued, or pursued last */
-  cia402_setpoint_t buffered;       /* the one after it */
-  uint32_t dwell_remaining;         /* ticks that the force law goes on without contact */
+  uint16_t law_force;         /* bound of the force that is asked for, per mille of force_limit */
+  uint16_t law_output;        /* bound of the code that the law puts out */
+  int32_t force_ramp_q16;     /* per mille, Q16 */
+  int32_t force_demand_q16;   /* the same, shaped */
+  cia402_setpoint_t setpoint; /* being pursued, or pursued last */
+  cia402_setpoint_t buffered; /* the one after it */
+  uint32_t dwell_remaining;   /* ticks that the force law goes on without contact */
   uint32_t interpolation_remaining; /* ticks until the cyclic target is to be reached */
   uint32_t outside_tick;            /* ticks that the following error was outside its window */
   uint32_t reached_tick;            /* ticks that the target has been reached */
@@ -150,11 +158,13 @@ typedef struct {
   uint8_t acknowledged;       /* 1: the new set-point of this controlword was taken */
   uint8_t settling_tick;      /* ticks that the trajectory has stood in slowing down */
   uint16_t stopping_tick;     /* ticks of a quick stop or fault reaction */
+  uint8_t slowing;            /* not 0: a ramp to a stand was under way in the last tick */
   uint8_t leaving;            /* 1: slows down to change to leaving_to */
   uint8_t leaving_to;         /* AXIS_DRIVE_STATE_ */
   uint8_t fault;              /* AXIS_FAULT_ that the fault reaction will latch */
   uint8_t controlled;         /* 1: a force mode was on in the last tick */
   uint8_t pressing;           /* 1: the force law is on in tq, cst */
+  int8_t pressed;             /* there: sign of the reading at the latest contact */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: a bound of the drive has limited a target */
   uint8_t uncertified;        /* 1: the force law has no certificate; law_force, law_output apply */
@@ -217,17 +227,18 @@ bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t pre
 /* The warning that nobody would notice the end of the owner, while the axis is enabled. */
 void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised);
 
-/* The force law has no certificate: in modes 4 and 10 the target force is bounded to `force` per
- * mille of force_limit and the output of the law to a code of +-`output`, with a warning. And: it
- * has one. */
+/* The force law has no certificate: in every mode that controls force what is asked for is bounded
+ * to `force` per mille of force_limit and the output of the law to a code of +-`output`, with a
+ * warning. And: it has one. */
 void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);
 void cia402_release_law(cia402_t *drive);
 
 /* The native `mode` was written (by the port itself): the state follows. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 
-/* fault_reset was given outside the controlword. */
-void cia402_fault_reset(cia402_t *drive, axis_t *axis);
+/* fault_reset was given outside the controlword: FW_OK, or FW_ERROR_STATE while the fault still
+ * waits for its tick. */
+int cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
 /* Targets written for the modes of the drive do not act until they are written again; their offsets
  * are 0. */

@@ -28,6 +28,12 @@ bool first_motion_depends_on(uint16_t object) {
          object == AXIS_OBJ_FORCE_ZERO_CODE || object == AXIS_OBJ_ADC_BITS;
 }
 
+bool first_motion_is_bounded_by(uint16_t object) {
+  return object == AXIS_OBJ_FIRST_MOTION_CODE || object == AXIS_OBJ_FIRST_MOTION_COUNTS ||
+         object == AXIS_OBJ_FIRST_MOTION_SPEED || object == AXIS_OBJ_CONTACT_FORCE ||
+         object == AXIS_OBJ_FORCE_TARE;
+}
+
 static void begin_standing(first_motion_t *first) {
   first->phase = FIRST_MOTION_STANDING;
   first->phase_tick = 0;

@@ -81,6 +81,9 @@ void first_motion_forget(first_motion_t *first, drive_signals_t *signals);
 /* Whether the result depends on an object: the option itself, and what the readings mean. */
 bool first_motion_depends_on(uint16_t object);
 
+/* Whether an object is one of its bounds, or what it judges by: not written while it runs. */
+bool first_motion_is_bounded_by(uint16_t object);
+
 /* The axis is enabled by the state machine: the test begins where it is asked for and not passed
  * yet. */
 void first_motion_begin(first_motion_t *first, const drive_params_t *params,

@@ -13,16 +13,21 @@ static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
   motion_override(drive, axis);
   axis->params.force_setpoint = fx_clamp(setpoint_q8, -FORCE_SETPOINT_MAX, FORCE_SETPOINT_MAX);
   axis->params.mode = AXIS_MODE_FORCE;
+  motion_restrict_law(drive, axis);
 }
 
 /* Out of contact: in position mode, toward the sign of the target, at most at
  * approach_velocity_max. */
-static void approach(cia402_t *drive, axis_t *axis, int32_t target) {
+static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted) {
   const int32_t speed = units_speed_of_cnt(drive, drive->params.approach_velocity_max);
   if (!motion_track(drive, axis, CIA402_TRACKING_AXIS, speed)) {
     return;
   }
   trajectory_limits_t limits = cia402_limits(drive, 0);
+  if (halted) {
+    const int32_t least = motion_least_step(drive, fx_magnitude(drive->trajectory.velocity_q16));
+    limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
+  }
   /* An axis that is held up must not find the trajectory far ahead when it comes free: no more than
    * the way of a quarter second, which a position loop of more than 4 rad/s does not need. */
   const int32_t lead =
@@ -44,8 +49,9 @@ static int32_t bounded_force(const cia402_t *drive, int32_t force) {
 
 /* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
  * once throws the axis against a workpiece that comes back. */
-static bool dwells_after_loss(cia402_t *drive) {
+static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   if (drive->signals.contact != 0) {
+    drive->pressed = (axis->signals.force > 0) ? 1 : -1;
     drive->dwell_remaining = fx_ticks_from_ms(drive->params.contact_loss_dwell);
     return false;
   }
@@ -56,16 +62,31 @@ static bool dwells_after_loss(cia402_t *drive) {
   return true;
 }
 
+/* From the reading without contact to the end of the dwell nothing presses with more than
+ * contact_loss_cap: toward the workpiece that is lost, nor where the set-point presses by now. */
+static void cap_pressing(const cia402_t *drive, axis_t *axis) {
+  const int16_t cap = (int16_t)drive->params.contact_loss_cap;
+  const bool down = axis->params.force_setpoint < 0;
+  if (!down || drive->pressed > 0) {
+    axis->free_codes.most = cap;
+  }
+  if (down || drive->pressed < 0) {
+    axis->free_codes.least = (int16_t)-cap;
+  }
+}
+
 /* One tick of the demanded force toward the target. A halt bypasses the shaper, from the force that
  * is demanded. */
 static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
+  int32_t step = fx_q16_from_per_s(drive->params.force_slope);
   if (halted) {
     drive->force_ramp_q16 = drive->force_demand_q16;
     shaper_clear(&drive->force_shaper);
+    const int32_t least = motion_least_step(drive, fx_magnitude(drive->force_ramp_q16));
+    step = (step < least) ? least : step;
   }
   const int32_t before_q16 = drive->force_ramp_q16;
   const int32_t wanted_q16 = fx_scale(target, 16);
-  const int32_t step = fx_q16_from_per_s(drive->params.force_slope);
   const int64_t change = (int64_t)wanted_q16 - before_q16;
   drive->force_ramp_q16 =
       (at_once && !halted) ? wanted_q16 : before_q16 + fx_saturate(change, -step, step);
@@ -82,7 +103,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const int32_t target = bounded_force(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);
   touch_approach(&drive->touch, target, drive->force_demand_q16);
-  const bool dwells = dwells_after_loss(drive);
+  const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
       /* Lost: brake at once, without the bias that would carry the pressing code on. */
@@ -91,7 +112,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
       drive->pressing = 0;
     }
     drive->force_demand_q16 = 0;
-    approach(drive, axis, target);
+    approach(drive, axis, target, halted);
     return;
   }
   if (drive->pressing == 0) {
@@ -100,16 +121,14 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
     drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
     drive->force_demand_q16 = drive->force_ramp_q16;
     shaper_clear(&drive->force_shaper);
+    drive->slowing = 0; /* a halt under way releases the force from now on */
     drive->pressing = 1;
   }
   demand(drive, target, cyclic, halted);
   drive->tracking = CIA402_TRACKING_NONE;
   press(drive, axis, fx_ratio_apply(drive->force_demand_q16, drive->reading_of_force, 16));
-  if (axis->params.output_limit > drive->law_output) {
-    axis->params.output_limit = drive->law_output;
-  }
   if (dwells || drive->params.contact_loss_dwell != 0) {
-    axis->press_cap_code = (int16_t)drive->params.contact_loss_cap;
+    cap_pressing(drive, axis);
   }
 }
 

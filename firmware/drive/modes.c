@@ -57,7 +57,6 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
                              .bits = standing_bits},
     ROW(FORCE) = {.run = force_profile,
                   .controls_force = 1,
-                  .certified = 1,
                   .halts_itself = 1,
                   .reached = force_target_reached},
     ROW(HOMING) = {.lead = homing_run, .bits = homing_bits},
@@ -74,7 +73,6 @@ const cia402_mode_t cia402_modes[CIA402_MODES] = {
                             .bits = cyclic_bits},
     ROW(CYCLIC_FORCE) = {.run = force_cyclic,
                          .controls_force = 1,
-                         .certified = 1,
                          .halts_itself = 1,
                          .reached = force_target_reached,
                          .bits = cyclic_bits},
@@ -140,8 +138,14 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   axis->params.mode = mode;
   if (mode == AXIS_MODE_FORCE) {
     const int32_t demand = axis->params.force_setpoint;
-    if (drive->touch.speed_q8 != 0) {
+    if (drive->touch.speed_q8 != 0 || drive->uncertified != 0) {
       motion_override(drive, axis);
+    }
+    if (drive->uncertified != 0) {
+      const int32_t most_q8 = drive->force_bounds.law_q8;
+      axis->params.force_setpoint = fx_clamp(demand, -most_q8, most_q8);
+      drive->limited |= (uint8_t)(axis->params.force_setpoint != demand);
+      motion_restrict_law(drive, axis);
     }
     if (shaper_is_on(&drive->force_shaper)) {
       shape_setpoint(drive, axis);

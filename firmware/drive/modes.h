@@ -18,7 +18,6 @@ struct cia402_mode {
   void (*run)(cia402_t *drive, axis_t *axis);
   uint8_t native;
   uint8_t controls_force;
-  uint8_t certified;     /* 1: a law without a certificate is restricted */
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
   uint8_t shaped;        /* 1: what `lead` moves is shaped for the axis */

@@ -12,7 +12,8 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->output_limit = drive->overridden.output_limit;
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
-    axis->press_cap_code = AXIS_PRESS_CAP_NONE;
+    axis->free_codes = axis_codes_all();
+    axis->law_codes = axis_codes_all();
     axis->bumpless_contact = 0;
     drive->overridden.active = 0;
   }
@@ -67,6 +68,7 @@ bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
   }
   if (drive->tracking != tracking) {
     drive->settling_tick = 0;
+    drive->slowing = 0; /* from another speed */
     shaper_clear(&drive->force_shaper);
     shaper_clear(&drive->motion_shaper);
     profile_set(&drive->trajectory, axis->signals.position);
@@ -76,12 +78,22 @@ bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
   return true;
 }
 
+int32_t motion_least_step(cia402_t *drive, uint32_t size) {
+  if (drive->slowing == 0) {
+    drive->stop_step =
+        (int32_t)fx_quotient(size, CIA402_STOPPING_TICKS - CIA402_SETTLING_TICKS) + 1;
+  }
+  drive->slowing = CIA402_SLOWING;
+  return drive->stop_step;
+}
+
 bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate) {
   if (!motion_track_axis(drive, axis)) {
     return true;
   }
   motion_unshape(drive);
-  const trajectory_limits_t limits = {.deceleration = rate};
+  const int32_t least = motion_least_step(drive, fx_magnitude(drive->trajectory.velocity_q16));
+  const trajectory_limits_t limits = {.deceleration = (rate < least) ? least : rate};
   trajectory_ramp(&drive->trajectory, 0, &limits);
   motion_follow(drive, axis);
   if (drive->trajectory.velocity_q16 != 0) {

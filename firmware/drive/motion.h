@@ -30,6 +30,17 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
+/* The force law acts in the coming tick: without a certificate its code is bounded. To be called
+ * after motion_override(). */
+static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
+  if (axis->params.output_limit > drive->law_output) {
+    const int16_t most = (int16_t)drive->law_output;
+    axis->params.output_limit = drive->law_output;
+    axis->law_codes.least = (int16_t)-most;
+    axis->law_codes.most = most;
+  }
+}
+
 /* The axis disabled, and its gain whole again. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
@@ -47,7 +58,12 @@ static inline bool motion_track_axis(cia402_t *drive, axis_t *axis) {
 /* The axis goes where the trajectory is. */
 void motion_follow(cia402_t *drive, axis_t *axis);
 
-/* One tick of slowing down at a rate (Q16), then of holding. True once trajectory and axis
+/* In each tick of a ramp to a stand, whose speed or force still is `size`: the least step with
+ * which it ends within CIA402_STOPPING_TICKS, the settling included. */
+int32_t motion_least_step(cia402_t *drive, uint32_t size);
+
+/* One tick of slowing down at a rate (Q16), or as much faster as it must be to end in time, then of
+ * holding. True once trajectory and axis
  * stand, or the trajectory alone for CIA402_SETTLING_TICKS: an amplifier that is switched off lets
  * the axis coast. It begins at the place and speed of the axis unless the axis follows it
  * already. */

@@ -29,11 +29,14 @@ static void derive_forces(cia402_t *drive) {
   const int32_t least = -fx_clamp(params->force_limit_negative, 0, limit);
   const int32_t permitted =
       (int32_t)fx_quotient((uint32_t)params->force_limit * drive->law_force, WHOLE);
+  const int32_t law_least = fx_clamp(least, -permitted, 0);
+  const int32_t law_most = fx_clamp(most, 0, permitted);
   drive->force_bounds =
-      (cia402_force_bounds_t){.least = fx_clamp(least, -permitted, 0),
-                              .most = fx_clamp(most, 0, permitted),
-                              .least_q8 = fx_ratio_apply(least, drive->reading_of_force, 0),
-                              .most_q8 = fx_ratio_apply(most, drive->reading_of_force, 0)};
+      (cia402_force_bounds_t){.least = law_least,
+                              .most = law_most,
+                              .least_q8 = fx_ratio_apply(law_least, drive->reading_of_force, 0),
+                              .most_q8 = fx_ratio_apply(law_most, drive->reading_of_force, 0),
+                              .law_q8 = fx_ratio_apply(permitted, drive->reading_of_force, 0)};
 }
 
 static void permit(cia402_t *drive, bool certified, uint16_t force, uint16_t output) {

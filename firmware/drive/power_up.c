@@ -25,6 +25,8 @@ void cia402_init(cia402_t *drive) {
   drive->sensor = (sensor_t){0};
   drive->tare = (tare_t){0};
   drive->lead_cnt = 0;
+  drive->pressed = 0;
+  drive->slowing = 0;
   drive->overridden = (cia402_overridden_t){0};
   drive->tracking = CIA402_TRACKING_NONE;
   drive->settling_tick = 0;

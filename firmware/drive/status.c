@@ -178,7 +178,7 @@ static void judge(cia402_t *drive, const axis_t *axis) {
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
-  drive->restricted = (uint8_t)(drive->controlled & drive->mode->certified & drive->uncertified);
+  drive->restricted = (uint8_t)(drive->controlled & drive->uncertified);
   drive->reached_tick = lasting(drive->reached_tick, is_enabled(drive) && has_reached(drive, axis));
   drive->standing_tick = lasting(drive->standing_tick, slow);
 }

@@ -84,7 +84,7 @@ void tare_judge(tare_t *tare, const drive_params_t *params, drive_signals_t *sig
   }
 }
 
-void tare_done(tare_t *tare, drive_signals_t *signals) {
+void tare_done(tare_t *tare, drive_signals_t *signals, uint8_t state) {
   tare->found = 0;
-  signals->tare_state = AXIS_TARE_STATE_DONE;
+  signals->tare_state = state;
 }

@@ -45,7 +45,8 @@ static inline void tare_tick(tare_t *tare, const drive_params_t *params, drive_s
   }
 }
 
-/* The tare that was found is in force. */
-void tare_done(tare_t *tare, drive_signals_t *signals);
+/* The tare that was found is in force (AXIS_TARE_STATE_DONE), or is not put in force:
+ * refused_enabled, of an axis that was enabled meanwhile. */
+void tare_done(tare_t *tare, drive_signals_t *signals, uint8_t state);
 
 #endif

@@ -49,10 +49,7 @@ static void move_bound(touch_t *touch, const axis_t *axis) {
   const int32_t code = along(axis->signals.dac_code, negative);
   touch->cap_q16 =
       fx_clamp(touch->cap_q16 + change_q16, 0, fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
-  /* The remaining bump bias adds to the code of the law. */
-  const int32_t bias_q16 = along(axis->signals.bump_bias, negative);
-  touch->cap_code =
-      (int16_t)fx_clamp(fx_round_q16(touch->cap_q16 - bias_q16), 0, AXIS_PRESS_CAP_NONE - 1);
+  touch->cap_code = (int16_t)fx_round_q16(touch->cap_q16);
 }
 
 void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis) {
@@ -60,7 +57,11 @@ void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis) {
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(touch, axis);
   }
-  axis->press_cap_code = touch->cap_code;
+  if (axis->params.force_setpoint < 0) {
+    axis->free_codes.least = (int16_t)-touch->cap_code;
+  } else {
+    axis->free_codes.most = touch->cap_code;
+  }
   axis->bumpless_contact = (uint8_t)(signals->contact == 0);
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <set>
 #include <vector>
 
 #include "tests/unit/canopen_fixture.hpp"
@@ -274,6 +275,25 @@ TEST_F(Canopen, MappingIsRefusedWhilePdoIsValid) {
   }
 }
 
+// What a stream of frames must not repeat in every cycle: the reset of a fault, who owns the axis,
+// a native mode, what becomes of an incident.
+TEST_F(Canopen, DecisionsAboutTheAxisAreNotMapped) {
+  for (uint16_t mapping : {0x1603, 0x1A03}) {
+    const bool transmit = mapping == 0x1A03;
+    const uint16_t communication = static_cast<uint16_t>(mapping - 0x200);
+    ASSERT_EQ(Download(communication, 1, transmit ? 0xC0000000u : 0x80000000u, 4), 0u);
+    ASSERT_EQ(Download(mapping, 0, 0, 1), 0u);
+    for (uint16_t object : {AXIS_OBJ_FAULT_RESET, AXIS_OBJ_COMMAND_SOURCE, AXIS_OBJ_MODE,
+                            AXIS_OBJ_INCIDENT_COMMAND}) {
+      const axis_address_t *at = AddressOf(object);
+      const auto bits = 8u * value_bytes(axis_objects[object].type);
+      const uint32_t entry = uint32_t{at->index} << 16 | uint32_t{at->sub} << 8 | bits;
+      EXPECT_EQ(Download(mapping, 1, entry, 4), 0x06040041u) << std::hex << entry;
+      EXPECT_EQ(Upload(mapping, 1) == entry, false);
+    }
+  }
+}
+
 TEST_F(Canopen, EntriesAreChecked) {
   for (uint16_t mapping : {0x1603, 0x1A03}) {
     const bool transmit = mapping == 0x1A03;
@@ -287,7 +307,7 @@ TEST_F(Canopen, EntriesAreChecked) {
     EXPECT_EQ(Download(mapping, 1, 0x10170010, 4), 0x06040041u) << "communication";
     EXPECT_EQ(Download(mapping, 1, 0x10180008, 4), 0x06040041u) << "a number of sub-indices";
     EXPECT_EQ(Download(mapping, 1, 0x10080008, 4), 0x06040041u) << "a text";
-    EXPECT_EQ(Download(mapping, 1, 0x201E0008, 4), transmit ? 0x06040041u : 0u) << "write only";
+    EXPECT_EQ(Download(mapping, 1, 0x21070008, 4), transmit ? 0x06040041u : 0u) << "write only";
     EXPECT_EQ(Download(mapping, 1, 0x60410010, 4), transmit ? 0u : 0x06040041u) << "read only";
     EXPECT_EQ(Download(mapping, 1, 0x00050008, 4), transmit ? 0x06020000u : 0u) << "a dummy";
     EXPECT_EQ(Download(mapping, 1, 0x00050010, 4), transmit ? 0x06020000u : 0x06040041u);
@@ -307,9 +327,17 @@ TEST_F(Canopen, CobIdsAreChecked) {
   };
   for (uint16_t index : {0x1400, 0x1800}) {
     const uint32_t rtr = index == 0x1800 ? 0x40000000 : 0;
+    // Of SYNC, EMCY, the gateway's servers, and the valid PDOs of the other direction.
+    std::set<uint32_t> taken{0x080,      0x080 + kNode, kModbusServer, kModbusServer + 1,
+                             kLcmServer, kLcmServer + 1};
+    for (uint32_t other : (index == 0x1400) ? std::vector<uint32_t>{0x180, 0x280}
+                                            : std::vector<uint32_t>{0x300, 0x400, 0x500}) {
+      taken.insert(other + kNode);
+    }
     for (uint32_t id = 0; id < 0x800; ++id) {
       ASSERT_EQ(Download(index, 1, 0x80000000u | rtr | id, 4), 0u);
-      ASSERT_EQ(Download(index, 1, rtr | id, 4), restricted(id) ? 0x06090030u : 0u)
+      ASSERT_EQ(Download(index, 1, rtr | id, 4),
+                restricted(id) || taken.count(id) != 0 ? 0x06090030u : 0u)
           << std::hex << id;
     }
     ASSERT_EQ(Download(index, 1, 0x80000205u | rtr, 4), 0u);

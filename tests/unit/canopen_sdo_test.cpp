@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -157,6 +158,10 @@ TEST_F(Canopen, IdentifiersOfServersAreChecked) {
     return id <= 0x7F || (id >= 0x101 && id <= 0x180) || (id >= 0x581 && id <= 0x5FF) ||
            (id >= 0x601 && id <= 0x67F) || (id >= 0x6E0 && id <= 0x6FF) || id >= 0x701;
   };
+  // Of SYNC, EMCY, valid PDOs, and the servers but for the object that is written.
+  std::set<uint32_t> taken{0x080,      0x080 + kNode, kModbusServer, kModbusServer + 1,
+                           kLcmServer, kLcmServer + 1};
+  for (uint32_t first : {0x180, 0x280, 0x200, 0x300, 0x400, 0x500}) taken.insert(first + kNode);
   for (uint16_t index : {0x1201, 0x1202}) {
     for (uint8_t sub : {1, 2}) {
       const uint32_t before = *Upload(index, sub);
@@ -164,7 +169,9 @@ TEST_F(Canopen, IdentifiersOfServersAreChecked) {
       EXPECT_EQ(Download(index, sub, before, 4), 0u) << "what it is already";
       for (uint32_t id = 0; id < 0x800; ++id) {
         ASSERT_EQ(Download(index, sub, 0x80000000u | id, 4), 0u);
-        ASSERT_EQ(Download(index, sub, id, 4), restricted(id) ? 0x06090030u : 0u) << std::hex << id;
+        const bool is_other = id != before && taken.count(id) != 0;
+        ASSERT_EQ(Download(index, sub, id, 4), restricted(id) || is_other ? 0x06090030u : 0u)
+            << std::hex << id;
       }
       EXPECT_EQ(Download(index, sub, 0x80000800u, 4), 0x06090030u) << "29 bits";
       ASSERT_EQ(Download(index, sub, 0x80000000u, 4), 0u);
@@ -172,6 +179,20 @@ TEST_F(Canopen, IdentifiersOfServersAreChecked) {
     }
   }
   EXPECT_EQ(Download(0x1200, 1, 0x80000605u, 4), 0x06010002u) << "the default server stays";
+}
+
+// A server, SYNC or EMCY on the identifier of RPDO 1 would take its frames, and its stop with them.
+TEST_F(Canopen, NoServiceIsMovedOntoTheIdentifierOfAnRpdo) {
+  constexpr uint32_t kRpdo1 = 0x200 + kNode;
+  ASSERT_EQ(Download(0x1201, 1, 0x80000000u, 4), 0u);
+  EXPECT_EQ(Download(0x1201, 1, kRpdo1, 4), 0x06090030u);
+  EXPECT_EQ(Download(0x1005, 0, kRpdo1, 4), 0x06090030u);
+  ASSERT_EQ(Download(0x1014, 0, 0x80000000u, 4), 0u);
+  EXPECT_EQ(Download(0x1014, 0, kRpdo1, 4), 0x06090030u);
+  // Nor an RPDO onto theirs; a second RPDO may have it, and both are served.
+  ASSERT_EQ(Download(0x1401, 1, 0x80000000u, 4), 0u);
+  EXPECT_EQ(Download(0x1401, 1, 0x80, 4), 0x06090030u);
+  EXPECT_EQ(Download(0x1401, 1, kRpdo1, 4), 0u);
 }
 
 TEST_F(Canopen, AResetForgetsTheServersOfAGateway) {

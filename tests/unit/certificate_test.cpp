@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <set>
@@ -135,20 +136,31 @@ TEST_F(Certified, TheBoundsAreObjects) {
   EXPECT_EQ(Status() & kWarning, kWarning) << "saturated reading and target";
 }
 
-TEST_F(Certified, OnlyTheModesOfForceInNewtonAreReduced) {
-  WriteBank(1);
-  Set(AXIS_OBJ_FORCE_BANK, 1);
-  Set(AXIS_OBJ_STIFFNESS, 65536);
-  Set(AXIS_OBJ_FORCE_SETPOINT, 200 * 256);
-  for (const int mode : {-1, -6}) {
-    PressFor(mode, 0);
-    Set(AXIS_OBJ_TARGET_POSITION, 5000);
-    Tick(3000);
-    EXPECT_EQ(outputs_.dac_code, mode == -1 ? 5 * (200 - 40) : 0) << mode;
-    EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), mode == -1 ? 5000 : 1000) << mode;
-    EXPECT_EQ(Status() & kWarning, 0) << mode;
-    Control(0);
-    Tick();
+// Every mode that controls force, in newtons, in counts or by a spring: half of force_limit, 20
+// counts of the reading, and 100 codes, with the warning; not a mode that does not.
+TEST_F(Certified, EveryModeThatControlsForceIsReduced) {
+  for (const bool certified : {false, true}) {
+    PowerUp();
+    WriteBank(1);
+    Set(AXIS_OBJ_FORCE_BANK, 1);
+    Set(AXIS_OBJ_UNCERTIFIED_OUTPUT, 100);
+    Set(AXIS_OBJ_STIFFNESS, 65536);
+    Set(AXIS_OBJ_DAMPING, 50 * 256);
+    Set(AXIS_OBJ_FORCE_SETPOINT, 200 * 256);
+    if (certified) Certify(1);
+    for (const int mode : {-1, -6, -7, -8}) {
+      PressFor(mode, 0);
+      Set(AXIS_OBJ_TARGET_POSITION, 5000);
+      Set(AXIS_OBJ_TARGET_VELOCITY, 30000);
+      Tick(3000);
+      const int demand = Read(AXIS_OBJ_FORCE_DEMAND);
+      EXPECT_EQ(demand, certified ? (mode == -1 ? 5000 : 1000) : 500) << mode;
+      const int code = 5 * (demand * 40 / 1000 - 40);  // the reading is 40 counts
+      EXPECT_EQ(outputs_.dac_code, certified ? code : std::max(code, -100)) << mode;
+      EXPECT_EQ(Status() & kWarning, certified ? 0 : kWarning) << mode;
+      Control(0);
+      Tick();
+    }
   }
 }
 

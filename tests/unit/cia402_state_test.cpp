@@ -75,6 +75,7 @@ class DriveState : public DriveFixture {
       case OE:
         Control(6);
         Control(15);
+        Tick();
         break;
       case QS:
         Control(6);

@@ -123,7 +123,7 @@ TEST_F(Drive, AnAxisThatContinuesKeepsItsTarget) {
   EXPECT_EQ(Speed(), 2.0);
 }
 
-// A deceleration near 0 with no master left: the reaction's own time limit ends it.
+// A deceleration near 0 with no master left: the reaction is a ramp of 10 s, its end included.
 TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
@@ -133,10 +133,12 @@ TEST_F(Drive, AFaultReactionEnds) {
   cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
   EXPECT_EQ(dictionary_check(&fw_.objects, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
             FW_ERROR_STATE);
-  Tick(14999);
+  Tick(14000);
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
-  EXPECT_GT(Speed(), 9.0);
-  Tick();
+  EXPECT_GT(Speed(), 0.0);
+  EXPECT_LT(Speed(), 10.0 / 15) << "of 10 counts a tick";
+  Tick(1000);
+  EXPECT_EQ(Speed(), 0.0) << "not switched off at speed";
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT);
   EXPECT_EQ(outputs_.amp_enable, 0);
   EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
@@ -151,9 +153,9 @@ TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
     Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
     Tick(200);
     Control(0x02);
-    Tick(14999);
+    Tick(14000);
     ASSERT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) << "stop " << stop;
-    Tick();
+    Tick(1000);
     ASSERT_EQ(State(), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED) << "stop " << stop;
     stuck_ = true;  // the axis does not coast into the next one
     Tick(50);
@@ -176,10 +178,151 @@ TEST_F(Drive, AQuickStopThatIsResumedDoesNotShortenTheNext) {
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 1);
   Tick(200);
   Control(0x02);
-  Tick(14999);
+  Tick(14000);
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
-  Tick();
+  Tick(1000);
   EXPECT_EQ(State(), AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+}
+
+// As reported: 6084h = 35 and 15,000 count/s, which would take minutes. Every ramp to a stand ends
+// within 10 s = 15,000 ticks and within speed x 5 s = 75,000 counts.
+TEST_F(Drive, EveryRampToAStandEndsInTimeAndWithinItsWay) {
+  enum { kDisable, kShutdown, kHaltSlow, kHaltQuick, kOtherMode, kStops };
+  for (int how = kDisable; how < kStops; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_VELOCITY_THRESHOLD, 100);
+    Enable(kPv);
+    Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+    Tick(1000);
+    ASSERT_NEAR(Speed(), 10.0, 1e-3);
+    Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 35);
+    Set(AXIS_OBJ_QUICK_STOP_DECELERATION, 35);
+    Set(AXIS_OBJ_HALT_OPTION, how == kHaltQuick ? 2 : 1);
+    Set(AXIS_OBJ_DISABLE_OPERATION_OPTION, 1);
+    Set(AXIS_OBJ_SHUTDOWN_OPTION, 1);
+    const double from = place_;
+    switch (how) {
+      case kDisable:
+        Control(0x07);
+        break;
+      case kShutdown:
+        Control(0x06);
+        break;
+      case kOtherMode:
+        Set(AXIS_OBJ_MODES_OF_OPERATION, kPp);
+        break;
+      default:
+        Control(kOperate | kHalt);
+        break;
+    }
+    Tick(7000);
+    EXPECT_GT(Speed(), 4.0) << how << ": no faster than it must";
+    Tick(8000);
+    EXPECT_EQ(Speed(), 0.0) << how;
+    EXPECT_LE(place_ - from, 75000) << how;
+    const double stands = place_;
+    Tick(500);
+    EXPECT_NEAR(place_, stands, 2) << how;
+    if (how == kDisable) {
+      EXPECT_EQ(State(), AXIS_DRIVE_STATE_SWITCHED_ON);
+    }
+    if (how == kShutdown) {
+      EXPECT_EQ(State(), AXIS_DRIVE_STATE_READY_TO_SWITCH_ON);
+    }
+    if (how == kOtherMode) {
+      EXPECT_EQ(Mode(), kPp);
+    }
+  }
+}
+
+// Mode 4 halts itself: the approach, and the release of a force.
+TEST_F(Drive, AHaltOfTheForceModeEndsInTimeToo) {
+  Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 15000);
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(500);
+  ASSERT_NEAR(Speed(), 10.0, 1e-3);
+  Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 35);
+  const double from = place_;
+  Control(kOperate | kHalt);
+  Tick(15000);
+  EXPECT_EQ(Speed(), 0.0);
+  EXPECT_LE(place_ - from, 75000);
+  Control(kOperate);
+  wall_ = place_ + 200;
+  Tick(1500);
+  ASSERT_NEAR(Read(AXIS_OBJ_FORCE_ACTUAL), 750, 40);
+  Set(AXIS_OBJ_FORCE_SLOPE, 1);  // per mille/s: 750 s
+  Control(kOperate | kHalt);
+  Tick(7000);
+  EXPECT_GT(Read(AXIS_OBJ_FORCE_DEMAND), 300);
+  Tick(8000);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_DEMAND), 0);
+}
+
+// A steeper deceleration is the ramp's own.
+TEST_F(Drive, ARampThatEndsInTimeIsNotMadeSteeper) {
+  Enable(kPv);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+  Tick(1000);
+  Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 3000);  // 5 s
+  Control(0x07);
+  Tick(3750);
+  EXPECT_NEAR(Speed(), 5.0, 0.05);
+}
+
+// A halt that another gave: 0080h commands nothing, so the axis stays; then 000Fh lets it go on.
+TEST_F(Drive, AHaltIsLiftedByAControlwordThatEnablesAlone) {
+  for (const int word : {0x80, 0x8F, 0x87, 0xFF & ~kHalt}) {
+    PowerUp();
+    Enable(kPv);
+    Set(AXIS_OBJ_TARGET_VELOCITY, 3000);
+    Tick(100);
+    cia402_stop(&fw_.drive, &fw_.axis, kOperate | kHalt);
+    Tick(200);
+    ASSERT_EQ(Speed(), 0.0);
+    for (int i = 0; i < 3; ++i) {
+      Control(word);
+      Tick(100);
+      EXPECT_EQ(Speed(), 0.0) << std::hex << word;
+      EXPECT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    }
+    Control(kOperate);
+    Tick(100);
+    EXPECT_EQ(Speed(), 2.0) << std::hex << word;
+  }
+}
+
+// Enabled and stopped before a tick: nothing is powered, not even for a ramp.
+TEST_F(Drive, WhatIsStoppedBeforeItsFirstTickIsNeverPowered) {
+  for (int how = 0; how < 5; ++how) {
+    PowerUp();
+    Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
+    Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, how == 4 ? 3 : 1);
+    Set(AXIS_OBJ_QUICK_STOP_OPTION, how == 1 ? 6 : 2);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kPv);
+    Tick(2);
+    Control(0x06);
+    Control(0x0F);
+    ASSERT_EQ(State(), AXIS_DRIVE_STATE_OPERATION_ENABLED);
+    switch (how) {
+      case 0:
+      case 1:
+        Control(0x02);
+        break;
+      case 2:
+        cia402_stop(&fw_.drive, &fw_.axis, 0x02);
+        break;
+      default:
+        cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_SOURCE_LOST);
+        break;
+    }
+    for (int i = 0; i < 5; ++i) {
+      Tick();
+      ASSERT_EQ(outputs_.amp_enable, 0) << how;
+    }
+    EXPECT_EQ(State(), how == 3 ? AXIS_DRIVE_STATE_FAULT : AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
+  }
 }
 
 TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {

@@ -55,6 +55,45 @@ TEST_F(Fw, BesideASecondNodeOfThisIdTheAxisIsNotEnabled) {
   EXPECT_FALSE(enable());
 }
 
+// Latched between two ticks and reset before the next one: it acts in that tick all the same, and
+// is reset only after it. By 201Eh over each bus, by the controlword, and by both with all that
+// would enable the axis again.
+TEST_F(Fw, AFaultThatIsResetBeforeItsTickActsInItAllTheSame) {
+  for (Way way : kWays) {
+    for (const bool by_word : {false, true}) {
+      if (!by_word && !Reaches(way, AXIS_OBJ_FAULT_RESET)) continue;
+      PowerUp();
+      Drive(way);
+      Send(0x700 + kNode, {0});
+      if (by_word) {
+        (void)Write(way, AXIS_OBJ_CONTROLWORD, 0x80);
+      } else {
+        EXPECT_NE(Write(way, AXIS_OBJ_FAULT_RESET, 1), 0u) << "refused, not ignored";
+      }
+      for (int word : {0x06, 0x07, 0x0F}) (void)Write(way, AXIS_OBJ_CONTROLWORD, word);
+      EXPECT_EQ(TicksToOff(10), 1) << "owner " << way;
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_DUPLICATE_NODE);
+      EXPECT_EQ(CountEmergencies(0xFF0A), 1);
+      (void)Write(way, AXIS_OBJ_CONTROLWORD, 0x00);
+      ASSERT_EQ(Write(way, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NONE) << "from now on it can be";
+    }
+  }
+}
+
+// A fault of the drive's own, which enters the state at once: a lost node in 1016h.
+TEST_F(Fw, AFaultOfTheOwnersEndIsNotResetBeforeItsTickEither) {
+  WatchHeartbeat(100);
+  Send(0x77F, {5});
+  Drive();
+  Send(0x77F, {0});  // it has started anew
+  (void)Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80);
+  for (int word : {0x06, 0x07, 0x0F}) (void)Write(kCanopen, AXIS_OBJ_CONTROLWORD, word);
+  Tick();
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_SOURCE_LOST);
+}
+
 TEST_F(Fw, FramesOfOtherNodesAreNoSecondNode) {
   Drive();
   for (uint32_t id = 1; id < 0x800; ++id) {

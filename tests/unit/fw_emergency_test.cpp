@@ -84,6 +84,24 @@ TEST_F(Fw, ATareIsTakenOverTheBusAndRefusedWithItsCode) {
   EXPECT_EQ(Write(kCanopen, AXIS_OBJ_CALIBRATE, 1), 0x08000022u);
 }
 
+// Found in the tick before the one that enables: the law begins with the tare that was in force.
+TEST_F(Fw, ATareDoesNotComeIntoForceInTheTickThatEnables) {
+  inputs_.adc_code[0] = 12;
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+  Set(AXIS_OBJ_TARE_AVERAGING, 4);  // 16 readings
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_TARE, 1), 0u);
+  Tick(15);
+  fw_prepare(&fw_);
+  fw_control(&fw_, &inputs_, &outputs_);
+  (void)fw_report(&fw_);  // the last reading; before fw_between() a frame enables the axis
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+  fw_between(&fw_);
+  Tick(3);
+  EXPECT_EQ(outputs_.amp_enable, 1);
+  EXPECT_EQ(Inner(AXIS_OBJ_FORCE_TARE), 0);
+  EXPECT_EQ(Inner(AXIS_OBJ_TARE_STATE), AXIS_TARE_STATE_REFUSED_ENABLED);
+}
+
 // A law without a certificate is named whenever a mode that it restricts is enabled.
 TEST_F(Fw, ALawWithoutACertificateIsReportedAtEnabling) {
   for (const bool required : {true, false}) {
@@ -95,8 +113,7 @@ TEST_F(Fw, ALawWithoutACertificateIsReportedAtEnabling) {
         ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
         ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
         Tick(50);
-        const bool named = required && mode == AXIS_MODES_OF_OPERATION_FORCE;
-        EXPECT_EQ(CountEmergencies(0xFF13), named ? 1 : 0) << mode;
+        EXPECT_EQ(CountEmergencies(0xFF13), required ? 1 : 0) << mode;
         ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x00), 0u);
         Tick(50);
       }

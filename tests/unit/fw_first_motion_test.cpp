@@ -82,6 +82,30 @@ TEST_F(FwFirstMotion, TheEndOfTheOwnerActsInTheNextTick) {
   EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_CAN_OFF);
 }
 
+// The owner cannot stretch the bounds of a test under way, nor what it judges by; afterwards, yes.
+TEST_F(FwFirstMotion, ItsBoundsAreFrozenWhileItRuns) {
+  Begin(kCanopen);
+  const auto wide = [&] {
+    return Write(kCanopen, AXIS_OBJ_FIRST_MOTION_CODE, 102) == 0 ||
+           Write(kCanopen, AXIS_OBJ_FIRST_MOTION_COUNTS, 100) == 0 ||
+           Write(kCanopen, AXIS_OBJ_FIRST_MOTION_SPEED, 100) == 0 ||
+           Write(kCanopen, AXIS_OBJ_FORCE_TARE, 100) == 0 ||
+           Write(kCanopen, AXIS_OBJ_CONTACT_FORCE, 6000) == 0;
+  };
+  EXPECT_FALSE(wide());
+  UntilItMoves();
+  EXPECT_FALSE(wide());
+  for (int i = 0; i < 600; ++i) {
+    Tick();
+    ASSERT_GE(outputs_.dac_code, -100);
+    if (i % 50 == 0) {
+      ASSERT_EQ(Write(kCanopen, AXIS_OBJ_WATCHDOG, 1000), 0u);
+    }
+  }
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_NO_MOTION);
+  EXPECT_TRUE(wide());
+}
+
 // Nobody acquires the axis, and no parameter of a disabled axis is written, while it is tested.
 TEST_F(FwFirstMotion, TheAxisCountsAsEnabled) {
   Begin(kCanopen);

@@ -147,7 +147,7 @@ TEST_F(Fw, AClientOfAGatewayThatBootsUpAgainIsLost) {
 }
 
 // By which way Modbus acquired the axis is what its last write of command_source says; where it was
-// given the axis it is unknown, so it counts as on CAN.
+// given the axis it is unknown, so it counts as on CAN. What enables it over CAN is on CAN.
 TEST_F(Fw, TheWayByWhichModbusAcquiredTheAxisDecides) {
   const struct {
     const char *what;
@@ -157,7 +157,7 @@ TEST_F(Fw, TheWayByWhichModbusAcquiredTheAxisDecides) {
   } cases[] = {{"over the gateway", {kGateway}, kGateway, true},
                {"over the serial line", {kRtu}, kRtu, false},
                {"over the gateway, written over the serial line", {kGateway}, kRtu, true},
-               {"over the serial line, written over the gateway", {kRtu}, kGateway, false},
+               {"over the serial line, written over the gateway", {kRtu}, kGateway, true},
                {"over the serial line last", {kGateway, kRtu}, kRtu, false},
                {"over the gateway last", {kRtu, kGateway}, kGateway, true},
                {"given", {kCanopen}, kRtu, true},
@@ -206,6 +206,67 @@ TEST_F(Fw, CanopenIsWatchedAfterAModbusOnTheSerialLineFellSilent) {
     EXPECT_EQ(Inner(AXIS_OBJ_FAULT), bus_off ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_PDO_TIMEOUT);
     EXPECT_EQ(Inner(AXIS_OBJ_STOPPED_BY), AXIS_STOPPED_BY_NOBODY);
   }
+}
+
+// A master on the serial line that writes the owner's number while the gateway's client moves the
+// axis does not put an end to the gateway's supervision.
+TEST_F(Fw, WritingTheOwnersNumberAgainDoesNotEndTheSupervisionOfAGateway) {
+  WatchHeartbeat(10);
+  Send(0x77F, {5});
+  Drive(kGateway);
+  ASSERT_EQ(Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS), 0u);
+  Send(0x77F, {5});
+  for (int i = 0; i < 40; ++i) {
+    (void)Write(kRtu, AXIS_OBJ_COMMAND_SOURCE, AXIS_COMMAND_SOURCE_MODBUS);
+    Tick();
+  }
+  EXPECT_TRUE(IsOff());
+  EXPECT_EQ(Inner(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
+}
+
+// unsupervised_owner = refused is judged while the axis is enabled, too: whatever ends the
+// supervision disables it by abort_connection_option. Without it the warning comes.
+TEST_F(Fw, ASupervisionThatEndsWhileEnabledIsJudgedAsAtEnabling) {
+  for (const bool refused : {true, false}) {
+    for (int how = 0; how < 4; ++how) {
+      PowerUp();
+      if (how < 2) {
+        WatchHeartbeat(1000);
+        Send(0x77F, {5});
+      } else {
+        ASSERT_EQ(Download(kCanopen, 0x1400, 5, 1000, 2), 0u);
+      }
+      Set(AXIS_OBJ_UNSUPERVISED_OWNER,
+          refused ? AXIS_UNSUPERVISED_OWNER_REFUSED : AXIS_UNSUPERVISED_OWNER_WARNED);
+      Drive();
+      ASSERT_EQ(Inner(AXIS_OBJ_STATUSWORD) & 0x80, 0);
+      switch (how) {
+        case 0:
+          ASSERT_EQ(Download(kCanopen, 0x1016, 1, 0, 4), 0u);
+          break;
+        case 1:
+          ASSERT_EQ(Download(kCanopen, 0x1016, 1, 0x007F07D0, 4), 0u);  // until it is heard again
+          break;
+        case 2:
+          ASSERT_EQ(Download(kCanopen, 0x1400, 5, 0, 2), 0u);
+          break;
+        default:
+          ASSERT_EQ(Download(kCanopen, 0x1400, 1, 0x80000200u + kNode, 4), 0u);
+          break;
+      }
+      Tick(2);
+      EXPECT_EQ(IsOff(), refused) << how;
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), refused ? AXIS_FAULT_SOURCE_LOST : AXIS_FAULT_NONE);
+      EXPECT_EQ(CountEmergencies(0xFF09), refused ? 0 : 1) << how;
+      EXPECT_EQ((Inner(AXIS_OBJ_STATUSWORD) & 0x80) != 0, !refused);
+    }
+  }
+  // And where that itself is decided while nobody watches.
+  PowerUp();
+  Drive();
+  ASSERT_EQ(Write(kCanopen, AXIS_OBJ_UNSUPERVISED_OWNER, AXIS_UNSUPERVISED_OWNER_REFUSED), 0u);
+  Tick();
+  EXPECT_TRUE(IsOff());
 }
 
 // A gateway that is already lost would not be missed again.

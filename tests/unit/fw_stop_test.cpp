@@ -556,4 +556,64 @@ TEST_F(FwStop, AnOwnerThatNobodyWatchesIsRefusedWhereThatIsAsked) {
   EXPECT_EQ(Write(kRtu, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
 }
 
+// A halt by another client: one controlword of the owner does not lift it, whatever it is; one that
+// does not enable and then one that does, do.
+TEST_F(Fw, AHaltByAnotherIsLiftedByTwoControlwords) {
+  for (Way owner : {kCanopen, kLcm, kRtu}) {
+    for (Way other : kWays) {
+      if (SourceOf(other) == SourceOf(owner)) continue;
+      for (int word : {0x80, 0x8F, 0x87, 0x0F}) {
+        PowerUp();
+        Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+        ASSERT_TRUE(Acquires(owner));
+        ASSERT_EQ(
+            Write(owner, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_PROFILE_VELOCITY),
+            0u);
+        ASSERT_EQ(Write(owner, AXIS_OBJ_TARGET_VELOCITY, 3000), 0u);
+        ASSERT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+        ASSERT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+        Tick(100);
+        ASSERT_NE(Inner(AXIS_OBJ_VELOCITY_DEMAND), 0);
+        ASSERT_EQ(Write(other, AXIS_OBJ_CONTROLWORD, 0x10F), 0u);
+        Tick(200);
+        ASSERT_EQ(Inner(AXIS_OBJ_VELOCITY_DEMAND), 0);
+        (void)Write(owner, AXIS_OBJ_CONTROLWORD, word);
+        (void)Write(owner, AXIS_OBJ_CONTROLWORD, word);  // not by its repetition either
+        for (int i = 0; i < 100; ++i) {
+          Tick();
+          ASSERT_EQ(Inner(AXIS_OBJ_VELOCITY_DEMAND), 0) << std::hex << word;
+        }
+        EXPECT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+        EXPECT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+        Tick(100);
+        EXPECT_NE(Inner(AXIS_OBJ_VELOCITY_DEMAND), 0) << std::hex << word;
+      }
+    }
+  }
+}
+
+// Enabled by its owner and stopped by another in the same gap: never powered, by any kind of stop.
+TEST_F(Fw, AStopInTheGapOfTheEnablingPowersNothing) {
+  for (Way owner : kWays) {
+    for (Way other : kWays) {
+      for (int word : {0x02, 0x00, 0x06, 0x07}) {
+        PowerUp();
+        Set(AXIS_OBJ_QUICK_STOP_OPTION, 2);
+        Set(AXIS_OBJ_SHUTDOWN_OPTION, 1);
+        Set(AXIS_OBJ_DISABLE_OPERATION_OPTION, 1);
+        ASSERT_TRUE(Acquires(owner));
+        ASSERT_EQ(Write(owner, AXIS_OBJ_MODES_OF_OPERATION, AXIS_MODES_OF_OPERATION_OPEN_LOOP), 0u);
+        ASSERT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+        Tick();
+        ASSERT_EQ(Write(owner, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+        ASSERT_EQ(Write(other, AXIS_OBJ_CONTROLWORD, word), 0u);
+        for (int i = 0; i < 5; ++i) {
+          Tick();
+          ASSERT_EQ(outputs_.amp_enable, 0) << word;
+        }
+      }
+    }
+  }
+}
+
 }  // namespace

@@ -24,8 +24,8 @@ std::ifstream Open(const std::string &name) {
 }
 
 // What the process that wrote the set had: address to value, for what differed from its defaults.
-std::map<uint32_t, int32_t> ValuesOf010() {
-  std::ifstream file = Open("store_0_1_0.txt");
+std::map<uint32_t, int32_t> ValuesOf(const std::string &name) {
+  std::ifstream file = Open(name);
   std::map<uint32_t, int32_t> values;
   std::string address;
   long value = 0;
@@ -49,7 +49,7 @@ TEST(Store, ASetOfVersion010Loads) {
     EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED);
     EXPECT_EQ(axis.Read(AXIS_OBJ_STORE_CHANGE_COUNT), 0);
     const Axis defaults(nullptr, node_id);
-    std::map<uint32_t, int32_t> values = ValuesOf010();
+    std::map<uint32_t, int32_t> values = ValuesOf("store_0_1_0.txt");
     ASSERT_EQ(values.size(), 40u);
     int others = 0;
     for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
@@ -69,6 +69,32 @@ TEST(Store, ASetOfVersion010Loads) {
   EXPECT_FALSE(flash.misused());
   EXPECT_EQ(Axis(flash.memory(), 5).Stored(), loaded);
   EXPECT_EQ(Axis(flash.memory(), 5).State(), AXIS_STORE_STATE_LOADED);
+}
+
+// The table of commit 43b2af7, whose PDOs could still carry a reset, an owner and a mode: every
+// value as stored; a PDO that carries such a thing carries nothing, and it is reported which.
+TEST(Store, ASetWithMappingsThatAreNotPermittedAnyMoreLoadsAndReportsThem) {
+  Flash flash(16384);
+  std::ifstream file = Open("store_43b2af7.bin");
+  const Bytes image{std::istreambuf_iterator<char>(file), {}};
+  ASSERT_EQ(image.size(), flash.bytes().size());
+  flash.bytes() = image;
+  const std::map<uint32_t, int32_t> values = ValuesOf("store_43b2af7.txt");
+  ASSERT_EQ(values.size(), 13u);
+  const std::vector<uint32_t> inert{0x160202, 0x160203, 0x160302, 0x160303, 0x1A0301, 0x1A0302};
+  for (int power_up = 0; power_up < 2; ++power_up) {
+    Axis axis(flash.memory(), 5);
+    EXPECT_EQ(axis.State(), AXIS_STORE_STATE_LOADED_PARTLY);
+    EXPECT_EQ(axis.Changes(), inert);
+    EXPECT_EQ(axis.Read(AXIS_OBJ_STORE_CHANGE_COUNT), 6);
+    const Axis defaults(nullptr, 5);
+    for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
+      if (axis_objects[i].stored == 0 || i == AXIS_OBJ_FIRST_MOTION_TEST) continue;
+      const auto found = values.find(EntryOf(i, 0).first);
+      EXPECT_EQ(axis.Read(i), found == values.end() ? defaults.Read(i) : found->second) << i;
+    }
+    axis.Save();  // by this table; read back the same way
+  }
 }
 
 // A cut of the first save after an upgrade leaves the set of version 0.1.0.

@@ -51,6 +51,7 @@ KEYS = {
     "law": bool,
     "modbus": int,
     "stored": bool,
+    "mappable": bool,
 }
 REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
 # The other kinds of entries: their keys, all required but those of OPTIONAL.
@@ -163,7 +164,8 @@ def check_object(raw, position, known):
     # A command has no value that a TPDO could send.
     answers = o["kind"] == "command" and o["access"] != "wo"
     free = o["writable"] == "any" and not o["stored"]
-    o["mappable"] = o["part"] != "canopen" and free and not answers
+    permitted = raw.get("mappable", True)
+    o["mappable"] = permitted and o["part"] != "canopen" and free and not answers
     return o
 
 

@@ -1005,7 +1005,7 @@ typedef struct {
   uint16_t certificate_ms[4]; /* largest magnitude of the sensitivity function over the tolerances [1/1000 1] */
   uint16_t certificate_stiffness[4]; /* by how much the stiffness of the workpiece may be off [per mille] */
   uint16_t certificate_mass[4]; /* by how much the mass of the workpiece may be off [per mille] */
-  uint16_t uncertified_force; /* part of force_limit that bounds the target force of the modes 4 and 10 while the law has no certificate that fits [per mille] */
+  uint16_t uncertified_force; /* part of force_limit that bounds the force asked for in every mode that controls force while the law has no certificate that fits [per mille] */
   uint16_t uncertified_output; /* largest magnitude of the code that the law puts out in these modes meanwhile, beside output_limit; 2048 is without a limit [code] */
   uint8_t force_bank; /* bank of the force law; 0 is force_gain alone. A bank is selected only while its bank_state is valid, and not written while it is selected [1] */
   uint8_t bank_sections[4]; /* sections of second order that the force error passes through [1] */
@@ -1252,8 +1252,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x52c9eaf7)
-#define AXIS_OBJECTS_HASH_TEXT "52c9eaf7"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0xb850474e)
+#define AXIS_OBJECTS_HASH_TEXT "b850474e"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */

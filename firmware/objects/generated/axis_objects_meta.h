@@ -32,13 +32,13 @@ typedef struct {
   int mappable;           /* a PDO may carry it, as far as its access allows */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "52c9eaf7267f69c922738a12e09f813daec2d51cea5727618e2a65bc6615ae0a"
+#define AXIS_OBJECTS_HASH "b850474e4e05728a4c8c14c9c165065f4cb6fbfd734cda8de45b9d3d5048fdd5"
 #define AXIS_OBJECTS_META_COUNT 531
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {1, 1, "mode", "parameter", "axis", "requested mode; set back to disabled by a fault", "u8", "1",
-     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "disabled,open_loop,position,force,excitation", 0x2001, 0, 256, 0, "Mode", 0, 1},
+     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "disabled,open_loop,position,force,excitation", 0x2001, 0, 256, 0, "Mode", 0, 0},
     {2, 2, "open_loop_code", "parameter", "axis", "DAC code put out in open-loop mode, and about which excitation mode swings", "i16", "code",
      1.0, INT64_C(-2048), INT64_C(2047), INT64_C(0), "rw", "any", "", 0x2002, 0, 257, 0, "Open loop code", 0, 1},
     {3, 1, "excitation_waveform", "parameter", "axis", "what is added to open_loop_code in excitation mode", "u8", "1",
@@ -96,7 +96,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {29, 4, "force_max", "parameter", "axis", "largest magnitude of the force while a mode is active; 0 means off", "i32", "count",
      0.00390625, INT64_C(0), INT64_C(131072), INT64_C(0), "rw", "any", "", 0x201D, 0, 296, 1, "Force max", 0, 0},
     {30, 1, "fault_reset", "command", "axis", "1 clears the latched fault; the axis stays disabled", "u8", "1",
-     1.0, INT64_C(1), INT64_C(1), INT64_C(0), "wo", "any", "", 0x201E, 0, -1, 0, "Fault reset", 0, 1},
+     1.0, INT64_C(1), INT64_C(1), INT64_C(0), "wo", "any", "", 0x201E, 0, -1, 0, "Fault reset", 0, 0},
     {31, 4, "tick_count", "signal", "axis", "ticks since power-up, wraps", "u32", "tick",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x201F, 0, 10, 0, "Tick count", 0, 1},
     {32, 1, "active_mode", "signal", "axis", "mode of the latest tick", "u8", "1",
@@ -351,7 +351,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "rw", "any", "", 0x2407, 4, -1, 1, "Parts of the certificate 4", 0, 0},
     {157, 1, "certificate_required", "parameter", "law", "whether force_gain alone, bank 0, is restricted too, since it has no certificate", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "no,yes", 0x2408, 0, 809, 1, "Certificate required", 0, 0},
-    {158, 2, "uncertified_force", "parameter", "law", "part of force_limit that bounds the target force of the modes 4 and 10 while the law has no certificate that fits", "u16", "per mille",
+    {158, 2, "uncertified_force", "parameter", "law", "part of force_limit that bounds the force asked for in every mode that controls force while the law has no certificate that fits", "u16", "per mille",
      1.0, INT64_C(0), INT64_C(1000), INT64_C(500), "rw", "any", "", 0x2409, 1, 810, 1, "Force without a certificate", 0, 0},
     {159, 2, "uncertified_output", "parameter", "law", "largest magnitude of the code that the law puts out in these modes meanwhile, beside output_limit; 2048 is without a limit", "u16", "code",
      1.0, INT64_C(0), INT64_C(2048), INT64_C(512), "rw", "any", "", 0x2409, 2, 811, 1, "Output without a certificate", 0, 0},
@@ -756,7 +756,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {359, 4, "object_table_hash", "signal", "device", "first 32 bits of the SHA-256 of what this table means: addresses, names, types, units, scales, ranges, access, names of values", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2300, 0, 336, 0, "Object table hash", 0, 1},
     {360, 1, "command_source", "parameter", "device", "bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner", "u8", "1",
-     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0, "Command source", 0, 1},
+     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0, "Command source", 0, 0},
     {361, 2, "watchdog", "parameter", "device", "a source other than canopen is lost when it writes nothing for that long", "u16", "ms",
      1.0, INT64_C(10), INT64_C(65535), INT64_C(1000), "rw", "any", "", 0x2302, 0, 8, 1, "Watchdog", 0, 0},
     {362, 1, "unsupervised_owner", "parameter", "device", "what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched", "u8", "1",
@@ -1094,7 +1094,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {528, 4, "incident_crc", "signal", "device", "CRC-32 of the incident's samples, as recorder_data gives them", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2422, 5, 902, 0, "Incident crc", 0, 1},
     {529, 1, "incident_command", "command", "device", "fetch makes the incident the finished recording of the recorder, clear ends it and starts the next one, load makes that over a power cut the incident", "u8", "1",
-     1.0, INT64_C(1), INT64_C(3), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 1},
+     1.0, INT64_C(1), INT64_C(3), INT64_C(0), "wo", "any", "", 0x2423, 0, -1, 0, "Incident command", 0, 0},
     {530, 1, "incident_stored", "signal", "device", "incident that a power cut leaves: the first since power-up, one in 24 hours", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "none,checking,writing,stored,other_table", 0x2424, 0, 904, 0, "Incident stored", 0, 1},
     {531, 2, "sync_count", "signal", "canopen", "SYNCs received", "u16", "1",

@@ -1,0 +1,110 @@
+#ifndef TESTS_UNIT_CODE_ORACLE_HPP_
+#define TESTS_UNIT_CODE_ORACLE_HPP_
+
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+
+#include "firmware/port/host/firmware.hpp"
+
+// The bounds on the code, written from the manual of the objects and apart from the firmware: what
+// goes out in a tick is judged by the parameters, by the inputs of this tick and the ones before,
+// and by nothing that the firmware computes. It knows neither latency_ticks nor bump bias, gains or
+// excitation, since no bound depends on them.
+class CodeOracle {
+ public:
+  // Parameters as they stand in the tick; those of 43b2af7's object table.
+  struct Bounds {
+    explicit Bounds(const fw_t &fw) {
+      const auto read = [&fw](std::uint16_t object) {
+        std::int32_t value = 0;
+        (void)fw_object_read(&fw, object, &value);
+        return value;
+      };
+      adc_bits = read(AXIS_OBJ_ADC_BITS);
+      zero_code = read(AXIS_OBJ_FORCE_ZERO_CODE);
+      sign = read(AXIS_OBJ_FORCE_SIGN);
+      tare_q8 = read(AXIS_OBJ_FORCE_TARE);
+      contact_q8 = read(AXIS_OBJ_CONTACT_FORCE);
+      output_limit = read(AXIS_OBJ_OUTPUT_LIMIT);
+      position_min = read(AXIS_OBJ_POSITION_MIN);
+      position_max = read(AXIS_OBJ_POSITION_MAX);
+      loss_cap = read(AXIS_OBJ_CONTACT_LOSS_CAP);
+      loss_dwell_ms = read(AXIS_OBJ_CONTACT_LOSS_DWELL);
+    }
+
+    std::int32_t adc_bits, zero_code, sign, tare_q8, contact_q8, output_limit, position_min,
+        position_max, loss_cap, loss_dwell_ms;
+  };
+
+  // What is wrong with the outputs of a tick, or "". `presses`: mode 4 or 10 is in force in this
+  // tick, enabled, neither being left nor stopped with a ramp. `uncertified`: the largest code of a
+  // law without a certificate, -1 with one. `test_code`: the largest code of the test before the
+  // first motion while it runs, else -1.
+  std::string Judge(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out,
+                    bool presses, std::int32_t uncertified = -1, std::int32_t test_code = -1) {
+    const std::int32_t reading = Reading(bounds, in);
+    const bool touches = std::abs(reading) > bounds.contact_q8;
+    const std::string wrong = Wrong(bounds, in, out, presses, touches, uncertified, test_code);
+    if (!presses || out.amp_enable == 0) {
+      since_contact_ = kNever;
+    } else if (touches) {
+      since_contact_ = 0;
+      side_ = reading > 0 ? 1 : -1;
+    }
+    touched_ = presses && touches && out.amp_enable != 0;
+    if (since_contact_ != kNever) ++since_contact_;
+    return wrong;
+  }
+
+  // Ticks so far in which the bound on a lost contact was judged, and in which a law pressed.
+  long judged_after_loss() const { return after_loss_; }
+  long pressed() const { return pressed_; }
+
+ private:
+  static constexpr std::int64_t kNever = -1;
+
+  static std::int32_t Reading(const Bounds &bounds, const axis_inputs_t &in) {
+    const int step = 1 << (16 - bounds.adc_bits);
+    return bounds.sign * (in.adc_code[0] - bounds.zero_code) * step - bounds.tare_q8;
+  }
+
+  std::string Wrong(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out,
+                    bool presses, bool touches, std::int32_t uncertified, std::int32_t test_code) {
+    const int code = out.dac_code;
+    if (out.amp_enable == 0) {
+      return code == 0 && out.brake_release == 0 ? "" : Said("the amplifier is off", code);
+    }
+    if (std::abs(code) > bounds.output_limit) return Said("output_limit", code);
+    const bool fits = in.sensor_valid != 0;
+    if (fits && code > 0 && (in.din & AXIS_DIN_LIMIT_POS) != 0) return Said("limit_pos", code);
+    if (fits && code < 0 && (in.din & AXIS_DIN_LIMIT_NEG) != 0) return Said("limit_neg", code);
+    if (code > 0 && in.encoder_cnt > bounds.position_max) return Said("position_max", code);
+    if (code < 0 && in.encoder_cnt < bounds.position_min) return Said("position_min", code);
+    if (test_code >= 0 && std::abs(code) > test_code) return Said("first_motion_code", code);
+    pressed_ += presses && touches ? 1 : 0;
+    // The second tick of a contact is the law's at the latest.
+    if (uncertified >= 0 && presses && touches && touched_ && std::abs(code) > uncertified) {
+      return Said("uncertified_output", code);
+    }
+    const auto dwell = static_cast<std::int64_t>(std::ceil(1.5 * bounds.loss_dwell_ms));
+    if (presses && !touches && since_contact_ != kNever && since_contact_ <= dwell) {
+      ++after_loss_;
+      if (code * side_ > bounds.loss_cap) return Said("contact_loss_cap", code);
+    }
+    return "";
+  }
+
+  static std::string Said(const char *bound, int code) {
+    return std::string(bound) + ": code " + std::to_string(code);
+  }
+
+  std::int64_t since_contact_ = kNever;  // ticks since the latest one with contact
+  int side_ = 0;                         // and the sign of its reading
+  bool touched_ = false;                 // in the tick before
+  long after_loss_ = 0;
+  long pressed_ = 0;
+};
+
+#endif
