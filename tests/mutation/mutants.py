@@ -405,7 +405,9 @@ def campaign() -> tuple[list[Place], dict[tuple[str, str, str], str]]:
     """The lines of campaign.toml, and the reasons by (file, line, mutant)."""
     table = tomllib.loads(CAMPAIGN.read_text())
     places = [place_in_function(x["file"], x["function"], x["text"]) for x in table["line"]]
-    reasons = {(x["file"], x["line"], x["mutant"]): x["reason"] for x in table.get("equivalent", [])}
+    reasons = {
+        (x["file"], x["line"], x["mutant"]): x["reason"] for x in table.get("equivalent", [])
+    }
     return places, reasons
 
 

@@ -131,9 +131,9 @@ TEST_F(Drive, WithoutADwellALostContactIsApproachedAtOnce) {
   EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_POSITION);
 }
 
-// At a loss the axis brakes at once: the first code is the position law's for a trajectory that is at
-// most 2 counts and a count of rounding ahead of an axis that moves on, at 5 codes a count. It is not
-// the pressing code, which a bias would carry on.
+// At a loss the axis brakes at once: the first code is the position law's for a trajectory that is
+// at most 2 counts and a count of rounding ahead of an axis that moves on, at 5 codes a count. It
+// is not the pressing code, which a bias would carry on.
 TEST_F(Drive, TheApproachAfterALossDoesNotCarryThePressingCodeOn) {
   Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 0);
   Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);

@@ -270,8 +270,8 @@ TEST_F(Drive, AHaltDropsTheCyclicTarget) {
   EXPECT_EQ(Demand(), stopped + 200);
 }
 
-// Without a target cyclic position brakes to a stand by the profile's deceleration, here 0.1 count a
-// tick squared from where the halt left off, and stays there.
+// Without a target cyclic position brakes to a stand by the profile's deceleration, here 0.1 count
+// a tick squared from where the halt left off, and stays there.
 TEST_F(Drive, CyclicPositionWithoutATargetBrakesToAStand) {
   Enable(kCsp);
   Set(AXIS_OBJ_VELOCITY_MAX, 3000);  // 2 counts a tick
