@@ -24,6 +24,7 @@
 #include <cstdlib>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
@@ -523,6 +524,7 @@ class Flood {
     inputs_.adc_code[0] = scene_.Reading();
     const CodeOracle::Bounds bounds(fw_);
     const int mode = Read(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY);
+    if (std::exchange(mode_before_, mode) != mode) codes_.Leave();
     const bool goes = Now() == kEnabled && Read(AXIS_OBJ_MODES_OF_OPERATION) == mode;
     const bool presses = goes && (mode == 4 || mode == 10);
     const bool was_on = outputs_.amp_enable != 0;
@@ -616,6 +618,7 @@ class Flood {
   CodeOracle codes_;
   ContactScene scene_;
   bool must_fault_ = false;
+  int mode_before_ = 0;
   uint64_t ticks_ = 0, on_ = 0, law_ = 0, coded_ = 0, lost_ = 0, strikes_ = 0;
   uint64_t writes_ = 0, refused_ = 0;
   uint64_t hash_ = 0xCBF29CE484222325u;
