@@ -126,11 +126,13 @@ class Axis {
     return ticks;
   }
 
-  // All stored parameters, in the order of the table.
+  // All stored parameters, in the order of the table; but first_motion_test as 0, since it is on
+  // wherever the set in force is not the newest one (a test of its own).
   Values Stored() const {
     Values values;
     for (uint16_t i = 1; i < AXIS_OBJ_COUNT; ++i) {
-      if (axis_objects[i].stored != 0) values.push_back(Read(i));
+      const bool is_test = i == AXIS_OBJ_FIRST_MOTION_TEST;
+      if (axis_objects[i].stored != 0) values.push_back(is_test ? 0 : Read(i));
     }
     return values;
   }

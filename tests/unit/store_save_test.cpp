@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "tests/unit/store_fixture.hpp"
 
@@ -149,6 +151,45 @@ TEST(Store, CobIdsFollowTheNodeIdUnlessChosen) {
   EXPECT_EQ(static_cast<uint32_t>(other.Read(AXIS_OBJ_RPDO_COB_ID_1)), 0x80000321u);
   EXPECT_EQ(other.Read(AXIS_OBJ_RPDO_COB_ID_2), Axis(nullptr, 9).Read(AXIS_OBJ_RPDO_COB_ID_2));
   EXPECT_GE(static_cast<uint32_t>(follows), own);
+}
+
+// Off only where the set in force is the one that was saved last, whole: with it the axis was
+// commissioned. Not after a restore, a save that was cut off, or with a set of another table.
+TEST(Store, TheFirstMotionIsTestedWhereWhatIsInForceWasNotCommissioned) {
+  constexpr uint32_t kOther = ~AXIS_OBJECTS_HASH32;
+  constexpr uint32_t kForgotten = 0x31464146;  // "FAF1"
+  const std::vector<Entry> off{EntryOf(AXIS_OBJ_FIRST_MOTION_TEST, 0),
+                               EntryOf(AXIS_OBJ_ADC_BITS, 10)};
+  Entry old_default = EntryOf(AXIS_OBJ_OUTPUT_LIMIT, 1000);
+  old_default.first |= 1u << 24;
+  std::vector<Entry> older = off, partly = off;
+  older.push_back(old_default);
+  partly.push_back({0x300000, 1, 0});
+  const auto power_up = [](const auto &put, size_t remains) {
+    Flash flash;
+    size_t end = put(flash.bytes());
+    for (size_t i = 0; i < remains; ++i) flash.bytes()[end + i] = 0x5A;
+    Axis axis(flash.memory());
+    return std::pair(axis.State(), axis.Read(AXIS_OBJ_FIRST_MOTION_TEST));
+  };
+  using Seen = std::pair<int32_t, int32_t>;
+  const auto blank = [](Bytes &) -> size_t { return 0; };
+  const auto set = [&](uint32_t hash, const std::vector<Entry> &entries) {
+    return [hash, &entries](Bytes &bytes) { return PutSet(bytes, 0, hash, 1, entries); };
+  };
+  const auto forgotten = [](Bytes &bytes) {
+    return PutRecord(bytes, 0, {kForgotten, AXIS_OBJECTS_HASH32, 1}, {});
+  };
+  EXPECT_EQ(power_up(set(AXIS_OBJECTS_HASH32, off), 0), Seen(AXIS_STORE_STATE_LOADED, 0));
+  EXPECT_EQ(power_up(set(kOther, older), 0), Seen(AXIS_STORE_STATE_LOADED_OLD_DEFAULTS, 0));
+  EXPECT_EQ(power_up(blank, 0), Seen(AXIS_STORE_STATE_EMPTY, 1));
+  EXPECT_EQ(power_up(blank, 40), Seen(AXIS_STORE_STATE_FAILED, 1));
+  EXPECT_EQ(power_up(forgotten, 0), Seen(AXIS_STORE_STATE_EMPTY, 1));
+  EXPECT_EQ(power_up(forgotten, 40), Seen(AXIS_STORE_STATE_LOADED_OLDER, 1));
+  EXPECT_EQ(power_up(set(AXIS_OBJECTS_HASH32, off), 40), Seen(AXIS_STORE_STATE_LOADED_OLDER, 1));
+  EXPECT_EQ(power_up(set(kOther, partly), 0), Seen(AXIS_STORE_STATE_LOADED_PARTLY, 1));
+  const auto old_table = [](Bytes &bytes) { return PutOldSet(bytes, 0, kOther, 1, {}); };
+  EXPECT_EQ(power_up(old_table, 0), Seen(AXIS_STORE_STATE_OTHER_TABLE, 1));
 }
 
 }  // namespace
