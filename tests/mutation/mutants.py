@@ -3,19 +3,19 @@
 usage: .venv/bin/python tests/mutation/mutants.py [--commit COMMIT] FILE:LINE...
        .venv/bin/python tests/mutation/mutants.py --campaign
 
-FILE is a C file below firmware/ (drive/touch.c). LINE counts in the tree as it is, or with --commit in
-that commit; it is then looked for in the tree. --campaign runs the lines of campaign.toml.
+FILE is a C file below firmware/ (drive/touch.c). LINE counts in the tree as it is, or with --commit
+in that commit; it is then looked for in the tree. --campaign runs the lines of campaign.toml.
 
 The mutants of a line: every relation made another one, && made || and back, each condition negated,
-each number and named constant one more and one less, a copied value one more and one less, true made
-false, the two bounds of a clamp and the two branches of ?: swapped, each statement deleted.
+each number and named constant one more and one less, a copied value one more and one less, true
+made false, the two bounds of a clamp and the two branches of ?: swapped, each statement deleted.
 
-A mutant is compiled alone and linked before the library, so the unit tests of build/release run with
-it and nothing else is built anew. Printed is "killed" with the first test that fails, "refused" where
-the compiler does not take it, "equivalent" with the reason where campaign.toml argues that no test can
-tell it from the firmware, or "survived". Exit status: 1 where one survived.
+A mutant is compiled alone and linked before the library, so the unit tests of build/release run
+with it and nothing else is built anew. Printed is "killed" with the first test that fails,
+"refused" where the compiler does not take it, "equivalent" with the reason where campaign.toml
+argues that no test can tell it from the firmware, or "survived". Exit status: 1 where one survived.
 
-Before: cmake --build --preset release --target firmware_unit fw_unit canopen_unit modbus_unit store_unit
+Before: cmake --build --preset release --target quick_programs
 """
 
 import argparse
@@ -23,6 +23,7 @@ import difflib
 import functools
 import json
 import re
+import resource
 import shlex
 import subprocess
 import sys
@@ -35,11 +36,18 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build/release"
 CAMPAIGN = Path(__file__).with_name("campaign.toml")
-PROGRAMS = ("firmware_unit", "fw_unit", "canopen_unit", "modbus_unit", "store_unit")
-# Those that are likely to kill come first.
-FIRST = {"app": "fw_unit", "canopen": "fw_unit", "modbus": "modbus_unit"}
-# A mutant may loop for ever; the slowest program takes seconds.
-HANGS_S = 120
+# By the beginning of the file's name, those that are likely to kill first.
+PROGRAMS = {
+    "app/store": ("store_unit", "fw_unit"),
+    "app/entries": ("store_unit", "fw_unit"),
+    "app/record.": ("store_unit", "fw_unit"),
+    "app/": ("fw_unit", "firmware_unit"),
+    "canopen/": ("fw_unit", "canopen_unit"),
+    "modbus/": ("modbus_unit", "fw_unit"),
+    "": ("firmware_unit", "fw_unit"),
+}
+# Of the processor. A mutant may loop for ever; the slowest program takes a few seconds.
+HANGS_S = 60
 
 TOKEN = re.compile(
     r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|#[^\n]*"
@@ -99,10 +107,11 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Place:
-    """A line of a file below firmware/."""
+    """A line of a file below firmware/, and which tests to run first."""
 
     file: str
     line: int
+    tests: str = "*"
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"
@@ -187,12 +196,12 @@ def one_off(tokens: list[Token], at: int) -> Iterator[Mutant]:
 def condition_from(tokens: list[Token], at: int) -> tuple[int, int] | None:
     """[first, last] of the condition that the token at `at` opens."""
     text = tokens[at].text
-    if text in ("&&", "||", "return") or (text == "(" and tokens[at - 1].text in ("if", "while")):
-        first = at + 1
-    elif text == "=" and any(t.text == "bool" for t in tokens[max(0, at - 3) : at]):
-        first = at + 1
-    else:
+    begins = text in ("&&", "||", "return")
+    heads = text == "(" and tokens[at - 1].text in ("if", "while")
+    declares = text == "=" and any(t.text == "bool" for t in tokens[max(0, at - 3) : at])
+    if not (begins or heads or declares):
         return None
+    first = at + 1
     last = until(tokens, first, ("&&", "||", "?", ";", ":", ",")) - 1
     return (first, last) if last >= first else None
 
@@ -316,8 +325,8 @@ def compile_to(file: str, source: Path, target: Path) -> bool:
     return subprocess.run(command, cwd=BUILD, capture_output=True, check=False).returncode == 0
 
 
-def run_program(program: str, mutant: Path, folder: Path) -> str | None:
-    """The first test of a program that fails with the mutant; None: all pass."""
+def link(program: str, mutant: Path, folder: Path) -> Path:
+    """A program of the unit tests with this object in place of the library's."""
     words = list(link_command(program))
     executable = folder / program
     at = words.index("-o")
@@ -325,32 +334,41 @@ def run_program(program: str, mutant: Path, folder: Path) -> str | None:
     linked = subprocess.run(words, cwd=BUILD, capture_output=True, text=True, check=False)
     if linked.returncode:
         raise Unfit(f"{program} does not link; build it first: {linked.stderr[-300:]}")
-    command = [executable, "--gtest_brief=1", "--gtest_fail_fast", "--gtest_color=no"]
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, check=False, timeout=HANGS_S
-        )
-    except subprocess.TimeoutExpired:
-        return f"{program}, which does not end"
+    return executable
+
+
+def first_failure(executable: Path, tests: str) -> str | None:
+    """The first of these tests (a filter of GoogleTest) that fails; None: all pass."""
+    options = ("--gtest_brief=1", "--gtest_fail_fast", "--gtest_color=no")
+    done = subprocess.run(
+        [executable, *options, f"--gtest_filter={tests}"],
+        cwd=executable.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (HANGS_S, HANGS_S)),
+    )
     if done.returncode == 0:
         return None
     failed = re.search(r"FAILED +\] (\w+\.\w+|\S+/\S+)", done.stdout)
-    return failed[1] if failed else f"{program}, which ends with {done.returncode}"
+    return failed[1] if failed else f"{executable.name}, which ends with {done.returncode}"
 
 
-def try_source(file: str, text: str) -> Outcome:
-    """Builds one file with this text and runs the unit tests."""
-    order = sorted(PROGRAMS, key=lambda p: p != FIRST.get(file.split("/")[0], PROGRAMS[0]))
+def try_source(file: str, text: str, tests: str) -> Outcome:
+    """Builds one file with this text and runs the unit tests, those that `tests` selects first."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as name:
         folder = Path(name)
         source, target = folder / Path(file).name, folder / "mutant.o"
         source.write_text(text)
         if not compile_to(file, source, target):
             return Outcome("refused", "by the compiler")
-        for program in order:
-            killer = run_program(program, target, folder)
-            if killer is not None:
-                return Outcome("killed", killer)
+        names = next(PROGRAMS[begin] for begin in PROGRAMS if file.startswith(begin))
+        programs = [link(program, target, folder) for program in names]
+        for selected in dict.fromkeys((tests, "*")):
+            for executable in programs:
+                killer = first_failure(executable, selected)
+                if killer is not None:
+                    return Outcome("killed", killer)
     return Outcome("survived", "")
 
 
@@ -388,14 +406,14 @@ def place_of(text: str, commit: str | None) -> Place:
     return Place(file, line)
 
 
-def place_in_function(file: str, function: str, text: str) -> Place:
+def place_in_function(file: str, function: str, text: str, tests: str) -> Place:
     """The line of a function that has this text."""
     lines = read(file).splitlines()
     heads = [i for i, x in enumerate(lines) if re.match(rf"\w.*\b{function}\(.*[,{{]$", x)]
     for begin in heads:
         for i in range(begin, len(lines)):
             if lines[i].strip() == text:
-                return Place(file, i + 1)
+                return Place(file, i + 1, tests)
             if lines[i] == "}":
                 break
     raise Unfit(f"{file}: no line `{text}` in {function}(); bring campaign.toml up to date")
@@ -404,7 +422,9 @@ def place_in_function(file: str, function: str, text: str) -> Place:
 def campaign() -> tuple[list[Place], dict[tuple[str, str, str], str]]:
     """The lines of campaign.toml, and the reasons by (file, line, mutant)."""
     table = tomllib.loads(CAMPAIGN.read_text())
-    places = [place_in_function(x["file"], x["function"], x["text"]) for x in table["line"]]
+    places = [
+        place_in_function(x["file"], x["function"], x["text"], x["tests"]) for x in table["line"]
+    ]
     reasons = {
         (x["file"], x["line"], x["mutant"]): x["reason"] for x in table.get("equivalent", [])
     }
@@ -419,7 +439,7 @@ def outcomes_of(
     line = source.splitlines()[place.line - 1].strip()
     for mutant in mutants_of(source, place.line):
         shown = mutant.shown(source)
-        outcome = try_source(place.file, mutant.of(source))
+        outcome = try_source(place.file, mutant.of(source), place.tests)
         reason = reasons.get((place.file, line, shown))
         if outcome.what == "survived" and reason:
             outcome = Outcome("equivalent", reason)
@@ -443,7 +463,7 @@ def main() -> int:
             raise Unfit("expected FILE:LINE or --campaign")
         counts: dict[str, int] = {}
         for file in dict.fromkeys(p.file for p in places):
-            outcome = try_source(file, read(file))
+            outcome = try_source(file, read(file), "*")
             if outcome.what != "survived":
                 raise Unfit(f"{file} unchanged is {outcome.what} {outcome.why}: mend that first")
         for place in places:

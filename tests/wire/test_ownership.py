@@ -22,8 +22,9 @@ def flood(ticks, seed):
 
 
 COUNTS = re.compile(
-    r"(\d+) ticks, (\d+) of them on, (\d+) with the force law, \d+ with a code; (\d+) contacts lost, "
-    r"(\d+) strikes, (\d+) ticks judged after a loss; (\d+) writes, (\d+) of them refused"
+    r"(\d+) ticks, (\d+) of them on, (\d+) with the force law, \d+ with a code; "
+    r"(\d+) contacts lost, (\d+) strikes, (\d+) ticks judged after a loss; "
+    r"(\d+) writes, (\d+) of them refused"
 )
 
 
