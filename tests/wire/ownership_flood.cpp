@@ -247,7 +247,11 @@ class Flood {
     Set(AXIS_OBJ_CERTIFICATE_REQUIRED, OneIn(4) ? 1 : 0);
     Set(AXIS_OBJ_UNCERTIFIED_OUTPUT, Pick({512, 60}));
     Set(AXIS_OBJ_UNCERTIFIED_FORCE, Pick({500, 1000}));
+    Set(AXIS_OBJ_POSITION_MIN, INT32_MIN);
     Set(AXIS_OBJ_POSITION_MAX, OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX);
+    Set(AXIS_OBJ_POSITION_MIN, OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN);
+    switch_pos_ = OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX;
+    switch_neg_ = OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN;
     Set(AXIS_OBJ_STIFFNESS, Pick({64, 512}));
     Set(AXIS_OBJ_DAMPING, Pick({64, 512}));
   }
@@ -522,6 +526,9 @@ class Flood {
   void Step() {
     inputs_.encoder_cnt = scene_.Encoder();
     inputs_.adc_code[0] = scene_.Reading();
+    const int ends = (inputs_.encoder_cnt >= switch_pos_ ? AXIS_DIN_LIMIT_POS : 0) |
+                     (inputs_.encoder_cnt <= switch_neg_ ? AXIS_DIN_LIMIT_NEG : 0);
+    inputs_.din = static_cast<uint8_t>((inputs_.din & AXIS_DIN_ENABLE) | ends);
     const CodeOracle::Bounds bounds(fw_);
     const int mode = Read(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY);
     if (std::exchange(mode_before_, mode) != mode) codes_.Leave();
@@ -619,6 +626,7 @@ class Flood {
   ContactScene scene_;
   bool must_fault_ = false;
   int mode_before_ = 0;
+  int32_t switch_pos_ = INT32_MAX, switch_neg_ = INT32_MIN;
   uint64_t ticks_ = 0, on_ = 0, law_ = 0, coded_ = 0, lost_ = 0, strikes_ = 0;
   uint64_t writes_ = 0, refused_ = 0;
   uint64_t hash_ = 0xCBF29CE484222325u;
