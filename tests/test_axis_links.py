@@ -59,6 +59,18 @@ def acquired(bus):
         link.close()
 
 
+def test_can_a_name_without_end_is_no_answer(node):
+    local, bus = node
+    local.sdo[0x1008].raw = "n" * 5000  # as good as without end: 700 segments
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        with pytest.raises(NoAnswer, match="1008h of at most 256 bytes"):
+            link.text(0x1008)
+        assert link.read(["command_source"]) == {"command_source": 0}  # and the link goes on
+    finally:
+        link.close()
+
+
 OURS = OWN_NODE << 16 | 1000
 
 

@@ -1,11 +1,15 @@
 """Parameters as files: read back bit for bit, loaded whole or not at all, on any table."""
 
+import copy
 import csv
+import datetime
 import json
+import math
 import random
 from pathlib import Path
 
 import pytest
+import tomlkit
 import verbs
 from forceaxis import _core, toml
 from forceaxis._core import InputError
@@ -191,6 +195,38 @@ def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path
     axis.link.read = lambda names: found(names) | {"object_table_hash": 1}
     with pytest.raises(Refused, match=r"expected object table .* it has 0x00000001"):
         params.read(axis)
+
+
+def places(table, above=()):
+    """Keys of every value and table of a TOML document, from the top."""
+    for key, value in table.items():
+        yield (*above, key)
+        if isinstance(value, dict):
+            yield from places(value, (*above, key))
+
+
+ODD = (-1, 1 << 40, 1.5, math.nan, "", "x", True, [], [{}], {}, datetime.date(2020, 1, 1))
+
+
+def test_whatever_stands_in_a_damaged_file_is_one_line(owned, tmp_path):
+    # Each fifteenth place, so that every kind of place is there; each odd value at each of them.
+    sound = toml.read_text(params.dump(configured(owned)))
+    sound["about"]["without"] = ["force_gain"]
+    refused = 0
+    for place in list(places(sound))[::15]:
+        for value in ODD:
+            damaged = copy.deepcopy(sound)
+            table = damaged
+            for key in place[:-1]:
+                table = table[key]
+            table[place[-1]] = value
+            file = written(tmp_path, tomlkit.dumps(damaged))
+            try:
+                params_file.read(file, 1)
+            except InputError as error:
+                refused += 1
+                assert "\n" not in str(error)
+    assert refused > 50
 
 
 @pytest.mark.parametrize("error", [NoAnswer("no answer"), KeyboardInterrupt()])

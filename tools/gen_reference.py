@@ -9,6 +9,7 @@ Needs the built package: run it with .venv/bin/python after tools/setup.
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 from forceaxis import _core
@@ -147,6 +148,49 @@ def units():
     return table(["measures", "units"], [(m, ", ".join(u)) for m, u in merged.items()])
 
 
+VERDICTS = """\
+# Verdicts
+
+`[verdict]` of an experiment says what a run is judged by, and the verdict is one of four words. The
+keys are in [Experiments](experiment.md#verdict).
+
+| verdict | what it means |
+| --- | --- |
+| `stable` | Every limit is kept. |
+| `unstable` | It oscillates, bounces on, or a fault is latched. |
+| `not_met` | It is calm, but not what was asked for: limit, number and unit are printed. |
+| `never_in_contact` | The contact was never pressed. |
+
+It oscillates where a ripple above its limit does not die away: the second half of the window has
+more than 60 % of it. It bounces on where contact is lost in the window. A contact is never pressed
+with gain 0, a part too far away, a drive that is not enabled.
+
+Whatever the limits, a run is never stable when in its window the force reading that they use is at
+an end of its range, or the output is, or contact is lost while force is controlled; and never with
+a set-point of force beyond what the sensor reads.
+
+`forceaxis run --json` has the word as `verdict`, the reasons in words as `because`, and the limits
+as `missed`: `limit`, `verdict` (what this one alone makes of the run), `value`, `bound`, `unit`.
+Besides the keys of `[verdict]` a limit may be `fault`, `contact_made_s` (when the contact was first
+pressed, after the window began), `contact_losses` (in the window), `setpoint_range`,
+`reading_range` and `output_range`.
+
+## Forty experiments
+
+Good and bad in ways that users name, with the verdict of version 0.1.0 and that of today. They are
+run by a test, from `tests/verdicts/cases.toml`.
+"""
+
+CASES = Path(__file__).resolve().parents[1] / "tests/verdicts/cases.toml"
+
+
+def verdicts():
+    """The forty cases as a table."""
+    cases = tomllib.loads(CASES.read_text(encoding="utf-8"))["case"]
+    rows = [(case["what"], f"`{case['before']}`", f"`{case['verdict']}`") for case in cases]
+    return table(["experiment", "0.1.0", "today"], rows)
+
+
 def pages():
     """{file name: text} of every page."""
     signals = (
@@ -167,6 +211,7 @@ def pages():
     return {
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
+        "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",
     }
 
 

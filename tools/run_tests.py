@@ -4,15 +4,18 @@ usage: tools/test [--quick | --all]
 
   --quick  format, style, gates, unit tests, half of the million frames: after every change
            (90 s at most)
-           all that decides whether a change is good (10 minutes)
+  (none)   all that decides whether a change is good (10 minutes)
   --all    that, and what needs longer: more seeds, whole sweeps, fuzzers (40 minutes)
 
-A skipped test is a failed test here, and so is a program that ends without its result.
+A skipped test is a failed test here, and so is a program that ends without its result. A test that
+runs in wall time on real buses and fails is tried a second time; what both tries printed is shown,
+and the second tries are named above the last line.
 """
 
 import contextlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -36,6 +39,7 @@ class Tally:
 
     def __init__(self):
         self.passed = self.failed = 0
+        self.second_tries = []  # (name of a test that failed once, whether it then passed)
         self.seconds = []  # (seconds, name)
         self.begin = time.monotonic()
         self.lock = threading.Lock()  # two threads count
@@ -47,31 +51,45 @@ class Tally:
         seconds = time.monotonic() - begin
         print(f"{stage}: {passed} passed, {failed} failed, {seconds:.0f} s", flush=True)
 
-    def read(self, stage, begin, xml, status):
+    def read(self, stage, begin, xml, status, second=None):
         """Counts the tests of a JUnit file; a program's bad end that no failed test explains is
-        one more."""
-        passed = failed = 0
-        if xml.exists():
-            for case in ET.parse(xml).iter("testcase"):
-                bad = any(case.find(tag) is not None for tag in ("failure", "error", "skipped"))
-                bad = bad or case.get("status") in ("fail", "disabled", "notrun")
-                failed += bad
-                passed += not bad
-                where = case.get("classname", "").replace(".", "/")
-                self.seconds.append((float(case.get("time", 0)), f"{where} {case.get('name')}"))
-        if passed + failed == 0 or (status != 0 and failed == 0):
-            print(f"{stage}: ended with status {status} after {passed} tests", flush=True)
+        one more. `second`: the JUnit file of the second try of those that failed."""
+        results = outcomes(xml)
+        again = outcomes(second) if second else {}
+        for name, (seconds, passed) in again.items():
+            self.second_tries.append((name, passed))
+            results[name] = (seconds + results.get(name, (0.0, False))[0], passed)
+        failed = sum(not passed for _, passed in results.values())
+        self.seconds += [(seconds, name) for name, (seconds, _) in results.items()]
+        if not results or (status != 0 and failed == 0 and not again):
+            print(f"{stage}: ended with status {status} after {len(results)} tests", flush=True)
             failed += 1
-        self.count(stage, begin, passed, failed)
+        self.count(stage, begin, sum(passed for _, passed in results.values()), failed)
 
     def end(self):
         print("slowest")
         for seconds, name in sorted(self.seconds, reverse=True)[:10]:
             print(f"  {seconds:6.1f} s  {name}")
+        print(f"second tries: {len(self.second_tries)}")
+        for name, passed in self.second_tries:
+            print(f"  {name}: failed, then {'passed' if passed else 'failed again'}")
         minutes, seconds = divmod(round(time.monotonic() - self.begin), 60)
         print(f"{minutes} min {seconds} s")
         print(f"{self.passed} passed, {self.failed} failed")
         return 1 if self.failed else 0
+
+
+def outcomes(xml):
+    """{name: (seconds, passed)} of the tests of a JUnit file; {} without the file. A test whose
+    call passes and whose teardown fails has two entries there, and failed."""
+    found = {}
+    for case in ET.parse(xml).iter("testcase") if xml.exists() else ():
+        bad = any(case.find(tag) is not None for tag in ("failure", "error", "skipped"))
+        bad = bad or case.get("status") in ("fail", "disabled", "notrun")
+        name = f"{case.get('classname', '').replace('.', '/')} {case.get('name')}"
+        seconds, passed = found.get(name, (0.0, True))
+        found[name] = (seconds + float(case.get("time", 0)), passed and not bad)
+    return found
 
 
 def build(tally, preset, target):
@@ -98,16 +116,27 @@ def ctest(tally, preset, *selection, prefix=()):
     tally.read(f"ctest {preset}", begin, xml, done.returncode)
 
 
-def pytest(tally, stage, expression, *options, prefix=()):
+def pytest(tally, stage, expression, *options, prefix=(), twice=False):
+    """One run of pytest. `twice`: what failed is tried a second time, alone."""
     begin, xml = time.monotonic(), BUILD / f"pytest-{stage.replace(' ', '-')}.xml"
-    xml.unlink(missing_ok=True)
-    command = [*prefix, PYTHON, "-m", "pytest", f"--junitxml={xml}", "-m", expression, *options]
+    second = xml.with_suffix(".second.xml")
+    cache = xml.with_suffix(".cache")  # its own, since stages run beside each other
+    for old in (xml, second):
+        old.unlink(missing_ok=True)
+    shutil.rmtree(cache, ignore_errors=True)
+    base = [*prefix, PYTHON, "-m", "pytest", "-m", expression, "-o", f"cache_dir={cache}", *options]
     # Beside another stage it would write between the lines of that.
     quiet = {"capture_output": bool(prefix), "text": True}
-    done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, **quiet)
+    done = subprocess.run([*base, f"--junitxml={xml}"], cwd=ROOT, env=ENVIRONMENT, **quiet)
     if prefix and done.returncode:
         print(done.stdout + done.stderr, end="")
-    tally.read(f"pytest {stage}", begin, xml, done.returncode)
+    # Status 1: the run was whole, and tests of it failed.
+    tried_again = twice and done.returncode == 1 and any(not p for _, p in outcomes(xml).values())
+    if tried_again:
+        print(f"pytest {stage}: what failed is tried a second time", flush=True)
+        again = [*base, "--last-failed", "--last-failed-no-failures=none"]
+        subprocess.run([*again, f"--junitxml={second}"], cwd=ROOT, env=ENVIRONMENT)
+    tally.read(f"pytest {stage}", begin, xml, done.returncode, second if tried_again else None)
 
 
 # Files in the order of their names: the longest ones are not left to the end.
@@ -168,7 +197,7 @@ def main(arguments):
     build(tally, "debug", "quick_programs")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
     with meanwhile(tally, lambda: beside(tally)):
-        pytest(tally, "alone", "alone and not long")
+        pytest(tally, "alone", "alone and not long", twice=True)
     if arguments == ["--all"]:
         # Their traces are compared with those of the release build.
         build(tally, "debug-plain", "trace_hash")
@@ -176,7 +205,7 @@ def main(arguments):
         ctest(tally, "debug", "-LE", "quick", "-j2")
         pytest(tally, "long", "long and not alone", *PARALLEL)
         with meanwhile(tally, lambda: fuzz(tally, FUZZ_ALL_S, IDLE)):
-            pytest(tally, "long-alone", "long and alone")
+            pytest(tally, "long-alone", "long and alone", twice=True)
     return tally.end()
 
 

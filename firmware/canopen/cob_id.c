@@ -15,6 +15,15 @@ static const struct {
     {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* NMT error control, and reserved */
 };
 
+bool canopen_any_cob_is(const uint32_t *cob_ids, uint8_t count, uint16_t id) {
+  for (uint8_t i = 0; i < count; i++) {
+    if (canopen_cob_is(cob_ids[i], id)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 bool canopen_is_restricted(uint16_t id) {
   for (uint8_t i = 0; i < RESTRICTED; i++) {
     if (id >= restricted[i].first && id <= restricted[i].last) {

@@ -16,6 +16,9 @@ static inline bool canopen_cob_is(uint32_t cob_id, uint16_t id) {
   return canopen_cob_valid(cob_id) && canopen_can_id(cob_id) == id;
 }
 
+/* Whether one of `count` COB-IDs does. */
+bool canopen_any_cob_is(const uint32_t *cob_ids, uint8_t count, uint16_t id);
+
 /* Whether CiA 301 reserves the identifier. */
 bool canopen_is_restricted(uint16_t id);
 

@@ -5,6 +5,7 @@
 #include "firmware/canopen/cob_id.h"
 #include "firmware/canopen/emcy.h"
 #include "firmware/canopen/heartbeat.h"
+#include "firmware/canopen/identifier.h"
 #include "firmware/canopen/lss.h"
 #include "firmware/canopen/pdo.h"
 #include "firmware/canopen/sdo.h"
@@ -433,43 +434,6 @@ void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info,
 
 void canopen_recording_replaced(canopen_t *canopen) { sdo_recording_replaced(canopen); }
 
-/* An identifier has one service: a frame that another one takes does not reach the service that the
- * sender means, which may be the RPDO with its stop. Several RPDOs may share one. */
-static bool is_taken(const canopen_t *canopen, uint16_t object, uint16_t id) {
-  const canopen_params_t *params = &canopen->params;
-  const bool is_rpdo = canopen_element(object, AXIS_OBJ_RPDO_COB_ID_1, CANOPEN_PDOS) >= 0;
-  const bool is_tpdo = canopen_element(object, AXIS_OBJ_TPDO_COB_ID_1, CANOPEN_PDOS) >= 0;
-  return (object != AXIS_OBJ_SYNC_COB_ID && id == canopen_can_id(params->sync_cob_id)) ||
-         (object != AXIS_OBJ_EMCY_COB_ID && canopen_cob_is(params->emcy_cob_id, id)) ||
-         (!is_rpdo && pdo_receives(canopen, id)) || (!is_tpdo && pdo_transmits(canopen, id)) ||
-         sdo_uses(canopen, object, id);
-}
-
-/* The COB-ID that an object is, as it stands; NULL: it is none. */
-static const uint32_t *cob_id_of(const canopen_t *canopen, uint16_t object) {
-  const canopen_params_t *params = &canopen->params;
-  const int rpdo = canopen_element(object, AXIS_OBJ_RPDO_COB_ID_1, CANOPEN_PDOS);
-  const int tpdo = canopen_element(object, AXIS_OBJ_TPDO_COB_ID_1, CANOPEN_PDOS);
-  switch (object) {
-    case AXIS_OBJ_SYNC_COB_ID:
-      return &params->sync_cob_id;
-    case AXIS_OBJ_EMCY_COB_ID:
-      return &params->emcy_cob_id;
-    case AXIS_OBJ_SDO_MODBUS_RECEIVE:
-      return &params->sdo_modbus_receive;
-    case AXIS_OBJ_SDO_MODBUS_TRANSMIT:
-      return &params->sdo_modbus_transmit;
-    case AXIS_OBJ_SDO_LCM_RECEIVE:
-      return &params->sdo_lcm_receive;
-    case AXIS_OBJ_SDO_LCM_TRANSMIT:
-      return &params->sdo_lcm_transmit;
-    default:
-      return (rpdo >= 0)   ? &params->rpdo_cob_id[rpdo]
-             : (tpdo >= 0) ? &params->tpdo_cob_id[tpdo]
-                           : NULL;
-  }
-}
-
 static int check_value(const canopen_t *canopen, uint16_t object, int32_t value) {
   const canopen_params_t *params = &canopen->params;
   switch (object) {
@@ -492,10 +456,7 @@ static int check_value(const canopen_t *canopen, uint16_t object, int32_t value)
 
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value) {
   const int refusal = check_value(canopen, object, value);
-  const uint32_t wanted = (uint32_t)value;
-  const uint32_t *present = cob_id_of(canopen, object);
-  const bool is_new = present != NULL && *present != wanted && canopen_cob_valid(wanted);
-  return (refusal == FW_OK && is_new && is_taken(canopen, object, canopen_can_id(wanted)))
+  return (refusal == FW_OK && identifier_is_taken(canopen, object, (uint32_t)value))
              ? FW_ERROR_RANGE
              : refusal;
 }

@@ -296,21 +296,12 @@ void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *f
   }
 }
 
-static bool has_id(const uint32_t cob_ids[CANOPEN_PDOS], uint16_t id) {
-  for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
-    if (canopen_cob_is(cob_ids[i], id)) {
-      return true;
-    }
-  }
-  return false;
-}
-
 bool pdo_receives(const canopen_t *canopen, uint16_t id) {
-  return has_id(canopen->params.rpdo_cob_id, id);
+  return canopen_any_cob_is(canopen->params.rpdo_cob_id, CANOPEN_PDOS, id);
 }
 
 bool pdo_transmits(const canopen_t *canopen, uint16_t id) {
-  return has_id(canopen->params.tpdo_cob_id, id);
+  return canopen_any_cob_is(canopen->params.tpdo_cob_id, CANOPEN_PDOS, id);
 }
 
 void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {

@@ -126,13 +126,12 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 
   const int32_t law_q16 = evaluate_law(axis, mode);
   /* The limits act on the code that goes out, with the sensors of the tick in which it does. */
-  const axis_codes_t codes = limits_codes(axis);
   const bool late = params->latency_ticks != 0;
   if (late) {
+    const int32_t due = (axis->bounded != 0) ? limits_bound_late(axis, signals->command_code)
+                                             : signals->command_code;
     signals->dac_code =
-        limits_apply(params, limits_both(codes, axis->late_codes), signals->position, inputs->din,
-                     signals->command_code, &signals->limit_reason);
-    axis->late_codes = limits_both(codes, axis->law_codes);
+        limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
   /* Here dac_code is what goes out just before the code computed now. */
   if (mode != signals->active_mode || axis->rebase != 0) {
@@ -147,8 +146,10 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
    * |bias| < 6146. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
-    signals->dac_code = limits_apply(params, codes, signals->position, inputs->din,
-                                     signals->command_code, &signals->limit_reason);
+    const int32_t due =
+        (axis->bounded != 0) ? limits_bound(axis, signals->command_code) : signals->command_code;
+    signals->dac_code =
+        limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
   outputs->dac_code = signals->dac_code;
   outputs->amp_enable = 1;
@@ -168,6 +169,7 @@ void axis_init(axis_t *axis) {
   axis->law.halvings = 0;
   axis->law.bank.integral_q26 = 0;
   axis->excitation_q16 = 0;
+  axis->bounded = 0;
   axis->bumpless_contact = 0;
   axis->primed = 0;
   axis->rebase = 0;

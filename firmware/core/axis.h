@@ -39,6 +39,9 @@ typedef struct {
   int16_t most;
 } axis_codes_t;
 
+/* The tick that they are set for, and the one after it, for its late code. */
+enum { AXIS_BOUNDED_TICKS = 2 };
+
 /* No bound: beyond every code, so that the saturation of the DAC shows. */
 enum { AXIS_CODE_BEYOND = 32767 };
 static inline axis_codes_t axis_codes_all(void) {
@@ -66,10 +69,11 @@ typedef struct {
   profile_t profile;
   excitation_t excitation;
   force_law_t law;
-  int32_t excitation_q16;   /* added to the command of a force law, within +-2048 codes */
-  axis_codes_t free_codes;  /* bound what goes out in a tick whose reading is no contact */
-  axis_codes_t law_codes;   /* bound what is computed in a tick, also where it goes out later */
-  axis_codes_t late_codes;  /* with latency_ticks: the bounds of the tick before, for its code */
+  int32_t excitation_q16;  /* added to the command of a force law, within +-2048 codes */
+  axis_codes_t free_codes; /* bound what goes out in a tick whose reading is no contact */
+  axis_codes_t law_codes;  /* bound what is computed in a tick, also where it goes out later */
+  axis_codes_t late_codes; /* with latency_ticks: the bounds of the tick before, for its code */
+  uint8_t bounded; /* ticks for which these bounds act, AXIS_BOUNDED_TICKS where they are set */
   uint8_t bumpless_contact; /* at a contact the code continues from the one before it */
   uint8_t primed;           /* signals.position is the count of the last tick */
   uint8_t rebase;           /* the next code continues from the one put out before it */

@@ -10,19 +10,18 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* What may go out at most in a tick with this reading, besides output_limit: without contact what
- * the drive permits. */
-static inline axis_codes_t limits_codes(const axis_t *axis) {
-  return fx_within(axis->signals.force, axis->params.contact_force) ? axis->free_codes
-                                                                    : axis_codes_all();
-}
-
 /* The codes that are in both. Each has 0. */
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};
   return both;
 }
+
+/* The code due in a tick, within the bounds that the drive has set (free_codes by its reading); and
+ * with latency_ticks within those of the tick that it was computed in. To be called while
+ * axis->bounded is not 0, in functions of their own, so that other ticks keep their registers. */
+int32_t limits_bound(axis_t *axis, int32_t code);
+int32_t limits_bound_late(axis_t *axis, int32_t code);
 
 /* The code that may be put out for a computed one, and in *reason the limit that applies,
  * AXIS_LIMIT_REASON_...; of several the last in this list:
@@ -31,18 +30,16 @@ static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
  *   position_max     a positive code while position > position_max: 0 instead (the axis stops; a
  *                    negative code still brings it back); position_min likewise
  *   limit_switch_pos a positive code on the positive switch: 0 instead; limit_switch_neg likewise
- * `codes` bounds it too, and has no reason of its own: where it is narrower than the first two,
- * none is given. code within +-2^17, digital_inputs AXIS_DIN_... bits. Soft limits compare counts
- * as they are: they are meant for an encoder that does not wrap. */
-static inline int16_t limits_apply(const axis_params_t *params, axis_codes_t codes,
-                                   int32_t position_cnt, uint8_t digital_inputs, int32_t code,
-                                   uint8_t *reason) {
+ * The bounds of the drive, which come before, have no reason of their own. code within +-2^17,
+ * digital_inputs AXIS_DIN_... bits. Soft limits compare counts as they are: they are meant for an
+ * encoder that does not wrap. */
+static inline int16_t limits_apply(const axis_params_t *params, int32_t position_cnt,
+                                   uint8_t digital_inputs, int32_t code, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;
   const int32_t highest = (limit > LAW_DAC_MAX) ? LAW_DAC_MAX : limit;
-  const int32_t permitted = fx_clamp(code, codes.least, codes.most);
-  const int32_t limited = fx_clamp(permitted, -limit, highest);
+  const int32_t limited = fx_clamp(code, -limit, highest);
   uint8_t why = AXIS_LIMIT_REASON_NONE;
-  if (limited != permitted) {
+  if (limited != code) {
     why = (limit > LAW_DAC_MAX) ? AXIS_LIMIT_REASON_DAC_SATURATION : AXIS_LIMIT_REASON_OUTPUT_LIMIT;
   }
   uint8_t blocked = AXIS_LIMIT_REASON_NONE;

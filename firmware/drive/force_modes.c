@@ -66,6 +66,7 @@ static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
  * contact_loss_cap: toward the workpiece that is lost, nor where the set-point presses by now. */
 static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   const int16_t cap = (int16_t)drive->params.contact_loss_cap;
+  axis->bounded = AXIS_BOUNDED_TICKS;
   const bool down = axis->params.force_setpoint < 0;
   if (!down || drive->pressed > 0) {
     axis->free_codes.most = cap;

@@ -36,6 +36,7 @@ static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   if (axis->params.output_limit > drive->law_output) {
     const int16_t most = (int16_t)drive->law_output;
     axis->params.output_limit = drive->law_output;
+    axis->bounded = AXIS_BOUNDED_TICKS;
     axis->law_codes.least = (int16_t)-most;
     axis->law_codes.most = most;
   }

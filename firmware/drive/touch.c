@@ -57,6 +57,7 @@ void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis) {
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(touch, axis);
   }
+  axis->bounded = AXIS_BOUNDED_TICKS;
   if (axis->params.force_setpoint < 0) {
     axis->free_codes.least = (int16_t)-touch->cap_code;
   } else {

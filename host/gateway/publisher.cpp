@@ -5,6 +5,7 @@
 
 #include "host/gateway/words.hpp"
 #include "host/run/objects.hpp"
+#include "sim/model/text.hpp"
 
 namespace forceaxis::nodes {
 
@@ -87,7 +88,7 @@ void AxisPublisher::event(std::int64_t kind, std::int64_t code, const std::strin
 }
 
 void AxisPublisher::loud_event(std::int64_t kind, std::int64_t code, const std::string &text) {
-  std::cerr << "gateway: axis " << number_ << ": " << text << std::endl;
+  std::cerr << "gateway: axis " << number_ << ": " << sim::one_line(text) << std::endl;
   event(kind, code, text);
 }
 

@@ -7,12 +7,13 @@
 #include <thread>
 
 #include "sim/model/model.hpp"
+#include "sim/model/text.hpp"
 
 namespace forceaxis::nodes {
 
 int guarded(const char *name, const std::function<int()> &program) {
   const auto report = [name](const std::string &what, int status) {
-    std::cerr << name << ": " << what << '\n';
+    std::cerr << name << ": " << sim::one_line(what) << '\n';
     return status;
   };
   try {
@@ -28,11 +29,7 @@ int guarded(const char *name, const std::function<int()> &program) {
 
 int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error) {
   if (error.get_exit_code() == 0) return app.exit(error);
-  std::string what = error.what();
-  for (char &c : what) {
-    if (c == '\n') c = ' ';
-  }
-  std::cerr << name << ": " << what << "; see --help\n";
+  std::cerr << name << ": " << sim::one_line(error.what()) << "; see --help\n";
   return 2;
 }
 

@@ -1,13 +1,12 @@
 #include "host/run/bank_values.hpp"
 
-#include <toml++/toml.h>
-
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include "firmware/port/host/firmware.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
 namespace {

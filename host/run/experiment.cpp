@@ -1,7 +1,5 @@
 #include "host/run/experiment.hpp"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -18,6 +16,7 @@
 #include "host/run/objects.hpp"
 #include "host/run/sha256.hpp"
 #include "sim/model/section.hpp"
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
 namespace {
@@ -121,8 +120,18 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
   criterion.held_force_error_max_percent = section.optional_number("held_force_error_max_percent");
   criterion.overshoot_max_percent = section.optional_number("overshoot_max_percent");
   criterion.settle_max_s = section.optional_number("settle_max_s");
+  criterion.peak_force_max_N = section.optional_number("peak_force_max_N");
+  criterion.peak_force_max_percent = section.optional_number("peak_force_max_percent");
+  criterion.contact_losses_max = section.optional_number("contact_losses_max");
+  criterion.saturated_max_s = section.optional_number("saturated_max_s");
+  if (model.contacts.empty() && (criterion.peak_force_max_N || criterion.peak_force_max_percent ||
+                                 criterion.contact_losses_max))
+    section.fail(criterion.contact_losses_max ? "contact_losses_max"
+                 : criterion.peak_force_max_N ? "peak_force_max_N"
+                                              : "peak_force_max_percent",
+                 "expected a model with a contact, this one has none; remove the key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.position_ripple_max_count && !criterion.judges_force())
+      !criterion.position_ripple_max_count && !criterion.judges_force() && !criterion.judges_run())
     section.fail("contact_held",
                  "expected at least one limit, got none; add contact_held = true, "
                  "force_ripple_max_count or position_ripple_max_count");
@@ -408,10 +417,6 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
   root.one("verdict", [&](Section &section) {
     experiment.criterion = read_criterion(section, *experiment.model, duration_s);
-    if (experiment.criterion->judges_force() && !force_task(experiment))
-      section.fail("held_force_error_max_percent",
-                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
-                   "reads a force; remove the limits of force, overshoot and settling");
   });
   root.one("trace",
            [&](Section &section) { experiment.traced = read_traced(section, *experiment.model); });
@@ -440,6 +445,14 @@ std::vector<std::string> trace_columns(const sim::Model &model) {
 void make_endless(Experiment &experiment) {
   experiment.ticks = kEndlessTicks;
   experiment.criterion.reset();
+}
+
+void expect_judged(const Experiment &experiment) {
+  const auto &criterion = experiment.criterion;
+  if (!criterion || !criterion->judges_force() || force_task(experiment)) return;
+  throw InputError(experiment.file.string(), "verdict.held_force_error_max_percent",
+                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
+                   "reads a force; remove the limits of force, overshoot and settling");
 }
 
 void expect_used(const Experiment &experiment) {

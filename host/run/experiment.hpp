@@ -6,8 +6,6 @@
 // written from there. Objects of the firmware: object_values.hpp. Overrides are texts, each name
 // once, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140"; they
 // take precedence over the file.
-#include <toml++/impl/forward_declarations.h>
-
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -20,6 +18,7 @@
 #include "host/run/object_values.hpp"
 #include "sim/hybrid/mode.hpp"
 #include "sim/model/model.hpp"
+#include "sim/model/toml_forward.hpp"
 
 namespace forceaxis::host {
 
@@ -41,8 +40,8 @@ struct Action {
   std::optional<ForceSensor> force_sensor;
 };
 
-// The stability criterion over the last `window_s` of the run. A limit that is absent is not
-// checked. A latched firmware fault is always "unstable".
+// What a run is judged by, see verdict.hpp: over its last `window_s` where nothing else is said. A
+// limit that is absent is not checked.
 struct Criterion {
   double window_s = 1.0;                            // > 0
   std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
@@ -56,11 +55,17 @@ struct Criterion {
   std::optional<double> held_force_error_max_percent;
   std::optional<double> overshoot_max_percent;
   std::optional<double> settle_max_s;
+  std::optional<double> peak_force_max_percent;
+  // Over the whole run, see Metrics.
+  std::optional<double> peak_force_max_N;
+  std::optional<double> contact_losses_max;
+  std::optional<double> saturated_max_s;
 
   bool judges_force() const {
     return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||
-           settle_max_s;
+           settle_max_s || peak_force_max_percent;
   }
+  bool judges_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
 // What the plot of a run shows.
@@ -126,6 +131,11 @@ std::vector<std::string> trace_columns(const sim::Model &model);
 // the trace hash has 32 bits and wraps after 33 days; nothing else does.
 inline constexpr std::int64_t kEndlessTicks = 1'000'000'000'000'000;
 void make_endless(Experiment &experiment);
+
+// Refuses a [verdict] that limits the force of an experiment that controls none. Of a run, not of
+// reading: an axis of make_endless() has no verdict, whatever its file says. Throws
+// sim::InputError.
+void expect_judged(const Experiment &experiment);
 
 // Refuses parameters in [set] that change nothing. Throws sim::InputError.
 void expect_used(const Experiment &experiment);

@@ -101,10 +101,27 @@ constexpr KeyFormat kVerdictKeys[] = {
            "Largest excess of the force over the last set-point, in percent of it."),
     ranged("settle_max_s", D::time, 0.0, kLongestRun_s, "not judged",
            "Longest time until the force stays within 5 % of the force held."),
+    ranged("peak_force_max_N", D::force, 0.0, 1e9, "not judged",
+           "Largest force in any contact, over the whole run."),
+    ranged("peak_force_max_percent", D::ratio, 0.0, 1e9, "not judged",
+           "The same in percent of the last set-point."),
+    ranged(
+        "contact_losses_max", D::count, 0.0, 1e9, "not judged",
+        "How often contact may be lost over the whole run: of the contacts of contact_held, else "
+        "of all."),
+    ranged("saturated_max_s", D::time, 0.0, kLongestRun_s, "not judged",
+           "How long the output (DAC) may be at an end of its range, over the whole run."),
 };
 constexpr TableFormat kVerdict{
-    "When the run counts as stable; at least one limit. A latched fault is always unstable; "
-    "without this table the run has no verdict.",
+    "What the run is judged by; at least one limit. `stable`: all are kept. `unstable`: a fault is "
+    "latched, a ripple is above its limit and does not die away (its second half of the window has "
+    "more than 60 % of it), or contact is lost in the window. `not_met`: another limit is missed, "
+    "or contact is made after the window has begun. `never_in_contact`: a contact was to be "
+    "pressed "
+    "and never was. Whatever the limits, a run is never stable while the force reading that they "
+    "use or the output is at an end of its range in the window, with a set-point of force beyond "
+    "the reading's range, or, where force is controlled, while contact is lost in the window. "
+    "Without this table the run has no verdict.",
     kVerdictKeys};
 
 constexpr KeyFormat kPlotKeys[] = {

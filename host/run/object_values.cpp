@@ -1,7 +1,5 @@
 #include "host/run/object_values.hpp"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -13,6 +11,7 @@
 #include "host/run/objects.hpp"
 #include "host/run/shaper_values.hpp"
 #include "sim/hybrid/mode.hpp"
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::host {
 namespace {

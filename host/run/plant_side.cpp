@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/port/host/axis_host.h"
@@ -24,6 +25,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
                                 .seed = experiment.seed}),
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()) {
+  expect_judged(experiment);
   in_.sensor_valid = 1;
   in_.axis = 1;
   static_assert(kEnabled == int{AXIS_DIN_ENABLE});
@@ -54,6 +56,32 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
   }
   window_start_ = std::max<std::int64_t>(
       0, experiment.ticks - static_cast<std::int64_t>(criterion.window_s * sim::kTickRateHz));
+  second_half_ = window_start_ + (experiment.ticks - window_start_) / 2;
+  first_pressed_.assign(held_.size(), -1);
+  untouched_ = held_.size();
+  if (const auto &adc = plant_.model().adc[0]) {
+    adc_top_ = (1 << adc->bits) - 1;
+    adc_zero_ = static_cast<int>(adc->zero_code);
+  }
+}
+
+void PlantSide::look_for_contact() {
+  for (std::size_t i = 0; i < held_.size(); ++i) {
+    if (first_pressed_[i] >= 0 || plant_.signal_at(held_forces_[i]) <= 0) continue;
+    first_pressed_[i] = tick_;
+    --untouched_;
+  }
+}
+
+void PlantSide::begin_window() {
+  losses_before_window_ = contact_losses();
+  metrics_.contact_at_window = all_pressed();
+}
+
+bool PlantSide::all_pressed() const {
+  return !held_forces_.empty() &&
+         std::all_of(held_forces_.begin(), held_forces_.end(),
+                     [this](std::size_t i) { return plant_.signal_at(i) > 0; });
 }
 
 std::int64_t PlantSide::contact_losses() const {
@@ -94,17 +122,47 @@ void PlantSide::keep(const TickRecord &record, const LinkOutputs &out) {
   plant_.signals({&result_.signals[static_cast<std::size_t>(tick_) * width_], width_});
 }
 
+std::optional<double> PlantSide::first_contact_s() const {
+  std::optional<std::int64_t> found;
+  const bool all = experiment_->criterion && experiment_->criterion->contact_held;
+  for (const std::int64_t tick : first_pressed_) {
+    if (tick < 0 && all) return std::nullopt;
+    if (tick < 0) continue;
+    found = all ? std::max(found.value_or(tick), tick) : std::min(found.value_or(tick), tick);
+  }
+  if (!found) return std::nullopt;
+  return static_cast<double>(*found) / sim::kTickRateHz;
+}
+
+void PlantSide::check_setpoint() {
+  const std::vector<ForceSetpoint> setpoints = force_setpoints(*experiment_);
+  if (setpoints.empty()) return;
+  const sim::Adc &adc = *plant_.model().adc[0];
+  const double ends[] = {-adc.zero_code * adc.per_count,
+                         (adc_top_ - adc.zero_code) * adc.per_count};
+  const auto [low, high] = std::minmax(ends[0], ends[1]);
+  const double setpoint_N = setpoints.back().setpoint_N;
+  if (low <= setpoint_N && setpoint_N <= high) return;
+  metrics_.setpoint_beyond_N = setpoint_N;
+  metrics_.reading_end_N = setpoint_N > high ? high : low;
+}
+
 RunResult PlantSide::finish() {
   const auto &adc = plant_.model().adc[0];
   const int adc_bits = adc ? adc->bits : 8;
-  metrics_.force_ripple_count = force_.peak_to_peak() / static_cast<double>(1 << (adc_bits - 8));
-  metrics_.position_ripple_count = position_.peak_to_peak();
-  metrics_.contact_losses = contact_losses() - losses_before_window_;
-  metrics_.in_contact = !held_forces_.empty() &&
-                        std::all_of(held_forces_.begin(), held_forces_.end(),
-                                    [this](std::size_t i) { return plant_.signal_at(i) > 0; });
+  const auto counts_per_code = static_cast<double>(1 << (adc_bits - 8));
+  metrics_.window_ticks = tick_ - window_start_;
+  metrics_.window_start_s = static_cast<double>(window_start_) / sim::kTickRateHz;
+  metrics_.force_ripple = {force_.width() / counts_per_code, force_late_.width() / counts_per_code};
+  metrics_.position_ripple = {position_.width(), position_late_.width()};
+  metrics_.contacts = static_cast<std::int64_t>(held_.size());
+  metrics_.contact_losses_run = contact_losses();
+  metrics_.contact_losses = metrics_.contact_losses_run - losses_before_window_;
+  metrics_.first_contact_s = first_contact_s();
+  metrics_.in_contact = all_pressed();
   if (!contact_forces_.empty()) metrics_.final_force_N = plant_.signal_at(contact_forces_.front());
 
+  if (experiment_->ticks < kEndlessTicks) check_setpoint();
   if (force_task_) metrics_.held_force = held_force(*force_task_, task_force_, window_start_);
   result_.fault = enum_text(AXIS_OBJ_FAULT, first_fault_);
   result_.metrics = metrics_;
@@ -114,7 +172,9 @@ RunResult PlantSide::finish() {
   result_.edge_margin = plant_.edge_margin();
   result_.trace_hash = hash_.hex();
   if (experiment_->criterion) {
-    result_.verdict = judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
+    Judgement judged = judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
+    result_.verdict = std::move(judged.verdict);
+    result_.missed = std::move(judged.missed);
   }
   return std::move(result_);
 }

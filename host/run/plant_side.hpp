@@ -52,13 +52,22 @@ class PlantSide {
     for (const std::size_t i : contact_forces_) {
       metrics_.peak_force_N = std::max(metrics_.peak_force_N, plant_.signal_at(i));
     }
+    if (untouched_ > 0) look_for_contact();
     if (tick_ > 0 && record.adc0_code != adc0_before_) metrics_.last_adc_change_tick = tick_;
     adc0_before_ = record.adc0_code;
-    if (tick_ == window_start_) losses_before_window_ = contact_losses();
+    const bool saturated = record.dac_code == 2047 || record.dac_code == -2048;
+    metrics_.saturated_run_ticks += saturated;
+    if (tick_ == window_start_) begin_window();
     if (tick_ >= window_start_) {
       force_.add(record.adc0_code);
       position_.add(record.encoder_cnt);
-      metrics_.saturated_ticks += record.dac_code == 2047 || record.dac_code == -2048;
+      metrics_.saturated_ticks += saturated;
+      metrics_.reading_range_ticks +=
+          (record.adc0_code == 0 || record.adc0_code == adc_top_) && record.adc0_code != adc_zero_;
+      if (tick_ >= second_half_) {
+        force_late_.add(record.adc0_code);
+        position_late_.add(record.encoder_cnt);
+      }
     }
     if (force_task_) task_force_.push_back(plant_.signal_at(task_place_));
     if (options_.trace) keep(record, out);
@@ -70,16 +79,16 @@ class PlantSide {
   RunResult finish();
 
  private:
-  // Peak to peak over the ticks of the window.
+  // Peak to peak over ticks.
   template <class T>
-  class Ripple {
+  class Span {
    public:
     void add(T value) {
       low_ = empty_ || value < low_ ? value : low_;
       high_ = empty_ || value > high_ ? value : high_;
       empty_ = false;
     }
-    double peak_to_peak() const { return static_cast<double>(high_) - static_cast<double>(low_); }
+    double width() const { return static_cast<double>(high_) - static_cast<double>(low_); }
 
    private:
     bool empty_ = true;
@@ -95,6 +104,13 @@ class PlantSide {
   // What the sensor reads in place of this code, while it is not live.
   std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
+  void look_for_contact();
+  void begin_window();
+  bool all_pressed() const;
+  // When the contacts that the criterion names were pressed, each of them; without any named, one
+  // of the model's.
+  std::optional<double> first_contact_s() const;
+  void check_setpoint();
   // Losses so far of the criterion's contacts; the flanks of a backlash or stop do not count.
   std::int64_t contact_losses() const;
 
@@ -107,7 +123,13 @@ class PlantSide {
   std::vector<std::string> held_;            // contacts that the criterion is about
   std::vector<std::size_t> held_forces_;     // places of their signals
   std::size_t width_;
+  // When each contact of `held_` was first pressed; -1: not yet, `untouched_` of them.
+  std::vector<std::int64_t> first_pressed_;
+  std::size_t untouched_ = 0;
+  int adc_top_ = -1;   // the largest code of ADC 0
+  int adc_zero_ = -1;  // its code of no force
   std::int64_t window_start_;
+  std::int64_t second_half_;  // of the window
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};
@@ -117,8 +139,8 @@ class PlantSide {
   std::optional<ForceTask> force_task_;
   std::size_t task_place_ = 0;      // of its signal
   std::vector<double> task_force_;  // at each tick
-  Ripple<int> force_;
-  Ripple<std::int64_t> position_;
+  Span<int> force_, force_late_;
+  Span<std::int64_t> position_, position_late_;
   Metrics metrics_;
   TraceHash hash_;
 };

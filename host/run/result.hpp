@@ -1,6 +1,5 @@
 #pragma once
 // The result of a run, in process or linked: trace, metrics, energy audit, verdict.
-#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -12,6 +11,7 @@
 #include "host/run/experiment_writes.hpp"
 #include "host/run/held_force.hpp"
 #include "host/run/records.hpp"
+#include "host/run/verdict.hpp"
 #include "sim/hybrid/plant.hpp"
 
 namespace forceaxis::host {
@@ -36,16 +36,33 @@ struct RunStopped : std::runtime_error {
   RunStopped() : std::runtime_error("the run was stopped") {}
 };
 
+// Peak to peak, in counts.
+struct Ripple {
+  double count = 0;       // over the window
+  double late_count = 0;  // over its second half
+};
+
 // Over the criterion's window, or the last second without a criterion.
 struct Metrics {
-  double force_ripple_count = 0;     // peak to peak of adc0, scaled to 8-bit counts
-  double position_ripple_count = 0;  // peak to peak of the encoder, counts
+  std::int64_t window_ticks = 0;
+  double window_start_s = 0;
+  Ripple force_ripple;     // of adc0, scaled to 8-bit counts
+  Ripple position_ripple;  // of the encoder
   // Of the contacts that the criterion names, else of all.
+  std::int64_t contacts = 0;              // how many
   std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
+  std::int64_t contact_losses_run = 0;    // the same over the whole run
+  std::optional<double> first_contact_s;  // of the last of them, see PlantSide; none: never
+  bool contact_at_window = false;         // every one pressed when the window begins
   bool in_contact = false;                // every one pressed at the end of the run
   double peak_force_N = 0;                // over the whole run, of all contacts, at ticks
   double final_force_N = 0;               // at the last tick, of the first contact
-  int saturated_ticks = 0;                // in the window, DAC at a rail
+  // The DAC at an end of its range, in the window and over the whole run.
+  std::int64_t saturated_ticks = 0;
+  std::int64_t saturated_run_ticks = 0;
+  std::int64_t reading_range_ticks = 0;     // in the window, adc0 at an end but its zero code
+  std::optional<double> setpoint_beyond_N;  // the last set-point of force, if adc0 cannot read it
+  double reading_end_N = 0;                 // the end of the range that it is beyond
   std::int64_t last_adc_change_tick = 0;  // of adc0's code, over the whole run; 0: it never changed
   std::optional<HeldForce> held_force;    // where the experiment has a ForceTask
 };
@@ -66,29 +83,8 @@ struct RunResult {
   Metrics metrics;
   std::string fault;  // name of the first fault of the run, "none"
   std::vector<Refusal> refused;
-  std::string verdict;  // "stable", "unstable", or "" without a criterion
+  std::string verdict;         // of judge(), or "" without a criterion
+  std::vector<Missed> missed;  // of judge()
 };
-
-inline bool holds_force(const Criterion &criterion, const HeldForce &force) {
-  const auto within = [](double value, const std::optional<double> &limit) {
-    return value <= limit.value_or(value);
-  };
-  return within(std::fabs(force.error_N), criterion.held_force_error_max_N) &&
-         within(force.error_percent, criterion.held_force_error_max_percent) &&
-         within(force.overshoot_percent, criterion.overshoot_max_percent) &&
-         within(force.settle_s, criterion.settle_max_s);
-}
-
-// "stable" or "unstable" from metrics alone, so that thresholds can be varied without a run.
-inline std::string judge(const Criterion &criterion, const Metrics &metrics, bool faulted) {
-  const bool held = !criterion.contact_held || (metrics.in_contact && metrics.contact_losses == 0);
-  const bool calm = metrics.force_ripple_count <=
-                        criterion.force_ripple_max_count.value_or(metrics.force_ripple_count) &&
-                    metrics.position_ripple_count <=
-                        criterion.position_ripple_max_count.value_or(metrics.position_ripple_count);
-  const bool accurate = !criterion.judges_force() || (metrics.held_force.has_value() &&
-                                                      holds_force(criterion, *metrics.held_force));
-  return held && calm && accurate && !faulted ? "stable" : "unstable";
-}
 
 }  // namespace forceaxis::host

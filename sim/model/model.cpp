@@ -1,7 +1,5 @@
 #include "sim/model/model.hpp"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +8,7 @@
 #include "sim/model/elements.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::sim {
 namespace {

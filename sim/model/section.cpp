@@ -1,13 +1,13 @@
 #include "sim/model/section.hpp"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
+
+#include "sim/model/toml.hpp"
 
 namespace forceaxis::sim {
 namespace {
@@ -35,6 +35,25 @@ std::vector<std::string> body_names(const std::vector<Body> &bodies, bool ground
   for (const Body &body : bodies) names.push_back(body.name);
   if (ground_allowed) names.emplace_back("ground");
   return names;
+}
+
+bool stops(std::string_view text) {
+  try {
+    (void)toml::parse(text);
+  } catch (const TomlParserStopped &) {
+    return true;
+  } catch (const toml::parse_error &) {
+  }
+  return false;
+}
+
+// The first line, counted from 1, up to whose end the parser has to read before it stops. It does
+// not tell where; it reads forward, so every longer piece of the text stops it too.
+std::size_t line_that_stops(std::string_view text) {
+  std::size_t line = 1;
+  for (std::size_t end = text.find('\n'); end != text.npos; end = text.find('\n', end + 1), ++line)
+    if (stops(text.substr(0, end + 1))) break;
+  return line;
 }
 
 }  // namespace
@@ -72,6 +91,9 @@ toml::table parse_toml(const std::string &file) {
 toml::table parse_toml_text(std::string_view text, const std::string &file) {
   try {
     return toml::parse(text, std::string_view(file));
+  } catch (const TomlParserStopped &) {
+    throw InputError(file, "line " + std::to_string(line_that_stops(text)),
+                     "expected a value, got a character that begins none; correct this line");
   } catch (const toml::parse_error &error) {
     const auto where = error.source().begin;
     throw InputError(

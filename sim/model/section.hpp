@@ -6,8 +6,6 @@
 // quantity (units.hpp) or the name of a parameter. A value that does not fit throws InputError: one
 // line with the whole path of the key. In the end finish() refuses keys that are not declared. A
 // section holds references: the table, the source and the lists passed to it must outlive it.
-#include <toml++/impl/forward_declarations.h>
-
 #include <functional>
 #include <optional>
 #include <string>
@@ -18,6 +16,7 @@
 #include "sim/model/format.hpp"
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"
+#include "sim/model/toml_forward.hpp"
 
 namespace forceaxis::sim {
 

@@ -42,9 +42,12 @@ std::string nearest(std::string_view wrong, const std::vector<std::string> &know
 
 std::string one_line(std::string_view text) {
   std::string line(text);
-  for (char &c : line) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x20 || byte == 0x7f) c = ' ';
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(line[i]);
+    const auto next = i + 1 < line.size() ? static_cast<unsigned char>(line[i + 1]) : 0U;
+    if (byte < 0x20 || byte == 0x7f) line[i] = ' ';
+    // U+0080 to U+009F in UTF-8: a terminal obeys U+009B as it obeys ESC [.
+    if (byte == 0xc2 && next >= 0x80 && next <= 0x9f) line[i] = line[i + 1] = ' ';
   }
   return line;
 }

@@ -11,6 +11,7 @@ from pathlib import Path
 import forceaxis as package
 import pytest
 import tomlkit
+import verbs
 from forceaxis import _core, drawing
 from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
 from forceaxis.linear import over
@@ -149,7 +150,13 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     )
     assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
     assert done.worst["Ms"] == done.bank.force_gain  # the reduced bank's
-    assert f"took the gain down {done.backoffs} times" in outcome.describe(done)
+    text = outcome.describe(done)
+    assert f"took the gain down {done.backoffs} times" in text
+    # Of each cut: the case that it is for and the limit that was missed, with number and unit.
+    assert len(done.summary()["gain_cuts"]) == done.backoffs
+    for cut in done.cuts:
+        assert cut.failed > 0 and cut.case.startswith("contact ") and cut.text in text
+        assert re.match(r"[a-zA-Z_]+ ([0-9.]+|never)", cut.why)
 
 
 @pytest.mark.parametrize(
@@ -186,6 +193,69 @@ def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
     monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=5))
     with pytest.raises(package.InputError, match="contact that settles"):
         for_set.design(order(FINE, latency="0"))
+
+
+# What a touch-down is judged by: force within 2 %, peak 1.3 set-points, contact lost once; a strike
+# only has to settle and to hold.
+def test_each_case_is_judged_by_what_was_asked(found, order):
+    with changes.Design(str(FINE)) as design:
+        bench = simulate.Bench(design, 12)
+        for case in bench.cases:
+            asked = tomllib.loads(bench.text(case, BANKS[12]))["verdict"]
+            assert asked["contact_held"] and asked["force_ripple_max_count"] == 3.0
+            assert asked["held_force_error_max_N"] == pytest.approx(
+                max(0.02 * case.setpoint_N, 0.6 * bench.count_N), rel=1e-3
+            )
+            assert ("peak_force_max_N" in asked) == (not case.strike_N_s)
+            if not case.strike_N_s:
+                assert asked["peak_force_max_N"] == pytest.approx(1.3 * case.setpoint_N, rel=1e-3)
+                assert asked["contact_losses_max"] == 1
+            # A law without an integral has a static error: that is no fault of it.
+            assert "held_force_error_max_N" not in bench.limits(case, P)
+    done = for_set.design(order(FINE, latency="0"))
+    head, *table = outcome.cases(done.rows), *outcome.CASE_HEAD
+    assert {"losses", "worst peak N", "saturated ms"} < set(table) and len(head[0]) == len(table)
+    for row in done.rows:
+        assert row["losses"] >= 0 and row["peak_N"] > 0 and row["saturated_ms"] >= 0
+
+
+def test_forces_and_approach_are_the_users(found, order):
+    done = for_set.design(order(latency="0", forces_N=(75.0, 30.0), approach_mm_per_s=5.0))
+    cases = {row["case"] for row in done.rows}
+    for text in ("contact 30 N at 5 mm/s", "contact 75 N at 5 mm/s", "contact 30 N at 2.5 mm/s"):
+        assert text in cases
+    assert not [
+        c for c in cases if c.startswith("contact") and " 30 N" not in c and "75 N" not in c
+    ]
+    one = for_set.design(order(latency="0", forces_N=(50.0,)))
+    own = {row["case"] for row in one.rows if row["case"].startswith("contact")}
+    assert own and all(" 50 N " in case for case in own)
+    for given, words in (
+        (
+            {"forces_N": (30.0, 5000.0)},
+            "--force: 5000 N: expected at most 637.5 N, what the sensor",
+        ),
+        ({"forces_N": (0.5,)}, "--force: 0.5 N: expected at least 2.5 N"),
+        ({"approach_mm_per_s": 1e-6}, "--approach: expected 1 to"),
+    ):
+        with pytest.raises(package.InputError, match=words):
+            for_set.design(order(**given))
+    for given in (["--force", "0"], ["--force", "30,x"], ["--approach", "-1"]):
+        refused = verbs.forceaxis("design", "laboratory", *OVER, *given)
+        assert refused.returncode == 2 and given[0] in refused.stderr
+
+
+# A flexure that the drive cannot bend far enough: no force law makes that contact.
+def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
+    model = ROOT / "tests/verdicts/model.toml"
+    with changes.Design(str(model), {"k_flexure": 1e6}) as design:
+        bench = simulate.Bench(design, 12)
+        with pytest.raises(package.InputError) as refused:
+            simulate.safe(bench, Bank(5.0, 5.0), [{}], (0,), 2)
+    text = str(refused.value)
+    assert "never touches it (5 mm away)" in text
+    assert "position gain" in text and "flexure" in text and "the force law has no part" in text
+    assert "softer pad" not in text
 
 
 def test_cap_and_dwell_bear_what_is_promised():

@@ -10,6 +10,7 @@ import pytest
 import verbs
 from forceaxis import _core
 from forceaxis._core import InputError
+from forceaxis.axis.sim import SimLink
 from forceaxis.experiments import expect, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summary_of
@@ -92,7 +93,12 @@ def test_without_force_control_nothing_is_said():
 def test_a_verdict_may_ask_for_it(tmp_path, limit, because):
     file = variant(tmp_path, "hold_p", ("[verdict]\n", f"[verdict]\n{limit}\n"))
     summary = runs.run(file).summary
-    assert summary["verdict"] == "unstable"
+    assert summary["verdict"] == "not_met"  # calm, but not what was asked for
+    (missed,) = summary["missed"]
+    key, bound = limit.split(" = ")
+    assert missed["limit"] == key
+    assert missed["unit"] == {"N": "N", "percent": "%", "s": "s"}[key.split("_")[-1]]
+    assert missed["bound"] == float(bound.strip('"').removesuffix(" N")) < missed["value"]
     assert [b for b in summary["because"] if because in b] == summary["because"]
     # What P misses the biquad meets.
     if "settle" not in limit:
@@ -116,15 +122,24 @@ def test_another_limit_judges_finished_runs_anew():
     done = runs.run(EXPERIMENTS / "hold_p.toml").summary
     (result,) = forceaxis.run_many([(str(EXPERIMENTS / "hold_p.toml"), [])])
     assert result["metrics"]["held_force"] == done["metrics"]["held_force"]
-    for limit, verdict in ((11.0, "unstable"), (13.0, "stable")):
+    for limit, verdict in ((11.0, "not_met"), (13.0, "stable")):
         criterion = result["criterion"] | {"held_force_error_max_percent": limit}
-        assert _core.judge(criterion, result["metrics"], "none") == verdict
+        assert _core.judge(criterion, result["metrics"], "none")[0] == verdict
 
 
 def test_a_limit_of_force_needs_an_experiment_that_controls_it(tmp_path):
     limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
     with pytest.raises(InputError, match="expected an experiment whose last set-point of force"):
         runs.run(variant(tmp_path, "position_step", limit))
+
+
+# A simulated axis has no verdict: what its file asks of a run does not concern it (V9).
+def test_a_simulated_axis_may_have_a_verdict_that_limits_the_force(tmp_path):
+    limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
+    file = variant(tmp_path, "hold_p", limit)
+    assert SimLink(file).read(["force_gain"])["force_gain"] > 0
+    done = verbs.forceaxis("axis", "get", "--sim", file, "force_gain")
+    assert done.returncode == 0, done.stderr
 
 
 def test_an_experiment_may_expect_it(tmp_path):

@@ -189,13 +189,70 @@ def test_a_verdict_names_the_contacts_that_must_hold(guarded):
         result = json.loads(done.stdout)
         return result["verdict"], " ".join(result["because"])
 
-    assert verdict("true") == ("unstable", "not in contact at the end")
+    assert verdict("true") == ("never_in_contact", "never in contact")
     assert verdict('"sensor"') == verdict('["sensor"]') == ("stable", "")
     for held in ('"guard"', '["sensor", "guard"]'):
-        assert verdict(held) == ("unstable", "not in contact at the end")
+        assert verdict(held) == ("never_in_contact", "never in contact")
     # At gain 10 it bounces for ever.
     assert re.search("contact lost [0-9]+ times", verdict('"sensor"', gain=10)[1])
     assert "contact lost" not in verdict('"guard"', gain=10)[1]
+
+
+# What the four words are written for, by the limit that the laboratory's contact misses.
+NOT_STABLE = {
+    "not_met": ("settle_max_s = 0.01", "5"),
+    "never_in_contact": ("", "0.00390625"),  # the approach would take minutes
+    "unstable": ("", "10"),  # bounces for ever
+}
+
+
+@pytest.fixture
+def expecting(tmp_path):
+    """The laboratory's contact with a verdict of NOT_STABLE, and another one in its [expect]."""
+
+    def write(verdict, expected):
+        limit, gain = NOT_STABLE[verdict]
+        text = (ROOT / "sim/experiments/contact.toml").read_text()
+        text = text[: text.index("[expect]")] + f'[expect]\nverdict = "{expected}"\n'
+        text = text.replace("../models", str(ROOT / "sim/models"))
+        text = re.sub("force_gain = .*", f"force_gain = {gain}", text)
+        file = tmp_path / "contact.toml"
+        file.write_text(text.replace("[verdict]\n", f"[verdict]\n{limit}\n"))
+        return file
+
+    return write
+
+
+@pytest.mark.parametrize("verdict", NOT_STABLE)
+def test_unstable_in_a_file_from_before_matches_with_a_warning(expecting, tmp_path, verdict):
+    file = expecting(verdict, "unstable")
+    done = forceaxis("test", file, "--junit", tmp_path / "r.xml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    warned = verdict != "unstable"
+    assert ("warning: verdict: expected unstable" in done.stdout) == warned
+    assert (f"write {verdict}" in done.stdout) == warned
+    (case,) = ET.parse(tmp_path / "r.xml").getroot().iter("testcase")
+    assert case.find("failure") is None
+    assert (case.find("system-out") is not None) == warned
+    summary = json.loads(forceaxis("test", file, "--json").stdout)
+    assert bool(summary["tests"][0]["warnings"]) == warned
+    # --update writes the word that came out, and nothing is left to warn of.
+    assert forceaxis("test", file, "--update").returncode == 0
+    assert tomllib.loads(file.read_text())["expect"]["verdict"] == verdict
+    done = forceaxis("test", file)
+    assert done.returncode == 0 and "warning" not in done.stdout
+
+
+@pytest.mark.parametrize("verdict", NOT_STABLE)
+def test_every_other_word_is_taken_at_its_word(expecting, verdict):
+    for expected in ("stable", *NOT_STABLE):
+        if expected not in ("unstable", verdict):
+            done = forceaxis("test", expecting(verdict, expected))
+            assert done.returncode == 1
+            assert f"verdict: expected {expected}, got {verdict}" in done.stdout
+    done = forceaxis("test", expecting(verdict, "wobbly"))
+    assert done.returncode == 2
+    assert "expected one of stable, unstable, not_met, never_in_contact" in done.stderr
 
 
 @pytest.mark.parametrize("held", ['"sensro"', "[]", "1", '["sensor", 2]', '""'])

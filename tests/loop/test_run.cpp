@@ -157,25 +157,6 @@ TEST(Run, CanBeStopped) {
   EXPECT_EQ(asked, 3);
 }
 
-TEST(Judge, EachLimitAlone) {
-  Criterion c;
-  c.contact_held = true;
-  c.force_ripple_max_count = 10;
-  Metrics m;
-  m.in_contact = true;
-  m.force_ripple_count = 10;
-  EXPECT_EQ(judge(c, m, false), "stable");
-  EXPECT_EQ(judge(c, m, true), "unstable");
-  m.force_ripple_count = 10.5;
-  EXPECT_EQ(judge(c, m, false), "unstable");
-  m.force_ripple_count = 1;
-  m.contact_losses = 1;
-  EXPECT_EQ(judge(c, m, false), "unstable");
-  m.contact_losses = 0;
-  m.in_contact = false;
-  EXPECT_EQ(judge(c, m, false), "unstable");
-}
-
 TEST(Objects, ByNameAndByText) {
   EXPECT_EQ(find_object("force_gain"), std::uint16_t{AXIS_OBJ_FORCE_GAIN});
   EXPECT_FALSE(find_object("force_gian").has_value());

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "sim/model/section.hpp"
+#include "sim/model/toml.hpp"
 #include "tests/plant/plant_test.hpp"
 
 namespace forceaxis::sim::test {
@@ -333,6 +335,42 @@ TEST(ModelRefuses, BrokenFiles) {
     EXPECT_EQ(std::string(error.what()),
               missing.string() + ": file: expected a readable file, got none; check the path");
   }
+}
+
+// toml++ asserts where a value is expected and another character stands.
+TEST(ModelRefuses, ACharacterThatBeginsNoValue) {
+  try {
+    (void)parse_toml_text("a = 1\nb = [\n  2, }\n]\nc = 3\n", "some.toml");
+    FAIL();
+  } catch (const InputError &error) {
+    EXPECT_EQ(std::string(error.what()),
+              "some.toml: line 3: expected a value, got a character that begins none; correct this "
+              "line");
+  }
+}
+
+// Every text of up to four of these pieces is a table or an InputError.
+TEST(ModelRefuses, AnyRowOfBracketsAndMarks) {
+  const std::vector<std::string> pieces{"[", "]", "{",  "}",  ",", "=",
+                                        "a", "1", "\"", "\n", " ", "."};
+  std::size_t tables = 0, refused = 0;
+  for (std::size_t count = 1; count <= 4; ++count) {
+    std::size_t texts = 1;
+    for (std::size_t i = 0; i < count; ++i) texts *= pieces.size();
+    for (std::size_t number = 0; number < texts; ++number) {
+      std::string text = "a = ";
+      for (std::size_t i = 0, rest = number; i < count; ++i, rest /= pieces.size())
+        text += pieces[rest % pieces.size()];
+      try {
+        (void)parse_toml_text(text, "some.toml");
+        ++tables;
+      } catch (const InputError &) {
+        ++refused;
+      }
+    }
+  }
+  EXPECT_GT(tables, 100U);
+  EXPECT_GT(refused, 10000U);
 }
 
 // Whatever is cut off or garbled, the answer is a model or an InputError.

@@ -18,6 +18,7 @@ import browser
 import lcm
 import pytest
 from forceaxis.bus.lcm import Bus, decode
+from forceaxis.bus.monitor_web import MOST_PAGES
 from live_bus import (  # noqa: F401
     FORCEAXIS,
     ROOT,
@@ -93,6 +94,7 @@ def test_a_page_shows_newtons_and_no_key_writes_anything(url, tmp_path):
     assert process.returncode == 130
     assert commands == [] and list(tmp_path.iterdir()) == []
     assert "default-src 'self'" in policy and "http" not in policy
+    assert "frame-ancestors 'none'" in policy  # no other page shows it in a frame
     assert "://" not in re.sub(r"ws://\$\{location\.host\}", "", page)
 
 
@@ -117,11 +119,31 @@ def test_the_end_of_the_server_ends_the_open_pages_too(number, status, url, tmp_
         assert process.stderr.read() == ""
 
 
+def test_pages_opened_and_closed_in_a_loop_have_no_more_processes_than_pages(url, tmp_path):
+    async def open_and_close(address, process):
+        most = 0
+        async with aiohttp.ClientSession() as session:
+            for _ in range(3 * MOST_PAGES):
+                with contextlib.suppress(aiohttp.ClientError):
+                    socket = await session.ws_connect(f"{address}/ws?width=80&height=24")
+                    await asyncio.sleep(0.05)
+                    most = max(most, len(screens(process)))
+                    await socket.close()
+        return most
+
+    with served(url, tmp_path) as (process, address):
+        most = asyncio.run(open_and_close(address, process))
+        assert 1 <= most <= MOST_PAGES
+        assert until(lambda: not screens(process))
+
+
 REQUESTS = (
     ({"Host": "evil.example"}, "/", 403),  # a name that was made to resolve to this machine
     ({"Origin": "http://evil.example"}, "/ws", 403),  # another site's page
     ({}, "/download/x", 404),
     ({}, "/static/../server.py", 404),
+    ({"Host": "[::1"}, "/", 400),  # no host: once an exception, answered with 500
+    ({"Origin": "http://["}, "/", 400),
     ({}, "/", 200),
 )
 

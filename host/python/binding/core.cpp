@@ -43,16 +43,34 @@ Criterion criterion_from(const py::dict &d) {
   c.held_force_error_max_percent = limit("held_force_error_max_percent");
   c.overshoot_max_percent = limit("overshoot_max_percent");
   c.settle_max_s = limit("settle_max_s");
+  c.peak_force_max_N = limit("peak_force_max_N");
+  c.peak_force_max_percent = limit("peak_force_max_percent");
+  c.contact_losses_max = limit("contact_losses_max");
+  c.saturated_max_s = limit("saturated_max_s");
   c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // or names
   return c;
 }
 
 Metrics metrics_from(const py::dict &d) {
   Metrics m;
-  m.force_ripple_count = d["force_ripple_count"].cast<double>();
-  m.position_ripple_count = d["position_ripple_count"].cast<double>();
-  m.contact_losses = d["contact_losses"].cast<std::int64_t>();
+  const auto number = [&d](const char *key) { return d[key].cast<double>(); };
+  const auto whole = [&d](const char *key) { return d[key].cast<std::int64_t>(); };
+  m.window_ticks = whole("window_ticks");
+  m.window_start_s = number("window_start_s");
+  m.force_ripple = {number("force_ripple_count"), number("force_ripple_late_count")};
+  m.position_ripple = {number("position_ripple_count"), number("position_ripple_late_count")};
+  m.contacts = whole("contacts");
+  m.contact_losses = whole("contact_losses");
+  m.contact_losses_run = whole("contact_losses_run");
+  m.first_contact_s = d["first_contact_s"].cast<std::optional<double>>();
+  m.contact_at_window = d["contact_at_window"].cast<bool>();
   m.in_contact = d["in_contact"].cast<bool>();
+  m.peak_force_N = number("peak_force_N");
+  m.saturated_ticks = whole("saturated_ticks");
+  m.saturated_run_ticks = whole("saturated_run_ticks");
+  m.reading_range_ticks = whole("reading_range_ticks");
+  m.setpoint_beyond_N = d["setpoint_beyond_N"].cast<std::optional<double>>();
+  m.reading_end_N = number("reading_end_N");
   if (!d.contains("held_force") || d["held_force"].is_none()) return m;
   const py::dict force = d["held_force"];
   forceaxis::host::HeldForce &held = m.held_force.emplace();
@@ -101,6 +119,16 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
+// Why the experiment cannot be run with its [verdict], or None.
+py::object unjudged(const Experiment &e) {
+  try {
+    forceaxis::host::expect_judged(e);
+    return py::none();
+  } catch (const forceaxis::sim::InputError &error) {
+    return py::cast(std::string(error.what()));
+  }
+}
+
 // The inputs of an experiment, without running it.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
                 const std::optional<std::string> &text) {
@@ -128,6 +156,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   d["expect"] = expect_of(e);
   d["inputs_hash"] = e.hash;
   d["criterion"] = to_dict(e.criterion);
+  d["unjudged"] = unjudged(e);
   d["parameters"] = parameters;
   d["unused"] = e.unused;
   return d;
@@ -162,6 +191,7 @@ py::dict to_dict(const Outcome &o) {
     return d;
   }
   d["verdict"] = o.run.verdict;
+  d["missed"] = to_list(o.run.missed);
   d["fault"] = o.run.fault;
   d["metrics"] = ::to_dict(o.run.metrics);
   d["criterion"] = ::to_dict(o.criterion);
@@ -276,6 +306,9 @@ PYBIND11_MODULE(_core, m) {
           "plot", [](const Result &r) { return plot_of(r.experiment); },
           "[plot]: rows, from_s, to_s, those that are given")
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
+      .def_property_readonly(
+          "missed", [](const Result &r) { return to_list(r.run.missed); },
+          "limits that the run missed: limit, verdict, value (None: infinite), bound, unit")
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly(
@@ -319,7 +352,8 @@ PYBIND11_MODULE(_core, m) {
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         py::arg("text") = py::none(),
         "Read an experiment without running it: title, model, contacts, converters, firmware "
-        "(object -> value at the start), expect, inputs_hash, criterion, parameters with value and "
+        "(object -> value at the start), expect, inputs_hash, criterion, unjudged (why it cannot "
+        "be run with it), parameters with value and "
         "unit, and the overrides that change nothing; text: read in place of the file's. Raises "
         "InputError.");
   py::class_<Experiments>(m, "Experiments",
@@ -336,11 +370,13 @@ PYBIND11_MODULE(_core, m) {
   m.def(
       "judge",
       [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {
-        return forceaxis::host::judge(criterion_from(criterion), metrics_from(metrics),
-                                      fault != "none");
+        const auto judged = forceaxis::host::judge(criterion_from(criterion), metrics_from(metrics),
+                                                   fault != "none");
+        return std::pair(judged.verdict, to_list(judged.missed));
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
-      "The verdict that another criterion gives on a finished run's metrics (same window).");
+      "(verdict, missed limits) that another criterion gives on a finished run's metrics (same "
+      "window).");
 
   add_linear(m);
   add_bench(m);

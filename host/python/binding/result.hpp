@@ -39,16 +39,43 @@ inline pybind11::dict to_dict(const forceaxis::host::HeldForce &f) {
 
 inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
   pybind11::dict d;
-  d["force_ripple_count"] = m.force_ripple_count;
-  d["position_ripple_count"] = m.position_ripple_count;
+  d["window_ticks"] = m.window_ticks;
+  d["window_start_s"] = m.window_start_s;
+  d["force_ripple_count"] = m.force_ripple.count;
+  d["force_ripple_late_count"] = m.force_ripple.late_count;
+  d["position_ripple_count"] = m.position_ripple.count;
+  d["position_ripple_late_count"] = m.position_ripple.late_count;
+  d["contacts"] = m.contacts;
   d["contact_losses"] = m.contact_losses;
+  d["contact_losses_run"] = m.contact_losses_run;
+  d["first_contact_s"] = m.first_contact_s;
+  d["contact_at_window"] = m.contact_at_window;
   d["in_contact"] = m.in_contact;
   d["peak_force_N"] = m.peak_force_N;
   d["final_force_N"] = m.final_force_N;
   d["saturated_ticks"] = m.saturated_ticks;
+  d["saturated_run_ticks"] = m.saturated_run_ticks;
+  d["reading_range_ticks"] = m.reading_range_ticks;
+  d["setpoint_beyond_N"] = m.setpoint_beyond_N;
+  d["reading_end_N"] = m.reading_end_N;
   d["last_adc_change_tick"] = m.last_adc_change_tick;
   d["held_force"] = m.held_force ? pybind11::object(to_dict(*m.held_force)) : pybind11::none();
   return d;
+}
+
+// A value that is infinite, of a force that never settles, is None.
+inline pybind11::list to_list(const std::vector<forceaxis::host::Missed> &missed) {
+  pybind11::list list;
+  for (const auto &m : missed) {
+    pybind11::dict d;
+    d["limit"] = m.limit;
+    d["verdict"] = m.verdict;
+    d["value"] = std::isfinite(m.value) ? std::optional(m.value) : std::nullopt;
+    d["bound"] = m.bound;
+    d["unit"] = m.unit;
+    list.append(d);
+  }
+  return list;
 }
 
 inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> &c) {
@@ -61,6 +88,10 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   d["held_force_error_max_percent"] = c->held_force_error_max_percent;
   d["overshoot_max_percent"] = c->overshoot_max_percent;
   d["settle_max_s"] = c->settle_max_s;
+  d["peak_force_max_N"] = c->peak_force_max_N;
+  d["peak_force_max_percent"] = c->peak_force_max_percent;
+  d["contact_losses_max"] = c->contact_losses_max;
+  d["saturated_max_s"] = c->saturated_max_s;
   d["contact_held"] = c->contacts.empty() ? pybind11::object(pybind11::bool_(c->contact_held))
                                           : pybind11::cast(c->contacts);
   return d;

@@ -2,7 +2,6 @@
 
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
-#include <toml++/toml.h>
 
 #include <algorithm>
 #include <sstream>
@@ -15,6 +14,7 @@
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
 #include "sim/model/text.hpp"
+#include "sim/model/toml.hpp"
 #include "sim/model/units.hpp"
 
 namespace py = pybind11;

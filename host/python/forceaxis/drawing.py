@@ -27,8 +27,20 @@ GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
 # Of a verdict: lines and marks, areas.
-VERDICT = {"stable": "#2f8f78", "unstable": GOT, "": "#777777"}
-AREA = {"stable": "#b9d8cf", "unstable": "#f0c3a8", "no contact": "#f6e6c9", "failed": "#c9c9c9"}
+VERDICT = {
+    "stable": "#2f8f78",
+    "unstable": GOT,
+    "not_met": "#b08a00",
+    "never_in_contact": "#8a8a8a",
+    "": "#777777",
+}
+AREA = {
+    "stable": "#b9d8cf",
+    "unstable": "#f0c3a8",
+    "not_met": "#ecd98f",
+    "never_in_contact": "#f6e6c9",
+    "failed": "#c9c9c9",
+}
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150

@@ -1,6 +1,11 @@
 """Numbers as people read them, and names that they may have meant."""
 
 import difflib
+import re
+
+# Characters that a terminal obeys instead of showing: control characters of ASCII and of Latin-1,
+# line and paragraph separators, and those that turn the direction of writing.
+_OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def plain(value, digits=3):
@@ -12,6 +17,12 @@ def plain(value, digits=3):
     decimals = max(0, digits - len(str(int(abs(rounded)))))
     text = f"{rounded:,.{decimals}f}"
     return text if abs(rounded) >= 1e4 else text.replace(",", "")
+
+
+def printable(text: str, keep: str = "") -> str:
+    """A text that came from a bus or a file, for a terminal: each character that a terminal would
+    obey is shown as an escape (ESC as `\\x1b`). The characters of `keep` stay."""
+    return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 
 def counted(number, noun):

@@ -27,7 +27,11 @@ HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as o
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
+# A node that answers with segments without end does not hold a verb for ever: names are short, and
+# the firmware's recorder has 30 KiB.
+MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READS = 2
+TOO_LONG = 0x06070012  # SDO abort: the length of the object is too high
 FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
 # SDO abort codes, by the reason they stand for.
 ABORTS = {
@@ -167,11 +171,25 @@ class CanLink(RecorderLink):
         """Bytes of an object; asked again where a frame may have been lost."""
         for remaining in range(READS, 0, -1):
             try:
-                with self._asking(name, None if index in TEXTS else (UPLOADED, index, sub)):
-                    return self._sdo.upload(index, sub)
+                with (
+                    self._asking(name, None if index in TEXTS else (UPLOADED, index, sub)),
+                    self._sdo.open(index, sub, "rb", buffering=0) as stream,
+                ):
+                    return self._whole(stream, name, MOST_BYTES)
             except NoAnswer:
                 if remaining == 1:
                     raise
+
+    def _whole(self, stream, name: str, most: int) -> bytes:
+        """All bytes of an SDO stream. Raises NoAnswer, and aborts, where there are more than
+        `most`."""
+        data = bytearray()
+        while piece := stream.read(7):
+            data += piece
+            if len(data) > most:
+                self._sdo.abort(TOO_LONG)
+                raise NoAnswer(f"{self.where}: expected {name} of at most {most} bytes, got more")
+        return bytes(data)
 
     def write(self, values):
         for name, raw in values.items():
@@ -256,7 +274,7 @@ class CanLink(RecorderLink):
             self._asking("the recording"),
             self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
         ):
-            data = stream.read()
+            data = self._whole(stream, "the recording", MOST_RECORDED_BYTES)
         row = np.dtype([(f"{i}", FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
         return np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)

@@ -195,7 +195,7 @@ def read(path, node_id, skip=()):
     if others not in (None, "defaults"):
         raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
     without = about.get("without", [])
-    if not isinstance(without, list):
+    if not isinstance(without, list) or not all(isinstance(name, str) for name in without):
         raise InputError(f"{path}: about.without: expected a list of names, got {without}")
     unused = set(skip)
     for group, table in tables.items():
@@ -281,6 +281,11 @@ def _expect_same(known, described):
         raise InputError(f"{known.name}: expected a table of what it means in [objects]")
     ours = signature(known)
     theirs = {"min": ours["min"], "max": ours["max"]} | described
+    for bound in ("min", "max"):
+        if isinstance(theirs[bound], bool) or not isinstance(theirs[bound], int | float):
+            raise InputError(
+                f"{known.name}: expected a number as {bound} in [objects], got {theirs[bound]}"
+            )
     same = all(theirs.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
     if not (same and ours["min"] <= theirs["min"] and theirs["max"] <= ours["max"]):
         differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]

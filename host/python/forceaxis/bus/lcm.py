@@ -22,6 +22,7 @@ from forceaxis.bus.messages import (
     sim_truth_t,
 )
 from forceaxis.bus.wire import expect_whole
+from forceaxis.words import printable
 
 NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
 TABLE_HASH = int(objects.OBJECTS_HASH[:8], 16)
@@ -68,11 +69,18 @@ def type_of(channel, data=b""):
 
 
 def decode(channel, data):
-    """The message, or Undecodable. The channel or the data must be of a known type."""
+    """The message, or Undecodable. The channel or the data must be of a known type. Its texts are
+    printable: whoever is on the bus writes them, and a terminal obeys control characters."""
     carried = type_of(channel, data)
     try:
         expect_whole(carried, data)
-        return carried.decode(data)
+        message = carried.decode(data)
+        for name, kind in zip(carried.__slots__, carried.__typenames__, strict=True):
+            if kind == "string":
+                value = getattr(message, name)
+                several = isinstance(value, list)
+                setattr(message, name, list(map(printable, value)) if several else printable(value))
+        return message
     except Exception as error:  # generated code fails in any way on bytes that are not its type
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
 

@@ -5,6 +5,7 @@ record. Everything that a page loads comes from this server.
 """
 
 import asyncio
+import contextlib
 import ctypes
 import ipaddress
 import json
@@ -16,13 +17,18 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from aiohttp import web
-from textual_serve.server import Server
+from textual_serve import server as textual_server
+from textual_serve.app_service import AppService
 
 from forceaxis._core import InputError
 
 PAGE = Path(__file__).with_name("monitor.html")
 MOST_PAGES = 8  # open at once; each is a process
-POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
+QUIT_S = 3.0  # what a screen may take to end
+POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "frame-ancestors 'none'"
+)
 
 
 def is_loopback(host):
@@ -35,7 +41,36 @@ def is_loopback(host):
         return False
 
 
-class MonitorServer(Server):
+def authority(url: str) -> tuple[str, str]:
+    """(host with its port, host) of a URL. Raises HTTPBadRequest for what is none."""
+    try:
+        parts = urlsplit(url)
+        return parts.netloc, parts.hostname or ""
+    except ValueError:
+        raise web.HTTPBadRequest(text="expected HOST or HOST:PORT\n") from None
+
+
+class Screen(AppService):
+    """The process of one page; `stop` returns when the process has ended, so that pages that are
+    opened and closed in a loop never have more processes than MOST_PAGES."""
+
+    async def stop(self) -> None:
+        """Ask the process to end; terminate it where it does not within QUIT_S, as while it is
+        still starting."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(super().stop(), QUIT_S)
+        if (process := self._process) is None:
+            return
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):  # it has ended by now
+                process.terminate()
+        await process.wait()
+
+
+textual_server.AppService = Screen  # type: ignore[misc]  # the server has no other place for it
+
+
+class MonitorServer(textual_server.Server):
     """Serves one page and its screens; a request by another site's page is refused."""
 
     def __init__(self, settings, host, port):
@@ -57,10 +92,10 @@ class MonitorServer(Server):
     @web.middleware
     async def guard(self, request, handler):
         """Refuses a name that only resolves to this machine, and screens for other sites."""
-        host = urlsplit(f"//{request.host}")
+        _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
-        foreign = origin is not None and urlsplit(origin).netloc != request.host
-        if foreign or (is_loopback(self.host) and not is_loopback(host.hostname or "")):
+        foreign = origin is not None and authority(origin)[0] != request.host
+        if foreign or (is_loopback(self.host) and not is_loopback(host)):
             raise web.HTTPForbidden(text="expected a page of this server\n")
         answer = await handler(request)
         if not answer.prepared:

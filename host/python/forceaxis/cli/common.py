@@ -1,7 +1,9 @@
 """Shared by verbs: the form of their help, options, errors."""
 
 import contextlib
+import io
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -14,9 +16,46 @@ from click.shell_completion import CompletionItem
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError
-from forceaxis.words import suggestion
+from forceaxis.words import printable, suggestion
 
 SENTENCE = 300  # characters; click ends a longer one in dots
+
+
+# What the program itself sends to a terminal: colours (click.style) and the line that `waiting`
+# rewrites.
+OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
+
+
+class Printed(io.TextIOWrapper):
+    """A standard stream on which texts of buses and files do nothing but show: control sequences
+    that are not the program's own colours come out as escapes."""
+
+    def __init__(self, stream):
+        super().__init__(
+            stream.buffer, stream.encoding, stream.errors, line_buffering=True, write_through=True
+        )
+
+    def write(self, text):
+        """Write `text`, in which every second piece is a sequence of the program's own."""
+        pieces = OWN_SEQUENCES.split(text)
+        pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
+        super().write("".join(pieces))
+        return len(text)
+
+
+@contextlib.contextmanager
+def printed_streams():
+    """Standard output and error as Printed streams. Bytes (to `sys.stdout.buffer`) pass."""
+    before = sys.stdout, sys.stderr
+    streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
+    sys.stdout, sys.stderr = streams
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+        for stream, old in zip(streams, before, strict=True):
+            if stream is not old:
+                stream.detach()  # the descriptor belongs to the stream of before
 
 
 class Verb(click.Command):
@@ -265,7 +304,7 @@ def link_of(kind, lcm_url, link_can, inject):
 COLOURS = {
     **dict.fromkeys(("stable", "passed"), "green"),
     **dict.fromkeys(("unstable", "failed", "error"), "red"),
-    "updated": "yellow",
+    **dict.fromkeys(("not_met", "never_in_contact", "updated"), "yellow"),
 }
 
 

@@ -1,6 +1,7 @@
 """The verb that designs a force law for a set of plants."""
 
 import contextlib
+import itertools
 import json
 import shutil
 import sys
@@ -13,10 +14,21 @@ from forceaxis.cli import common
 from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_option, threads
 
 
+class Newtons(click.ParamType):
+    """One or more forces with commas; a tuple of N."""
+
+    name = "newtons"
+
+    def convert(self, value, param, ctx):
+        number = common.Positive()
+        return tuple(number.convert(text, param, ctx) for text in str(value).split(","))
+
+
 @click.command(
     cls=Verb,
     epilog="""forceaxis design laboratory --over k_w=30%,m_w=30% --ms 2 --out out/law
     forceaxis design laboratory --over k_w=30%,m_w=30% --pareto bandwidth,ms --out out/front
+    forceaxis design press/model.toml --over k_w=30% --force 30,75 --approach 5 --out out/law
     forceaxis design sim/experiments/contact.toml --over k_w=30% --adc-bits 12 --json
     forceaxis design press/model.toml --measured out/m/free --measured out/m/30N \\
     --measured out/m/150N --over k_w=30%,m_w=30% --out out/law""",
@@ -68,6 +80,15 @@ from forceaxis.cli.common import Folder, Parameter, Subject, Verb, as_json, set_
     "--prior", "priors", multiple=True, type=Parameter(), metavar="NAME=VALUE[+-PERCENT%]",
     help="With --measured: what is known of a parameter (m_w=4.1+-2%). Repeatable.",
 )  # fmt: skip
+@click.option(
+    "--force", "forces_N", multiple=True, type=Newtons(), metavar="N[,N...]",
+    help="Set-points of the simulated contacts, N: --force 75 or --force 30,100. Repeatable. "
+    "Default: three that sensor and drive allow.",
+)  # fmt: skip
+@click.option(
+    "--approach", "approach_mm_per_s", type=common.Positive(), metavar="MM/S",
+    help="Speed of the simulated approaches, mm/s. Default: the experiment's, else 20.",
+)  # fmt: skip
 @click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")
 @click.option(
     "--pareto",
@@ -85,8 +106,11 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
     coefficients as the firmware holds them. It keeps the margins at every corner of the set, in
     every mode, for each latency, and |T| does not sag below -3 dB within its bandwidth. The
     smallest structure within a few percent of the best is taken. Then it is simulated: contact at
-    three set-points and two speeds, strikes, random members; the gain is reduced if a case is
-    unstable. fS is the lowest frequency at which |S| reaches -3 dB, of the worst member. With
+    three set-points, or those of --force, and two speeds, strikes, random members. A touch-down is
+    to hold its force within 2 %, to peak at 1.3 set-points and to lose contact once at most, beside
+    what the impact does with a weak law; the gain is reduced until every case is stable, and each
+    cut is printed with the case and the limit that it is for. fS is the lowest frequency at which
+    |S| reaches -3 dB, of the worst member. With
     --measured the set lies about what the responses say of MODEL's parameters and is widened by
     what they leave open; a fit that is rejected ends with exit status 1.
 
@@ -102,13 +126,17 @@ def design(text, overrides, pareto, measured, priors, out, as_json, **given):
      "p": {the same for P at the same margins, and its "force_gain"},
      "simulated": [{"law": "design" | "p", "case": ..., "member": {...},
       "latency_ticks": 0, "verdict": ..., "static_error_percent": ...,
-      "peak_N": ..., "settle_ms": ..., "overshoot_percent": ...}],
+      "missed": [{"limit", "verdict", "value", "bound", "unit"}, ...],
+      "peak_N": ..., "losses": ..., "saturated_ms": ..., "settle_ms": ...,
+      "overshoot_percent": ...}],
      "structures": [...], "chosen": ..., "limited_by": ...,
+     "gain_cuts": [{"force_gain", "failed", "simulated", "case", "why"}],
      "contact_loss": {...}, ...}
     """
     from forceaxis import linear
     from forceaxis.design import for_set, outcome
 
+    given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
     order = outcome.Order(text, overrides=linear.overrides(overrides), **given)
     if priors and not measured:
         raise click.UsageError("--prior: expected with --measured")

@@ -60,8 +60,10 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
     """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
 
     Prints the verdict with its reasons and its window, the force held beside the set-point, the
-    events, the energy audit, the closest approach to a code edge and the trace hash. An unstable
-    verdict is a result: the exit status is 0 whenever the run was done.
+    events, the energy audit, the closest approach to a code edge and the trace hash. The verdict is
+    `stable`, `unstable` (it oscillates, bounces on or latches a fault), `not_met` (a limit of
+    [verdict] is missed, or a reading or the output is at an end of its range) or
+    `never_in_contact`. Each is a result: the exit status is 0 whenever the run was done.
     With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
     of the trace differ or one falls silent.
     """
@@ -259,8 +261,8 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     """Run every experiment with an [expect] table at or below DIR and compare.
 
     \b
-    [expect]
-    verdict = "stable"        # needs [verdict]
+    [expect]                  # a verdict needs [verdict]
+    verdict = "stable"        # or unstable, not_met, never_in_contact
     fault = "none"
     peak_force_N = 69.7       # largest contact force of the run
     final_value = 30.2        # mean of `signal` over its last final_s

@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import click
 
 import forceaxis.cli
-from forceaxis.cli.common import Verb, fail, listed
+from forceaxis.cli.common import Verb, fail, listed, printed_streams
 
 JOBS = """\
 Judge my axis
@@ -171,6 +171,12 @@ def with_table(message):
 
 def main():
     """Entry point: every mistake of the user is one line on standard error and exit status 2."""
+    with printed_streams():
+        command_line()
+
+
+def command_line():
+    """One verb, or the one line that says why not."""
     try:
         for text in sys.argv:
             text.encode()  # what is not UTF-8 is refused before anything sees it

@@ -85,6 +85,7 @@ def simulated(tuning):
         bench = _bench(tuning, plant, designed, bank)
         speed, strike = bench.cases[0].speed_m_per_s, simulation.STRIKE_S * bench.rated_N
         plain = [simulation.Case(force, speed) for force in tuning.order.forces]
+        bench.feel(bank, cases=plain)
         cases = [("contact", case, {}) for case in plain]
         for force in sorted(tuning.order.forces)[:-1]:  # as a design is struck
             cases.append(("strike", simulation.Case(force, speed, strike), {}))
@@ -101,8 +102,8 @@ def simulated(tuning):
     for row in simulation.unstable(rows):
         where = "".join(f", {name} = {value:.4g}" for name, value in row["member"].items())
         raise Refusal(
-            f"simulated_{row['kind']}", f"expected {row['case']}{where} to settle, it does not: "
-            "ask for less by --ms, or a smaller set by --over"
+            f"simulated_{row['kind']}", f"expected {row['case']}{where} to settle, it does not "
+            f"({simulation.why(row)}): ask for less by --ms, or a smaller set by --over"
         )  # fmt: skip
     return rows
 

@@ -345,7 +345,7 @@ def _objects(tuning, bank, loss, ms=2.0, ranges=None, units=None):
         bench = simulation.Bench(plant, known["adc_bits"])
         bench.settings |= known
         values = files.bank_objects(
-            plant.file("bank.toml", bench.text(bench.cases[1], bank, loss)), ms, ranges or {},
+            plant.file("bank.toml", bench.text(bench.shown, bank, loss)), ms, ranges or {},
             units or {}, datetime.date.today(),
         )  # fmt: skip
     return own | {n: v for n, v in values.items() if n not in ("adc_bits", "force_scale")}

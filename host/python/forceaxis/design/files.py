@@ -153,7 +153,7 @@ def write(folder, bench, outcome, own=None, date=None):
         names.append("model.toml")
         model = "model.toml"
     # Read where the files of the bench are: a relative path of this folder holds once it is named.
-    case = bench.cases[1]
+    case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss)),
         largest_ms(outcome.worst), outcome.ranges, outcome.units, date or datetime.date.today(),

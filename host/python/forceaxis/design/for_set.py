@@ -6,11 +6,12 @@ written is `files` and `page`.
 """
 
 import itertools
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, search, simulate
 from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
@@ -35,6 +36,9 @@ def check(order):
             raise InputError(f"{name}: expected a number above {low:g}, at most 100, got {value:g}")
     if order.adc_bits is not None and not 8 <= order.adc_bits <= 16:
         raise InputError(f"--adc-bits: expected 8 to 16, got {order.adc_bits}")
+    for force_N in order.forces_N:
+        if not 0 < force_N < math.inf:
+            raise InputError(f"--force: expected newtons above 0, got {force_N:g}")
     if not order.over:
         raise InputError(
             "--over: expected at least one parameter and how far it may be off, such as "
@@ -84,7 +88,7 @@ def design(order, out=None, progress=None):
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts["reading"]["bits"]
-        bench = simulate.Bench(plant, bits, own, order.firmware)
+        bench = simulate.Bench(plant, bits, own, asked(order, plant), order.forces_N)
         say("modes of the contact")
         plants = plant_set(bench, order)
         outcome, instead = found(plant, plants, order, bits, say)
@@ -103,6 +107,22 @@ def design(order, out=None, progress=None):
                 outcome.written.append("index.html")
             outcome.out = paths.display(Path(out))
         return outcome
+
+
+def asked(order, plant):
+    """The firmware settings of an order, its approach among them."""
+    if order.approach_mm_per_s is None:
+        return order.firmware
+    if plant.facts["encoder"] is None:
+        raise InputError(f"{plant.model}: encoder: expected one for --approach, there is none")
+    most = objects.BY_NAME["approach_velocity_max"].max
+    count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts["encoder"]["scale"]))
+    if not 1 <= count_per_s <= most:
+        raise InputError(
+            f"--approach: expected 1 to {most} encoder counts per second, "
+            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}"
+        )
+    return order.firmware | {"approach_velocity_max": count_per_s}
 
 
 def found(plant, plants, order, bits, say):
@@ -149,10 +169,10 @@ def simulated(bench, outcome, instead, say):
 
     def left(one, least):
         bench.wait_for(one.bank)
-        bank, one.loss, one.rows, one.backoffs = simulate.safe(
+        bank, one.loss, one.rows, one.cuts = simulate.safe(
             bench, one.bank, members, latencies, threads, say, least
         )
-        if one.backoffs:
+        if one.cuts:
             one.bank, one.worst = bank, reassessed(one, bank)
         return one
 
@@ -164,7 +184,7 @@ def simulated(bench, outcome, instead, say):
     best, refused = None, None
     for tries in (zip(names, shares, strict=True), ((name, 0.0) for name in names[:-1])):
         for name, least in tries:
-            if best and (not best.backoffs or promised[name] <= best.worst["fS_Hz"]):
+            if best and (not best.cuts or promised[name] <= best.worst["fS_Hz"]):
                 continue
             one = outcome if name == outcome.chosen else instead(name)
             try:

@@ -31,6 +31,8 @@ class Order:
     ramp_s: float | None = None
     sections_above: float | None = None
     firmware: dict = field(default_factory=dict)  # settings beside the experiment's
+    forces_N: tuple = ()  # of the touch-downs; empty: chosen by sensor and drive
+    approach_mm_per_s: float | None = None  # None: the experiment's, else 20 mm/s
     simulate: bool = True
     threads: int | None = None
 
@@ -52,13 +54,18 @@ class Outcome:
     limited_by: str
     loss: dict = field(default_factory=dict)
     rows: list = field(default_factory=list)
-    backoffs: int = 0
+    cuts: list = field(default_factory=list)  # steps that simulate.safe did not take
     out: str | None = None
     written: list = field(default_factory=list)
 
     @property
     def ranges(self):
         return self.plants.ranges
+
+    @property
+    def backoffs(self):
+        """How often the simulation took a tenth off the gain."""
+        return len(self.cuts)
 
     def summary(self):
         """The JSON object."""
@@ -76,6 +83,7 @@ class Outcome:
             "limited_by": self.limited_by,
             "contact_loss": self.loss or None,
             "gain_reductions": self.backoffs,
+            "gain_cuts": [asdict(cut) for cut in self.cuts],
             "out": self.out,
             "files": self.written,
         }
@@ -123,10 +131,9 @@ def describe(outcome, width=None):
         f"limited by   {outcome.limited_by}",
     ]
     if outcome.backoffs:
-        lines.append(
-            f"simulation   took the gain down {outcome.backoffs} times by a tenth: contact did not "
-            "settle at the designed one"
-        )
+        times = counted(outcome.backoffs, "time")
+        lines.append(f"simulation   took the gain down {times}, a tenth each:")
+        lines += [f"             {cut.text}" for cut in outcome.cuts]
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, w in (("P", p), ("design", worst)):
         table.append([
@@ -145,7 +152,7 @@ def describe(outcome, width=None):
     if outcome.rows:
         table = columns([CASE_HEAD, *cases(outcome.rows)])
         if width and len(table[0]) > width:
-            short = [[case.removeprefix("contact "), law, stable.replace(" of ", "/"), *cells[:-1]]
+            short = [[case.removeprefix("contact "), law, stable.replace(" of ", "/"), *cells[:-3]]
                      for case, law, stable, *cells in cases(outcome.rows)]  # fmt: skip
             table = columns([["simulated contact", *NARROW_HEAD], *short])
         lines += table
@@ -160,13 +167,16 @@ def describe(outcome, width=None):
     return "\n".join(lines)
 
 
-CASE_HEAD = ["simulated", "law", "stable", "static error %", "peak N", "settle ms", "overshoot %"]
-NARROW_HEAD = ["law", "stable", "error %", "peak N", "settle ms"]
+CASE_HEAD = [
+    "simulated", "law", "stable", "static error %", "peak N", "losses", "settle ms", "overshoot %",
+    "worst peak N", "saturated ms",
+]  # fmt: skip
+NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
 def cases(rows):
     """A line of texts for each case and law: how many are stable, the nominal figures of the first
-    latency."""
+    latency; of all of them the most losses, the largest peak and the longest saturation."""
     grouped = {(row["case"], law): [] for row in rows for law in ("design", "p")}
     for row in rows:
         grouped[row["case"], row["law"]].append(row)
@@ -176,10 +186,11 @@ def cases(rows):
             continue
         first = own[0]
         stable = sum(r["verdict"] == "stable" for r in own)
+        losses, *worst = (max(r[k] for r in own) for k in ("losses", "peak_N", "saturated_ms"))
         lines.append([
             case, law, f"{stable} of {len(own)}",
-            *(number(first[k]) for k in
-              ("static_error_percent", "peak_N", "settle_ms", "overshoot_percent")),
+            number(first["static_error_percent"]), number(first["peak_N"]), str(losses),
+            number(first["settle_ms"]), number(first["overshoot_percent"]), *map(number, worst),
         ])  # fmt: skip
     return lines
 

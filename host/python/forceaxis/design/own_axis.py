@@ -10,12 +10,14 @@ from forceaxis import _core
 from forceaxis.design import changes, reduced, sets, simulate
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
+from forceaxis.design.simulate import PEAK_MAX
 from forceaxis.linear.bank import Bank
 
 NAME = "held.toml"
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
-ERROR_MAX_PERCENT = 5.0
+# Of contact that a touch-down may lose: what is asked for, and what a light part may need.
+LOSSES = (1, 3)
 PAYS = 1.5  # below this the summary says what limits
 
 
@@ -77,32 +79,46 @@ def _settled(plant, folder, bits, designed):
     """(bank, text of NAME, approach speed in m/s) of the first choice that settles."""
     scale = abs(plant.facts["encoder"]["scale"])
     fastest = simulate.Bench(plant, bits).cases[0].speed_m_per_s
+    spare = None  # the first choice with more losses
     for gain, share in itertools.product(GAINS, SPEEDS):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with changes.Design(_approach(folder, max(1, round(speed * scale)))) as slower:
             bench = simulate.Bench(slower, bits)
             bench.wait_for(designed)
+            bench.losses_max = LOSSES[-1]
             cap = bench.press_speed_code(speed)
             for loss in ({}, {"contact_loss_cap": cap}, {"contact_loss_cap": 2048}):
                 rows = simulate.simulate(bench, bank, [{}], (0, 1), loss, os.cpu_count() or 1)
-                if not simulate.unstable(rows) and all(map(_held, rows)):
-                    return bank, _text(bench, bank, loss), speed
+                if bad := simulate.unstable(rows):
+                    refused = f"{bad[0]['case']}: {simulate.why(bad[0])}"
+                    continue
+                losses = max(row["losses"] for row in rows if ", strike" not in row["case"])
+                found = bank, _text(bench, bank, loss, max(losses, LOSSES[0])), speed
+                if losses <= LOSSES[0]:
+                    return found
+                spare = spare or found
+    if spare:
+        return spare
     raise _core.InputError(
-        f"no contact settles in simulation, not at {1e3 * speed:.3g} mm/s with "
-        f"{gain:g} of the designed gain; a softer sensor or pad would"
+        f"no contact settles in simulation, not at {1e3 * speed:.3g} mm/s with {gain:g} of the "
+        f"designed gain ({refused}); a softer sensor or pad would"
     )
 
 
-def _held(row):
-    error = row["static_error_percent"]
-    return error is not None and abs(error) < ERROR_MAX_PERCENT
-
-
-def _text(bench, bank, loss):
-    case = bench.cases[2]
+def _text(bench, bank, loss, losses):
+    """The touch-down at the largest force, with limits of what was asked: force held, overshoot,
+    peak, losses of contact, saturation."""
+    case = bench.largest
     document = tomlkit.parse(bench.text(case, bank, loss, "model.toml"))
     document["title"] = f"{case.setpoint_N:.4g} N held by a designed bank"
+    verdict = document["verdict"]
+    for key in ("held_force_error_max_N", "peak_force_max_N"):
+        verdict.pop(key, None)  # in percent they are those of another set-point too
+    verdict["held_force_error_max_percent"] = 100 * simulate.ERROR_MAX
+    verdict["overshoot_max_percent"] = round(100 * (PEAK_MAX - 1))
+    verdict["peak_force_max_percent"] = round(100 * PEAK_MAX)
+    verdict["contact_losses_max"] = losses
     document["expect"] = {"verdict": "stable"}
     return tomlkit.dumps(document)
 

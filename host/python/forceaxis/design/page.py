@@ -181,7 +181,7 @@ def write(folder, bench, outcome, run):
         ],
         contact=[
             (case.name, drawing.uri(contact(bench, outcome, case)))
-            for case in ((bench.cases[1], bench.cases[-1]) if outcome.rows else ())
+            for case in ((bench.shown, bench.cases[-1]) if outcome.rows else ())
         ],
         case_head=outcomes.CASE_HEAD,
         cases=[[case, {"p": "P", "design": outcome.chosen}[law], *cells]

@@ -3,17 +3,22 @@
 A Bench is a model with an ADC of the wanted width and a drive in force mode 4 before it. Cases are
 touch-downs at three set-points, one at half the approach speed, and strikes at the two lower
 set-points; each runs with every latency, on the nominal plant and on random members of a set.
+
+Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force
+within ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times.
+Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike has to
+settle and to hold its force.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import tomlkit
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, files
+from forceaxis.design.cases import Case, Cut, Named, row, unstable, why
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 
@@ -32,34 +37,23 @@ KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_forc
 STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # times the strike of a case
 DWELLS_MS = (300, 100, 600)
 BACKOFF, BACKOFFS = 0.9, 20
-
-
-@dataclass(frozen=True)
-class Case:
-    """A touch-down, perhaps with a strike: newtons, m/s, N s."""
-
-    setpoint_N: float
-    speed_m_per_s: float
-    strike_N_s: float = 0.0
-
-    @property
-    def name(self):
-        text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
-        return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
-
-
-class Named(NamedTuple):
-    """An experiment among cases."""
-
-    name: str
+ERROR_MAX = 0.02  # of the set-point, of a law with an integral part; or HALF_COUNT
+HALF_COUNT = 0.6  # counts of 8 bits: what a reading may be off at rest
+PEAK_MAX = 1.3  # set-points
+LOSSES_MAX = 1
+SATURATED_MAX_S = 0.02
+WEAK = 0.25  # of the designed gain: a law that adds nothing to an impact
 
 
 class Bench:
     """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
     besides; firmware: settings in place of the experiment's, of KEPT."""
 
-    def __init__(self, design, bits, own=None, firmware=None):
+    def __init__(self, design, bits, own=None, firmware=None, forces_N=()):
         self.design, self.own = design, own
+        self.forces_N = tuple(sorted(set(forces_N)))
+        self.losses_max = LOSSES_MAX  # of a touch-down, beside those of the impact
+        self.impacts = {}  # case -> (losses, peak in N) of the impact alone
         own_bits = design.facts["reading"]["bits"]
         self.change = (
             changes.Change("", "", firmware={"adc_bits": bits})
@@ -117,6 +111,9 @@ class Bench:
             max(round(s / SETPOINTS[-1] * top / self.count_N), LEAST_COUNT) * self.count_N
             for s in SETPOINTS
         ]
+        if self.forces_N:
+            self._check_forces(counts)
+            self.setpoints_N = list(self.forces_N)
         self.rated_N = max(self.setpoints_N)
         return kept | {
             "adc_bits": bits,
@@ -127,6 +124,22 @@ class Bench:
             "bump_decay_shift": 0,
             "modes_of_operation": 4,
         }
+
+    def _check_forces(self, counts):
+        """The forces that were asked for can be read and made."""
+        for most_N, what in (
+            (min(counts, 255.0) * self.count_N, "what the sensor reads"),
+            (self._stall_N(), "the drive's largest force"),
+        ):
+            if self.forces_N[-1] > most_N:
+                raise InputError(
+                    f"--force: {self.forces_N[-1]:.4g} N: expected at most {most_N:.4g} N, {what}"
+                )
+        if self.forces_N[0] < self.count_N:
+            raise InputError(
+                f"--force: {self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
+                "count of the reading at 8 bits"
+            )
 
     def _position_gain(self):
         """A sixth of the linear limit out of contact, as `forceaxis new` takes it."""
@@ -156,16 +169,56 @@ class Bench:
         return settings["approach_velocity_max"] / scale
 
     def _cases(self):
-        low, middle, high = self.setpoints_N
         speed, strike = self._speed(), STRIKE_S * self.rated_N
+        lower = self.setpoints_N[:-1] or self.setpoints_N
         return [
-            Case(low, speed),
-            Case(middle, speed),
-            Case(high, speed),
-            Case(middle, speed / 2),
-            Case(low, speed, strike),
-            Case(middle, speed, strike),
+            *(Case(force_N, speed) for force_N in self.setpoints_N),
+            Case(lower[-1], speed / 2),
+            *(Case(force_N, speed, strike) for force_N in lower),
         ]
+
+    @property
+    def shown(self):
+        """The touch-down that stands for the others: at full speed, at the middle force."""
+        return self.cases[len(self.setpoints_N[:-1]) // 2]
+
+    @property
+    def largest(self):
+        """The touch-down at the largest force."""
+        return self.cases[len(self.setpoints_N) - 1]
+
+    def feel(self, bank, latencies=(0, 1), threads=1, cases=None):
+        """Measures what each impact does alone: losses and peak with a law of little gain. cases:
+        touch-downs in place of the bench's."""
+        weak = replace(bank, force_gain=WEAK * bank.force_gain).quantised()
+        cases = cases or [case for case in self.cases if not case.strike_N_s]
+        loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
+        jobs = [(c, self.job(c, weak, {}, t, loss)) for c in cases for t in latencies]
+        self.impacts, self._files = {}, {}
+        for (case, _), outcome in zip(jobs, run([job for _, job in jobs], threads), strict=True):
+            losses, peak_N = self.impacts.get(case, (0, 0.0))
+            metrics = outcome["metrics"]
+            self.impacts[case] = (
+                max(losses, metrics["contact_losses_run"]),
+                max(peak_N, metrics["peak_force_N"]),
+            )
+        self._files = {}  # the limits are others
+
+    def limits(self, case, bank):
+        """What the [verdict] of a case asks for."""
+        found = {}
+        if bank.integral_rad_per_s:
+            error_N = max(ERROR_MAX * case.setpoint_N, HALF_COUNT * self.count_N)
+            found["held_force_error_max_N"] = float(f"{error_N:.4g}")
+        if case.strike_N_s:
+            return found
+        losses, peak_N = self.impacts.get(case, (0, 0.0))
+        peak_N = PEAK_MAX * max(case.setpoint_N, peak_N)
+        return found | {
+            "peak_force_max_N": float(f"{peak_N:.4g}"),
+            "contact_losses_max": losses + self.losses_max,
+            "saturated_max_s": SATURATED_MAX_S,
+        }
 
     def extreme(self):
         """The cases of the largest set-point and of the strike there is most force behind."""
@@ -217,6 +270,7 @@ class Bench:
             "window_s": WINDOW_S,
             "contact_held": True,
             "force_ripple_max_count": RIPPLE_COUNT,
+            **self.limits(case, bank),
         }
         return tomlkit.dumps(text)
 
@@ -268,24 +322,6 @@ def run(jobs, threads):
         if "error" in outcome:
             raise _core.SimulationError(outcome["error"])
     return outcomes
-
-
-def row(law, case, member, latency, outcome):
-    """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
-    held = outcome["metrics"]["held_force"] or {}
-    settle = held.get("settle_s")
-    return {
-        "law": law,
-        "case": case,
-        "member": member,
-        "latency_ticks": latency,
-        "verdict": outcome["verdict"],
-        "fault": outcome["fault"],
-        "static_error_percent": held.get("error_percent"),
-        "peak_N": outcome["metrics"]["peak_force_N"],
-        "settle_ms": None if settle is None else 1e3 * settle,
-        "overshoot_percent": held.get("overshoot_percent"),
-    }
 
 
 def simulate(bench, bank, members, latencies=(0, 1), loss=None, threads=1, law="design"):
@@ -349,11 +385,16 @@ def strikes_survived(loss):
 
 
 def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
-    """(bank, loss, rows, backoffs): the bank with its gain reduced until every case is stable.
+    """(bank, loss, rows, cuts): the bank with its gain reduced until every case is stable.
 
-    least: share of its gain below which no step is tried but the first. Raises InputError where
-    none of BACKOFFS steps is enough.
+    least: share of its gain below which no step is tried but the first. Each step is tried with
+    what the firmware does at a loss of contact by default, then with the axis allowed to press on
+    at its approach speed. Raises InputError where none of BACKOFFS steps is enough, or where no
+    step helps because the contact is never made.
     """
+    bench.feel(bank, latencies, threads)
+    cuts = []
+    on = {"contact_loss_cap": bench.press_speed_code(bench.cases[0].speed_m_per_s)}
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -361,24 +402,40 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
-        rows = simulate(bench, tried, members, latencies, None, threads)
-        if unstable(rows):
+        for first in ({}, on):
+            rows = simulate(bench, tried, members, latencies, first, threads)
+            if not (bad := unstable(rows)):
+                break
+        if bad:
+            cuts.append(Cut(tried.force_gain, len(bad), len(rows), bad[0]["case"], why(bad[0])))
+            _expect_contact(bench, bad)
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         objects_ = {n: loss[n] for n in ("contact_loss_cap", "contact_loss_dwell")}
         chosen = simulate(bench, tried, members, latencies, objects_, threads)
         if unstable(chosen):  # of a member that the strikes on the nominal plant say nothing of
-            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]}
+            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]} | first
             loss["strike_N_s"] = loss["strike_default_N_s"]
             chosen = rows
-        return tried, loss, chosen, steps
-    bad, share = unstable(rows)[0], tried.force_gain / bank.force_gain
+        return tried, loss, chosen, cuts
+    bad, share = cuts[-1], tried.force_gain / bank.force_gain
     raise InputError(
-        f"simulation: expected contact that settles, {bad['case']} does not even at "
-        f"{tried.force_gain:.3g}, {share:.2g} of the designed gain; a smaller set, a softer pad or "
-        "a slower approach (approach_velocity_max)"
+        f"simulation: expected contact that settles, {bad.case} does not even at "
+        f"{bad.force_gain:.3g}, {share:.2g} of the designed gain ({bad.why}); a smaller set, a "
+        "softer pad, a slower approach (--approach) or other forces (--force)"
     )
 
 
-def unstable(rows):
-    return [r for r in rows if r["verdict"] != "stable" or r["fault"] != "none"]
+def _expect_contact(bench, bad):
+    """No smaller gain of the force law makes a contact that the approach does not reach."""
+    never = [row for row in bad if row["verdict"] == "never_in_contact" and row["fault"] == "none"]
+    if not never:
+        return
+    gain = bench.settings["position_gain"]
+    raise InputError(
+        f"simulation: expected the approach to reach the part, {never[0]['case']} never touches it "
+        f"({1e3 * bench.gap_m():.3g} mm away); the force law has no part in this: the position "
+        f"gain {gain:.4g} is too small against what holds the axis back (a flexure, gravity, dry "
+        "friction), or the approach too slow; raise [firmware] position_gain or --approach, or "
+        "start nearer to the part"
+    )

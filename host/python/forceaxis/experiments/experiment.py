@@ -167,7 +167,8 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """Whether the run is "stable" or "unstable"; None: the experiment has no [verdict]."""
+        """The run is "stable", "unstable", "not_met" (a limit of [verdict] is missed) or
+        "never_in_contact"; None: the experiment has no [verdict]."""
         found: str | None = self.summary["verdict"]
         return found
 
@@ -178,8 +179,13 @@ class Result:
 
     @property
     def because(self) -> list[str]:
-        """Why the verdict is "unstable", in words."""
+        """Why the verdict is not "stable", in words."""
         return list(self.summary["because"])
+
+    @property
+    def missed(self) -> list[dict[str, Any]]:
+        """The limits that the run missed: limit, verdict, value, bound, unit of each."""
+        return list(self.summary["missed"])
 
     @property
     def fault(self) -> str:

@@ -37,6 +37,11 @@ class Outcome:
         """The differences, one line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
+    @property
+    def warnings(self):
+        """What passed, but is to be written otherwise; one line each."""
+        return [c.warning for c in self.checks if c.warning]
+
     def summary(self):
         """The entry that `--json` prints."""
         checks = [
@@ -53,6 +58,7 @@ class Outcome:
             "status": self.status,
             "seconds": round(self.seconds, 3),
             "message": self.message,
+            "warnings": self.warnings,
             "checks": checks,
         }
 
@@ -120,7 +126,7 @@ def run_test(file, update=False):
             outcome.status = "failed"
         else:
             outcome.status = "passed"
-            if not (update and rewrite.bare(outcome.checks)):
+            if not (update and (rewrite.bare(outcome.checks) or outcome.warnings)):
                 outcome.examined = None
     except SimulationError as error:
         outcome.status, outcome.message = "failed", str(error)
@@ -248,6 +254,7 @@ def describe(outcome, coloured=str):
     """An outcome for a terminal: its line, one below for each difference, and how to see both.
     coloured: makes of the status what is printed."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
+    line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":
         return line
     rows = list(outcome.lines)
@@ -298,6 +305,8 @@ def write_junit(outcomes, file):
         if tag:
             entry = ET.SubElement(case, tag, message=printable("; ".join(outcome.lines)))
             entry.text = printable(expect.table(outcome.checks) if outcome.checks else "")
+        if outcome.warnings:
+            ET.SubElement(case, "system-out").text = printable("\n".join(outcome.warnings))
     suites = ET.Element("testsuites")
     suites.append(suite)
     ET.indent(suites)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forceaxis import _core, objects, paths
 from forceaxis.experiments import link
-from forceaxis.experiments.summary import reasons
+from forceaxis.experiments.summary import reasons, warnings
 
 
 @dataclass
@@ -80,9 +80,9 @@ def finished(experiment, result, report, command, overrides=()):
         "title": result.title,
         "figure": result.figure,
         "verdict": result.verdict or None,
-        "because": reasons(result.criterion, result.metrics, result.fault, result.converters)
-        if result.verdict == "unstable"
-        else [],
+        "because": reasons(result.missed, result.metrics, result.fault, result.converters),
+        "missed": result.missed,
+        "warnings": warnings(result.setpoints, result.converters),
         "fault": result.fault,
         "refused": report["refused"] if report else result.refused,
         "trace_hash": result.trace_hash,

@@ -7,6 +7,7 @@ one of the force reading, at 8 bits whatever the ADC has, or of the encoder.
 import itertools
 import shlex
 
+from forceaxis import _core
 from forceaxis.experiments import link
 from forceaxis.words import counted
 
@@ -41,46 +42,83 @@ def ripple(what, count, converters, limit=None, beyond=False):
     return f"{what} ripple {quantity(count * physical, unit)}{kept} ({in_counts})"
 
 
-def reasons(criterion, metrics, fault, converters):
-    """Why a run is unstable: every limit of its [verdict] that it exceeds, in words."""
-    found = [] if fault == "none" else [f"fault {fault}"]
-    if criterion["contact_held"]:
-        if metrics["peak_force_N"] == 0:
-            found.append("never in contact")
-        elif metrics["contact_losses"]:
-            found.append(f"contact lost {counted(metrics['contact_losses'], 'time')} in the window")
-        elif not metrics["in_contact"]:
-            found.append("not in contact at the end")
-    found += force_reasons(criterion, metrics["held_force"])
-    for what in ("force", "position"):
-        count, limit = metrics[f"{what}_ripple_count"], criterion[f"{what}_ripple_max_count"]
-        if limit is not None and count > limit:
-            found.append(ripple(what, count, converters, limit, beyond=True))
-    return found
+def reasons(missed, metrics, fault, converters):
+    """Why a run is not stable: each limit that it missed (`missed` of a result), in words."""
+    return [_missed(one, metrics, fault, converters) for one in missed]
 
 
-def force_reasons(criterion, held):
-    """Every limit of [verdict] that the force held, see metrics.held_force, exceeds, in words."""
-    if held is None:
+# The words of a missed limit, by its name.
+MISSED = {
+    "fault": "fault {fault}",
+    "setpoint": "no set-point of force at the end",
+    "contact_made_s": "contact made after {value:.3g} s, the window begins at {bound:.3g} s",
+    "contact_losses": "contact lost {times} in the window",
+    "contact_losses_max": "contact lost {times}, {bound:g} allowed",
+    "held_force_error_max_N": "{kept}, error {value:.3g} above {bound:.3g} N",
+    "held_force_error_max_percent": "{kept}, error {value:.3g} above {bound:.3g} %",
+    "overshoot_max_percent": "overshoot {value:.3g} above {bound:.3g} %",
+    "settle_max_s": "settled after {value:.3g} s, above {bound:.3g} s",
+    "peak_force_max_N": "peak force {value:.4g} above {bound:.4g} N",
+    "peak_force_max_percent": "peak force {value:.4g} above {bound:.4g} % of the set-point",
+    "saturated_max_s": "output at an end of its range for {value:.3g} s, above {bound:.3g} s",
+    "setpoint_range": "set-point {value:.4g} N beyond the force reading, which ends at {bound:.4g} "
+    "N",
+    "reading_range": "force reading at an end of its range{range} for {value:.0f} of {ticks} ticks "
+    "of the window",
+    "output_range": "output at an end of its range for {value:.0f} of {ticks} ticks of the window",
+}
+
+
+def _missed(one, metrics, fault, converters):
+    """One missed limit in words, with its number, the bound and the unit."""
+    limit, value, bound = one["limit"], one["value"], one["bound"]
+    if limit == "contact_held":
+        if one["verdict"] == "never_in_contact":
+            return "never in contact"
+        when = "start of the window" if metrics["in_contact"] else "end"
+        return f"not in contact at the {when}"
+    if limit == "settle_max_s" and value is None:
+        return "force not settled before the window"
+    if limit in MISSED:
+        held, ends = metrics["held_force"], reading_range(converters)
+        return MISSED[limit].format(
+            value=value,
+            bound=bound,
+            fault=fault,
+            times=counted(int(value), "time"),
+            ticks=metrics["window_ticks"],
+            kept=f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held" if held else "",
+            range=f" ({ends[0]:.4g} to {ends[1]:.4g} {ends[2]})" if ends else "",
+        )
+    what = limit.split("_")[0]
+    text = ripple(what, value, converters, bound, beyond=True)
+    late = metrics[f"{what}_ripple_late_count"]
+    falling = one["verdict"] == "not_met" and late < value
+    return text + (f", {late:.3g} in the second half of the window" if falling else "")
+
+
+def reading_range(converters):
+    """(least, largest, unit) that ADC 0 can read; None: it is not converted."""
+    reading = converters.get("adc0")
+    if not reading:
+        return None
+    ends = sorted(
+        (code - reading["zero"]) * reading["per_code"] for code in (0, 2 ** reading["bits"] - 1)
+    )
+    return (*ends, reading["unit"])
+
+
+def warnings(setpoints, converters):
+    """What a run is warned of: set-points, (from time_s, N), that ADC 0 cannot read."""
+    ends = reading_range(converters)
+    if not ends:
         return []
-    kept = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held"
-    found = []
-    limit = criterion["held_force_error_max_N"]
-    if limit is not None and abs(held["error_N"]) > limit:
-        found.append(f"{kept}, error {abs(held['error_N']):.3g} above {limit:.3g} N")
-    for what, limit_key, words in (
-        ("error_percent", "held_force_error_max_percent", f"{kept}, error"),
-        ("overshoot_percent", "overshoot_max_percent", "overshoot"),
-    ):
-        limit = criterion[limit_key]
-        if limit is not None and held[what] > limit:
-            found.append(f"{words} {held[what]:.3g} above {limit:.3g} %")
-    limit = criterion["settle_max_s"]
-    if limit is not None and held["settle_s"] is None:
-        found.append("force not settled before the window")
-    elif limit is not None and held["settle_s"] > limit:
-        found.append(f"settled after {held['settle_s']:.3g} s, above {limit:.3g} s")
-    return found
+    beyond = dict.fromkeys(N for _, N in setpoints if not ends[0] <= N <= ends[1])
+    return [
+        f"set-point {N:.4g} N: expected one within the force reading, {ends[0]:.4g} to "
+        f"{ends[1]:.4g} N; beyond it the force is not controlled"
+        for N in beyond
+    ]
 
 
 def kept_limits(summary):
@@ -90,18 +128,21 @@ def kept_limits(summary):
     found = []
     if names := criterion["contact_held"]:
         found.append("contact held" if names is True else f"{', '.join(names)} held")
-    for key, reached, unit in (
-        ("held_force_error_max_N", held and abs(held["error_N"]), "N"),
-        ("held_force_error_max_percent", held and held["error_percent"], "%"),
-        ("overshoot_max_percent", held and held["overshoot_percent"], "%"),
-        ("settle_max_s", held and held["settle_s"], "s"),
+    peak_N = metrics["peak_force_N"]
+    saturated_s = metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND
+    for key, what, reached, unit in (
+        ("held_force_error_max_N", "error", held and abs(held["error_N"]), "N"),
+        ("held_force_error_max_percent", "error", held and held["error_percent"], "%"),
+        ("overshoot_max_percent", "overshoot", held and held["overshoot_percent"], "%"),
+        ("settle_max_s", "settled in", held and held["settle_s"], "s"),
+        ("peak_force_max_N", "peak", peak_N, "N"),
+        ("peak_force_max_percent", "peak", held and 100 * peak_N / abs(held["setpoint_N"]), "%"),
+        ("contact_losses_max", "losses of contact", metrics["contact_losses_run"], ""),
+        ("saturated_max_s", "output at an end of its range", saturated_s, "s"),
     ):
-        if criterion[key] is not None:
-            words = {"held": "error", "overshoot": "overshoot", "settle": "settled in"}
-            found.append(
-                f"{words[key.split('_')[0]]} {reached:.3g} {unit} of {criterion[key]:.3g} {unit} "
-                "allowed"
-            )
+        if (limit := criterion[key]) is not None:
+            unit = unit and f" {unit}"
+            found.append(f"{what} {reached:.3g}{unit} of {limit:.3g}{unit} allowed")
     for what in ("force", "position"):
         limit = criterion[f"{what}_ripple_max_count"]
         if limit is not None:
@@ -155,6 +196,7 @@ def rows(summary):
         ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
         *([("changed", ", ".join(given))] if (given := changed(summary["command"])) else []),
         ("verdict", verdict_text(summary)),
+        *(("warning", text) for text in summary["warnings"]),
         ("fault", summary["fault"]),
         *(
             ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}")

@@ -39,6 +39,7 @@ from forceaxis.experiments.sweep_runs import (
     identity_of,
     run_columns,
 )
+from forceaxis.experiments.verdicts import VERDICTS, WORDS, stability
 from forceaxis.words import counted
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
@@ -50,7 +51,8 @@ class Sweep:
 
     Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
     trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
-    unstable one beyond it), note (why there is none), error, runs. NaN and "" stand for nothing.
+    one beyond it that is not stable), beyond (its verdict), note (why there is none), error, runs.
+    NaN and "" stand for nothing.
     """
 
     summary: dict
@@ -106,6 +108,8 @@ def sweep(
     experiment, overrides = Path(experiment), list(overrides)
     inputs = _core.inputs(str(experiment), overrides)
     check_names(experiment, inputs, overrides, [*axes, *searches])
+    if inputs["unjudged"]:
+        raise InputError(inputs["unjudged"])
     if search and inputs["criterion"] is None:
         raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
     identity = identity_of(experiment, overrides)
@@ -124,7 +128,7 @@ def sweep(
         names = [a.name for a in axes]
         rows = [dict(zip(names, point, strict=True)) for point in points]
         found = boundaries(runner, rows, search) if search else run_columns(runner(rows))
-        single = alone.find(axes, found["verdict"]) if not (search or random) else []
+        single = alone.find(axes, stabilities(found)) if not (search or random) else []
         near = [p for i in single for p in alone.around(axes, points[i])] if refine else []
         near = [dict(zip(names, point, strict=True)) for point in dict.fromkeys(near)]
         closer = columns_of(names, near) | run_columns(runner(near)) if near else {}
@@ -140,6 +144,7 @@ def sweep(
         "failures": [
             {"index": i, **rows[i], "error": str(columns["error"][i])} for i in failed[:10]
         ],
+        "warnings": warnings(columns, rows),
         "refined": refine,
         "alone": [alone_row(rows[i], columns["verdict"][i], axes, closer) for i in single],
         "seed": seed if random else None,
@@ -166,6 +171,11 @@ def columns_of(names, rows):
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 
+def stabilities(columns):
+    """Of each point "stable", "unstable" or "": what a point that stands alone differs in."""
+    return [stability(str(verdict)) for verdict in columns["verdict"]]
+
+
 def alone_row(row, verdict, axes, closer):
     """A point that stands alone: its parameters and verdict; where one looked closer also how many
     of the points around it were judged alike."""
@@ -174,8 +184,21 @@ def alone_row(row, verdict, axes, closer):
         near = alone.around(axes, [row[a.name] for a in axes])
         points = list(zip(*(closer[a.name].tolist() for a in axes), strict=True))
         verdicts = [closer["verdict"][points.index(p)] for p in near]
-        found |= {"around": len(near), "alike": int(sum(v == verdict for v in verdicts))}
+        alike = sum(stability(v) == stability(verdict) for v in verdicts)
+        found |= {"around": len(near), "alike": int(alike)}
     return found
+
+
+def warnings(columns, rows):
+    """Points whose set-point ADC 0 cannot read, in one line; [] without any."""
+    beyond = np.flatnonzero(np.isfinite(columns.get("setpoint_beyond_N", np.array([]))))
+    if not len(beyond):
+        return []
+    first, N = int(beyond[0]), columns["setpoint_beyond_N"][beyond[0]]
+    return [
+        f"{len(beyond)} of {counted(len(rows), 'point')}: expected a set-point within the force "
+        f"reading, got {N:.4g} N at the first, index {first}; they are never stable"
+    ]
 
 
 def counts_of(columns, runner, search):
@@ -185,7 +208,7 @@ def counts_of(columns, runner, search):
     if search:
         counts["boundaries"] = int(np.isfinite(columns["boundary"]).sum())
     else:
-        for verdict in ("stable", "unstable"):
+        for verdict in VERDICTS:
             counts[verdict] = int((columns["verdict"] == verdict).sum())
     return counts
 
@@ -226,8 +249,10 @@ def describe(done):
     if done.search:
         lines.append(("boundaries", f"{counts['boundaries']} of {counts['points']}"))
         lines += [("", boundary_line(done, i)) for i in range(min(10, counts["points"]))]
-    elif counts["stable"] + counts["unstable"]:
-        lines.append(("verdict", f"{counts['stable']} stable, {counts['unstable']} unstable"))
+    elif any(counts[verdict] for verdict in VERDICTS):
+        shown = [v for v in VERDICTS if counts[v] or v in VERDICTS[:2]]
+        lines.append(("verdict", ", ".join(f"{counts[v]} {WORDS[v]}" for v in shown)))
+    lines += [("warning", text) for text in summary["warnings"]]
     lines += [("alone", alone_line(one, done)) for one in summary["alone"][:10]]
     if summary["refined"] and not summary["alone"]:
         lines.append(("alone", "no point: nothing to look closer at"))
@@ -257,7 +282,8 @@ def boundary_line(done, i):
     at = ", ".join(f"{a.name} = {done.columns[a.name][i]:g}" for a in done.axes)
     stable, unstable = done.columns["boundary"][i], done.columns["unstable_at"][i]
     what = (
-        f"{done.search.name}: stable at {stable:.6g}, unstable at {unstable:.6g}"
+        f"{done.search.name}: stable at {stable:.6g}, "
+        f"{WORDS[str(done.columns['beyond'][i])]} at {unstable:.6g}"
         if math.isfinite(stable)
         else str(done.columns["note"][i] or done.columns["error"][i])
     )

@@ -10,12 +10,19 @@ from matplotlib.patches import Patch
 
 from forceaxis import objects
 from forceaxis.drawing import AREA, INK, VERDICT, legend, plain_ticks, style
+from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
-STABLE, UNSTABLE, UNTOUCHED, FAILED = (
-    AREA[kind] for kind in ("stable", "unstable", "no contact", "failed")
+FAILED = AREA["failed"]
+# Kinds of cells in the order of a map's numbers.
+KINDS = ("unstable", "stable", "not_met", "never_in_contact")
+MARKERS = (
+    ("stable", "o", "stable"),
+    ("unstable", "x", "unstable"),
+    ("not_met", "s", "not met"),
+    ("never_in_contact", "^", "never in contact"),
+    ("", "v", "failed"),
 )
-MARKERS = (("stable", "o", "stable"), ("unstable", "x", "unstable"), ("", "v", "failed"))
 
 
 def sweep(done):
@@ -42,7 +49,7 @@ def sweep(done):
 def run_plot(figure, ax, done):
     """Verdicts (or peak forces without them) over one or two parameters. Returns what it shows."""
     verdict, peak = done.columns["verdict"], done.columns["peak_force_N"]
-    judged = np.isin(verdict, ("stable", "unstable"))
+    judged = np.isin(verdict, VERDICTS)
     share = np.where(judged, verdict == "stable", np.nan)
     if len(done.axes) == 1:
         x = done.columns[done.axes[0].name]
@@ -69,20 +76,20 @@ def run_plot(figure, ax, done):
         mesh = ax.pcolormesh(*edges, cells, cmap="RdYlGn", vmin=0, vmax=1)
         coloured(figure, ax, "share of stable runs", mesh)
         return "Share of stable runs"
-    # A run without contact fails contact_held, so its verdict is unstable; the map marks it.
-    untouched = (verdict == "unstable") & (peak == 0) & bool((peak > 0).any())
-    kinds = averaged(done, np.where(untouched, 2, share))
+    number = np.full(len(verdict), np.nan)
+    for k, kind in enumerate(KINDS):
+        number[verdict == kind] = k
+    kinds = averaged(done, number)
     ax.set_facecolor(FAILED)
-    colours = ListedColormap([UNSTABLE, STABLE, UNTOUCHED])
+    colours = ListedColormap([AREA[kind] for kind in KINDS])
     # With an edge of its own colour no cell shows a seam in a vector.
     ax.pcolormesh(
-        *edges, kinds, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="face", linewidth=0.4
+        *edges, kinds, cmap=colours, vmin=-0.5, vmax=3.5, edgecolors="face", linewidth=0.4
     )
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
     single = mark_alone(ax, done)
-    kinds_key(
-        ax, (kinds == 1).any(), (kinds == 0).any(), untouched.any(), np.isnan(kinds).any(), single
-    )
+    shown = [kind for k, kind in enumerate(KINDS) if (kinds == k).any()]
+    kinds_key(ax, [*shown, *["failed"] * bool(np.isnan(kinds).any())], single)
     return "Stability map"
 
 
@@ -137,14 +144,14 @@ def boundary_plot(figure, ax, done):
     up = np.nansum(np.sign(beyond - boundary)) >= 0  # stable below
     for i, text in enumerate(note):
         if text:
-            edge[i] = search.high if ("unstable" not in text) == up else search.low
-    below, above = (STABLE, UNSTABLE) if up else (UNSTABLE, STABLE)
+            edge[i] = search.high if text.startswith("no change: stable") == up else search.low
+    below, above = (AREA[kind] for kind in (("stable", "unstable")[:: 1 if up else -1]))
     ax.set_facecolor(FAILED)
     ax.fill_between(x, search.low, edge, color=below, linewidth=0)
     ax.fill_between(x, edge, search.high, color=above, linewidth=0)
     ax.plot(x, boundary, color=INK, marker="o", markersize=3, linewidth=1.4)
     ax.set(xlim=(x[0], x[-1]), ylim=(search.low, search.high))
-    kinds_key(ax, True, True, False, np.isnan(edge).any())
+    kinds_key(ax, ["stable", "unstable", *["failed"] * bool(np.isnan(edge).any())])
     return f"Last stable {search.name}"
 
 
@@ -154,7 +161,7 @@ def over_one(ax, done, x, verdict, peak, axis=None):
     order = np.argsort(x)
     ax.plot(x[order], peak[order], color=INK, linewidth=0.6, zorder=1)
     shown = np.where(np.isfinite(peak), peak, 0)
-    judged = np.isin(verdict, ("stable", "unstable"))
+    judged = np.isin(verdict, VERDICTS)
     failed = ~np.isfinite(peak)
     plain = ~judged & ~failed  # no [verdict]
     ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
@@ -229,16 +236,14 @@ def key_below(ax, handles=None):
            handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
 
 
-def kinds_key(ax, *shown):
+def kinds_key(ax, shown, more=()):
     """The kinds of cells that are shown, and more handles behind them."""
-    kinds = zip(
-        shown,
-        (STABLE, UNSTABLE, UNTOUCHED, FAILED),
-        ("stable", "unstable", "no contact", "failed"),
-        strict=False,
-    )
-    handles = [Patch(color=colour, label=label) for at, colour, label in kinds if at]
-    key_below(ax, [*handles, *(shown[4] if len(shown) > 4 else ())])
+    order = (*VERDICTS, "failed")
+    handles = [
+        Patch(color=AREA[kind], label=WORDS.get(kind, kind))
+        for kind in sorted(shown, key=order.index)
+    ]
+    key_below(ax, [*handles, *more])
 
 
 def cell_edges(axis):

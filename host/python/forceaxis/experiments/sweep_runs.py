@@ -13,6 +13,7 @@ from rich.progress import Progress
 from forceaxis import _core
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments.points import tidy
+from forceaxis.experiments.verdicts import STABLE
 
 METRICS = (
     "peak_force_N",
@@ -20,8 +21,12 @@ METRICS = (
     "force_ripple_count",
     "position_ripple_count",
     "contact_losses",
+    "contact_losses_run",
+    "first_contact_s",
     "in_contact",
+    "reading_range_ticks",
     "saturated_ticks",
+    "setpoint_beyond_N",
     "last_adc_change_tick",
 )
 
@@ -298,11 +303,12 @@ def boundaries(runner, rows, search):
     found = {
         "boundary": np.full(count, math.nan),
         "unstable_at": np.full(count, math.nan),
+        "beyond": [""] * count,
         "note": [""] * count,
         "error": [""] * count,
         "runs": np.zeros(count),
     }
-    brackets = {}  # row -> [last stable value, first unstable value]
+    brackets = {}  # row -> [last stable value, first value that is not]
 
     def verdicts(wanted):
         """Verdicts at (row, value), None for one that failed."""
@@ -317,11 +323,16 @@ def boundaries(runner, rows, search):
     for i, pair in enumerate(zip(ends[::2], ends[1::2], strict=True)):
         if None in pair:
             continue
-        if pair[0] == pair[1]:
-            found["note"][i] = f"no change: {pair[0]} from {search.low:g} to {search.high:g}"
+        if (pair[0] == STABLE) == (pair[1] == STABLE):
+            found["note"][i] = (
+                f"no change: {pair[0]} from {search.low:g} to {search.high:g}"
+                if pair[0] == pair[1]
+                else f"no change: {pair[0]} at {search.low:g}, {pair[1]} at {search.high:g}"
+            )
         else:
-            up = pair[0] == "stable"
+            up = pair[0] == STABLE
             brackets[i] = [search.low, search.high] if up else [search.high, search.low]
+            found["beyond"][i] = pair[up]
     active = list(brackets)
     while active:
         middle = {i: tidy(sum(brackets[i]) / 2) for i in active}
@@ -335,8 +346,11 @@ def boundaries(runner, rows, search):
             if verdict is None:
                 del brackets[i]
             else:
-                brackets[i][verdict != "stable"] = middle[i]
+                brackets[i][verdict != STABLE] = middle[i]
+                if verdict != STABLE:
+                    found["beyond"][i] = verdict
         active = [i for i in active if i in brackets]
     for i, bracket in brackets.items():
         found["boundary"][i], found["unstable_at"][i] = bracket
-    return found | {name: np.array(found[name], dtype=str) for name in ("note", "error")}
+    texts = ("beyond", "note", "error")
+    return found | {name: np.array(found[name], dtype=str) for name in texts}

@@ -9,12 +9,12 @@ from importlib import resources
 import jinja2
 
 from forceaxis import _core, drawing, objects, paths, words
+from forceaxis.experiments import verdicts
 from forceaxis.report import axes, folder
 
 # What the page calls each status of an experiment.
 WORDS = {
-    "stable": "stable",
-    "unstable": "unstable",
+    **verdicts.WORDS,
     "none": "no verdict",
     "differs": "not as expected",
     "error": "not run",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forceaxis import _core, paths
+from forceaxis.experiments.verdicts import NOT_STABLE
 from forceaxis.linear import loops
 
 # The map: gains, of the linear limit, and the gaps from which the robot approaches, m.
@@ -43,7 +44,8 @@ def flexible_robot(b_rf):
 
 
 def cycles(experiment, settings, gains, gaps, threads):
-    """Unstable verdicts, rows of gains (absolute) and columns of gaps, and one run's command."""
+    """Verdicts that are not stable, rows of gains (absolute) and columns of gaps, and one run's
+    command."""
     path = paths.EXPERIMENTS / f"{experiment}.toml"
     texts = [f"{name}={value!r}" for name, value in settings.items()]
     jobs = [
@@ -51,7 +53,7 @@ def cycles(experiment, settings, gains, gaps, threads):
         for gain in gains
         for gap in gaps
     ]
-    verdicts = [r["verdict"] == "unstable" for r in _core.run_many(jobs, threads)]
+    verdicts = [r["verdict"] in NOT_STABLE for r in _core.run_many(jobs, threads)]
     sets = [word for text in jobs[-1][1] for word in ("--set", text)]
     command = shlex.join(["forceaxis", "run", paths.display(path), *sets])
     return np.array(verdicts).reshape(len(gains), len(gaps)), command

@@ -18,6 +18,7 @@ from rich.progress import Progress
 
 from forceaxis import _core, paths, toml
 from forceaxis.experiments import link
+from forceaxis.experiments.verdicts import stability
 
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
@@ -148,8 +149,9 @@ def run(threads=None, over=None):
     cells = []
     for cell, outcome in zip(tables.cells, outcomes, strict=True):
         keep = ("metrics", "criterion", "fault", "trace_hash")
-        cells.append(cell | {"ours": outcome["verdict"]} | {k: outcome[k] for k in keep})
-        if cell["thesis"] != outcome["verdict"]:
+        ours = stability(outcome["verdict"])  # the thesis knows two words
+        cells.append(cell | {"ours": ours} | {k: outcome[k] for k in keep})
+        if cell["thesis"] != ours:
             cells[-1]["reason"] = tables.reasons.get(key_of(cell), "not explained")
     # What a cell may set without moving a printed value: the damper and the pad that it names.
     named = {"b_w", "k_g"}
@@ -184,7 +186,8 @@ def describe(result):
 
 def matches(cells, outcomes):
     """Per cell: 1 where ours is the thesis's verdict."""
-    return np.array([o["verdict"] == c["thesis"] for c, o in zip(cells, outcomes, strict=True)])
+    pairs = zip(cells, outcomes, strict=True)
+    return np.array([stability(o["verdict"]) == c["thesis"] for c, o in pairs])
 
 
 def score_with(variants, threads, title):
@@ -243,7 +246,8 @@ def criterion_sensitivity(cells, threads=None):
         for c in cells:
             varied = dict(c["criterion"])
             varied["force_ripple_max_count"] *= factor
-            verdicts.append(_core.judge(varied, c["metrics"], c["fault"]))
+            verdict, _ = _core.judge(varied, c["metrics"], c["fault"])
+            verdicts.append(stability(verdict))
         value = cells[0]["criterion"]["force_ripple_max_count"] * factor
         rows.append(_sensitivity("force_ripple_max_count", factor, value, cells, base, verdicts))
     window = cells[0]["criterion"]["window_s"]
@@ -251,7 +255,7 @@ def criterion_sensitivity(cells, threads=None):
     for factor in (0.8, 1.2):
         extra = [f"verdict.window_s={window * factor!r}"]
         jobs = [(p, s + extra) for p, s in (tables.job(c) for c in tables.cells)]
-        verdicts = [o["verdict"] for o in run_jobs(jobs, threads, "criterion")]
+        verdicts = [stability(o["verdict"]) for o in run_jobs(jobs, threads, "criterion")]
         rows.append(_sensitivity("window_s", factor, window * factor, cells, base, verdicts))
     return rows
 
