@@ -131,6 +131,27 @@ TEST_F(Drive, WithoutADwellALostContactIsApproachedAtOnce) {
   EXPECT_EQ(Read(AXIS_OBJ_ACTIVE_MODE), AXIS_MODE_POSITION);
 }
 
+// At a loss the axis brakes at once: the first code is the position law's for a trajectory that is
+// at most 2 counts and a count of rounding ahead of an axis that moves on, at 5 codes a count. It
+// is not the pressing code, which a bias would carry on.
+TEST_F(Drive, TheApproachAfterALossDoesNotCarryThePressingCodeOn) {
+  Set(AXIS_OBJ_CONTACT_LOSS_DWELL, 0);
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
+  wall_ = 400;
+  Enable(kTq);
+  Set(AXIS_OBJ_TARGET_FORCE, 750);
+  Tick(1200);
+  ASSERT_EQ(Read(AXIS_OBJ_CONTACT), 1);
+  wall_ += 1000;
+  int pressing = 0;
+  while (Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE) {
+    pressing = outputs_.dac_code;
+    Tick();
+  }
+  EXPECT_GT(pressing, 100) << "the law asked for that without a reading";
+  EXPECT_LE(outputs_.dac_code, 15);
+}
+
 TEST_F(Drive, AnAxisHeldUpDuringTheApproachDoesNotLurch) {
   for (const int target : {750, 1, -1, -750}) {
     PowerUp();
@@ -308,6 +329,28 @@ TEST_F(Drive, TheGuardedMoveStopsAtTheWorkpiece) {
   MoveTo(200);  // away is free
   ASSERT_GE(TicksUntil(kReached, kReached, 3000), 0);
   EXPECT_EQ(Demand(), 200);
+}
+
+// A guarded move that the workpiece ended has reached its target, whatever the workpiece does with
+// the axis then; the next set-point is one to be reached.
+TEST_F(Drive, AGuardedMoveThatTheWorkpieceEndedStaysReached) {
+  wall_ = 1000;
+  Set(AXIS_OBJ_POSITION_WINDOW, 0);
+  Enable(-5);
+  Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 3000);
+  MoveTo(5000);
+  ASSERT_GE(TicksUntil(kReached, kReached, 3000), 0);
+  stuck_ = true;
+  for (const int pushed : {5, 40, -40}) {
+    place_ += pushed;
+    Tick(20);
+    EXPECT_NE(Read(AXIS_OBJ_POSITION_ACTUAL), Demand());
+    EXPECT_EQ(Status() & kReached, kReached) << pushed;
+  }
+  MoveTo(200);
+  Tick(4000);
+  EXPECT_EQ(Demand(), 200);
+  EXPECT_EQ(Status() & kReached, 0) << "it is held up on the way";
 }
 
 TEST_F(Drive, StiffnessIsASpring) {

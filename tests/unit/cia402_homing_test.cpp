@@ -104,6 +104,33 @@ TEST_F(Homing, EachMethodFindsItsEdge) {
   }
 }
 
+// Homing a second time goes through every step of its method again and finds the same place.
+TEST_F(Homing, ASecondHomingIsAsTheFirst) {
+  home_to_ = kNowhere;
+  for (const int method : {17, 18, 19, 20, 33, 34, -1}) {
+    SCOPED_TRACE(method);
+    wall_ = method == -1 ? 2000 : kNowhere;
+    const int start = method == 33 ? 1000 : method == 34 ? -1000 : 0;
+    Prepare(method, start);
+    int ticks[2] = {};
+    int32_t homes[2] = {};
+    for (int again = 0; again < 2; ++again) {
+      ticks[again] = Run();
+      ASSERT_EQ(Status() & kBits, kDone) << again;
+      homes[again] = Home();
+      Control(0);
+      Tick();
+      place_ = before_ = start;
+      Tick(30);
+      Enable(kHm);
+      Control(kNew);
+      Tick(2);
+    }
+    EXPECT_NEAR(homes[1], homes[0], 2);
+    EXPECT_NEAR(ticks[1], ticks[0], 5);
+  }
+}
+
 // Two counts a tick at 3000 count/s: at most two counts late.
 TEST_F(Homing, TheUncertaintyIsTheWayOfATick) {
   for (double edge = -4000.0; edge < -3996.0; edge += 0.37) {

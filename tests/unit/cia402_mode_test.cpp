@@ -2,12 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <random>
+#include <utility>
 
 #include "tests/unit/cia402_fixture.hpp"
+#include "tests/unit/code_oracle.hpp"
 
 namespace {
 
@@ -166,6 +169,8 @@ TEST_F(Drive, TheFirstTickOfAllIsNotTrusted) {
   EXPECT_EQ(Demand(), 36000);
 }
 
+// Half of the time the masters press, and the part is pulled away and comes back; the other half
+// they write anything.
 TEST_F(Drive, RandomMastersKeepTheRules) {
   std::mt19937 random(20);
   const auto pick = [&](int low, int high) {
@@ -176,11 +181,23 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
   Set(AXIS_OBJ_TRAJECTORY_VELOCITY, 12000);
   wall_ = 3000;
   const double most = 10.0;
-  int powered_ticks = 0;
+  int powered_ticks = 0, law_ticks = 0, losses = 0, mode_before = 0;
+  bool calm = false;
+  CodeOracle codes;
   int in_mode[19] = {};
   int in_state[8] = {};
   for (int step = 0; step < 1000000; ++step) {
-    switch (pick(0, 15)) {
+    if (pick(0, 500) == 0) {
+      calm = !calm;
+      const int presses[] = {kTq, kCst, kTq, kCst, -1, -6, -7, -8};
+      Set(AXIS_OBJ_CONTROLWORD, 0);
+      if (calm) (void)Write(AXIS_OBJ_MODES_OF_OPERATION, presses[pick(0, 7)]);
+      Set(AXIS_OBJ_CONTACT_LOSS_CAP, std::array{0, 0, 40, 2048}[static_cast<size_t>(pick(0, 3))]);
+      Set(AXIS_OBJ_CONTACT_LOSS_DWELL, pick(0, 1) * 300);
+      Set(AXIS_OBJ_OUTPUT_LIMIT, std::array{2048, 300}[static_cast<size_t>(pick(0, 1))]);
+      Set(AXIS_OBJ_FORCE_SETPOINT, pick(0, 60) * 256);
+    }
+    switch (calm ? pick(60, 500) : pick(0, 15)) {
       case 0:
         Set(AXIS_OBJ_CONTROLWORD, pick(0, 0xFFFF));
         break;
@@ -190,6 +207,18 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
         break;
       case 3:
         (void)Write(AXIS_OBJ_MODES_OF_OPERATION, pick(-8, 10));
+        break;
+      case 61:
+      case 62:
+        wall_ = place_ + pick(-60, 100);
+        break;
+      case 63:
+        wall_ = place_ + pick(20, 2000);
+        break;
+      case 64:
+      case 65:
+        Set(AXIS_OBJ_TARGET_FORCE, pick(-100, 1500));
+        Set(AXIS_OBJ_TARGET_POSITION, Read(AXIS_OBJ_POSITION_ACTUAL) + pick(-200, 200));
         break;
       case 4:
         Set(AXIS_OBJ_TARGET_POSITION,
@@ -226,12 +255,28 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
       default:
         break;
     }
+    if (calm) {  // the way up, a word a tick
+      const int up[8] = {0x00, 0x06, 0x07, 0x0F, 0x0F, 0x00, 0x00, 0x80};
+      if (State() == AXIS_DRIVE_STATE_FAULT) Set(AXIS_OBJ_CONTROLWORD, 0);
+      if (State() != AXIS_DRIVE_STATE_OPERATION_ENABLED) Set(AXIS_OBJ_CONTROLWORD, up[State()]);
+      inputs_.din = AXIS_DIN_ENABLE;
+    }
     inputs_.sensor_valid = pick(0, 5000) != 0;
+    const CodeOracle::Bounds bounds(fw_);
+    const bool goes = State() == AXIS_DRIVE_STATE_OPERATION_ENABLED && fw_.drive.leaving == 0 &&
+                      Read(AXIS_OBJ_MODES_OF_OPERATION) == Mode();
+    if (std::exchange(mode_before, Mode()) != Mode()) codes.Leave();
+    const bool touched = Read(AXIS_OBJ_CONTACT) != 0;
     const int state = State();
     const int tracking = fw_.drive.tracking;
     const double speed = Speed();
     Tick();
     const int now = State();
+    const bool presses = goes && (Mode() == kTq || Mode() == kCst);
+    ASSERT_EQ(codes.Judge(bounds, inputs_, outputs_, presses), "") << step << " mode " << Mode();
+    const bool law = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE;
+    law_ticks += law;
+    losses += law && touched && Read(AXIS_OBJ_CONTACT) == 0;
     // Without a controlword the state changes by itself in these ways only.
     const bool by_itself =
         now == state || now == AXIS_DRIVE_STATE_FAULT ||
@@ -258,8 +303,11 @@ TEST_F(Drive, RandomMastersKeepTheRules) {
     }
   }
   EXPECT_GT(powered_ticks, 100000);
+  EXPECT_GT(law_ticks, 1000000 / 3);
+  EXPECT_GT(losses, 500);
+  EXPECT_GT(codes.judged_after_loss(), 10000);
   for (int state = 1; state < 8; ++state) {
-    EXPECT_GT(in_state[state], 1000) << state;
+    EXPECT_GT(in_state[state], 500) << state;
   }
   for (const int mode : {1, 3, 4, 6, 8, 9, 10, 0, -1, -2, -3, -4, -5, -6, -7, -8}) {
     EXPECT_GT(in_mode[mode + 8], 100) << mode;

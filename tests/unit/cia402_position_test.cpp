@@ -270,6 +270,27 @@ TEST_F(Drive, AHaltDropsTheCyclicTarget) {
   EXPECT_EQ(Demand(), stopped + 200);
 }
 
+// Without a target cyclic position brakes to a stand by the profile's deceleration, here 0.1 count
+// a tick squared from where the halt left off, and stays there.
+TEST_F(Drive, CyclicPositionWithoutATargetBrakesToAStand) {
+  Enable(kCsp);
+  Set(AXIS_OBJ_VELOCITY_MAX, 3000);  // 2 counts a tick
+  Set(AXIS_OBJ_TARGET_POSITION, 10000);
+  Tick(100);
+  Control(kOperate | kHalt);
+  Tick(3);
+  ASSERT_NEAR(Speed(), 1.7, 1e-3);
+  Control(kOperate);
+  EXPECT_NEAR(Follow(1.7, 0.0, 0.1), 17, 1);
+  const int32_t stopped = Demand();
+  EXPECT_GT(stopped, 200);
+  for (int i = 0; i < 1000; ++i) {
+    Tick();
+    ASSERT_EQ(Speed(), 0.0) << i;
+  }
+  EXPECT_EQ(Demand(), stopped);
+}
+
 // The same for the target of a mode with a position reference, once that mode is left.
 TEST_F(Drive, LeavingAModeDropsItsTarget) {
   for (const int from : {-6, -8, kCsp}) {

@@ -156,6 +156,28 @@ TEST_F(Shaper, TheSetPointOfTheForceLawIsShapedToo) {
   EXPECT_EQ(outputs_.dac_code, 5 * -20);
 }
 
+// A halt ends the shaping of mode -1: after it the set-point begins with the force that is there
+// then, 20 counts of reading and not the 50 from before.
+TEST_F(Shaper, TheForceLawsSetPointBeginsAnewAfterAHalt) {
+  ShapeForce(kTwo);
+  wall_ = -100;
+  stuck_ = true;  // a reading of 50 counts
+  Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+  Set(AXIS_OBJ_FORCE_SETPOINT, 70 * 256);
+  Enable(-1);
+  Tick(30);
+  ASSERT_EQ(outputs_.dac_code, 5 * 20);
+  Control(kOperate | kHalt);
+  Tick(50);
+  wall_ = -40;
+  Tick(50);
+  Control(kOperate);
+  Tick();
+  EXPECT_EQ(outputs_.dac_code, std::lround(5 * 50.0 * 40000 / 65536));
+  Tick(20);
+  EXPECT_EQ(outputs_.dac_code, 5 * 50);
+}
+
 // Every mode whose trajectory is shaped: it is the convolution of what the axis would follow
 // without, and it ends exactly there.
 TEST_F(Shaper, TheTrajectoryIsTheConvolution) {

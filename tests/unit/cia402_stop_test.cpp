@@ -353,4 +353,24 @@ TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
   }
 }
 
+// Native mode disabled cuts the ramp of a fault reaction short: off in the next tick, and the fault
+// that the reaction was for is latched by name.
+TEST_F(Drive, NativeModeDisabledEndsAFaultReactionInItsFault) {
+  Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
+  Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
+  Enable(kPv);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+  Tick(200);
+  cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
+  Tick(10);
+  ASSERT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
+  Set(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+  Tick();
+  EXPECT_EQ(outputs_.amp_enable, 0);
+  EXPECT_EQ(State(), AXIS_DRIVE_STATE_FAULT);
+  EXPECT_EQ(Read(AXIS_OBJ_FAULT), AXIS_FAULT_HEARTBEAT_LOST);
+  EXPECT_EQ(Read(AXIS_OBJ_ERROR_CODE), 0x8130);
+  EXPECT_EQ(Write(AXIS_OBJ_MODE, AXIS_MODE_POSITION), FW_ERROR_STATE) << "not before a reset";
+}
+
 }  // namespace

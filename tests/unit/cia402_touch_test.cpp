@@ -131,6 +131,30 @@ TEST_F(Touch, AContactOrAnotherDemandBeginsTheApproachAnew) {
   EXPECT_GT(TicksToOff(0, 0, 1000), 150);
 }
 
+// Time and way of an approach count from the enabling, wherever the axis stands and whatever an
+// earlier approach had used up.
+TEST_F(Touch, AnApproachBeginsAnewWithForceControl) {
+  for (const int sign : {1, -1}) {
+    PowerUp();
+    stuck_ = true;
+    place_ = 5000;
+    Set(AXIS_OBJ_APPROACH_TIMEOUT, 100);
+    Set(AXIS_OBJ_APPROACH_TRAVEL_MAX, 1000);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 30 * 256);
+    for (const int place : {5000, 7000, -5000}) {
+      place_ = place;
+      Enable(kForceCounts);
+      At(place, 0, 140);
+      ASSERT_FALSE(IsOff()) << sign << " at " << place;
+      Control(0x07);
+      At(place, 0, 10);
+    }
+    Control(0x0F);
+    EXPECT_GT(TicksToOff(-5000, 0, 1000), 150) << sign;
+    EXPECT_EQ(Fault(), AXIS_FAULT_NO_CONTACT);
+  }
+}
+
 TEST_F(Touch, HaltedThereIsNoApproach) {
   for (const int mode : {kTq, kForceCounts}) {
     Begin(mode);

@@ -98,6 +98,19 @@ TEST_F(Units, VelocityAndAccelerationAreInTheUsersUnits) {
   EXPECT_NEAR(Read(AXIS_OBJ_VELOCITY_SENSOR), -3000 * 4.096, 1500) << "6069h stays in counts";
 }
 
+// A unit of a thousandth of a count: 35 of them a second squared, the least that may be written,
+// are less than the smallest acceleration of a trajectory, 1/65536 count a tick squared. It is that
+// one, neither 0 nor more.
+TEST_F(Units, TheSmallestAccelerationIsTheTrajectorysOwn) {
+  ASSERT_EQ(Adopt({1000, 1, 1, 1, 1, 1}), FW_OK);
+  Set(AXIS_OBJ_TRAJECTORY_ACCELERATION, 35);
+  Enable(kPv);
+  Set(AXIS_OBJ_TARGET_VELOCITY, 1000000);
+  const double before = Speed();
+  Tick(100);
+  EXPECT_EQ(Speed() - before, 100.0 / 65536);
+}
+
 // The window is 100 of the user's units, 50 counts.
 TEST_F(Units, TheFollowingErrorIsInTheUsersUnits) {
   ASSERT_EQ(Adopt({2, 1, 1, 1, 1, 1}), FW_OK);

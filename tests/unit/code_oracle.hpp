@@ -58,6 +58,12 @@ class CodeOracle {
     return wrong;
   }
 
+  // The law was left between two ticks: it begins anew, with an approach where nothing is touched.
+  void Leave() {
+    since_contact_ = kNever;
+    touched_ = false;
+  }
+
   // Ticks so far in which the bound on a lost contact was judged, and in which a law pressed.
   long judged_after_loss() const { return after_loss_; }
   long pressed() const { return pressed_; }

@@ -338,6 +338,48 @@ TEST_F(Lss, FastScanIgnoresWhatIsOutOfItsOrder) {
   EXPECT_FALSE(IsConfiguring());
 }
 
+// Selecting and fast scan begin with the first part of the address, the vendor, at power-up and
+// after a reset of communication, whatever was asked before.
+TEST_F(Lss, ASequenceBeginsAnewWithAReset) {
+  const auto part = [&](uint8_t i, uint32_t value) {
+    return !Ask(Numbered(static_cast<uint8_t>(0x40 + i), value)).empty();
+  };
+  PowerUp(5);
+  EXPECT_FALSE(part(1, Product()) || part(2, 1) || part(3, kSerial)) << "without the vendor";
+  EXPECT_FALSE(part(0, 0) || part(1, Product()) || part(2, 1));
+  Send(0, {130, 5});
+  Tick(2);
+  EXPECT_FALSE(part(3, kSerial)) << "the first three were before the reset";
+  EXPECT_FALSE(part(0, 0) || part(1, Product()) || part(2, 1));
+  EXPECT_TRUE(part(3, kSerial));
+}
+
+TEST_F(Lss, AFastScanBeginsAnewWithAReset) {
+  const auto scan = [&](uint32_t value, uint8_t check, uint8_t part, uint8_t next) {
+    Bytes data = Numbered(0x51, value);
+    data.insert(data.end(), {check, part, next});
+    return Answers(data, {0x4F});
+  };
+  PowerUp(FW_NODE_ID_BY_LSS);
+  EXPECT_FALSE(scan(Product(), 0, 1, 2)) << "vendor first";
+  EXPECT_TRUE(scan(0, 0, 0, 1));
+  EXPECT_TRUE(scan(Product(), 0, 1, 2));
+  EXPECT_TRUE(scan(1, 0, 2, 3));
+  EXPECT_TRUE(scan(kSerial, 0, 3, 1)) << "selected, and the next part would be the product";
+  EXPECT_TRUE(Answers({0x11, 9}, {0x11, 0}));
+  Waiting();
+  Tick(2);
+  ASSERT_EQ(NodeId(), 9);
+  Configuration();
+  EXPECT_TRUE(Answers({0x11, 255}, {0x11, 0}));
+  Waiting();
+  Send(0, {130, 9});
+  Tick(2);
+  ASSERT_EQ(NodeId(), 255);
+  EXPECT_FALSE(scan(Product(), 0, 1, 2)) << "vendor first";
+  EXPECT_TRUE(scan(0, 0, 0, 1));
+}
+
 TEST_F(Lss, ABitRateChangesBetweenTwoSilences) {
   PowerUp(5, nullptr, 0x05);  // 1000 and 500 kbit/s
   Send(0, {1, 5});

@@ -183,6 +183,39 @@ TEST_F(Fw, TheWayByWhichModbusAcquiredTheAxisDecides) {
   }
 }
 
+// A Modbus on the serial line had the axis and fell silent. Its next owner is CANopen, whose end is
+// noticed as that of any CANopen owner: it is lost, and nobody holds the axis by that. Also where
+// the axis went on meanwhile, so that CANopen did not enable it.
+TEST_F(Fw, CanopenIsWatchedAfterAModbusOnTheSerialLineFellSilent) {
+  for (const bool goes_on : {false, true}) {
+    for (const bool bus_off : {false, true}) {
+      PowerUp();
+      ASSERT_EQ(Download(kCanopen, 0x1400, 5, 20, 2), 0u);
+      Send(0, {1, kNode});
+      Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, goes_on ? 0 : 1);
+      Drive(kRtu);
+      ASSERT_EQ(Write(kRtu, AXIS_OBJ_WATCHDOG, 10), 0u);
+      Tick(50);
+      ASSERT_EQ(Owner(), AXIS_COMMAND_SOURCE_CANOPEN);
+      ASSERT_EQ(IsOn(), goes_on);
+      Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 1);
+      if (!goes_on) {
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x80), 0u);
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_OPEN_LOOP_CODE, kCode), 0u);
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x06), 0u);
+        ASSERT_EQ(Write(kCanopen, AXIS_OBJ_CONTROLWORD, 0x0F), 0u);
+        Tick(2);
+      }
+      ASSERT_TRUE(IsOn());
+      Send(0x205, {0x0F, 0x00, 0xFE});
+      if (bus_off) fw_can_bus(&fw_, CAN_BUS_OFF);
+      EXPECT_EQ(TicksToOff(100), bus_off ? 1 : TicksOf(20) + 2) << goes_on;
+      EXPECT_EQ(Inner(AXIS_OBJ_FAULT), bus_off ? AXIS_FAULT_CAN_OFF : AXIS_FAULT_PDO_TIMEOUT);
+      EXPECT_EQ(Inner(AXIS_OBJ_STOPPED_BY), AXIS_STOPPED_BY_NOBODY);
+    }
+  }
+}
+
 // A master on the serial line that writes the owner's number while the gateway's client moves the
 // axis does not put an end to the gateway's supervision.
 TEST_F(Fw, WritingTheOwnersNumberAgainDoesNotEndTheSupervisionOfAGateway) {

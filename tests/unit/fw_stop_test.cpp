@@ -345,6 +345,25 @@ TEST_F(FwStop, NmtAndBusOffStopAnotherOnesAxis) {
   }
 }
 
+// abort_connection_option 0: the axis goes on, and it is shown as stopped by nobody.
+TEST_F(FwStop, AnAxisThatIsToGoOnIsNotHeld) {
+  for (int how = 0; how < 2; ++how) {
+    Prepare(kRtu);
+    Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 0);
+    if (how == 0) Send(0, {2, kNode});
+    if (how == 1) fw_can_bus(&fw_, CAN_BUS_OFF);
+    for (int i = 0; i < 50; ++i) {
+      Tick();
+      ASSERT_TRUE(IsOn()) << how;
+    }
+    EXPECT_EQ(Inner(AXIS_OBJ_STOPPED_BY), AXIS_STOPPED_BY_NOBODY) << how;
+    EXPECT_EQ(Inner(AXIS_OBJ_STATUSWORD) & 0x4000, 0) << how;
+    if (how == 0) Send(0, {1, kNode});
+    if (how == 1) fw_can_bus(&fw_, CAN_BUS_ACTIVE);
+    EXPECT_EQ(CountEmergencies(0xFF08), 0) << how;
+  }
+}
+
 // A stop is carried out once: whatever else the node reports later repeats none.
 TEST_F(FwStop, AStopOfTheBusIsNotRepeated) {
   Prepare(kRtu);

@@ -1,13 +1,21 @@
-// Random masters against an oracle of who may do what.
+// Random masters against an oracle of who may do what, on an axis that presses, bounces and is
+// struck.
 //
 // usage: ownership_flood TICKS SEED
 //
 // CANopen (SDO, RPDO, NMT, state of the bus), Modbus RTU and the sources behind a gateway write
-// controlwords, command_source, modes and targets in any order, sensors fail, time passes. The
-// oracle below is written from the rules in DESIGN.md, not from the firmware: it knows the answer
-// to each write, the owner after each tick, whether the axis is held, and that the amplifier is on
-// only for an owner who enabled it. The first difference ends the run with status 1. The last line
-// has the counts and a hash of all outputs.
+// controlwords, command_source, modes and targets in any order, sensors fail, a second node of the
+// same id speaks up, time passes. For most of it the owner presses on a part that is struck away
+// and comes back (contact_scene.hpp), in every force mode, with caps, limits, laws and bias drawn
+// anew.
+//
+// The oracle is written from the rules in DESIGN.md, docs/ and the meanings in axis_objects.toml,
+// not from the firmware. It knows the answer to each write, the owner after each tick, whether the
+// axis is held or halted, that the amplifier is on only for an owner who enabled it and off in the
+// first tick after a stop, that a fault is off in its own tick and one between two ticks in the
+// next, and what code, demanded force and speed of approach are at most (code_oracle.hpp has the
+// code). The first difference ends the run with status 1. The last line has the counts and a hash
+// of all outputs.
 
 #include <algorithm>
 #include <array>
@@ -15,10 +23,14 @@
 #include <cstdio>
 #include <cstdlib>
 #include <random>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/unit/code_oracle.hpp"
 #include "tests/unit/frames.hpp"
+#include "tests/wire/contact_scene.hpp"
 
 namespace {
 
@@ -51,7 +63,6 @@ struct Oracle {
   int owner = kCanopen;
   bool held = false;
   bool may_move = false;  // somebody who might has enabled it, and nobody has stopped it since
-  int off_ticks = 0;      // since it may not
   int word = 0;           // the owner's controlword, and the halt of others
   int silent = 0, watchdog = 1500;
   bool wrote = false;
@@ -62,7 +73,7 @@ struct Oracle {
     if (!by_owner && state != kOff && state != kFault) held = true;
   }
 
-  Answer Controlword(int source, int asked, State state) {
+  Answer Controlword(int source, int asked, State state, bool serial) {
     const bool halts = (asked & kHalt) != 0;
     if (source != owner) {
       if (!halts && !Lowers(asked)) return kLocked;
@@ -77,9 +88,13 @@ struct Oracle {
       return halts ? Fed() : kNotNow;
     }
     held = false;
-    word = asked;
+    // A halt ends with a word that enables, not with one that commands nothing.
+    word = asked | (state == kEnabled && !Enables(asked) ? word & kHalt : 0);
     if (Enables(asked)) may_move = true;
     if (Lowers(asked)) may_move = false;
+    // Modbus on the line and through a gateway are one owner; what enables it over CAN is lost with
+    // it.
+    if (Enables(asked) && state == kReady && !serial) on_can = true;
     return Fed();
   }
 
@@ -92,11 +107,13 @@ struct Oracle {
     return source == owner ? Fed() : kDone;
   }
 
-  Answer Take(int source, int wanted, bool still, bool serial) {
+  Answer Take(int source, int wanted, bool still, bool serial, State state) {
     if (source != owner && (wanted != source || !still)) return kLocked;
+    const bool powered = state == kEnabled || state == kQuickStop;
+    const bool by_can = wanted != kModbus || !serial;
+    if (by_can || wanted != owner || !powered) on_can = by_can;
     if (wanted != owner) silent = 0;
     owner = wanted;
-    on_can = wanted != kModbus || !serial;
     wrote = wanted == source;
     return kDone;
   }
@@ -130,12 +147,6 @@ struct Oracle {
       may_move = false;
     }
   }
-
-  // After it.
-  bool Allows(bool amplifier) {
-    off_ticks = may_move ? 0 : off_ticks + 1;
-    return may_move || !amplifier || off_ticks < 2;
-  }
 };
 
 class Flood {
@@ -157,9 +168,16 @@ class Flood {
       if (OneIn(40)) {
         for (uint32_t n = Below(OneIn(10) ? 400 : 30); n > 0; --n) Tick();
       }
+      if (OneIn(150)) Press();
     }
-    std::printf("%llu ticks, %llu of them on; %llu writes, %llu of them refused; hash %016llx\n",
-                Long(ticks_), Long(on_), Long(writes_), Long(refused_), Long(hash_));
+    std::printf(
+        "%llu ticks, %llu of them on, %llu with the force law, %llu with a code; %llu contacts "
+        "lost, "
+        "%llu strikes, %llu ticks judged after a loss; %llu writes, %llu of them refused; hash "
+        "%016llx\n",
+        Long(ticks_), Long(on_), Long(law_), Long(coded_), Long(lost_), Long(strikes_),
+        Long(static_cast<uint64_t>(codes_.judged_after_loss())), Long(writes_), Long(refused_),
+        Long(hash_));
   }
 
  private:
@@ -192,6 +210,7 @@ class Flood {
     Set(AXIS_OBJ_ABORT_CONNECTION_OPTION, 1 + static_cast<int>(Below(2)));
     Set(AXIS_OBJ_POSITION_GAIN, 5 * 256);
     Set(AXIS_OBJ_HOMING_METHOD, -1);
+    DrawLaw();
     const int ms = 10 + static_cast<int>(Below(200));
     Set(AXIS_OBJ_WATCHDOG, ms);
     oracle_ = Oracle{};
@@ -199,6 +218,45 @@ class Flood {
     Frame({0, {1, kNode}});
     nmt_ = kOperational;
   }
+
+  template <size_t N>
+  int Pick(const int (&of)[N]) {
+    return of[Below(N)];
+  }
+
+  // Of a disabled axis: the part, the law, and what bounds it.
+  void DrawLaw() {
+    scene_.Take({.speed_of_code = 0.005 + 0.03 * Share(),
+                 .follows = 0.05 + 0.9 * Share(),
+                 .stiffness = 0.1 + 2.0 * Share(),
+                 .yields = 0.05 * Share(),
+                 .spring = 0.002 + 0.05 * Share(),
+                 .damping = 0.3 * Share()});
+    Set(AXIS_OBJ_LATENCY_TICKS, static_cast<int>(Below(2)));
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, Pick({6, 6, 0, 3, 12}));
+    Set(AXIS_OBJ_CONTACT_LOSS_DWELL, Pick({300, 300, 0, 20}));
+    Set(AXIS_OBJ_CONTACT_LOSS_CAP, Pick({0, 0, 40, 300, 2048}));
+    Set(AXIS_OBJ_OUTPUT_LIMIT, Pick({2048, 2048, 700, 90}));
+    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick({3000, 3000, 15000, 60000}));
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick({0, 3000}));
+    Set(AXIS_OBJ_FORCE_GAIN, Pick({256, 5 * 256, 15 * 256}));
+    Set(AXIS_OBJ_FORCE_SLOPE, Pick({10000, 1000000}));
+    Set(AXIS_OBJ_FORCE_LIMIT, Pick({1000, 1000, 400}));
+    Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, Pick({65535, 300}));
+    Set(AXIS_OBJ_FORCE_MAX, Pick({0, 0, 0, 200 * 256}));
+    Set(AXIS_OBJ_CERTIFICATE_REQUIRED, OneIn(4) ? 1 : 0);
+    Set(AXIS_OBJ_UNCERTIFIED_OUTPUT, Pick({512, 60}));
+    Set(AXIS_OBJ_UNCERTIFIED_FORCE, Pick({500, 1000}));
+    Set(AXIS_OBJ_POSITION_MIN, INT32_MIN);
+    Set(AXIS_OBJ_POSITION_MAX, OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX);
+    Set(AXIS_OBJ_POSITION_MIN, OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN);
+    switch_pos_ = OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX;
+    switch_neg_ = OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN;
+    Set(AXIS_OBJ_STIFFNESS, Pick({64, 512}));
+    Set(AXIS_OBJ_DAMPING, Pick({64, 512}));
+  }
+
+  double Share() { return Below(1001) / 1000.0; }
 
   void Frame(const ::Frame &frame) {
     can_frame_t f{};
@@ -270,6 +328,7 @@ class Flood {
       const int refusal = fw_object_write(&fw_, static_cast<uint8_t>(source), object, value);
       got = refusal == FW_OK ? kDone : refusal == FW_ERROR_LOCKED ? kLocked : kNotNow;
     }
+    if (Now() != kEnabled) codes_.Leave();
     ++writes_;
     refused_ += got != kDone;
     if (expected == kEither && (got == kDone || got == kNotNow)) {
@@ -299,7 +358,7 @@ class Flood {
                            Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
         const bool serial = source == kModbus && OneIn(2);
         Write(source, AXIS_OBJ_COMMAND_SOURCE, wanted,
-              heard ? oracle_.Take(source, wanted, still, serial) : kNone, serial);
+              heard ? oracle_.Take(source, wanted, still, serial, state) : kNone, serial);
         break;
       }
       case 1:
@@ -337,18 +396,89 @@ class Flood {
         if (nmt_ == kOperational) {
           const int word = Word();
           if (oracle_.owner == kCanopen) oracle_.wrote = true;
-          (void)oracle_.Controlword(kCanopen, word, state);
+          (void)oracle_.Controlword(kCanopen, word, state, false);
           Frame(
               {0x200 + kNode, {static_cast<uint8_t>(word), static_cast<uint8_t>(word >> 8), 0xFE}});
+          if (Now() != kEnabled) codes_.Leave();
         }
         break;
       default: {
         const int word = Word();
+        const bool serial = source == kModbus && OneIn(2);
         Write(source, AXIS_OBJ_CONTROLWORD, word,
-              heard ? oracle_.Controlword(source, word, state) : kNone);
+              heard ? oracle_.Controlword(source, word, state, serial) : kNone, serial);
         break;
       }
     }
+  }
+
+  void Command(int word) {
+    const int source = oracle_.owner;
+    const bool serial = source == kModbus && OneIn(2);
+    Write(source, AXIS_OBJ_CONTROLWORD, word,
+          Heard(source) ? oracle_.Controlword(source, word, Now(), serial) : kNone, serial);
+  }
+
+  // The owner enables the axis and presses with it, while the part is struck, moves away and comes
+  // back, and others do as they like now and then.
+  void Press() {
+    if (nmt_ != kOperational) {
+      Frame({0, {1, kNode}});
+      nmt_ = kOperational;
+    }
+    Command(0x80);
+    Command(0x00);
+    Tick();
+    if (const State state = Now(); state == kOff || state == kReady) DrawLaw();
+    static constexpr int kModes[] = {4, 4, 10, 10, -1, -6, -7, -8};
+    const int mode = Pick(kModes);
+    Write(oracle_.owner, AXIS_OBJ_MODES_OF_OPERATION, mode, oracle_.Other(oracle_.owner));
+    Command(0x06);
+    Command(0x07);
+    Command(0x0F);
+    for (uint32_t n = 200 + Below(OneIn(4) ? 3000 : 700); n > 0; --n) {
+      Tick();
+      if (n % 10 == 0 && !OneIn(100)) Ask(mode);
+      if (OneIn(60)) {
+        ++strikes_;
+        scene_.Strike((OneIn(3) ? -1 : 1) * static_cast<double>(1 + Below(60)));
+      }
+      if (OneIn(500)) scene_.Move(OneIn(2) ? 100.0 : -100.0);
+      if (OneIn(250)) Act();
+      if (OneIn(2000)) Duplicate();
+      const State state = Now();
+      if (state != kEnabled && OneIn(20)) return;
+    }
+  }
+
+  // What the owner wants of a force mode.
+  void Ask(int mode) {
+    static constexpr int kForces[] = {600, 600, 600, 200, 1500, 0, -100};
+    const int force = OneIn(20) ? Pick(kForces) : 600;
+    if (mode >= 0) {
+      Write(oracle_.owner, AXIS_OBJ_TARGET_FORCE, force, oracle_.Other(oracle_.owner));
+    } else {
+      // In process, as the port itself does: the serial line writes no 32 bits at once.
+      Set(AXIS_OBJ_FORCE_SETPOINT, force / 40 * 256);
+      Set(AXIS_OBJ_TARGET_POSITION, scene_.Encoder() + force / 10);
+      Set(AXIS_OBJ_TARGET_VELOCITY, 5 * force);
+      Write(oracle_.owner, AXIS_OBJ_TARGET_FORCE, force, oracle_.Other(oracle_.owner));
+    }
+  }
+
+  // A frame that only a node of this id would send: a fault that acts in the coming tick, whoever
+  // tries to reset it before.
+  void Duplicate() {
+    must_fault_ = Read(AXIS_OBJ_FAULT) == 0;  // the first one stays
+    Frame({0x700 + kNode, {5}});
+    oracle_.may_move = false;
+    if (OneIn(2)) {
+      Write(oracle_.owner, AXIS_OBJ_FAULT_RESET, 1, oracle_.Other(oracle_.owner), false);
+    } else if (OneIn(2)) {
+      for (int word : {0x80, 0x06, 0x07, 0x0F}) Command(word);
+      oracle_.may_move &= !must_fault_;
+    }
+    Tick();
   }
 
   void Nmt() {
@@ -394,17 +524,74 @@ class Flood {
   }
 
   void Step() {
-    inputs_.encoder_cnt += static_cast<int32_t>(Below(3)) - 1;
-    inputs_.adc_code[0] = static_cast<uint16_t>(Below(40));
+    inputs_.encoder_cnt = scene_.Encoder();
+    inputs_.adc_code[0] = scene_.Reading();
+    const int ends = (inputs_.encoder_cnt >= switch_pos_ ? AXIS_DIN_LIMIT_POS : 0) |
+                     (inputs_.encoder_cnt <= switch_neg_ ? AXIS_DIN_LIMIT_NEG : 0);
+    inputs_.din = static_cast<uint8_t>((inputs_.din & AXIS_DIN_ENABLE) | ends);
+    const CodeOracle::Bounds bounds(fw_);
+    const int mode = Read(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY);
+    if (std::exchange(mode_before_, mode) != mode) codes_.Leave();
+    const bool goes = Now() == kEnabled && Read(AXIS_OBJ_MODES_OF_OPERATION) == mode;
+    const bool presses = goes && (mode == 4 || mode == 10);
+    const bool was_on = outputs_.amp_enable != 0;
+    const bool law_was_on = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE;
+    const bool touched = Read(AXIS_OBJ_CONTACT) != 0;
+    const int uncertified =
+        Read(AXIS_OBJ_CERTIFICATE_REQUIRED) != 0 ? Read(AXIS_OBJ_UNCERTIFIED_OUTPUT) : -1;
     fw_tick(&fw_, &inputs_, &outputs_);
     ++ticks_;
+    const bool law_is_on = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE;
     on_ += outputs_.amp_enable != 0;
+    law_ += law_is_on;
+    coded_ += outputs_.dac_code != 0;
+    lost_ += law_was_on && touched && Read(AXIS_OBJ_CONTACT) == 0;
     for (uint64_t value : {static_cast<uint64_t>(static_cast<uint16_t>(outputs_.dac_code)),
                            uint64_t{outputs_.amp_enable}, uint64_t{fw_.device.command_source},
                            uint64_t{fw_.drive.signals.statusword}}) {
       hash_ = (hash_ ^ value) * 0x100000001B3u;
     }
+    const std::string wrong =
+        codes_.Judge(bounds, inputs_, outputs_, presses, presses ? uncertified : -1);
+    if (!wrong.empty()) Fail(wrong.c_str(), outputs_.dac_code, 0);
+    if (goes && mode < 0 && law_was_on && law_is_on && uncertified >= 0 &&
+        std::abs(outputs_.dac_code) > uncertified && mode != -2 && mode != -3 && mode != -4) {
+      Fail("the code of a law without a certificate", outputs_.dac_code, uncertified);
+    }
+    if (presses) JudgeDemand(uncertified >= 0);
+    JudgeFaults(was_on);
+    scene_.Step(outputs_.dac_code, outputs_.amp_enable != 0);
     if (OneIn(4)) Drain(nullptr);
+  }
+
+  // The force that is asked for, and the speed of an approach, in modes 4 and 10.
+  void JudgeDemand(bool uncertified) {
+    const int limit = Read(AXIS_OBJ_FORCE_LIMIT);
+    const int whole = std::min(limit, Read(AXIS_OBJ_FORCE_LIMIT_POSITIVE));
+    const int part = limit * Read(AXIS_OBJ_UNCERTIFIED_FORCE) / 1000;
+    const int most = uncertified ? std::min(whole, part) : whole;
+    const int least = -(uncertified ? std::min(limit, part) : limit);
+    const int force = Read(AXIS_OBJ_FORCE_DEMAND);
+    if (force > most || force < least) Fail("the demanded force", force, force > 0 ? most : least);
+    if (Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_POSITION) {
+      const int speed = std::abs(Read(AXIS_OBJ_VELOCITY_DEMAND));
+      const int bound = Read(AXIS_OBJ_APPROACH_VELOCITY_MAX);
+      if (speed > bound) Fail("the speed of an approach", speed, bound);
+    }
+  }
+
+  void JudgeFaults(bool was_on) {
+    const int fault = Read(AXIS_OBJ_FAULT);
+    const bool is_off = outputs_.amp_enable == 0 && outputs_.dac_code == 0;
+    if (fault != 0 && !is_off) Fail("the amplifier with a fault", 1, 0);
+    const int most = Read(AXIS_OBJ_FORCE_MAX);
+    const bool too_large = most != 0 && inputs_.adc_code[0] * 256 > most && was_on;
+    const bool no_chain = (inputs_.din & AXIS_DIN_ENABLE) == 0 && was_on;
+    if ((inputs_.sensor_valid == 0 || no_chain || too_large || must_fault_) && !is_off) {
+      Fail("the amplifier in the tick of a fault", 1, 0);
+    }
+    if ((inputs_.sensor_valid == 0 || must_fault_) && fault == 0) Fail("the fault", fault, 1);
+    must_fault_ = false;
   }
 
   void Compare() {
@@ -417,7 +604,7 @@ class Flood {
     if (Read(AXIS_OBJ_CONTROLWORD) != oracle_.word) {
       Fail("the controlword", Read(AXIS_OBJ_CONTROLWORD), oracle_.word);
     }
-    if (!oracle_.Allows(outputs_.amp_enable != 0)) Fail("the amplifier", 1, 0);
+    if (!oracle_.may_move && outputs_.amp_enable != 0) Fail("the amplifier", 1, 0);
     if (outputs_.amp_enable == 0 && outputs_.dac_code != 0) {
       Fail("the code of an amplifier that is off", outputs_.dac_code, 0);
     }
@@ -435,7 +622,13 @@ class Flood {
   axis_inputs_t inputs_{};
   axis_outputs_t outputs_{};
   Oracle oracle_;
-  uint64_t ticks_ = 0, on_ = 0, writes_ = 0, refused_ = 0;
+  CodeOracle codes_;
+  ContactScene scene_;
+  bool must_fault_ = false;
+  int mode_before_ = 0;
+  int32_t switch_pos_ = INT32_MAX, switch_neg_ = INT32_MIN;
+  uint64_t ticks_ = 0, on_ = 0, law_ = 0, coded_ = 0, lost_ = 0, strikes_ = 0;
+  uint64_t writes_ = 0, refused_ = 0;
   uint64_t hash_ = 0xCBF29CE484222325u;
 };
 

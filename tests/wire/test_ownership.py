@@ -1,6 +1,8 @@
-"""Who may start, stop and own an axis: random masters against an oracle written apart."""
+"""Who may start, stop and own an axis, and what code it puts out: random masters press, bounce and
+are struck before an oracle written apart."""
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -19,13 +21,25 @@ def flood(ticks, seed):
     return done.stdout
 
 
+COUNTS = re.compile(
+    r"(\d+) ticks, (\d+) of them on, (\d+) with the force law, \d+ with a code; "
+    r"(\d+) contacts lost, (\d+) strikes, (\d+) ticks judged after a loss; "
+    r"(\d+) writes, (\d+) of them refused"
+)
+
+
 @pytest.mark.quick
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_nobody_moves_an_axis_that_is_not_its_own(seed):
+def test_nobody_moves_an_axis_that_is_not_its_own_nor_beyond_its_bounds(seed):
     line = flood(500_000, seed)
-    ticks, on = (int(line.split()[i]) for i in (0, 2))
+    ticks, on, law, lost, strikes, judged, writes, refused = map(int, COUNTS.match(line).groups())
     assert ticks >= 500_000
-    assert on > 20_000  # else nothing was at stake
+    # Else nothing was at stake: what was found blind had the force law in 3 % of its ticks.
+    assert law >= ticks / 3, line
+    assert on > law
+    assert lost > ticks / 1000 and strikes > ticks / 200, line
+    assert judged > ticks / 50, line
+    assert writes > ticks / 5 and refused > ticks / 50, line
 
 
 def test_the_same_seed_gives_the_same_hash():
