@@ -6,8 +6,8 @@
 
 namespace forceaxis::sim {
 
-/// A text from a file or a bus for a terminal: control characters, also those of U+0080 to U+009F in
-/// UTF-8, become blanks.
+/// A text from a file or a bus for a terminal: control characters, also those of U+0080 to U+009F
+/// in UTF-8, become blanks.
 std::string one_line(std::string_view text);
 std::string in_quotes(std::string_view text);
 /// The shortest decimal that reads back the same.
