@@ -564,10 +564,6 @@ class Node:
             at, value = (entry >> 16, entry >> 8 & 0xFF), data & (1 << width) - 1
             controls |= entry >> 8 in CONTROL
             stops |= is_stop(at, value)
-            if entry >> 8 in (0x604000, 0x201E00):
-                self.duplicate = False
-            if entry >> 8 == 0x230100 and self.may_own(0, data & 0xFF):
-                self.own(data & 0xFF)
             data >>= width
         # Of several RPDOs that a SYNC brings into force the one that stops the axis reports it.
         self.report_drive(controls, stops and self.owner != 0)
@@ -918,8 +914,6 @@ class Node:
             if at == (0x1003, 0):
                 raise Abort(0x06090030)
             raise Abort(0x06090031 if value > o.max else 0x06090032)
-        if at in ((0x6040, 0), (0x201E, 0)):
-            self.duplicate = False  # it may reset the fault before the tick
         if at == (0x2301, 0):
             if not self.may_own(server, value):
                 raise Abort(0x08000021)
@@ -941,11 +935,15 @@ class Node:
         elif o.part == "canopen":
             self.write_communication(at, value)
             self.silence = 0
+            # What watches the owner of an enabled axis: 1016h, COB-IDs and deadlines of RPDOs.
+            is_rpdo = 0x1400 <= at[0] <= 0x1403 and at[1] in (1, 5)
+            self.report_drive(at[0] == 0x1016 or is_rpdo, stops=False)
         elif o.part == "device":
             is_id = at != (0x230F, 0) or value <= 127 or value == 255
             if not is_id or (at == (0x2310, 0) and value not in KBIT_S):
                 raise Abort(0x06090030)
             self.silence = 0
+            self.report_drive(o.name == "unsupervised_owner", stops=False)
         else:
             # Accepted or refused by the axis or the drive.
             if self.fed:
@@ -988,6 +986,32 @@ class Node:
 
     def check(self, index, sub, before, value):
         """Raises Abort if a communication object may not have this value."""
+        self.check_value(index, sub, before, value)
+        kind = self.service(index, sub)
+        others = [can_id for at, can_id in self.identifiers() if at != kind]
+        if kind and value != before and not value & OFF and value & 0x7FF in others:
+            raise Abort(0x06090030)
+
+    @staticmethod
+    def service(index, sub):
+        """Which service the COB-ID at an address is of; RPDOs may share an identifier, and so may
+        TPDOs. None: the address is no COB-ID."""
+        if index in (0x1005, 0x1014):
+            return index
+        if index in (0x1200, 0x1201, 0x1202) and sub in (1, 2):
+            return index, sub
+        pdo = index & ~3 if sub == 1 else None
+        return pdo if pdo in (0x1400, 0x1800) else None
+
+    def identifiers(self):
+        """(service, identifier) of each valid COB-ID: a service takes the frames of its own."""
+        for (index, sub), value in self.od.items():
+            kind = self.service(index, sub)
+            if kind and (index == 0x1005 or not value & OFF):
+                yield kind, value & 0x7FF
+
+    def check_value(self, index, sub, before, value):
+        """As check, each object alone."""
         if index == 0x1005:
             if value & 0x7FFFF800 or restricted(value & 0x7FF):
                 raise Abort(0x06090030)
