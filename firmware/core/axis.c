@@ -253,9 +253,7 @@ void axis_halve_force_gain(axis_t *axis, uint8_t halvings) {
 }
 
 void axis_fault(axis_t *axis, uint8_t fault) {
-  if (axis->signals.fault == AXIS_FAULT_NONE) {
-    axis->fault_waits = 1;
-  }
+  axis->fault_waits = 1;
   latch_fault(axis, fault);
 }
 

@@ -130,7 +130,7 @@ void axis_bank_selected(axis_t *axis, uint8_t number);
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
 /* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
- * disabled in the next tick, and the fault not cleared before it. */
+ * disabled in the next tick, and the latched fault, older or not, is not cleared before it. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
 /* Latches a fault that was found in the signals of a tick, and takes back the outputs of that tick:
