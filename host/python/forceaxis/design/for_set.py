@@ -166,7 +166,7 @@ def simulated(bench, outcome, instead, say):
     which it may leave with more bandwidth. Raises InputError where it leaves none."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
-    members = contact_members(bench, outcome.plants)
+    members = contact_members(bench, outcome.plants, MEMBERS)
 
     def left(one, least):
         bench.wait_for(one.bank)
@@ -209,7 +209,7 @@ def simulated(bench, outcome, instead, say):
     return best
 
 
-def contact_members(bench, plants, count=MEMBERS, seed=1988):
+def contact_members(bench, plants, count, seed=1988):
     """[{parameter: value}] that contacts are simulated on: the nominal plant, without friction and
     with the most of it, and random ones of the set, each with a friction of its own. A friction
     whose parameter the set names has that range instead."""
