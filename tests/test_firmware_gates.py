@@ -425,6 +425,47 @@ def test_a_changed_table_makes_the_files_stale(tree):
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
 
 
+def test_a_native_law_is_two_names_in_the_table_and_one_row(tree):
+    """As DESIGN.md has it: nothing else in table, generator or rows has the number of modes or a
+    bound of their numbers."""
+    path, modes = tree / TABLE, tree / "firmware/drive/modes.c"
+    text = path.read_text()
+    for old, new in (
+        ('"force", "excitation"]', '"force", "excitation", "toy"]'),
+        ("[[-8,", '[[-9, "toy"], [-8,'),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path.write_text(text)
+    last = "    ROW(IMPEDANCE) ="
+    assert last in modes.read_text()
+    modes.write_text(
+        modes.read_text().replace(last, f"    ROW(TOY) = {{.native = AXIS_MODE_TOY}},\n{last}")
+    )
+    done = run(["gen_objects.py"], tree)
+    assert done.returncode == 0, done.stderr
+    meta = (tree / "firmware/objects/generated/axis_objects.c").read_text()
+    for name in ("MODES_OF_OPERATION", "MODES_OF_OPERATION_DISPLAY"):
+        assert f"[AXIS_OBJ_{name}] = {{-INT32_C(9), INT32_C(10)," in meta
+    done = subprocess.run(
+        ["cc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I.", modes],
+        cwd=tree, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_source_counts_on_the_last_mode():
+    """The first number beyond the modes is AXIS_MODE_COUNT, and their names are the table's."""
+    names = ",".join(objects.BY_NAME["mode"].enum)
+    for folder in ("firmware", "host", "sim", "tests"):
+        for path in (ROOT / folder).rglob("*.[ch]*"):
+            if "generated" in path.parts or path.suffix not in (".c", ".h", ".cpp", ".hpp"):
+                continue
+            text = path.read_text()
+            assert not re.search(r"AXIS_MODE_(?!COUNT)[A-Z_]+ \+ \d", text), path
+            assert names not in text, path
+
+
 def test_a_comment_in_the_table_changes_no_generated_file(tree):
     append(tree / TABLE, "# another line\n")
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
@@ -561,9 +602,14 @@ BAD_TABLES = {
         "object modes_of_operation: values: expec",
     ),
     "value out of range": (
+        '[3, "load"]',
+        '[4, "load"]',
+        "object incident_command: values: expected 1 to 3, got 4",
+    ),
+    "value beyond its type": (
         '[-8, "impedance"]',
-        '[-9, "impedance"]',
-        "object modes_of_operation: values: expected -8 to 10, got -9",
+        '[-129, "impedance"]',
+        "object modes_of_operation: values: expected -128 to 127, got -129",
     ),
     "text of a value": (
         '[-8, "impedance"]',

@@ -387,9 +387,10 @@ class Emulator:
         return bytes(self.uc.mem_read(self.FW + self.axis, size))
 
 
+MODES = BY_NAME["mode"].enum
 # Values that reach every branch: small and large, both rails, their neighbours, and off.
 RANGES = {
-    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 4, 4],
+    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3, *range(4, len(MODES)), *range(4, len(MODES))],
     "open_loop_code": [-2048, -2047, -1, 0, 1, 700, 2047],
     "excitation_waveform": [0, 1],
     "excitation_amplitude": [0, 1, 300, 2048],
