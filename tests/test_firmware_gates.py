@@ -429,24 +429,23 @@ def test_a_native_law_is_two_names_in_the_table_and_one_row(tree):
     """As DESIGN.md has it: nothing else in table, generator or rows has the number of modes or a
     bound of their numbers."""
     path, modes = tree / TABLE, tree / "firmware/drive/modes.c"
-    text = path.read_text()
-    for old, new in (
-        ('"force", "excitation"]', '"force", "excitation", "toy"]'),
-        ("[[-8,", '[[-9, "toy"], [-8,'),
-    ):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    path.write_text(text)
-    last = "    ROW(IMPEDANCE) ="
-    assert last in modes.read_text()
-    modes.write_text(
-        modes.read_text().replace(last, f"    ROW(TOY) = {{.native = AXIS_MODE_TOY}},\n{last}")
+    operation = objects.BY_NAME["modes_of_operation"]
+    least = operation.min - 1
+    planted = (
+        (path, rf'^(enum = \["disabled", .*"{objects.BY_NAME["mode"].enum[-1]}")', r'\1, "toy"'),
+        (path, rf"^(values = \[)(\[{operation.min}, )", rf'\1[{least}, "toy"], \2'),
+        (modes, r"^(    ROW\(IMPEDANCE\) =)", r"    ROW(TOY) = {.native = AXIS_MODE_TOY},\n\1"),
     )
+    for file, old, new in planted:
+        text, count = re.subn(old, new, file.read_text(), flags=re.M)
+        assert count == 1, old
+        file.write_text(text)
     done = run(["gen_objects.py"], tree)
     assert done.returncode == 0, done.stderr
     meta = (tree / "firmware/objects/generated/axis_objects.c").read_text()
     for name in ("MODES_OF_OPERATION", "MODES_OF_OPERATION_DISPLAY"):
-        assert f"[AXIS_OBJ_{name}] = {{-INT32_C(9), INT32_C(10)," in meta
+        row = f"[AXIS_OBJ_{name}] = {{-INT32_C({-least}), INT32_C({operation.max}),"
+        assert row in meta
     done = subprocess.run(
         ["cc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I.", modes],
         cwd=tree, capture_output=True, text=True, check=False,
@@ -464,6 +463,9 @@ def test_no_source_counts_on_the_last_mode():
             text = path.read_text()
             assert not re.search(r"AXIS_MODE_(?!COUNT)[A-Z_]+ \+ \d", text), path
             assert names not in text, path
+            # What a mode is or holds is a row of the firmware, which the host reads.
+            modes = re.findall(r"\bAXIS_MODE(?:S_OF_OPERATION)?_([A-Z_]+)", text)
+            assert folder != "host" or set(modes) <= {"DISABLED"}, path
 
 
 def test_a_comment_in_the_table_changes_no_generated_file(tree):
