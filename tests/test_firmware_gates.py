@@ -425,6 +425,49 @@ def test_a_changed_table_makes_the_files_stale(tree):
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
 
 
+def test_a_native_law_is_two_names_in_the_table_and_one_row(tree):
+    """As DESIGN.md has it: nothing else in table, generator or rows has the number of modes or a
+    bound of their numbers."""
+    path, modes = tree / TABLE, tree / "firmware/drive/modes.c"
+    operation = objects.BY_NAME["modes_of_operation"]
+    least = operation.min - 1
+    planted = (
+        (path, rf'^(enum = \["disabled", .*"{objects.BY_NAME["mode"].enum[-1]}")', r'\1, "toy"'),
+        (path, rf"^(values = \[)(\[{operation.min}, )", rf'\1[{least}, "toy"], \2'),
+        (modes, r"^(    ROW\(IMPEDANCE\) =)", r"    ROW(TOY) = {.native = AXIS_MODE_TOY},\n\1"),
+    )
+    for file, old, new in planted:
+        text, count = re.subn(old, new, file.read_text(), flags=re.M)
+        assert count == 1, old
+        file.write_text(text)
+    done = run(["gen_objects.py"], tree)
+    assert done.returncode == 0, done.stderr
+    meta = (tree / "firmware/objects/generated/axis_objects.c").read_text()
+    for name in ("MODES_OF_OPERATION", "MODES_OF_OPERATION_DISPLAY"):
+        row = f"[AXIS_OBJ_{name}] = {{-INT32_C({-least}), INT32_C({operation.max}),"
+        assert row in meta
+    done = subprocess.run(
+        ["cc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I.", modes],
+        cwd=tree, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_source_counts_on_the_last_mode():
+    """The first number beyond the modes is AXIS_MODE_COUNT, and their names are the table's."""
+    names = ",".join(objects.BY_NAME["mode"].enum)
+    for folder in ("firmware", "host", "sim", "tests"):
+        for path in (ROOT / folder).rglob("*.[ch]*"):
+            if "generated" in path.parts or path.suffix not in (".c", ".h", ".cpp", ".hpp"):
+                continue
+            text = path.read_text()
+            assert not re.search(r"AXIS_MODE_(?!COUNT)[A-Z_]+ \+ \d", text), path
+            assert names not in text, path
+            # What a mode is or holds is a row of the firmware, which the host reads.
+            modes = re.findall(r"\bAXIS_MODE(?:S_OF_OPERATION)?_([A-Z_]+)", text)
+            assert folder != "host" or set(modes) <= {"DISABLED"}, path
+
+
 def test_a_comment_in_the_table_changes_no_generated_file(tree):
     append(tree / TABLE, "# another line\n")
     assert run(["gen_objects.py", "--check"], tree).returncode == 0
@@ -561,9 +604,14 @@ BAD_TABLES = {
         "object modes_of_operation: values: expec",
     ),
     "value out of range": (
+        '[3, "load"]',
+        '[4, "load"]',
+        "object incident_command: values: expected 1 to 3, got 4",
+    ),
+    "value beyond its type": (
         '[-8, "impedance"]',
-        '[-9, "impedance"]',
-        "object modes_of_operation: values: expected -8 to 10, got -9",
+        '[-129, "impedance"]',
+        "object modes_of_operation: values: expected -128 to 127, got -129",
     ),
     "text of a value": (
         '[-8, "impedance"]',

@@ -286,13 +286,16 @@ class Host:
         probe.write_text(
             '#include <stddef.h>\n#include "firmware/app/fw.h"\n'
             "const uint32_t probe_axis = offsetof(fw_t, axis);\n"
+            "const uint32_t probe_fw = sizeof(fw_t);\n"
+            "const uint32_t probe_config = sizeof(fw_config_t);\n"
         )
         sources = [*SOURCES, probe]
         run("cc", "-std=c11", "-O2", "-shared", "-fPIC", f"-I{ROOT}", *sources, "-o", library)
         self.lib = ctypes.CDLL(str(library))
         self.axis = ctypes.c_uint32.in_dll(self.lib, "probe_axis").value
-        self.fw = ctypes.create_string_buffer(16384)
-        self.lib.fw_init(self.fw, ctypes.create_string_buffer(72))  # fw_config_t: all 0
+        sizes = (ctypes.c_uint32.in_dll(self.lib, f"probe_{name}") for name in ("fw", "config"))
+        self.fw, config = (ctypes.create_string_buffer(size.value) for size in sizes)
+        self.lib.fw_init(self.fw, config)  # all 0
         self.outputs = Outputs()
 
     def write(self, number, value):
@@ -387,9 +390,10 @@ class Emulator:
         return bytes(self.uc.mem_read(self.FW + self.axis, size))
 
 
+MODES = BY_NAME["mode"].enum
 # Values that reach every branch: small and large, both rails, their neighbours, and off.
 RANGES = {
-    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 4, 4],
+    "mode": [0, 1, 1, 2, 2, 2, 2, 3, 3, 3, *range(4, len(MODES)), *range(4, len(MODES))],
     "open_loop_code": [-2048, -2047, -1, 0, 1, 700, 2047],
     "excitation_waveform": [0, 1],
     "excitation_amplitude": [0, 1, 300, 2048],

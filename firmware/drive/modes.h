@@ -8,6 +8,10 @@
 
 #include "firmware/drive/drive.h"
 
+/* The force that a mode holds: none, force_setpoint in counts of the reading, or target_force with
+ * force_offset in per mille of rated_force. */
+enum { CIA402_HOLDS_NONE, CIA402_HOLDS_SETPOINT, CIA402_HOLDS_TARGET };
+
 /* For how long a target must have been reached. */
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
@@ -18,6 +22,7 @@ struct cia402_mode {
   void (*run)(cia402_t *drive, axis_t *axis);
   uint8_t native;
   uint8_t controls_force;
+  uint8_t holds;         /* CIA402_HOLDS_: what a program expects the force to become */
   uint8_t halts_itself;  /* 1: the bit "halt" is for the mode; 0: the axis slows down */
   uint8_t uses_position; /* 1: target_position acts, and is discarded at the exit from the mode */
   uint8_t shaped;        /* 1: what `lead` moves is shaped for the axis */
@@ -27,8 +32,12 @@ struct cia402_mode {
   uint16_t (*bits)(const cia402_t *drive); /* 12 and 13 of the statusword; NULL: 0 */
 };
 
-/* Indexed by the mode of operation plus CIA402_MODE_OFFSET. */
-enum { CIA402_MODE_OFFSET = 8, CIA402_MODES = 19 };
+/* Indexed by the mode of operation plus CIA402_MODE_OFFSET; a row for each number that the object
+ * table can name. */
+enum {
+  CIA402_MODE_OFFSET = -AXIS_MODES_OF_OPERATION_LEAST,
+  CIA402_MODES = AXIS_MODES_OF_OPERATION_GREATEST + CIA402_MODE_OFFSET + 1
+};
 extern const cia402_mode_t cia402_modes[CIA402_MODES];
 
 /* Puts a mode of 6060h in force. */

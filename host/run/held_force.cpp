@@ -10,6 +10,10 @@
 #include "host/run/objects.hpp"
 #include "sim/hybrid/mode.hpp"
 
+extern "C" {
+#include "firmware/drive/modes.h"
+}
+
 namespace forceaxis::host {
 namespace {
 
@@ -40,18 +44,21 @@ double newton_per_count(const sim::Model &model, std::int64_t force_sign) {
   return 0.0;
 }
 
+// What the firmware's row of a mode of operation says that it holds, CIA402_HOLDS_.
+int holds(std::int64_t mode) {
+  if (!cia402_mode_exists(static_cast<int32_t>(mode))) return CIA402_HOLDS_NONE;
+  return cia402_modes[mode + CIA402_MODE_OFFSET].holds;
+}
+
 double setpoint_of(const Written &written, double newton_per_count) {
-  const std::int64_t mode = written[AXIS_OBJ_MODES_OF_OPERATION];
   const std::int64_t word = written[AXIS_OBJ_CONTROLWORD];
   const bool enabled = (word & (kEnabling | kHalt)) == kEnabling;
-  const bool drive_mode =
-      mode == AXIS_MODES_OF_OPERATION_FORCE || mode == AXIS_MODES_OF_OPERATION_CYCLIC_FORCE;
-  const bool counts = written[AXIS_OBJ_MODE] == AXIS_MODE_FORCE ||
-                      (enabled && mode == AXIS_MODES_OF_OPERATION_FORCE_COUNTS);
-  if (counts)
+  const int native = holds(cia402_operation_of(static_cast<uint8_t>(written[AXIS_OBJ_MODE])));
+  const int drive = enabled ? holds(written[AXIS_OBJ_MODES_OF_OPERATION]) : CIA402_HOLDS_NONE;
+  if (native == CIA402_HOLDS_SETPOINT || drive == CIA402_HOLDS_SETPOINT)
     return static_cast<double>(written[AXIS_OBJ_FORCE_SETPOINT]) *
            object_meta(AXIS_OBJ_FORCE_SETPOINT).scale * newton_per_count;
-  if (!enabled || !drive_mode) return 0.0;
+  if (drive != CIA402_HOLDS_TARGET) return 0.0;
   const std::int64_t target = written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET];
   // Per mille of a rated force in mN; its sign in the model is that of the sensor.
   return std::copysign(1e-6, newton_per_count) * static_cast<double>(target) *

@@ -14,8 +14,9 @@ namespace forceaxis::host {
 
 struct Experiment;
 
-// The set-point at the end of an experiment that controls force: natively, or in mode 4, 10 or -1
-// of an enabled drive.
+// The set-point at the end of an experiment that controls force: natively, or in a mode of
+// operation of an enabled drive, where the row of the mode (firmware/drive/modes.h) says what it
+// holds.
 struct ForceTask {
   double setpoint_N = 0.0;
   std::int64_t from_tick = 0;  // of the last set-point, impulse, or start or end of an excitation

@@ -1,4 +1,4 @@
-"""tools/image, the blank port, and both images in an emulator of the STM32F405."""
+"""tools/image, the blank port on other compilers, both images in an emulator of the STM32F405."""
 
 import re
 import struct

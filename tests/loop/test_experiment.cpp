@@ -422,9 +422,12 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
       "figur: expected one of the keys title, figure, shows, model, duration_s, seed, set, "
       "firmware, at, verdict, plot, trace, expect, got \"figur\", \"titel\"; did you mean figure, "
       "title?; remove or rename these keys");
+  std::string modes;
+  for (int mode = 0; mode < AXIS_MODE_COUNT; ++mode)
+    modes += (mode > 0 ? "," : "") + std::string(enum_text(AXIS_OBJ_MODE, mode));
   EXPECT_EQ(message(with("\"force\"", "\"forse\"")),
-            "firmware.mode: expected one of disabled,open_loop,position,force,excitation, got "
-            "\"forse\"; did you mean force?; choose one of them");
+            "firmware.mode: expected one of " + modes +
+                ", got \"forse\"; did you mean force?; choose one of them");
   EXPECT_EQ(message(with("\"workpiece\"", "\"workpeice\"")),
             "at[0].impulse.body: expected one of robot, tip, workpiece, got \"workpeice\"; did you "
             "mean workpiece?; name a body of the model");

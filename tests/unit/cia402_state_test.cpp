@@ -5,6 +5,10 @@
 
 #include "tests/unit/cia402_fixture.hpp"
 
+extern "C" {
+#include "firmware/drive/modes.h"
+}
+
 // The state machine against CiA 402's own tables, typed from the standard's figures: commands as
 // patterns of the controlword's bits 7, 3, 2, 1, 0, and for each state what a command does.
 
@@ -287,6 +291,20 @@ TEST_F(DriveState, TheNativeModeMovesTheState) {
     EXPECT_EQ(State(), SD);
     Tick();
     EXPECT_EQ(outputs_.amp_enable, 0);
+  }
+}
+
+// What verdicts take for the force that was asked for: 6071h and 60B2h in modes 4 and 10 (CiA 402),
+// force_setpoint in mode -1. Modes that are added below -8 state their own.
+TEST(DriveModes, EachHoldsTheForceOfItsSetPoint) {
+  for (int mode = -8; mode <= AXIS_MODES_OF_OPERATION_GREATEST; ++mode) {
+    if (!cia402_mode_exists(mode)) continue;
+    const cia402_mode_t &row = cia402_modes[mode + CIA402_MODE_OFFSET];
+    const int holds = (mode == 4 || mode == 10) ? CIA402_HOLDS_TARGET
+                      : (mode == -1)            ? CIA402_HOLDS_SETPOINT
+                                                : CIA402_HOLDS_NONE;
+    EXPECT_EQ(row.holds, holds) << mode;
+    EXPECT_TRUE(row.holds == CIA402_HOLDS_NONE || row.controls_force != 0) << mode;
   }
 }
 

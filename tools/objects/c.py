@@ -50,7 +50,10 @@ def enum_constants(table):
                 (f"{prefix}_COUNT", len(o["enum"]))
             ]
         if o["values"] and o["values_name"] == o["name"]:
-            yield [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
+            named = [(f"{prefix}_{text.upper()}", value) for value, text in o["values"]]
+            written = o["access"] != "ro"
+            bounds = [(f"{prefix}_LEAST", o["min"]), (f"{prefix}_GREATEST", o["max"])]
+            yield [*named, *(bounds if written else [])]
     for kind, bits in (("COIL", table.coils), ("DISCRETE", table.discretes)):
         if bits:
             yield [(f"AXIS_{kind}_{bit['name'].upper()}", bit["address"]) for bit in bits] + [

@@ -158,7 +158,7 @@ def check_object(raw, position, known):
     if o["stored"] and o["kind"] != "parameter":
         fail(label, "stored", f"expected false for a {o['kind']}")
     check_texts(label, o, raw, known)
-    check_range(label, o, raw)
+    check_range(label, o, raw, known)
     check_addresses(label, o)
     # A PDO may carry objects that change from tick to tick, not set-up parameters.
     # A command has no value that a TPDO could send.
@@ -205,10 +205,27 @@ def check_texts(label, o, raw, known):
         fail(label, "values", "expected a list of different [number, snake case text]")
 
 
-def check_range(label, o, raw):
+def range_of_names(o, known):
+    """(min, max) where they follow from the names of values, else None: from the least to the
+    greatest of an object's own values, or as the object that `values_of` names has them."""
+    if "values_of" in o:
+        return known[o["values_of"]]["min"], known[o["values_of"]]["max"]
+    if o["values"] and o["access"] != "ro":
+        numbers = [number for number, _ in o["values"]]
+        return min(numbers), max(numbers)
+    return None
+
+
+def check_range(label, o, raw, known):
     _, lowest, highest, _ = TYPES[o["type"]]
     texts = o["enum"]
-    if o["access"] != "ro" and not texts:
+    named = range_of_names(o, known)
+    if named is not None and "min" not in raw and "max" not in raw:
+        for value in named:
+            if not lowest <= value <= highest:
+                fail(label, "values", f"expected {lowest} to {highest}, got {value}")
+        o["min"], o["max"] = named
+    elif o["access"] != "ro" and not texts:
         for key in ("min", "max"):
             if key not in raw:
                 fail(label, key, "expected a value, the key is missing")

@@ -1,9 +1,10 @@
-/* A board with nothing on it: the beginning of a new one. It compiles for any target; its axis sees
- * sensors that are not valid, so it never enables anything. ../README.md says in which order to
- * fill this in. */
+/* A board with nothing on it: the beginning of a new one. Its axis sees sensors that are not valid,
+ * so it never enables anything. This file compiles for any target, start.c has what is of the chip.
+ * ../README.md says in which order to fill this in. */
 
 #include <stddef.h>
 
+#include "firmware/port/identity.h"
 #include "firmware/port/port.h"
 
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
@@ -18,17 +19,13 @@ const fw_config_t *port_config(void) {
       .recorder_bytes = sizeof(recorder_buffer),
       .memory = NULL, /* two sectors of flash, see firmware/app/store.h */
       .hardware = "blank",
-      .software = NULL,
+      .software = identity_software,
       .serial_number = 0,
       .modbus_baud = 0,
       .node_id = 1,
       .buses = 1,
   };
   return &config;
-}
-
-void port_start(void) {
-  /* A timer interrupt every 1/1500 s that calls port_tick(), and the watchdog. */
 }
 
 bool port_sample(axis_inputs_t *inputs) {
@@ -55,23 +52,6 @@ uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 uint16_t port_can_lost(void) { return 0; }
 
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
-
-uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
-  (void)bytes;
-  (void)room;
-  return 0;
-}
-
-uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
-  (void)bytes;
-  return count;
-}
-
-void port_lock(void) { /* Disable the timer interrupt. */
-}
-
-void port_unlock(void) { /* Enable it again. */
-}
 
 bool port_overran(uint32_t *missed) {
   *missed = 0; /* counted by a clock that an erase of the flash does not stop */

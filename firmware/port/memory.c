@@ -1,4 +1,4 @@
-/* What the compiler calls by itself. */
+/* What the compiler calls by itself: boards have no libc. */
 
 #include <stddef.h>
 #include <stdint.h>
