@@ -284,6 +284,7 @@ def run_many(link, jobs, progress=None):
             outcomes.append(
                 {
                     "verdict": result.verdict,
+                    "missed": result.missed,
                     "fault": result.fault,
                     "metrics": result.metrics,
                     "criterion": result.criterion,
