@@ -53,15 +53,14 @@ def test_a_measurement_says_that_friction_sticks(press):
 
 
 def test_friction_is_a_range_from_none_to_twice(press):
-    """None is a thousandth of it. Or to half-way to what the drive brings, where twice as much
-    would not move. The drive's largest force: 10 V / (0.5 V/A), 0.09 N m/A, 10 mm /
-    (2 pi): 1131 N."""
+    """Or to half-way to what the drive brings, where twice as much would not move. The drive's
+    largest force: 10 V / (0.5 V/A), 0.09 N m/A, 10 mm / (2 pi): 1131 N."""
     model = press / "model.toml"
     (seals,) = friction.ranges(model)
     assert seals.declared_N == (("coulomb", FRICTION_N),) and seals.most == 2.0
-    assert friction.members((seals,)) == [{"coulomb": 0.04}, {"coulomb": 80.0}]
+    assert friction.members((seals,)) == [{"coulomb": 0.0}, {"coulomb": 80.0}]
     drawn = [one["coulomb"] for one in friction.drawn((seals,), 400, 1)]
-    assert 0.04 <= min(drawn) < 4.0 and 76.0 < max(drawn) <= 80.0
+    assert 0.0 <= min(drawn) < 4.0 and 76.0 < max(drawn) <= 80.0
     largest = 20.0 * 0.09 / (0.01 / (2 * math.pi))
     (heavy,) = friction.ranges(model, {"coulomb": 900.0})
     assert heavy.most_N == pytest.approx((900.0 + largest) / 2, rel=1e-3)

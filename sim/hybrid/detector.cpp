@@ -108,7 +108,7 @@ Detector::Verdict Detector::examine_side(std::size_t channel, double bound, doub
   for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
     double scale = k == 0 ? magnitude(bound) : 0.0;
     for (std::size_t j = 0; j < c; ++j) scale += doubt[j] * absolute_[j];
-    if (!(magnitude(q[k]) > kChannelRounding * scale)) continue;
+    if (!(magnitude(q[k]) > rounding_ * scale)) continue;
     if (q[k] < 0.0) return Verdict::at_once;
     if (k == m.order) return Verdict::none;
     return first_crossing(q + k, m.order - k, end, root) ? Verdict::later : Verdict::none;

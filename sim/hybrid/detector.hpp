@@ -23,6 +23,10 @@ class Detector {
     double after = 0.0;  ///< ticks from now
   };
 
+  /// A signal on its bound is judged by the first coefficient that exceeds its rounding `factor`
+  /// times; 1 until switches contradict each other, then more for the rest of the tick.
+  void set_doubt(double factor) { rounding_ = factor * kChannelRounding; }
+
   /// The mode of all further calls; it must outlive them.
   void enter(const Mode &mode);
 
@@ -64,6 +68,7 @@ class Detector {
   const Mode *mode_ = nullptr;
   const Mode *calm_mode_ = nullptr;  // where the second test passed after the first had failed
   int calm_left_ = 0;
+  double rounding_ = kChannelRounding;  // of coefficients, in examine_side()
   kernel::Vector result_;
   kernel::Vector curve_;
   kernel::Vector calm_;

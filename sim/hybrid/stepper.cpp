@@ -16,6 +16,9 @@ using kernel::magnitude;
 constexpr int kMostChangesPerTick = 5000;
 constexpr int kMostChangesPerInstant = 1000;  // in settle()
 constexpr double kMoment = 0x1p-20;           // of a mode's reach
+// Where switches contradict each other: rounding is taken for so many times more, each time.
+constexpr double kDoubtGrowth = 4.0;
+constexpr double kMostDoubt = 0x1p10;  // 1.5e-11 of the state
 constexpr std::size_t kRecentModes = 64;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -257,6 +260,8 @@ bool Stepper::cross(double from, double until) {
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
+  double doubt = 1.0;
+  detector_.set_doubt(doubt);
   // Several times what a cascade through all switches needs.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
@@ -264,12 +269,17 @@ bool Stepper::cross(double from, double until) {
     const double rest = until - done;
     if (changes_here >= enough_here) {
       // Some signals lie on their bounds with deciding coefficients at the limit of rounding, on
-      // one side of it in one mode and on the other in the next. A moment later, in either mode,
-      // they do not: what a wrong mode does until then is far below rounding. States that
+      // one side of it in one mode and on the other in the next. So it is with a body that comes
+      // to rest ever more slowly while all forces at it approach its friction: sliding, its rate is
+      // rounding and a higher derivative says that it stops; stuck, its force is beyond rounding
+      // and says that it slides on. More is taken for rounding, then, until the tick ends or both
+      // modes agree; what a wrong mode does until then is far below what a code shows. States that
       // contradict each other in earnest go on contradicting, and the changes run out.
       const double moment = smaller(rest, kMoment * m.reach);
       advance_within_part(moment);
       done = moment < rest ? done + moment : until;
+      doubt = smaller(kDoubtGrowth * doubt, kMostDoubt);
+      detector_.set_doubt(doubt);
       changes_here = 0;
     } else {
       // The parts of the grid that remain of the tick, the last one cut short.

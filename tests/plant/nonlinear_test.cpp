@@ -39,6 +39,65 @@ TEST(Friction, StictionHoldsWhereCoulombFrictionWouldNot) {
     EXPECT_NEAR(events[i].time_s, static_cast<double>(i / 2 + 1) * kPi / 50, 1e-15);
 }
 
+// A drive behind a screw presses a load on a stiff tool. It comes to rest ever more slowly, while
+// all forces at the load approach its friction: within rounding the load neither slides nor sticks.
+struct AtRest {
+  double position, velocity, coulomb, damping, acceleration;
+};
+
+std::string pressing(const AtRest &one, bool rubs) {
+  return body("motor", 20, one.position, one.velocity) +
+         body("load", 10, one.position, one.velocity) +
+         link("spring", "screw", "motor", "load", "stiffness = 2e6\ndamping = 1000\n") +
+         link("spring", "tool", "load", "ground", "stiffness = 1e6\n") +
+         link("damper", "loop", "motor", "ground", "damping = " + number(one.damping) + "\n") +
+         "[[gravity]]\nname = \"weight\"\nbody = \"motor\"\nacceleration = " +
+         number(one.acceleration) + "\n" +
+         (rubs ? link("friction", "rail", "load", "ground",
+                      "coulomb = " + number(one.coulomb) + "\n")
+               : "");
+}
+
+TEST(Friction, ALoadWhoseForcesApproachItsFrictionComesToRest) {
+  const AtRest every[] = {
+      {0.0091, 0, 4, 8755, -8.9},  {-0.0055, 0, 4, 8823, -7.5}, {0.0085, 0, 4, 8758, 7.8},
+      {-0.0082, 0, 4, 8768, -7.0}, {-0.0055, 0, 4, 8683, 8.9},  {-0.0001, 0, 4, 8327, -8.2},
+      {0.0046, 0, 4, 8596, -9.3},  {0.0092, 0, 4, 8398, 4.6},   {-0.0089, 0, 4, 8544, -5.9},
+  };
+  for (const AtRest &one : every) {
+    Plant plant(make_model(pressing(one, true)), {true, 10});
+    ASSERT_NO_THROW(for (int k = 0; k < 2000; ++k) plant.step(0, false)) << one.damping;
+    // All that the friction can bear.
+    const double left = 20 * one.acceleration - 1e6 * plant.signal("load.position");
+    EXPECT_NEAR(std::abs(left), 4.0, 1e-8);
+    EXPECT_NEAR(plant.signal("load.velocity"), 0.0, 1e-13);
+    EXPECT_NEAR(plant.energy().residual, 0.0, 1e-12);
+  }
+}
+
+TEST(Friction, OfNoForceLeavesTheMotionAsItIs) {
+  const AtRest every[] = {
+      {-0.0098, 0.05, 0, 4550, 9.7},
+      {-0.0006, 0.05, 0, 4374, -9.1},
+      {-0.0069, -0.09, 0, 4688, -9.2},
+  };
+  for (const AtRest &one : every)
+    for (const double coulomb : {0.0, 1e-13, 1e-10}) {
+      Plant plant(make_model(pressing(
+                      {one.position, one.velocity, coulomb, one.damping, one.acceleration}, true)),
+                  {true, 10});
+      Plant without(make_model(pressing(one, false)));
+      for (int k = 0; k < 3000; ++k) {
+        ASSERT_NO_THROW(plant.step(0, false)) << one.damping << " " << coulomb;
+        without.step(0, false);
+        ASSERT_NEAR(plant.signal("load.position"), without.signal("load.position"), 3e-15);
+        ASSERT_NEAR(plant.signal("load.velocity"), without.signal("load.velocity"), 1e-12);
+        ASSERT_NEAR(plant.signal("motor.velocity"), without.signal("motor.velocity"), 1e-12);
+      }
+      EXPECT_NEAR(plant.energy().residual, 0.0, 1e-12);
+    }
+}
+
 TEST(Friction, AnImpulseBreaksItLooseAndItStopsAgain) {
   Plant plant(make_model(body("sled", 2, 0, 0) +
                          link("friction", "rail", "ground", "sled", "coulomb = 6\n")),

@@ -14,8 +14,6 @@ from forceaxis import linear, toml
 from forceaxis.design.changes import contact_of
 
 MOVING, TABLE = "guide_friction", "table_friction"
-# Of what slides; where both are the same the simulator may find states that contradict each other.
-STICTION = 1.05
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,10 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
     for rub in found:
         if rub.declared:
             own = next(f for f in document["friction"] if f["name"] == rub.name)
-            own["coulomb"] = float(f"{rub.newton:.4g}")
-            own["stiction"] = float(f"{STICTION * rub.newton:.4g}")
+            own["coulomb"] = own["stiction"] = float(f"{rub.newton:.4g}")
         else:
-            size, loose = (float(f"{s * rub.newton:.4g}") for s in (1.0, STICTION))
             values: dict = {"name": rub.name, "between": list(rub.between)}
-            values |= {"coulomb": size, "stiction": loose}
+            values["coulomb"] = float(f"{rub.newton:.4g}")
             _add(document, "friction", values)
     return tomlkit.dumps(document)
 

@@ -14,9 +14,6 @@ import tomlkit
 from forceaxis.linear import working
 
 MOST = 2.0  # times the declared friction
-# Times the declared friction: none of it. Of exactly 0 N the simulator cannot always say whether it
-# sticks, and ends the run.
-NONE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,8 @@ class Range:
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """{parameter: N} at a multiple of what is declared, NONE at least."""
-        return {name: max(share, NONE) * value for name, value in self.declared_N}
+        """{parameter: N} at a multiple of what is declared."""
+        return {name: share * value for name, value in self.declared_N}
 
 
 def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...]:
@@ -52,17 +49,6 @@ def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...
             most = min(MOST, (1 + limit / one.stiction_N) / 2)
             found.append(Range(one.name, one.between, tuple(own.items()), most))
     return tuple(found)
-
-
-def declared_none(model: str | Path, overrides: dict | None, count_N: float) -> dict[str, float]:
-    """Overrides for frictions that a model declares as 0 N: NONE of a count of the reading."""
-    return {
-        name: NONE * count_N
-        for one in working.frictions(model, overrides)
-        if one.stiction_N == 0
-        for name in one.parameters
-        if name is not None
-    }
 
 
 def members(found: tuple[Range, ...]) -> list[dict[str, float]]:

@@ -77,7 +77,6 @@ class Bench:
         text = friction.named(Path(self.model))
         self._run_model = self.design.file("rubbing.toml", text) if text else self.model
         self.frictions = friction.ranges(self._run_model, self.overrides)
-        self._no_friction = friction.declared_none(self._run_model, self.overrides, self.count_N)
 
     def wait_for(self, bank):
         """Lengthens the cases for a slow integral; before the first of them."""
@@ -301,7 +300,7 @@ class Bench:
     def job(self, case, bank, member, latency, loss=None):
         """(experiment, overrides). loss: {"contact_loss_cap": code, ...}."""
         firmware = {"latency_ticks": latency} | (loss or {})
-        texts = linear.override_texts(self._no_friction | member)
+        texts = linear.override_texts(member)
         return str(self.file(case, bank)), [
             *texts, *(f"firmware.{n}={v}" for n, v in firmware.items())
         ]  # fmt: skip
