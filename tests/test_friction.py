@@ -250,3 +250,27 @@ def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path
         (tmp_path / "model.toml").write_text(text)
         left = linear.facts(tmp_path / "model.toml")["parameters"]
         assert "coulomb" not in left and {"play", "k_trans", "k_torque"} <= left.keys()
+
+
+def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_path):
+    """Apart and with 30 N the friction of 40 N is more than what presses the load back."""
+    order, said = {"forces": (30.0, 120.0), "force_max_N": 250.0}, []
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", said.append, **order)
+        for step in STEPS:
+            work.run(step)
+    assert "left out, since the play of the gear opens there: free, 30N" in said
+    values = work.result("fit")["values"]
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
+    (rub,) = work.result("fit")["friction"]
+    assert (rub["name"], rub["declared"]) == ("seals", True)
+    assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    measured = json.loads((tmp_path / "out/measure.json").read_text())
+    for level in measured["result"].values():
+        level["bias_N"] = 30.0
+    (tmp_path / "out/measure.json").write_text(json.dumps(measured))
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", **order)
+        with pytest.raises(Refusal, match="give one of 60") as refused:
+            work.run("fit")
+    assert refused.value.name == "play"
