@@ -260,6 +260,7 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         for step in STEPS:
             work.run(step)
     assert "left out, since the play of the gear opens there: free, 30N" in said
+    assert any("play of the gear opens at free, 30N" in line for line in work.summary()["holds"])
     values = work.result("fit")["values"]
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
     (rub,) = work.result("fit")["friction"]

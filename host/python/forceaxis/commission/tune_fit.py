@@ -37,11 +37,12 @@ def fit(tuning) -> tuple[dict, str]:
     path = tuning.folder / RESPONSES
     path.unlink(missing_ok=True)
     (tuning.folder / MODEL).unlink(missing_ok=True)
-    model = str(given)
+    model, left_out = str(given), []
     if rubs:
         path.write_text(rubbing.damped(given, rubs), encoding="utf-8")
         model = str(path)
-        names = _closed(tuning, names, rubs)
+        every, names = names, _closed(tuning, names, rubs)
+        left_out = [name for name in every if name not in names]
     else:
         names += _differing(tuning, names[1:], model)
     measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
@@ -71,6 +72,7 @@ def fit(tuning) -> tuple[dict, str]:
     named = plant_set.ranges_of(model, order.over)
     text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
     result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
+    result["left_out"] = left_out
     result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
     return result, f"{text}, p = {found.p:.2g}"
 
@@ -282,7 +284,13 @@ def holds(tuning) -> list[str]:
         f"between {between['low_N']:.3g} and {between['high_N']:.3g} N the axis was moved slowly: "
         "forces outside were not visited"
     ]
-    rubs = (tuning.read("fit.json") or {}).get("result", {}).get("friction")
+    fitted = (tuning.read("fit.json") or {}).get("result", {})
+    rubs = fitted.get("friction")
+    if fitted.get("left_out"):
+        lines.append(
+            f"the play of the gear opens at {', '.join(fitted['left_out'])}: these responses were "
+            "left out, what is promised holds where the play stays taken up"
+        )
     for about in held["result"].values():
         small = about.get("small")
         text = f"with {about['bias_N']:.3g} N: noise of {about['amplitude']} codes, "
