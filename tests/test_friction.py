@@ -7,11 +7,13 @@ import drawn_axes
 import numpy as np
 import pytest
 import tomlkit
+import verbs
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import friction, rubbing, shake, tune, tune_fit
+from forceaxis.commission import friction, rubbing, shake, tune, tune_measure
 from forceaxis.commission.refusal import Refusal
+from forceaxis.linear.bank import Bank
 
 pytestmark = pytest.mark.beside
 
@@ -114,7 +116,7 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
             max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
             < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
         )
-        found = tune_fit.tune_measure.moving_N(work)
+        found = tune_measure.moving_N(work)
     assert found == pytest.approx(newton, rel=0.05, abs=0.3)
 
 
@@ -201,3 +203,75 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
             work.run(step)
     assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
     assert work.result("fit")["friction"][0]["declared"]
+
+
+WORN = (
+    "--guide-coulomb-n", "40", "--backlash-mm", "0.05", "--transmission-stiffness-n-per-m", "2e7",
+    "--sensor-full-scale-n", "320", "--sensor-noise-n", "0.3",
+    "--workpiece-stiffness-n-per-m", "4e5", "--workpiece-mass-kg", "4",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """A press of `forceaxis new` whose guide rubs, which its model has, and whose gear has play."""
+    folder = tmp_path_factory.mktemp("worn")
+    done = verbs.forceaxis("new", "press", *WORN, "--yes", "--no-design", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "press"
+
+
+def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn, tmp_path):
+    """Nothing holds the motor of a disabled axis: it goes to and fro in the play, 20 counts, for
+    seconds. And an integral needs seconds to overcome the friction, while the reading stands."""
+    order = {"forces": (30.0, 120.0), "force_max_N": 250.0}
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", **order)
+        work.run("check")
+        work.run("free")
+        assert tune_measure.moving_N(work) == pytest.approx(40.0, rel=0.05)
+        held = work.result("check")["law"]
+        law = tune_measure.objects_of(work, Bank(held["gain"], held["integral_rad_per_s"]), {})
+        law |= tune_measure.reach(work)
+        tune_measure.off(axis)
+        with (
+            tune_measure.Settings(axis, law),
+            tune_measure.analyzer_of(work) as measures,
+        ):
+            assert measures.press(18.0) == pytest.approx(18.0, rel=0.05)
+
+
+def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path):
+    """A model refuses a parameter that nothing refers to."""
+    model = worn / "model.toml"
+    rubs = rubbing.rubs(model, 35.0, 0.0)
+    assert [(rub.name, rub.newton, rub.declared) for rub in rubs] == [("seals", 35.0, True)]
+    for text in (rubbing.damped(model, rubs), rubbing.with_friction(model, rubs)):
+        (tmp_path / "model.toml").write_text(text)
+        left = linear.facts(tmp_path / "model.toml")["parameters"]
+        assert "coulomb" not in left and {"play", "k_trans", "k_torque"} <= left.keys()
+
+
+def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_path):
+    """Apart and with 30 N the friction of 40 N is more than what presses the load back."""
+    order, said = {"forces": (30.0, 120.0), "force_max_N": 250.0}, []
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", said.append, **order)
+        for step in STEPS:
+            work.run(step)
+    assert "left out, since the play of the gear opens there: free, 30N" in said
+    assert any("play of the gear opens at free, 30N" in line for line in work.summary()["holds"])
+    values = work.result("fit")["values"]
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
+    (rub,) = work.result("fit")["friction"]
+    assert (rub["name"], rub["declared"]) == ("seals", True)
+    assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    measured = json.loads((tmp_path / "out/measure.json").read_text())
+    for level in measured["result"].values():
+        level["bias_N"] = 30.0
+    (tmp_path / "out/measure.json").write_text(json.dumps(measured))
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", **order)
+        with pytest.raises(Refusal, match="give one of 60") as refused:
+            work.run("fit")
+    assert refused.value.name == "play"

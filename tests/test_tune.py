@@ -551,6 +551,114 @@ def test_what_a_simulation_took_of_the_gain_is_said_with_why():
     assert tune_steps._cut(designed | {"gain_reductions": 0}) == ""
 
 
+LEVEL = {"amplitude": 9, "swing": 8.0, "speed_rms": 0.1}
+PRESSED = LEVEL | {"bias_N": 30.0}
+HELD = {  # JSON of a folder whose steps are done up to the write, and that was killed then
+    "found.json": {"axis": {"serial_number": 0}, "values": {"rated_force": 150000}},
+    "before.json": {"force_bank": 0},
+    "between.json": {
+        "friction_N": 0.0, "sticks": False, "compliance": 0.4, "sliding": 0.0, "low_N": 18.0,
+        "high_N": 120.0,
+    },
+    "shaken.json": None,
+    "free.json": LEVEL | {
+        "glide": {"dead_zone": 0.0, "difference": 0.0, "rate": 50.0, "codes": 8, "rubs": False}
+    },
+    "measure.json": {"30N": PRESSED, "100N": PRESSED},
+    "fit.json": {
+        "values": {"k_w": 4e5}, "best": {"k_w": 4e5}, "over": ["k_w=30%"], "friction": [],
+        "lines": "", "own": {},
+        "parameters": {"k_w": {"value": 4e5, "interval": [3e5, 5e5], "unit": "N/m"}},
+    },
+    "write.json": {"certificate_state": "fits", "objects": 12},
+}  # fmt: skip
+STEP_FILES = {f"{step}.json" for step in tune.STEPS}
+
+
+def folder_by_hand(folder):
+    """Writes HELD and its responses."""
+    for name, held in HELD.items():
+        value = {"seconds": 1.0, "axis_seconds": 1.0, "result": held}
+        (folder / name).write_text(json.dumps(value if name in STEP_FILES else held))
+    about = {
+        "dof": 5.0, "averages": 6, "input": "dac_code", "output": "adc0", "unit": "count/code",
+        "dt": 1 / 1500, "inject": "codes", "overrides": {},
+    }  # fmt: skip
+    some = np.ones(3)
+    arrays = {"frequency_hz": np.arange(1.0, 4), "response": some + 1j, "coherence": 0.9 * some,
+              "variance": 0.1 * some, "floor": 0 * some}  # fmt: skip
+    for name in ("free", "30N", "100N"):
+        (folder / name).mkdir()
+        np.savez(folder / name / "response.npz", about=json.dumps(about), **arrays)
+
+
+def test_a_damaged_file_of_a_folder_is_one_line(plants, tmp_path):
+    """Of each file: cut off, no text, another value, a key that is missing, values of other types;
+    named with what to do, nothing else in the folder or on the axis changes."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with Axis(link(plants)) as axis:
+        folder_by_hand(folder)
+        tune.Tuning(axis, order(plants), folder)  # which also writes tune.json
+        whole = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+        tune.Tuning(axis, order(plants), folder)
+        assert {file: file.read_bytes() for file in whole} == whole
+
+        def refused(file, damage):
+            try:
+                file.write_bytes(damage) if damage is not None else file.unlink()
+                held = everything(axis.link) if file.name == as_found.FILE else None
+                with pytest.raises(InputError) as error:
+                    tune.Tuning(axis, order(plants), folder)
+                assert all(f.read_bytes() == t for f, t in whole.items() if f != file)
+                assert held is None or everything(axis.link) == held
+            finally:
+                file.write_bytes(whole[file])
+            text = str(error.value)
+            assert "\n" not in text and text.startswith(str(file))
+            for part in ("expected", "delete"):
+                assert part in text, text
+
+        for file, text in whole.items():
+            refused(file, text[: len(text) // 2] if file.name != "shaken.json" else text[:2])
+            refused(file, b"\xff\xfe\x00")
+            if file.suffix == ".json":
+                for damage in (b"", b"[" * 5000, b"[]", b"7", b'"text"', b'{"a": "b"}'):
+                    refused(file, damage)
+                value = json.loads(text)
+                for part in _damaged(value, file.name):
+                    refused(file, json.dumps(part).encode())
+            else:
+                with np.load(file) as held:
+                    arrays = dict(held)
+                for other in ({"variance": arrays["variance"][:1]}, {"about": "[1]"}):
+                    np.savez(tmp_path / "other.npz", **(arrays | other))
+                    refused(file, (tmp_path / "other.npz").read_bytes())
+                refused(file, None)
+        for name in ("before.json", "between.json"):  # whose step is done
+            refused(folder / name, None)
+    (folder / "measure.json").write_text('{"seconds": 1, "res')
+    done = tuned(plants, folder)
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("forceaxis: ") and "measure.json: expected JSON" in line
+    assert "Traceback" not in done.stderr
+
+
+def _damaged(value, name):
+    """A JSON object of a folder with each of its keys away, and with each of other types."""
+    for key, held in (value or {}).items():
+        if key in ("object_table_hash", "serial_number"):  # of another axis: refused as such
+            continue
+        if name not in ("found.json", "before.json") or isinstance(held, dict):
+            yield {n: v for n, v in value.items() if n != key}
+        yield value | {key: None}
+        yield value | {key: [[key]]}
+        if isinstance(held, dict) and key in ("result", "axis", "values"):
+            for inner in held:
+                yield value | {key: held | {inner: [[1]]}}
+
+
 @pytest.mark.long
 def test_a_tuning_that_is_killed_in_any_step_goes_on(plants, short, tmp_path):
     """Killed when the step has done its work and not yet said so."""

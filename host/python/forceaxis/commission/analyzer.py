@@ -22,7 +22,7 @@ import numpy as np
 from forceaxis.axis import bounds
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
-from forceaxis.commission import friction, response
+from forceaxis.commission import friction, known, response
 from forceaxis.commission.level import Level, Order, Rest, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
@@ -45,11 +45,14 @@ JUDGED = 3  # realisations that distortion is judged by
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
 LEAST_STEP, FAR = 1.4, {"adc0": 8.0, "encoder": 4.0}  # times the amplitude, in one step
 BACKS = 6  # times the amplitude is halved
+# With dry friction, times what it is: the most of it that the bounds permit slides.
+LESS, BACKS_RUBS = 0.7, 12
 FREE_SWING = 400  # counts, from peak to peak
 FREE_SETTLE = 0.3  # of the time to settle in contact
 SEARCH_SETTLE = 0.5  # of it while the amplitude is searched
 CERTAIN = 0.04  # relative error, median of the lines, at which fewer averages are enough
 STANDING = 4  # counts within which an axis stands
+CODE_NOISE = 5.0  # standard deviations of a mean of codes, by which two of them differ at most
 
 
 class Ended(Exception):
@@ -70,11 +73,11 @@ class Analyzer:
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
                  "contact_force", "force_max", "tare_band", "contact_loss_cap", "position",
                  "position_min", "position_max", "output_limit")  # fmt: skip
-        known = axis.get(*names)
-        self.bits, self.sign, self.zero = (known[n] for n in names[:3])
-        self.newton = known["force_scale"] * 1e-6  # a count of the reading
-        self.rated_N = known["rated_force"] * 1e-3
-        self.known, self.home = known, known["position"]
+        held = axis.get(*names)
+        self.bits, self.sign, self.zero = (held[n] for n in names[:3])
+        self.newton = held["force_scale"] * 1e-6  # a count of the reading
+        self.rated_N = held["rated_force"] * 1e-3
+        self.known, self.home = held, held["position"]
         self.samples = round(TICKS_PER_S / self.order.resolution_hz)
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:
@@ -119,10 +122,11 @@ class Analyzer:
             self.close()
 
     def rest(self):
-        """The disabled axis at rest: a Rest. Refuses what moves or has no tare."""
+        """The disabled axis at rest: a Rest. Refuses what moves or has no tare. A motor that no
+        amplifier holds goes to and fro within the play of its gear for long: that is at rest."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
-        if np.ptp(place) > STANDING:
+        if np.ptp(place) > STANDING + self._play():
             moved = f"{np.ptp(place)} encoder counts"
             raise Refusal("moving", f"expected an axis at rest, it moves by {moved}")
         reading = float(np.mean(held.values("force")))
@@ -135,6 +139,10 @@ class Analyzer:
         ends = raw.min() == 0 or raw.max() == 2**self.bits - 1
         noise = None if ends else noise_of(raw)
         return Rest(reading, noise, int(np.median(place)))
+
+    def _play(self):
+        """Counts of all backlash that the model has; 0 without a model."""
+        return known.play_counts(self.model, self.overrides) if self.model else 0
 
     def contact(self, force_N, of_loop=False):
         """The response from DAC codes to the reading, pressed with `force_N`: a Level. of_loop: the
@@ -214,7 +222,7 @@ class Analyzer:
         if not level.amplitude:
             level.amplitude = self._search(level, play, still, swing, output, seeds[0])
         rest = still.values("dac_code"), self._output(still, output)
-        for _ in range(BACKS):
+        for _ in range(BACKS_RUBS if self.order.rubs else BACKS):
             try:
                 records = self._realisations(level, play, seeds, rest, output)
                 break
@@ -310,15 +318,15 @@ class Analyzer:
 
     def _halve(self, level, amplitude, ended):
         level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
-        self.say(f"{ended.args[0]} at {amplitude} codes: halved")
-        if amplitude < 2 or len(level.aborts) > BACKS:
+        self.say(f"{ended.args[0]} at {amplitude} codes: {'less' if self.order.rubs else 'halved'}")
+        if amplitude < 2 or len(level.aborts) > (BACKS_RUBS if self.order.rubs else BACKS):
             raise Refusal(
                 ended.args[0].removeprefix("ended_"),
                 f"expected an excitation within the bounds, {amplitude} codes pass them",
             )
         if level.bias_N is not None:
             self.standing()
-        return amplitude // 2
+        return int(amplitude * LESS) if self.order.rubs else amplitude // 2
 
     def _output(self, held, output):
         if output == "encoder":
@@ -371,17 +379,21 @@ class Analyzer:
         return min(1e3 * force_N / self.rated_N, bounds.most_force(self.axis))
 
     def standing(self, timeout_s=20.0):
-        """The reading in N once it stands, in contact."""
-        passed, before = 0.0, None
+        """The reading in N once it stands, in contact, and the code with it: where dry friction
+        holds the axis the reading stands while the law's integral still winds up."""
+        passed, before, code = 0.0, None, 0.0
         while passed < timeout_s:
             self.axis.link.wait(0.2)
-            held = self.axis.capture(["force"], samples=TICKS_PER_S // 5)
+            held = self.axis.capture(["force", "dac_code"], samples=TICKS_PER_S // 5)
             passed += 0.4
             state = self.axis.get("contact", "fault", "drive_state", "contact_losses")
             self._expect_enabled(state)
             now = float(np.mean(held.values("force"))) * self.newton
             near = before is not None and abs(now - before) < 0.01 * abs(now) + 0.5 * self.newton
-            if state["contact"] and near:
+            codes = held.values("dac_code")
+            was, code = code, float(np.mean(codes))
+            noise = CODE_NOISE * float(np.std(codes)) / math.sqrt(len(codes))
+            if state["contact"] and near and abs(code - was) < max(1.0, 0.02 * abs(code), noise):
                 return now
             before = now
         raise Refusal(

@@ -15,6 +15,7 @@ from forceaxis._core import InputError
 from forceaxis.axis import actions, params
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME, enum
+from forceaxis.commission import tune_files
 from forceaxis.commission.refusal import ORPHANED
 
 FILE = "found.json"
@@ -39,9 +40,8 @@ class Folder:
         self.axis, self.folder, self.say = axis, Path(folder), say
 
     def read(self, name):
-        """A file's value, or None."""
-        file = self.folder / name
-        return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
+        """A file's value, or None. Raises InputError for one that is damaged."""
+        return tune_files.read(self.folder / name)
 
     def write(self, name, value):
         """Replaces a file, whole."""

@@ -95,6 +95,17 @@ def linear_codes(model, overrides=None):
     return max(1, int(min(found))) if found else None
 
 
+def play_counts(model: str | Path, overrides: dict[str, float] | None = None) -> int:
+    """Counts of the encoder of all backlash that a model has; 0: none, or no encoder."""
+    path = linear.find_model(model)
+    facts = linear.facts(path, overrides)
+    if facts["encoder"] is None:
+        return 0
+    widths = [part.get("width", 0.0) for part in toml.read(path).get("backlash", ())]
+    play_m = sum(float(facts["parameters"].get(width, (width,))[0]) for width in widths)
+    return math.ceil(play_m * abs(facts["encoder"]["scale"]))
+
+
 def _workpiece(table):
     """The body that the contact presses on."""
     contacts = table.get("contact", ())

@@ -5,6 +5,7 @@ its place whose size each response finds for itself (see friction): `damped`. `l
 model lacks, to be added to it.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,12 @@ from forceaxis import linear, toml
 from forceaxis.design.changes import contact_of
 
 MOVING, TABLE = "guide_friction", "table_friction"
+<<<<<<< HEAD
+=======
+# Of what slides; where both are the same the simulator may find states that contradict each other.
+STICTION = 1.05
+WORDS = re.compile(r"[A-Za-z_]\w*")
+>>>>>>> tunefix
 
 
 @dataclass(frozen=True)
@@ -90,6 +97,7 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
             values: dict = {"name": rub.name, "between": list(rub.between)}
             values["coulomb"] = float(f"{rub.newton:.4g}")
             _add(document, "friction", values)
+    _drop_unused(document, model)
     return tomlkit.dumps(document)
 
 
@@ -103,7 +111,38 @@ def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
         }  # fmt: skip
         values = {"name": rub.name, "between": list(rub.between), "damping": rub.damping}
         _add(document, "damper", values)
+    _drop_unused(document, model)
     return tomlkit.dumps(document)
+
+
+def _drop_unused(document: tomlkit.TOMLDocument, model: str | Path) -> None:
+    """Takes out the parameters that only the frictions of `model` used: a model refuses those that
+    nothing refers to."""
+    own = document["parameters"]
+    before = toml.read(linear.find_model(model)).get("friction", ())
+    texts = [value for f in before for key, value in f.items() if key not in ("name", "between")]
+    names = {word for text in texts if isinstance(text, str) for word in WORDS.findall(text)}
+    rest = _texts({key: part for key, part in document.unwrap().items() if key != "parameters"})
+    while names:
+        values = [one.get("value") if isinstance(one, dict) else one for one in own.values()]
+        used = {word for text in rest for word in WORDS.findall(text)}
+        used |= {*WORDS.findall(" ".join(map(str, values)))}
+        gone = {name for name in names & own.keys() if name not in used}
+        names = set()
+        for name in gone:
+            value = own[name].get("value") if isinstance(own[name], dict) else own[name]
+            names |= set(WORDS.findall(str(value)))
+            del own[name]
+
+
+def _texts(part: object) -> list[str]:
+    """The texts in a part of a model that may name parameters."""
+    if isinstance(part, dict):
+        kept = [value for key, value in part.items() if key not in ("name", "between", "title")]
+        return [text for value in kept for text in _texts(value)]
+    if isinstance(part, list):
+        return [text for value in part for text in _texts(value)]
+    return [part] if isinstance(part, str) else []
 
 
 def _document(model: str | Path) -> tomlkit.TOMLDocument:

@@ -14,8 +14,9 @@ from dataclasses import asdict, dataclass
 from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, known, tune_fit, tune_steps
+from forceaxis.commission import as_found, known, tune_files, tune_fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
+from forceaxis.identify.fit import read_response
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
 FILE = "tune.json"
@@ -54,7 +55,7 @@ class Tuning(as_found.Folder):
 
     say(text): a line for each step and for what it does. A folder of another order or model goes on
     with what that does not touch, and says what. Raises InputError where the folder holds a tuning
-    of another axis, or the order names what the model has not.
+    of another axis or a damaged file, or the order names what the model has not.
     """
 
     def __init__(self, axis, order, folder, say=lambda text: None):
@@ -62,6 +63,7 @@ class Tuning(as_found.Folder):
         self.kept = frozenset()  # steps that are done and stay so when one before them is again
         self.order, self.given, self.refused = order, linear.find_model(order.model), None
         known.priors(str(self.given), order.over, order.priors)  # before anything is written
+        tune_files.check(self.folder, lambda path: read_response(path, self.given))
         self._claim()
 
     @property

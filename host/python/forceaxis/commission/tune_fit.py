@@ -37,10 +37,12 @@ def fit(tuning) -> tuple[dict, str]:
     path = tuning.folder / RESPONSES
     path.unlink(missing_ok=True)
     (tuning.folder / MODEL).unlink(missing_ok=True)
-    model = str(given)
+    model, left_out = str(given), []
     if rubs:
         path.write_text(rubbing.damped(given, rubs), encoding="utf-8")
         model = str(path)
+        every, names = names, _closed(tuning, names, rubs)
+        left_out = [name for name in every if name not in names]
     else:
         names += _differing(tuning, names[1:], model)
     measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
@@ -51,7 +53,8 @@ def fit(tuning) -> tuple[dict, str]:
         before = _loosened(model, before, order.priors)
     before |= _workpiece(tuning, rubs, order.priors)
     if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
-        measured.append(_rate(tuning, measured[0]))
+        free = fit_response.read_response(tuning.folder / "free", model)
+        measured.append(_rate(tuning, free))
         own.append({})
         errors.append(joint_fit.MODEL_ERROR)
     found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
@@ -69,6 +72,7 @@ def fit(tuning) -> tuple[dict, str]:
     named = plant_set.ranges_of(model, order.over)
     text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
     result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
+    result["left_out"] = left_out
     result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
     return result, f"{text}, p = {found.p:.2g}"
 
@@ -118,6 +122,28 @@ def _friction(tuning, rubs) -> dict[str, Any]:
         for line in lines.splitlines():
             tuning.say(line)
     return {"friction": [asdict(rub) for rub in rubs], "lines": lines}
+
+
+def _closed(tuning, names: list[str], rubs) -> list[str]:
+    """The responses in which the play of the gear stays taken up: where what moves the load back
+    is less than its friction the motor goes to and fro in the play, and no linear model is its.
+    Raises Refusal where none in contact is left."""
+    if not known.play_counts(tuning.given):
+        return names
+    newton = sum(rub.newton for rub in rubs if not rubbing.of_workpiece(tuning.given, rub))
+    if not newton:
+        return names
+    held = tuning.result("measure")
+    kept = [n for n in names if n != "free" and held[n]["bias_N"] - held[n]["swing"] / 2 > newton]
+    if not kept:
+        raise Refusal(
+            "play", f"expected a force that keeps the play of the gear taken up, {newton:.3g} N of "
+            f"dry friction open it at every one of these: give one of {1.5 * newton:.3g} N or more"
+        )  # fmt: skip
+    gone = [n for n in names if n not in kept]
+    if gone:
+        tuning.say(f"left out, since the play of the gear opens there: {', '.join(gone)}")
+    return kept
 
 
 def _own(tuning, name: str, rubs) -> dict[str, Prior]:
@@ -258,7 +284,13 @@ def holds(tuning) -> list[str]:
         f"between {between['low_N']:.3g} and {between['high_N']:.3g} N the axis was moved slowly: "
         "forces outside were not visited"
     ]
-    rubs = (tuning.read("fit.json") or {}).get("result", {}).get("friction")
+    fitted = (tuning.read("fit.json") or {}).get("result", {})
+    rubs = fitted.get("friction")
+    if fitted.get("left_out"):
+        lines.append(
+            f"the play of the gear opens at {', '.join(fitted['left_out'])}: these responses were "
+            "left out, what is promised holds where the play stays taken up"
+        )
     for about in held["result"].values():
         small = about.get("small")
         text = f"with {about['bias_N']:.3g} N: noise of {about['amplitude']} codes, "
