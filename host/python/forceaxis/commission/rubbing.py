@@ -15,12 +15,7 @@ from forceaxis import linear, toml
 from forceaxis.design.changes import contact_of
 
 MOVING, TABLE = "guide_friction", "table_friction"
-<<<<<<< HEAD
-=======
-# Of what slides; where both are the same the simulator may find states that contradict each other.
-STICTION = 1.05
 WORDS = re.compile(r"[A-Za-z_]\w*")
->>>>>>> tunefix
 
 
 @dataclass(frozen=True)
