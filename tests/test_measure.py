@@ -154,21 +154,6 @@ def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
     assert clamped["contact"] == {} and clamped["hints"] == []
 
 
-def test_friction_that_sticks_is_told():
-    from types import SimpleNamespace
-
-    from forceaxis.identify import result
-
-    def told(**shares):
-        measured = SimpleNamespace(states={"rail": shares}, input_bias=0.0, input="drive.command")
-        measured.random_error = lambda: np.ones(3)
-        return result.hints(SimpleNamespace(free=False), measured, {})
-
-    (hint,) = told(stuck=0.7, forward=0.2, backward=0.1)
-    assert "rail stuck 70 % of the time" in hint and "raise the level until it slides" in hint
-    assert told(stuck=0.002, forward=0.5, backward=0.498) == []
-
-
 def test_the_rounding_of_the_input_is_told():
     codes = {"inject": "codes", "output": "drive.current", "level": 20, "band_hz": [1, 50]}
     hints = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]

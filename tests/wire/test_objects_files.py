@@ -67,6 +67,18 @@ def range_of(o):
     texts = next(e.get("enum") for e in CONTENT["object"] if e["name"] == named)
     if texts:
         return 0, len(texts) - 1
+    # A list of values is the range of an object that is written, and of what shows that object.
+    shown = o.get("values_of", o["name"])
+    listed = next(
+        (
+            e.get("values", [])
+            for e in CONTENT["object"]
+            if e["name"] == shown and e["access"] == "rw"
+        ),
+        [],
+    )
+    if listed:
+        low, high = min(value for value, _ in listed), max(value for value, _ in listed)
     return o.get("min", low), o.get("max", high)
 
 

@@ -81,6 +81,9 @@ def run(target, options=None, plant_set=None):
     return Result(setup, measured, model, summary)
 
 
+STUCK = 0.01  # of the time: what turns round sticks for a moment
+
+
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
     """Hints on frictions and backlashes that were in another state than the model has them in."""
     taken = working.working(
@@ -89,7 +92,7 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
     texts = []
     for name, shares in measured.states.items():
         stuck = shares.get(working.STUCK, 0.0)
-        if stuck > 0 and taken.modes.get(name) == working.SLIDING:
+        if stuck > STUCK and taken.modes.get(name) == working.SLIDING:
             texts.append(
                 f"{name} was stuck {100 * stuck:.3g} % of the time, the model has it sliding: "
                 "raise the level until it slides; less shows the friction, not the plant"
