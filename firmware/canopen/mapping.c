@@ -14,7 +14,9 @@ static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8)
 
 static bool is_mappable(const axis_object_t *object, bool transmit) {
   const uint8_t refusing = transmit ? AXIS_ACCESS_WO : AXIS_ACCESS_RO;
-  return object->mappable != 0 && object->access != refusing;
+  const bool permitted = object->mappable == AXIS_MAPPABLE_BOTH ||
+                         (transmit && object->mappable == AXIS_MAPPABLE_SENT);
+  return permitted && object->access != refusing;
 }
 
 int mapping_resolve(uint32_t entry, bool transmit, uint16_t *object) {

@@ -185,7 +185,7 @@ class Fuzz:
         self.mode = 1
         by = objects.values()
         self.readable = [o for o in by if o.mappable and o.access != "wo"]
-        self.writable = [o for o in by if o.mappable and o.access != "ro"]
+        self.writable = [o for o in by if o.mappable == 1 and o.access != "ro"]
         self.short = [o for o in self.readable if SIZES[o.type] == 1]
         self.fast = [objects[n] for n in ("position", "velocity", "tick_count", "position_actual")]
         self.recordable = [o for o in by if o.access != "wo" and o.part in ("axis", "drive")]

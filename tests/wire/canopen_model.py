@@ -1079,7 +1079,8 @@ class Node:
         except Abort:
             raise Abort(0x06020000) from None
         forbidden = "wo" if transmit else "ro"
-        if o is None or not o.mappable or o.access == forbidden or bits != 8 * BYTES[o.type]:
+        permitted = o is not None and o.mappable in ((1, 2) if transmit else (1,))
+        if not permitted or o.access == forbidden or bits != 8 * BYTES[o.type]:
             raise Abort(0x06040041)
 
     # Ownership.

@@ -131,6 +131,10 @@ def generate_header(table):
     out.append("enum {")
     out.append(",".join(f" AXIS_TYPE_{t.upper()} = {i}" for i, t in enumerate(TYPES)))
     out.append(" };\nenum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };\n")
+    out.append(
+        "/* No PDO carries it; any PDO, as far as its access allows; a TPDO alone. */\n"
+        "enum { AXIS_MAPPABLE_NEVER = 0, AXIS_MAPPABLE_BOTH = 1, AXIS_MAPPABLE_SENT = 2 };\n"
+    )
     out.append("enum {")
     out.append(",".join(f" AXIS_WRITABLE_{w.upper()} = {i}" for i, w in enumerate(WRITABLE)))
     out.append(" };\n/* The structure that holds the value; a command has none. */\nenum {\n")
@@ -150,7 +154,7 @@ def generate_header(table):
         "  uint8_t writable;  /* AXIS_WRITABLE_ */\n"
         "  uint8_t stored;    /* kept by the parameter store */\n"
         "  uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */\n"
-        "  uint8_t mappable;  /* a PDO may carry it, as far as its access allows */\n"
+        "  uint8_t mappable;  /* AXIS_MAPPABLE_ */\n"
         "} axis_object_t;\n\n"
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
@@ -280,7 +284,7 @@ def generate_meta(table):
         "  int stored;             /* kept by the parameter store */\n"
         "  const char *title;      /* CANopen's name */\n"
         "  int node_id;            /* a COB-ID to whose default the node id is added */\n"
-        "  int mappable;           /* a PDO may carry it, as far as its access allows */\n"
+        "  int mappable;           /* AXIS_MAPPABLE_ */\n"
         "} axis_object_meta_t;\n\n"
     )
     objects = list(expand(entries))

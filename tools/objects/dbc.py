@@ -65,7 +65,8 @@ def mapped(found, index, receive):
         o = target.entry
         if value & 0xFF != 8 * TYPES[o["type"]][0]:
             fail(label, "default", f"expected the {8 * TYPES[o['type']][0]} bits of {target.name}")
-        if not o["mappable"] or o["access"] == ("ro" if receive else "wo"):
+        refused = o["mappable"] != 1 if receive else not o["mappable"]
+        if refused or o["access"] == ("ro" if receive else "wo"):
             fail(label, "default", f"expected an object that a PDO may carry, got {target.name}")
         signals.append(Signal.of(target.name, o))
     if sum(s.bits for s in signals) > 64:

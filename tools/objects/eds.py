@@ -88,7 +88,7 @@ def variable(at):
     yield "ParameterName", title(o, at.element)
     yield "ObjectType", f"0x{VARIABLE:X}"
     yield "DataType", f"0x{DATA_TYPES[o['type']]:04X}"
-    yield "AccessType", o["access"]
+    yield "AccessType", "rwr" if o["mappable"] == 2 else o["access"]  # CiA 306: sent by a PDO
     # A command reads as another value than is written: no limits then.
     if inside or o["access"] == "wo":
         if o["min"] > lowest:
@@ -98,7 +98,7 @@ def variable(at):
     if o["access"] != "wo":
         text = literal(o, default)
         yield "DefaultValue", f"$NODEID+{text}" if o["node_id"] else text
-    yield "PDOMapping", int(o["mappable"])
+    yield "PDOMapping", int(o["mappable"] != 0)
 
 
 def is_array(subs):

@@ -116,7 +116,7 @@ def type_text(o):
 
 
 def access_text(o):
-    flags = (" s" if o["stored"] else "") + (" p" if o["mappable"] else "")
+    flags = (" s" if o["stored"] else "") + ("", " p", " t")[o["mappable"]]
     when = limits(o)
     return o["access"] + flags + (f", {when}" if when else "")
 
@@ -181,7 +181,7 @@ def generate_man(table):
         "a Modbus register (h holding, i input, hexadecimal).\n"
         "Ranges and defaults are engineering values: raw value times unit.\n"
         "s: kept by the parameter store.\n"
-        "p: a PDO may carry it.\n"
+        "p: a PDO may carry it; t: a TPDO alone.\n"
         "+id: the node id is added.\n"
         f"The hash of what the table means begins with {table.digest[:8]}.\n",
     ]

@@ -51,7 +51,7 @@ KEYS = {
     "law": bool,
     "modbus": int,
     "stored": bool,
-    "mappable": bool,
+    "mappable": (bool, str),
 }
 REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
 # The other kinds of entries: their keys, all required but those of OPTIONAL.
@@ -59,6 +59,9 @@ SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index":
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
 BIT_KEYS = {"name": str, "address": int, "meaning": str}
 OPTIONAL = {"special": ("title",), "record": ("count", "array"), "coil": (), "discrete": ()}
+# The column mappable as a number: no PDO carries the object, any as far as its access allows, or a
+# TPDO alone.
+MAPPABLE = (False, True, "sent")
 SPECIAL_TYPES = {"visible_string": "TEXT", "domain": "DOMAIN"}
 
 
@@ -165,7 +168,14 @@ def check_object(raw, position, known):
     answers = o["kind"] == "command" and o["access"] != "wo"
     free = o["writable"] == "any" and not o["stored"]
     permitted = raw.get("mappable", True)
-    o["mappable"] = permitted and o["part"] != "canopen" and free and not answers
+    if permitted not in (True, False, "sent") or (permitted == "sent" and o["access"] != "rw"):
+        fail(
+            label,
+            "mappable",
+            'expected true, false, or "sent" of an object that is read and written',
+        )
+    carried = bool(permitted) and o["part"] != "canopen" and free and not answers
+    o["mappable"] = MAPPABLE.index(permitted) if carried else 0
     return o
 
 

@@ -6,7 +6,7 @@
 
 const axis_object_t axis_objects[AXIS_OBJ_COUNT] = {
     [AXIS_OBJ_MODE] = {INT32_C(0), INT32_C(4), INT32_C(0),
-        UINT32_C(0x00000000), (uint16_t)offsetof(axis_params_t, mode), AXIS_BLOCK_AXIS_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 0, 0, 0},
+        UINT32_C(0x00000000), (uint16_t)offsetof(axis_params_t, mode), AXIS_BLOCK_AXIS_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 0, 0, 2},
     [AXIS_OBJ_OPEN_LOOP_CODE] = {-INT32_C(2048), INT32_C(2047), INT32_C(0),
         UINT32_C(0x00000000), (uint16_t)offsetof(axis_params_t, open_loop_code), AXIS_BLOCK_AXIS_PARAMETER, AXIS_TYPE_I16, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 0, 0, 1},
     [AXIS_OBJ_EXCITATION_WAVEFORM] = {INT32_C(0), INT32_C(1), INT32_C(0),
@@ -724,7 +724,7 @@ const axis_object_t axis_objects[AXIS_OBJ_COUNT] = {
     [AXIS_OBJ_OBJECT_TABLE_HASH] = {INT32_C(0), -INT32_C(1), INT32_C(0),
         UINT32_C(0x00000000), (uint16_t)offsetof(device_signals_t, object_table_hash), AXIS_BLOCK_DEVICE_SIGNAL, AXIS_TYPE_U32, AXIS_ACCESS_RO, AXIS_WRITABLE_ANY, 0, 0, 1},
     [AXIS_OBJ_COMMAND_SOURCE] = {INT32_C(0), INT32_C(2), INT32_C(0),
-        UINT32_C(0x00000000), (uint16_t)offsetof(device_params_t, command_source), AXIS_BLOCK_DEVICE_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 0, 0, 0},
+        UINT32_C(0x00000000), (uint16_t)offsetof(device_params_t, command_source), AXIS_BLOCK_DEVICE_PARAMETER, AXIS_TYPE_U8, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 0, 0, 2},
     [AXIS_OBJ_WATCHDOG] = {INT32_C(10), INT32_C(65535), INT32_C(1000),
         UINT32_C(0xf30d2016), (uint16_t)offsetof(device_params_t, watchdog), AXIS_BLOCK_DEVICE_PARAMETER, AXIS_TYPE_U16, AXIS_ACCESS_RW, AXIS_WRITABLE_ANY, 1, 0, 0},
     [AXIS_OBJ_UNSUPERVISED_OWNER] = {INT32_C(0), INT32_C(1), INT32_C(0),

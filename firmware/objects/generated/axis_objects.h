@@ -1284,8 +1284,8 @@ typedef struct {
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x40e31d56)
-#define AXIS_OBJECTS_HASH_TEXT "40e31d56"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x6efca780)
+#define AXIS_OBJECTS_HASH_TEXT "6efca780"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
@@ -1293,6 +1293,8 @@ typedef struct {
 
 enum { AXIS_TYPE_U8 = 0, AXIS_TYPE_I8 = 1, AXIS_TYPE_U16 = 2, AXIS_TYPE_I16 = 3, AXIS_TYPE_U32 = 4, AXIS_TYPE_I32 = 5 };
 enum { AXIS_ACCESS_RW = 0, AXIS_ACCESS_RO = 1, AXIS_ACCESS_WO = 2 };
+/* No PDO carries it; any PDO, as far as its access allows; a TPDO alone. */
+enum { AXIS_MAPPABLE_NEVER = 0, AXIS_MAPPABLE_BOTH = 1, AXIS_MAPPABLE_SENT = 2 };
 enum { AXIS_WRITABLE_ANY = 0, AXIS_WRITABLE_DISABLED = 1, AXIS_WRITABLE_RECORDER_IDLE = 2 };
 /* The structure that holds the value; a command has none. */
 enum {
@@ -1324,7 +1326,7 @@ typedef struct {
   uint8_t writable;  /* AXIS_WRITABLE_ */
   uint8_t stored;    /* kept by the parameter store */
   uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */
-  uint8_t mappable;  /* a PDO may carry it, as far as its access allows */
+  uint8_t mappable;  /* AXIS_MAPPABLE_ */
 } axis_object_t;
 
 /* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32

@@ -29,16 +29,16 @@ typedef struct {
   int stored;             /* kept by the parameter store */
   const char *title;      /* CANopen's name */
   int node_id;            /* a COB-ID to whose default the node id is added */
-  int mappable;           /* a PDO may carry it, as far as its access allows */
+  int mappable;           /* AXIS_MAPPABLE_ */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "40e31d56206178bf3b0f0625ec74a11401bd857174b105567a2f59f5fabfb6e2"
+#define AXIS_OBJECTS_HASH "6efca7801ca9a2865dec225d91702150c298ba61d8942b3ceba786c331cae2cb"
 #define AXIS_OBJECTS_META_COUNT 539
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {1, 1, "mode", "parameter", "axis", "requested mode; set back to disabled by a fault", "u8", "1",
-     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "disabled,open_loop,position,force,excitation", 0x2001, 0, 256, 0, "Mode", 0, 0},
+     1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "disabled,open_loop,position,force,excitation", 0x2001, 0, 256, 0, "Mode", 0, 2},
     {2, 2, "open_loop_code", "parameter", "axis", "DAC code put out in open-loop mode, and about which excitation mode swings", "i16", "code",
      1.0, INT64_C(-2048), INT64_C(2047), INT64_C(0), "rw", "any", "", 0x2002, 0, 257, 0, "Open loop code", 0, 1},
     {3, 1, "excitation_waveform", "parameter", "axis", "what is added to open_loop_code in excitation mode", "u8", "1",
@@ -756,7 +756,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {359, 4, "object_table_hash", "signal", "device", "first 32 bits of the SHA-256 of what this table means: addresses, names, types, units, scales, ranges, access, names of values", "u32", "1",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x2300, 0, 336, 0, "Object table hash", 0, 1},
     {360, 1, "command_source", "parameter", "device", "bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner", "u8", "1",
-     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0, "Command source", 0, 0},
+     1.0, INT64_C(0), INT64_C(2), INT64_C(0), "rw", "any", "canopen,modbus,lcm", 0x2301, 0, 7, 0, "Command source", 0, 2},
     {361, 2, "watchdog", "parameter", "device", "a source other than canopen is lost when it writes nothing for that long", "u16", "ms",
      1.0, INT64_C(10), INT64_C(65535), INT64_C(1000), "rw", "any", "", 0x2302, 0, 8, 1, "Watchdog", 0, 0},
     {362, 1, "unsupervised_owner", "parameter", "device", "what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched", "u8", "1",

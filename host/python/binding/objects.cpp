@@ -41,7 +41,7 @@ py::list objects() {
         "access"_a = meta.access, "writable"_a = meta.writable, "enum"_a = enum_texts(meta),
         "index"_a = meta.index, "sub"_a = meta.sub, "modbus"_a = meta.modbus,
         "stored"_a = meta.stored != 0, "title"_a = meta.title, "node_id"_a = meta.node_id != 0,
-        "mappable"_a = meta.mappable != 0, "values"_a = value_texts(meta)));
+        "mappable"_a = meta.mappable, "values"_a = value_texts(meta)));
   }
   return found;
 }

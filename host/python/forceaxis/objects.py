@@ -28,7 +28,7 @@ class AxisObject(NamedTuple):
     stored: bool  # saved by the parameter store
     title: str  # CANopen's name
     node_id: bool  # a COB-ID to whose default the node id is added
-    mappable: bool  # a PDO may map it, in the directions that its access allows
+    mappable: int  # 0: no PDO carries it, 1: any, as its access allows, 2: a TPDO alone
     values: tuple[tuple[int, str], ...]  # names of single raw values of an object that is no enum
 
 

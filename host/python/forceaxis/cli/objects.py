@@ -62,7 +62,7 @@ def details(o):
         ("access", o.access + writable(o)),
         ("values", ", ".join(f"{v} {t}" for v, t in (*enumerate(o.enum), *o.values))),
         ("stored", "kept by the parameter store" if o.stored else ""),
-        ("PDO", "may be mapped" if o.mappable else ""),
+        ("PDO", ("", "may be mapped", "may be sent")[o.mappable]),
     )
     for key, text in rows:
         if text:
