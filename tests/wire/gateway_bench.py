@@ -171,18 +171,18 @@ def repetitions():
         command.command_id, command.value, command.timeout_us = 5, [44], 2**63 - 1
         bus.publish("AXIS_1_COMMAND", command)
         found["patient"] = [[e.kind, list(e.value)] for e in until(answers) or []]
-        # More commands than answers are kept, then the patient one again.
+        # More commands than answers are kept, refused at once since their kind is unknown, then the
+        # patient one again.
         other.write("0x200E", 55)
-        command.command_id, command.kind, command.timeout_us = 6, axis_command_t.KIND_READ, 1
-        command.object, command.value = ["0x200E"], [0]
-        sent, expected = 0, time.monotonic() + 60
-        while sent < 2100 and time.monotonic() < expected:
-            command.timeout_us = 5_000_000
-            bus.publish("AXIS_1_COMMAND", command)
-            until(answers)
+        command.kind, command.timeout_us, sent = 99, 60_000_000, 0
+        for _ in range(21):
             received.clear()
-            command.command_id += 1
-            sent += 1
+            for _ in range(100):
+                sent += 1
+                command.command_id = 5 + sent
+                bus.publish("AXIS_1_COMMAND", command)
+            until(lambda: sum(e.command_run_id == bus.run_id for e in received) >= 100)
+        received.clear()
         command.command_id, command.kind, command.timeout_us = 5, 1, 2**63 - 1
         command.value = [44]
         bus.publish("AXIS_1_COMMAND", command)
