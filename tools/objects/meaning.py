@@ -10,6 +10,25 @@ import hashlib
 import json
 import zlib
 
+# The column mappable as a number: no PDO carries the object, any PDO as far as its access allows,
+# or a TPDO alone.
+MAPPABLE = (False, True, "sent")
+
+
+def set_mappable(o, permitted):
+    """Sets o["mappable"] to a number of MAPPABLE; a text that says what is wrong with `permitted`.
+
+    A PDO may carry what changes from tick to tick, not set-up parameters. A command has no value
+    that a TPDO could send.
+    """
+    if permitted not in MAPPABLE or (permitted == "sent" and o["access"] != "rw"):
+        return 'expected true, false, or "sent" of an object that is read and written'
+    answers = o["kind"] == "command" and o["access"] != "wo"
+    free = o["writable"] == "any" and not o["stored"]
+    carried = bool(permitted) and o["part"] != "canopen" and free and not answers
+    o["mappable"] = MAPPABLE.index(permitted) if carried else 0
+    return None
+
 
 def value_texts(o):
     """[(raw value, text)] of an object whose values have names."""

@@ -59,9 +59,6 @@ SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index":
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
 BIT_KEYS = {"name": str, "address": int, "meaning": str}
 OPTIONAL = {"special": ("title",), "record": ("count", "array"), "coil": (), "discrete": ()}
-# The column mappable as a number: no PDO carries the object, any as far as its access allows, or a
-# TPDO alone.
-MAPPABLE = (False, True, "sent")
 SPECIAL_TYPES = {"visible_string": "TEXT", "domain": "DOMAIN"}
 
 
@@ -163,19 +160,8 @@ def check_object(raw, position, known):
     check_texts(label, o, raw, known)
     check_range(label, o, raw, known)
     check_addresses(label, o)
-    # A PDO may carry objects that change from tick to tick, not set-up parameters.
-    # A command has no value that a TPDO could send.
-    answers = o["kind"] == "command" and o["access"] != "wo"
-    free = o["writable"] == "any" and not o["stored"]
-    permitted = raw.get("mappable", True)
-    if permitted not in (True, False, "sent") or (permitted == "sent" and o["access"] != "rw"):
-        fail(
-            label,
-            "mappable",
-            'expected true, false, or "sent" of an object that is read and written',
-        )
-    carried = bool(permitted) and o["part"] != "canopen" and free and not answers
-    o["mappable"] = MAPPABLE.index(permitted) if carried else 0
+    if refusal := meaning.set_mappable(o, raw.get("mappable", True)):
+        fail(label, "mappable", refusal)
     return o
 
 
