@@ -82,6 +82,9 @@ def has_its_digits(model, timing, law, overrides=None, modes=None):
         for name, value in true.figures(share * limit.gain).items():
             if name == "gain_margin" and len(inside) < len(limit.crossings):
                 continue  # one at an end of the axis, which is not among the reference's
+            if value is None:  # the loop has no such figure
+                assert getattr(own, name) is None, name
+                continue
             assert getattr(own, name) == pytest.approx(value, rel=REL, abs=1e-12), name
 
 
