@@ -11,6 +11,7 @@ from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.commission import fit, known
 from forceaxis.identify.measurement import Measurement
+from forceaxis.linear import loops
 
 pytestmark = pytest.mark.beside
 
@@ -152,6 +153,27 @@ def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
     assert taken[:2] == ["inner", "inner"] and "outer" in taken[2]
     assert len(found.plants.modes) == 2
     assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
+
+
+def test_the_states_that_mode_names_are_those_of_every_response_and_of_the_set():
+    """Of one slope of the amplifier alone, apart as well as pressed."""
+    model, outer = "laboratory_12bit", {"drive.amplifier": "high outer"}
+    truth = {n: parameters(model)[n] * f for n, f in (("k_w", 1.3), ("m_w", 0.8))}
+    responses = [
+        measured(model, truth, free=True, modes=outer),
+        measured(model, truth, seed=1, modes=outer),
+    ]
+    named = outer | {"sensor": "pressed"}
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER, states=named)
+    assert found.rejected is None
+    assert [level["modes"] for level in found.levels] == [outer, named]  # apart nothing presses
+    assert all(modes.items() >= named.items() for modes in found.plants.modes)
+    assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
+    other = {"drive.amplifier": "inner"}
+    wrong = fit.joint(model, known.priors(model, OVER), responses, OVER, states=other)
+    assert wrong.rejected or wrong.p < found.p
+    loop = loops.force_loop(model, "p", "zoh", found.best, named)
+    assert found.limiting_hz == pytest.approx(loop.limit().frequency_hz)
 
 
 def test_priors_follow_the_part_that_a_parameter_plays(model):

@@ -18,7 +18,7 @@ from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.cli import live_options
-from forceaxis.commission import as_found, tune, tune_page, tune_steps
+from forceaxis.commission import as_found, margins, tune, tune_fit, tune_page, tune_steps
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.changes import Design
@@ -506,6 +506,7 @@ def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
     [
         ({"ms": 1.5}, {"free", "measure", "fit"}, {"design", "simulate"}),
         ({"priors": ("m_w=6+-10%",)}, {"free", "measure"}, {"fit", "design", "simulate"}),
+        ({"states": ("sensor=pressed",)}, {"free", "measure"}, {"fit", "design", "simulate"}),
         ({"forces": (40.0, 100.0)}, {"free"}, {"measure", "fit", "design", "simulate"}),
         ({"seed": 3}, set(), {"free", "measure", "fit", "design", "simulate"}),
     ],
@@ -522,6 +523,53 @@ def test_a_corrected_order_goes_on_with_what_it_does_not_touch(
         assert not any((designed / f"{step}.json").exists() for step in again)
         tuning.run("check")  # which is done again, and leaves what was kept
         assert all((designed / f"{step}.json").exists() for step in kept)
+
+
+def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monkeypatch):
+    shutil.copytree(done, tmp_path / "out")
+    asked, states = [], {"drive.amplifier": "inner"}
+
+    class Asked(Exception):
+        pass
+
+    def ask(*_, **given):
+        asked.append(given)
+        raise Asked
+
+    with Axis(link(plants)) as axis:
+        one = order(plants, states=("drive.amplifier=inner",))
+        tuning = tune.Tuning(axis, one, tmp_path / "out")
+        monkeypatch.setattr(tune_fit.joint_fit, "joint", ask)
+        with pytest.raises(Asked):
+            tune_fit.fit(tuning)
+        assert asked[-1]["states"] == states
+        monkeypatch.setattr(
+            tune_steps.for_set, "design", lambda order, *_: ask(states=order.states)
+        )
+        for step in ("check", "fit"):
+            shutil.copy(done / f"{step}.json", tmp_path / "out")
+        with pytest.raises(Asked):
+            tune_steps.design(tuning)
+        assert asked[-1]["states"] == states
+        monkeypatch.setattr(margins.loops, "force_loop", lambda *given, **_: ask(states=given[4]))
+        with pytest.raises(Asked):
+            margins.on_fitted(tuning, {"P": Bank(1.0)}, 0)
+        assert asked[-1]["states"] == states
+
+
+@pytest.mark.parametrize(
+    "mode, says",
+    [
+        ("arm=stuck", "arm: expected an element that switches"),
+        ("sensor=open", "sensor: expected one of its states"),
+        ("sensor", "--mode: sensor: expected ELEMENT=STATE"),
+        ("sensor=apart", "expected a path from drive.command"),
+    ],
+)
+def test_a_wrong_mode_is_one_line_before_anything_is_done(plants, tmp_path, mode, says):
+    done = tuned(plants, tmp_path / "out", **{"--mode": mode})
+    assert done.returncode == 2 and says in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, designed, tmp_path):

@@ -177,7 +177,7 @@ def _identified(order, measured, priors):
     model = settings.of(order.text, (), plant=True).model
     before = known.priors(model, order.over, priors, order.overrides)
     responses = [read_response(folder, model, order.overrides) for folder in measured]
-    found = fit.joint(model, before, responses, order.over)
+    found = fit.joint(model, before, responses, order.over, states=order.states)
     if found.rejected:
         raise Refusal(found.rejected, found.text)
     return replace(order, over=found.over, overrides=order.overrides | found.values)

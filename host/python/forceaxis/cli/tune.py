@@ -6,14 +6,25 @@ import click
 
 from forceaxis import paths
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Folder, Parameter, Positive, Subject, Verb, as_json, fitted
+from forceaxis.cli.common import (
+    Folder,
+    Parameter,
+    Positive,
+    Subject,
+    Verb,
+    as_json,
+    fitted,
+    mode_option,
+)
 from forceaxis.cli.measure import band, newtons
 
 
 @click.command(
     cls=Verb,
     epilog="""forceaxis tune --sim press/contact.toml --model press/model.toml \\
-    --force 30,150 --over k_w=30%,m_w=30% --force-max 250 --out out/tuned""",
+    --force 30,150 --over k_w=30%,m_w=30% --force-max 250 --out out/tuned
+    forceaxis tune --can can0 --model press/model.toml --force 30,150 --over k_w=30% \\
+    --force-max 250 --mode seals=forward --out out/tuned""",
 )
 @live_options.live
 @click.option(
@@ -34,6 +45,7 @@ from forceaxis.cli.measure import band, newtons
     help="What is known better, or worse, than by the part it plays: m_w=2.35 as exact as a mass "
     "that was weighed. SI. Repeatable.",
 )  # fmt: skip
+@mode_option("states")
 @click.option("--force-max", "force_max_N", type=Positive(), required=True, help="N: never more.")
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
 @click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:100.")

@@ -17,6 +17,7 @@ from scipy import optimize, stats
 
 from forceaxis import linear
 from forceaxis._core import InputError
+from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
 from forceaxis.identify.fit import MISFIT, SHARE
@@ -108,6 +109,7 @@ class _Responses:
     modes: list = field(default_factory=list)  # of each response
     own: list = field(default_factory=list)  # of each response: {parameter: its name in priors}
     errors: list = field(default_factory=list)  # of each response, relative, of any model
+    states: dict = field(default_factory=dict)  # {element: state} of all in contact
 
     def __post_init__(self):
         self.names = tuple(self.priors)
@@ -252,7 +254,7 @@ def _real(values):
     return np.concatenate([values.real, values.imag])
 
 
-def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), errors=()):
+def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), errors=(), states=None):
     """Fit all responses of one axis at once: a Found.
 
     model: a path or stem. priors: {parameter: Prior or (value, spread of the logarithm)}, of what
@@ -260,7 +262,9 @@ def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), error
     contact is taken in the slope of the amplifier that explains it best. over: texts as --over,
     what may change about the values found. own: for each response {parameter: Prior} of what it
     alone has, such as the damping that its amplitude makes of dry friction; errors: what no model
-    explains of each, relative, MODEL_ERROR by default. Raises InputError.
+    explains of each, relative, MODEL_ERROR by default. states: {element: state} that all responses
+    were taken in, as --mode names them; those of contacts only the responses in contact. Raises
+    InputError.
     """
     model = str(linear.find_model(model))
     priors = {n: p if isinstance(p, Prior) else Prior(*p) for n, p in priors.items()}
@@ -269,7 +273,10 @@ def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), error
         raise InputError("fit: expected parameters to find, and a response in contact")
     mine = [{name: f"{name}@{i}" for name in one} for i, one in enumerate(own)]
     priors |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}
-    problem = _in_modes(_Responses(model, priors, measured, own=mine, errors=list(errors)))
+    states = dict(states or {})
+    without = known.states_apart(model, states)
+    begin = [without if m.free else states for m in measured]
+    problem = _in_modes(_Responses(model, priors, measured, begin, mine, list(errors), states))
     best = _searched(problem)
     found = _judged(problem, best, over, coherent)
     if found.rejected == "chi2":
@@ -280,8 +287,11 @@ def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), error
 
 
 def _in_modes(problem):
-    """The problem in the modes of the amplifier whose best start explains the responses best."""
-    slopes = [{}, *(modes for modes in sets.slopes(problem.model) if modes)]
+    """The problem in the modes of the amplifier whose best start explains the responses best, among
+    those that have its states."""
+    states = problem.states
+    every = sets.slopes(problem.model, fixed=states)
+    slopes = [states, *(modes for modes in every if modes != states)]
     pressed = sum(not m.free for m in problem.measured)
     if len(slopes) == 1:
         return problem
@@ -291,7 +301,8 @@ def _in_modes(problem):
     tried = []
     for chosen in every:
         left = iter(chosen)
-        one = replace(problem, modes=[{} if m.free else next(left) for m in problem.measured])
+        pairs = zip(problem.measured, problem.modes, strict=True)
+        one = replace(problem, modes=[was if m.free else next(left) for m, was in pairs])
         tried.append((one.near(one.starts()[0], 8).cost, one))
     return min(tried, key=lambda pair: pair[0])[1]
 
@@ -347,7 +358,8 @@ def _judged(problem, x, over, coherent, apart=None):
     found.problem, found.at = problem, x
     found.own = [problem.values(x, own) for own in problem.own]
     found.levels_differ = apart is not None
-    found.limiting_hz = loops.force_loop(problem.model, "p", "zoh", best).limit().frequency_hz
+    loop = loops.force_loop(problem.model, "p", "zoh", best, problem.states or None)
+    found.limiting_hz = loop.limit().frequency_hz
     _reject(found, problem, away, coherent)
     if found.rejected:
         return found

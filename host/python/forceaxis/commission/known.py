@@ -95,6 +95,19 @@ def linear_codes(model, overrides=None):
     return max(1, int(min(found))) if found else None
 
 
+def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
+    """`states`, {element: state}, of what the model has: in one in which dampers stand for dry
+    friction, no friction has any."""
+    switches = linear.facts(model)["switches"]
+    return {name: state for name, state in states.items() if name in switches}
+
+
+def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
+    """`states`, {element: state}, less those of the model's contacts, which are apart."""
+    contacts = {contact["name"] for contact in linear.facts(model)["contacts"]}
+    return {name: state for name, state in states.items() if name not in contacts}
+
+
 def play_counts(model: str | Path, overrides: dict[str, float] | None = None) -> int:
     """Counts of the encoder of all backlash that a model has; 0: none, or no encoder."""
     path = linear.find_model(model)

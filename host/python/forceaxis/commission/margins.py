@@ -39,8 +39,8 @@ def on_fitted(tuning, banks, late):
 def _loop(tuning, bank, late, modes=None):
     """(loop of a Bank on the fitted plant, its gain)."""
     loop = loops.force_loop(
-        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"], modes,
-        bank=bank,
+        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"],
+        tuning.states if modes is None else modes, bank=bank,
     )  # fmt: skip
     return loop, over.gain_at(loop, None, None, {"bank": bank})
 

@@ -16,13 +16,15 @@ from forceaxis._core import InputError
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission import as_found, known, tune_files, tune_fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
+from forceaxis.design import sets
 from forceaxis.identify.fit import read_response
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
 FILE = "tune.json"
 # The step from which on a tuning is done again where something changed; check() always is.
 AGAIN_FROM = {
-    "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "ms": "design",
+    "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
+    "ms": "design",
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
@@ -36,12 +38,14 @@ def _text(value):
 @dataclass(frozen=True)
 class Order:
     """What is asked for. model: path or stem of the axis' model, whose values are what is known
-    of it; priors: NAME=VALUE or NAME=VALUE+-PERCENT% of what is known better or worse."""
+    of it; priors: NAME=VALUE or NAME=VALUE+-PERCENT% of what is known better or worse; states:
+    ELEMENT=STATE, in which the model is linearised."""
 
     model: str
     forces: tuple
     over: tuple
     priors: tuple = ()
+    states: tuple = ()
     ms: float = 2.0
     force_max_N: float = math.inf
     band_hz: tuple = (1.0, 100.0)
@@ -63,6 +67,9 @@ class Tuning(as_found.Folder):
         self.kept = frozenset()  # steps that are done and stay so when one before them is again
         self.order, self.given, self.refused = order, linear.find_model(order.model), None
         known.priors(str(self.given), order.over, order.priors)  # before anything is written
+        self.states = linear.states(order.states)  #: {element: state} that loops are taken in
+        if self.states:
+            sets.slopes(self.given, fixed=self.states)  # refuses what the model has not
         tune_files.check(self.folder, lambda path: read_response(path, self.given))
         self._claim()
 
@@ -95,6 +102,7 @@ class Tuning(as_found.Folder):
     def _renew(self, held, identity):
         """Leaves only the steps that stay valid of what was done for `held`, and says so."""
         old, new = held["order"], identity["order"]
+        old = {"states": []} | old  # of a folder before there was --mode
         changes = {n: f"{n} {_text(old.get(n))} to {_text(new[n])}" for n in new
                    if n != "model" and old.get(n) != new[n]}  # fmt: skip
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]

@@ -57,11 +57,12 @@ def fit(tuning) -> tuple[dict, str]:
         measured.append(_rate(tuning, free))
         own.append({})
         errors.append(joint_fit.MODEL_ERROR)
-    found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+    asked = {"own": own, "errors": errors, "states": known.states_of(model, tuning.states)}
+    found = joint_fit.joint(model, before, measured, order.over, **asked)
     again = _workpiece(tuning, rubs, order.priors, found.best)
     if any(abs(p.value / before[n].value - 1) > AGAIN for n, p in again.items()):
         before |= again  # sines tell more once the sensor's stiffness is known
-        found = joint_fit.joint(model, before, measured, order.over, own=own, errors=errors)
+        found = joint_fit.joint(model, before, measured, order.over, **asked)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from forceaxis import paths
-from forceaxis.commission import as_found, contact, tune_fit
+from forceaxis.commission import as_found, contact, known, tune_fit
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -65,7 +65,7 @@ def write(tuning, summary):
     if names:
         slides = folder / tune_fit.RESPONSES  # where friction is a damper
         model = str(slides) if slides.exists() else tuning.given
-        measured = [fit.read_response(folder / name, model) for name in names]
+        measured = [_read(tuning, name, model) for name in names]
         figures = [
             _response(n, one, own.get(n) or values) for n, one in zip(names, measured, strict=True)
         ]
@@ -73,6 +73,13 @@ def write(tuning, summary):
     parts += [_fitted(summary), _steps(summary)]
     with paths.replacing(folder, FILE) as (file,):
         file.write_text(HEAD.format(style=page_style()) + "".join(parts), encoding="utf-8")
+
+
+def _read(tuning, name, model):
+    """The Measurement of a folder of responses, in the states that --mode names."""
+    states = known.states_of(model, tuning.states)
+    modes = known.states_apart(model, states) if name == "free" else states
+    return fit.read_response(tuning.folder / name, model, modes=modes)
 
 
 def _verdict(tuning, summary):

@@ -28,7 +28,7 @@ from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.design.grid import hf_most
 from forceaxis.design.search import HF_DEFAULT
-from forceaxis.linear import loops, plant_set
+from forceaxis.linear import loops, plant_set, working
 from forceaxis.linear.bank import Bank
 
 __all__ = (
@@ -93,7 +93,8 @@ def check(tuning):
             )  # fmt: skip
         settings["force_scale"] = max(1, round(scale))  # never calibrated
     if not held["position_gain"]:
-        loop = loops.force_loop(str(model), output="encoder", free=True)
+        moves = known.states_apart(str(model), tuning.states)
+        loop = loops.force_loop(str(model), modes=moves, output="encoder", free=True)
         gain = loop.limit().gain
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
@@ -118,6 +119,8 @@ def check(tuning):
         felt = FELT * rest.noise_lsb * 2.0 ** (8 - held["adc_bits"])
         felt = max(felt, 2 * abs(rest.reading), LEAST_CONTACT)
         settings["contact_force"] = min(round(256 * felt) / 256, held["contact_force"])
+    for line in working.lines({"mode_text": working.working(model, None, tuning.states).text}):
+        tuning.say(line)
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
@@ -157,12 +160,14 @@ def measuring_law(tuning):
     for rate in RATES_RAD_PER_S:
         bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
         for changed in members:
-            loop = loops.force_loop(model, "bank", "zoh+1", changed, bank=bank)
+            loop = loops.force_loop(model, "bank", "zoh+1", changed, tuning.states, bank=bank)
             limit = loop.limit()
             if limit.gain is not None:
                 gains.append(loop.firmware_gain(limit.gain))
                 highest = max(highest, limit.frequency_hz)
-            plant = linear.linearise(model, outputs=("adc0",), overrides=changed)
+            plant = linear.linearise(
+                model, outputs=("adc0",), overrides=changed, modes=tuning.states
+            )
             static = abs(plant.at(0.0).item()) * linear.facts(model)["volts_per_code"]
             slowest = min(slowest, rate * static)
         gain = max(1, math.floor(SHARE * min(gains) * 256)) / 256
@@ -180,7 +185,7 @@ def design(tuning):
     asked = outcome.Order(
         str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"], ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
-        firmware=contact.firmware_of(tuning),
+        firmware=contact.firmware_of(tuning), states=tuning.states,
     )  # fmt: skip
     try:
         found = for_set.design(asked, None, tuning.say)
